@@ -1,0 +1,177 @@
+"""lifted: linear programs over shared monomials (DESIGN section 5).
+
+N measurements of one leg share their nonlinear monomials. Each monomial is one column, so the data are
+linear rows, and McCormick, tangent and secant rows tie the columns to the variables over the box. Few rows
+are ever active: the programs start with some dozens, and violated ones are added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from contractors.algebra import Composable
+from contractors.relaxation import Relaxation, Structure
+from cpcal.interfaces import Contraction, LinearEngine, LinearSolution, LinearStatus, Step
+from cpcal.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.linear import Glop, LazyRows, lower_bound
+from cpcal.network import ConstraintNetwork, polynomial_form
+
+Floats = npt.NDArray[np.float64]
+
+_WORTHWHILE = 1e-3  # a bound that the current vertex already meets to this (in [-1, 1]) needs no program
+
+
+class Lifted(Composable):
+    """Contracts every bounded box by two linear programs per variable, `objective` first.
+
+    Constraints without polynomial form are ignored (combine with hc4). `point` of the contraction is the
+    optimum of the first program.
+    """
+
+    idempotent = False
+
+    def __init__(
+        self,
+        network: ConstraintNetwork,
+        *,
+        objective: str | None = None,
+        arithmetic: str = "float64",
+        engine: Callable[[], LinearEngine] = Glop,
+    ) -> None:
+        self._arithmetic = get_arithmetic(arithmetic)
+        self._engine = engine
+        self._structure = Structure(polynomial_form(network, self._arithmetic))
+        self._objective = None if objective is None else network.names.index(objective)
+
+    def contract(self, box: Box) -> Contraction:
+        if box.is_empty or not box.is_bounded or not self._structure.positions:
+            return Contraction(box)
+        return _Programs(self._structure, self._arithmetic, self._engine(), box).run(self._objective)
+
+
+class _Programs:
+    """The linear programs on one box: one polyhedron, many objectives."""
+
+    def __init__(self, structure: Structure, arithmetic: Arithmetic, engine: LinearEngine, box: Box) -> None:
+        self._structure = structure
+        self._arithmetic = arithmetic
+        self._relaxation = Relaxation(structure, self._arithmetic, box)
+        self._box = box
+        self._columns = np.flatnonzero(structure.used)
+        self._rows = self._polyhedron(engine)
+        self._steps: list[Step] = []
+        self._extremes: list[Floats] = []
+
+    def _polyhedron(self, engine: LinearEngine) -> LazyRows:
+        products, relaxation = self._structure.products, self._relaxation
+        bounds = self._structure.columns[self._columns]
+        return LazyRows(
+            engine,
+            (products.matrix[:, self._columns], products.rhs),
+            (relaxation.matrix[:, self._columns], relaxation.rhs),
+            (bounds.lo, bounds.hi),
+        )
+
+    def run(self, first: int | None) -> Contraction:
+        lo, hi = self._box.lo.copy(), self._box.hi.copy()
+        point: Floats | None = None
+        for variable, side in self._order(first):
+            if self._box.rad[variable] == 0.0 or self._already_met(variable, side):
+                continue
+            solution = self._solve(variable, side)
+            if solution.status is LinearStatus.INFEASIBLE and self._proved_empty(solution):
+                return Contraction(Box.empty(self._box.names), tuple(self._steps), None, self._rows.programs)
+            if solution.status is not LinearStatus.OPTIMAL:
+                continue
+            if point is None:
+                point = self._point(solution)
+            bound = self._bound(variable, side, solution)
+            if bound is None:
+                continue
+            if side == "lo":
+                lo[variable] = max(lo[variable], bound)
+            else:
+                hi[variable] = min(hi[variable], bound)
+            if lo[variable] > hi[variable]:
+                return Contraction(Box.empty(self._box.names), tuple(self._steps), None, self._rows.programs)
+        box = self._box.with_bounds(lo, hi)
+        if point is not None:
+            point = np.clip(point, box.lo, box.hi)
+        return Contraction(box, tuple(self._steps), point, self._rows.programs)
+
+    def _order(self, first: int | None) -> list[tuple[int, str]]:
+        variables = sorted(self._structure.positions, key=lambda v: (v != first, v))
+        return [(v, side) for v in variables for side in ("lo", "hi")]
+
+    def _already_met(self, variable: int, side: str) -> bool:
+        """Whether a vertex of an earlier program shows that this bound cannot move by much."""
+        k = self._structure.positions[variable]
+        sign = 1.0 if side == "lo" else -1.0
+        return any(sign * w[k] < -1.0 + _WORTHWHILE for w in self._extremes)
+
+    def _solve(self, variable: int, side: str) -> LinearSolution:
+        objective = np.zeros(len(self._columns))
+        where = np.searchsorted(self._columns, self._structure.positions[variable])
+        objective[where] = 1.0 if side == "lo" else -1.0
+        solution = self._rows.minimize(objective)
+        if solution.status is LinearStatus.OPTIMAL:
+            vertex = np.zeros(len(self._structure.used))
+            vertex[self._columns] = solution.point
+            self._extremes.append(vertex)
+        return solution
+
+    # proofs ---------------------------------------------------------------------------------------------
+
+    def _proved(self, solution: LinearSolution, objective: Floats) -> tuple[float, tuple[tuple[int, int], ...]]:
+        """Rigorous lower bound of the objective from the multipliers, and the rows that carry it."""
+        products = self._structure.products
+        count = len(products.rhs)
+        y = solution.multipliers
+        with_products = np.flatnonzero(y[:count] > 0.0)
+        chosen = np.flatnonzero(y[count:] > 0.0)
+        rows = self._rows.active[chosen]
+        values, rhs = self._relaxation.rigorous(rows)
+        exact = products.matrix[with_products]
+        matrix = IntervalArray(np.concatenate([exact, values.lo]), np.concatenate([exact, values.hi]))
+        weights = np.concatenate([y[with_products], y[count:][chosen] / self._relaxation.scale[rows]])
+        bound = lower_bound(
+            self._arithmetic,
+            matrix,
+            np.concatenate([products.rhs[with_products], rhs]),
+            weights,
+            objective,
+            self._structure.columns,
+        )
+        origin = self._structure.system.origin[rows]
+        return bound, tuple((int(c), int(k)) for c, k in origin)
+
+    def _proved_empty(self, solution: LinearSolution) -> bool:
+        bound, rows = self._proved(solution, np.zeros(len(self._structure.used)))
+        if bound > 0.0:
+            self._steps.append(Step("lifted", None, "", np.nan, rows))
+        return bound > 0.0
+
+    def _bound(self, variable: int, side: str, solution: LinearSolution) -> float | None:
+        """The proved new bound of a variable, or None when it is no better than the old one."""
+        sign = 1.0 if side == "lo" else -1.0
+        objective = np.zeros(len(self._structure.used))
+        objective[self._structure.positions[variable]] = sign
+        bound, rows = self._proved(solution, objective)
+        if not -1.0 < bound < np.inf:
+            return None
+        value = self._relaxation.value(variable, sign * bound)
+        new = float(value.lo) if side == "lo" else float(value.hi)
+        old = self._box.lo[variable] if side == "lo" else self._box.hi[variable]
+        if sign * (new - old) <= 0.0:
+            return None
+        self._steps.append(Step("lifted", self._box.names[variable], side, new, rows))
+        return new
+
+    def _point(self, solution: LinearSolution) -> Floats:
+        u = np.zeros(len(self._box.names))
+        for variable, k in self._structure.positions.items():
+            u[variable] = solution.point[np.searchsorted(self._columns, k)]
+        return np.asarray(self._relaxation.center + self._relaxation.radius * u, dtype=np.float64)

@@ -1,0 +1,116 @@
+"""Every contract that crosses a border, on one page. Imports nothing of cpcal at run time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from cpcal.interval import Box
+
+
+class Verdict(Enum):
+    """What is known of a statement. `UNKNOWN` is never reported as a proof."""
+
+    PROVED = "proved"
+    REFUTED = "refuted"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One proved removal: no solution of the network lies in `box` outside of what is left.
+
+    `variable` is the component whose bound on `side` ("lo" or "hi") moved to `bound`, or None when the
+    whole box was proved empty. `rows` are the (constraint, measurement) pairs that carry the proof.
+    """
+
+    contractor: str
+    variable: str | None
+    side: str
+    bound: float
+    rows: tuple[tuple[int, int], ...] = ()
+
+
+@dataclass(frozen=True)
+class Contraction:
+    """What a contractor made of a box: a subset that holds all its solutions, and why.
+
+    `point` is a promising point of the new box (one value per component), proposed without proof.
+    """
+
+    box: Box
+    steps: tuple[Step, ...] = ()
+    point: npt.NDArray[np.float64] | None = None
+    programs: int = 0  # linear programs solved on the way
+
+
+class Contractor(Protocol):
+    """Removes from a box points that are no solutions, never a solution. Holds no state between calls.
+
+    `idempotent` promises that a second call on the result changes nothing.
+    """
+
+    idempotent: bool
+
+    def contract(self, box: Box) -> Contraction: ...
+
+
+class Strategy(Protocol):
+    """Chooses how to divide a box: a cover of it, or () when it is fine enough to be kept."""
+
+    def split(self, box: Box) -> tuple[Box, ...]: ...
+
+
+class LinearStatus(Enum):
+    """What a linear engine says. No status is a proof: the multipliers decide."""
+
+    OPTIMAL = "optimal"
+    INFEASIBLE = "infeasible"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class LinearSolution:
+    """Approximate answer to `min c.z : rows z <= rhs, lower <= z <= upper`; `multipliers` >= 0, one per row.
+
+    With status INFEASIBLE the multipliers are those of the elastic program: a Farkas ray.
+    """
+
+    status: LinearStatus
+    point: npt.NDArray[np.float64]  # (columns,)
+    multipliers: npt.NDArray[np.float64]  # (rows,)
+
+
+class LinearEngine(Protocol):
+    """One polyhedron, many objectives. Proposes; rigorous arithmetic disposes."""
+
+    def load(
+        self,
+        matrix: npt.NDArray[np.float64],
+        rhs: npt.NDArray[np.float64],
+        lower: npt.NDArray[np.float64],
+        upper: npt.NDArray[np.float64],
+    ) -> None:
+        """Forget what was before and take `matrix z <= rhs`, `lower <= z <= upper` (finite bounds)."""
+        ...
+
+    def add_rows(self, matrix: npt.NDArray[np.float64], rhs: npt.NDArray[np.float64]) -> None: ...
+
+    def minimize(self, objective: npt.NDArray[np.float64]) -> LinearSolution:
+        """Minimise from the last basis."""
+        ...
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where a search stops at the latest, with what it has proved so far."""
+
+    seconds: float | None = None
+    nodes: int | None = None
+    gap: float = 1e-6  # relative, of a bracket
+    gap_absolute: float = 1e-9  # in the objective's unit

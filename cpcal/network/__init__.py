@@ -1,0 +1,21 @@
+"""What must hold: expressions, constraints, networks, and their rewriting to polynomial form."""
+
+from cpcal.network.expression import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
+from cpcal.network.network import ConstraintNetwork
+from cpcal.network.rewrite import PolynomialSystem, one_sided, polynomial_form
+from cpcal.network.sweep import Tape
+
+__all__ = [
+    "Constraint",
+    "ConstraintNetwork",
+    "Expr",
+    "PolynomialSystem",
+    "Tape",
+    "maximum",
+    "minimum",
+    "norm",
+    "one_sided",
+    "polynomial_form",
+    "sqr",
+    "sqrt",
+]

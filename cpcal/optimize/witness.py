@@ -1,0 +1,173 @@
+"""Proof of a point: x solves the network at a value of the objective, for some readings in their sets.
+
+All in interval arithmetic at the point. A constraint without readings is evaluated. For a constraint
+`lower <= body <= upper` with readings it is enough (intermediate value theorem: the reading sets are
+convex and the body continuous) that one reading has `body <= upper` and one has `body >= lower`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.interval import Arithmetic, Box, IntervalArray
+from cpcal.network import Constraint, ConstraintNetwork, Tape
+from cpcal.network.network import leaves
+from cpcal.network.point import Point
+
+Floats = npt.NDArray[np.float64]
+Readings = dict[int, IntervalArray]
+
+_TRIES = 60
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A point (n,) proved to solve the network; `value` is its objective component."""
+
+    point: Floats
+    value: float
+
+
+class WitnessProver:
+    """Proves points of one network."""
+
+    def __init__(self, network: ConstraintNetwork, objective: int, engine: Arithmetic) -> None:
+        self._objective, self._engine = objective, engine
+        self._domain = network.domain
+        self._plain = [c for c in network.constraints if not _reads(c)]
+        reading = [c for c in network.constraints if _reads(c)]
+        self._tape = Tape(network, [e for c in self._plain for e in (c.body - c.upper, c.lower - c.body)])
+        self._reading = [_ReadingConstraint(network, c) for c in reading]
+
+    def prove(self, point: Floats) -> Witness | None:
+        """The smallest objective (within rounding) at which the rest of `point` is proved, or None.
+
+        The objective component of `point` is only where the search for it begins.
+        """
+        candidate = np.clip(point, self._domain.lo, self._domain.hi)
+        o = self._objective
+        increment = 0.0
+        for _ in range(_TRIES):
+            excess = self.excess(candidate)
+            if excess <= 0.0:
+                return Witness(candidate, float(candidate[o]))
+            if not np.isfinite(excess):
+                return None
+            increment = max(2.0 * increment, excess, np.spacing(abs(candidate[o])))
+            candidate[o] += increment
+            if candidate[o] > self._domain.hi[o]:
+                return None
+        return None
+
+    def excess(self, point: Floats) -> float:
+        """A proved upper bound of the worst row at the point; <= 0 proves it. Infinite when it cannot be."""
+        box = IntervalArray.point(point[None])
+        worst = [-np.inf]
+        with np.errstate(all="ignore"):
+            slots = self._tape.forward(self._engine, box)
+            worst += [_highest(slots[self._tape.slot(root)]) for root in self._tape.roots]
+            open_constraints = 0
+            for constraint in self._reading:
+                if constraint.holds_for_all(self._engine, box):
+                    continue
+                open_constraints += 1
+                worst.append(constraint.excess(self._engine, box, point))
+        # Two constraints that hold for some reading each need not hold for a common one.
+        return float(max(worst)) if open_constraints <= 1 else np.inf
+
+
+class _ReadingConstraint:
+    """One constraint whose body, and only its body, depends on readings."""
+
+    def __init__(self, network: ConstraintNetwork, constraint: Constraint) -> None:
+        self._usable = not any(_reads_expr(e) for e in (constraint.lower, constraint.upper))
+        self._over = constraint.body - constraint.upper
+        self._under = constraint.lower - constraint.body
+        self._order = constraint.lower - constraint.upper
+        self._tape = Tape(network, [self._over, self._under, self._order, constraint.body])
+        self._body = constraint.body
+        self._row_wise = all(
+            node.shape == () or node.shape[0] == constraint.body.shape[0]
+            for node in self._tape.nodes
+            if node.op == "reading"
+        )
+
+    def holds_for_all(self, engine: Arithmetic, box: IntervalArray) -> bool:
+        slots = self._tape.forward(engine, box)
+        return max(_highest(slots[self._tape.slot(e)]) for e in (self._over, self._under)) <= 0.0
+
+    def excess(self, engine: Arithmetic, box: IntervalArray, point: Floats) -> float:
+        scalar = any(n.op == "reading" and n.shape == () for n in self._tape.nodes)
+        if not self._usable or not self._row_wise or (scalar and self._body.shape not in ((), (1,))):
+            return np.inf
+        slots = self._tape.forward(engine, box)
+        if not self._continuous(slots):
+            return np.inf
+        lowest, highest = self._extremes(point)
+        over = self._tape.forward(engine, box, lowest)[self._tape.slot(self._over)]
+        under = self._tape.forward(engine, box, highest)[self._tape.slot(self._under)]
+        return max(_highest(over), _highest(under), _highest(slots[self._tape.slot(self._order)]))
+
+    def _continuous(self, slots: list[IntervalArray]) -> bool:
+        """Whether no root or quotient can be undefined anywhere in the reading sets."""
+        for node in self._tape.nodes:
+            if node.op == "sqrt" and not bool(np.all(slots[self._tape.slot(node.args[0])].lo >= 0.0)):
+                return False
+            if node.op == "div" or (node.op == "power" and node.parameter < 0):
+                divisor = slots[self._tape.slot(node.args[-1])]
+                if not bool(np.all((divisor.lo > 0.0) | (divisor.hi < 0.0))):
+                    return False
+        return True
+
+    def _extremes(self, point: Floats) -> tuple[Readings, Readings]:
+        """Corners of the reading sets where the body is smallest and largest to first order."""
+        tape, e = self._tape, Point()
+        leaf_values = {k: _mid(node.data) for k, node in enumerate(tape.nodes) if node.op in ("constant", "reading")}
+        slots = tape.forward(e, IntervalArray.point(point[None]), leaf_values)
+        lowest: Readings = {}
+        highest: Readings = {}
+        body = tape.slot(self._body)
+        for k in tape.readings:
+            data = tape.nodes[k].data
+            assert isinstance(data, IntervalArray)
+            slope = self._slope(e, slots, k, body)
+            lowest[k] = IntervalArray.point(np.where(slope > 0.0, data.lo, data.hi))
+            highest[k] = IntervalArray.point(np.where(slope > 0.0, data.hi, data.lo))
+        return lowest, highest
+
+    def _slope(self, e: Point, slots: list[IntervalArray], k: int, body: int) -> Floats:
+        """Derivative of each body element with respect to its own row of reading k, in the reading's shape."""
+        shape = self._tape.nodes[k].shape
+        width = int(np.prod(shape[1:]))
+        seed = np.zeros((width, *shape))
+        flat = seed.reshape((width, *(shape[:1] or (1,)), width))
+        for j in range(width):
+            flat[j, :, j] = 1.0
+        tangent = self._tape.tangents(e, slots, {k: IntervalArray.point(seed)})[body]
+        if tangent is None:
+            return np.zeros(shape)
+        columns = tangent.lo.reshape((width, -1))
+        return np.asarray(columns.T.reshape(shape))
+
+
+def _mid(data: object) -> IntervalArray:
+    assert isinstance(data, IntervalArray)
+    return IntervalArray.point(data.mid)
+
+
+def _highest(x: IntervalArray) -> float:
+    """The largest upper bound; infinite where something is undefined."""
+    if bool(np.any(x.empty)):
+        return np.inf
+    return float(np.max(x.hi, initial=-np.inf))
+
+
+def _reads(constraint: Constraint) -> bool:
+    return any(_reads_expr(e) for e in (constraint.body, constraint.lower, constraint.upper))
+
+
+def _reads_expr(expr: object) -> bool:
+    return any(leaf.op == "reading" for leaf in leaves((expr,)))  # type: ignore[arg-type]

@@ -1,0 +1,294 @@
+"""Campaigns: a robot, the poses and leg readings measured on it, and how far each reading may be off.
+
+A campaign is a value: arrays are private copies and read-only. reader.py and writer.py
+have the files.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError, Problem
+from cpcal.robot.problems import Problems
+from cpcal.robot.robot import Robot, frozen_array, is_text
+from cpcal.robot.writer import campaign_digest, csv_bytes, toml_bytes
+
+Array = npt.NDArray[np.float64]
+
+QUATERNION_TOLERANCE = 1e-6  # on | |q| - 1 |
+_ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """What a campaign declares for all its measurements: `half-width = factor * value`.
+
+    With a factor the values are standard deviations; with `factor` None they are the half-widths themselves.
+
+    position (3,) mm; rotation (3,) rad, rotation vector in the base frame; length (n,) mm.
+    """
+
+    position: Array
+    rotation: Array
+    length: Array
+    factor: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("position", "rotation", "length"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+
+    @property
+    def half_widths(self) -> Array:
+        """(6 + n,): of position, rotation and leg readings, one after the other."""
+        values = np.concatenate([self.position, self.rotation, self.length])
+        return values if self.factor is None else np.asarray(self.factor * values)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Uncertainty):
+            return NotImplemented
+        names = ("position", "rotation", "length")
+        same = all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
+        return same and self.factor == other.factor
+
+    def __hash__(self) -> int:
+        return hash((self.factor, self.half_widths.tobytes()))
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """N measurements of a robot with n legs; use `Campaign.from_arrays`, `load_campaign` or `simulate`.
+
+    pose, run        N names each; `pose/run` is unique
+    position         (N, 3) mm, P in the base frame
+    quaternion       (N, 4) unit, scalar first; `P + R(q) b` maps mobile to base
+    length           (N, n) mm, the readings L
+    position_radius  (N, 3) mm, rotation_radius (N, 3) rad, length_radius (N, n) mm: half-widths of the reading
+                     sets of DESIGN section 1: |P - P_k| <= p, R = R(1, s) R(q_k) with |2 s_i| <= r_i,
+                     |L - L_k| <= lambda
+    uncertainty      what campaign.toml declares for all rows (None: exact readings); a row may differ
+    provenance       free text
+
+    Raises InputError, with every problem found, when the values make no campaign.
+    """
+
+    robot: Robot
+    pose: tuple[str, ...]
+    run: tuple[str, ...]
+    position: Array
+    quaternion: Array
+    length: Array
+    position_radius: Array
+    rotation_radius: Array
+    length_radius: Array
+    uncertainty: Uncertainty | None = None
+    provenance: dict[str, str] = field(default_factory=dict)
+    file_sha256: str | None = field(
+        default=None, init=False
+    )  # set by load_campaign; not carried over by replace()
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+        object.__setattr__(self, "pose", tuple(self.pose))
+        object.__setattr__(self, "run", tuple(self.run))
+        object.__setattr__(self, "provenance", dict(self.provenance))
+        problems = Problems()
+        for problem in shape_problems(self):
+            problems.add(problem)
+        if not problems:
+            for problem in value_problems(self):
+                problems.add(problem)
+        problems.raise_any()
+
+    @classmethod
+    def from_arrays(
+        cls,
+        robot: Robot,
+        position: npt.ArrayLike,
+        quaternion: npt.ArrayLike,
+        length: npt.ArrayLike,
+        *,
+        pose: Sequence[str] | None = None,
+        run: Sequence[str] | None = None,
+        uncertainty: Uncertainty | None = None,
+        position_radius: npt.ArrayLike | None = None,
+        rotation_radius: npt.ArrayLike | None = None,
+        length_radius: npt.ArrayLike | None = None,
+        provenance: Mapping[str, str] | None = None,
+    ) -> Campaign:
+        """A campaign in memory. Half-widths left out come from `uncertainty`, or are zero: exact readings.
+
+        position (N, 3) mm, quaternion (N, 4), length (N, n) mm; half-widths broadcast to these shapes.
+        Poses left out are named p0, p1, ...; runs left out are all "1".
+        """
+        try:
+            arrays = [np.asarray(values, dtype=np.float64) for values in (position, quaternion, length)]
+            given = [
+                None if values is None else np.asarray(values, dtype=np.float64)
+                for values in (position_radius, rotation_radius, length_radius)
+            ]
+        except (TypeError, ValueError) as error:
+            raise InputError([Problem("campaign", str(error), "give arrays of numbers")]) from None
+        count = len(arrays[0]) if arrays[0].ndim else 0
+        shapes = ((count, 3), (count, 3), (count, robot.legs))
+        declared = (None, None, None) if uncertainty is None else (np.split(uncertainty.half_widths, [3, 6]))
+        radii = [_radius(*row) for row in zip(given, declared, shapes, strict=True)]
+        return cls(
+            robot,
+            tuple(f"p{k}" for k in range(count)) if pose is None else tuple(pose),
+            ("1",) * count if run is None else tuple(run),
+            arrays[0],
+            arrays[1],
+            arrays[2],
+            radii[0],
+            radii[1],
+            radii[2],
+            uncertainty,
+            dict(provenance or {}),
+        )
+
+    @property
+    def legs(self) -> int:
+        """The number of legs, n."""
+        return self.robot.legs
+
+    def __len__(self) -> int:
+        """The number of measurements, N."""
+        return len(self.pose)
+
+    @property
+    def measurement_ids(self) -> list[str]:
+        """`pose/run` of every measurement, in order."""
+        return [f"{pose}/{run}" for pose, run in zip(self.pose, self.run, strict=True)]
+
+    @property
+    def exact(self) -> bool:
+        """Whether every reading set is a single point."""
+        return not (self.position_radius.any() or self.rotation_radius.any() or self.length_radius.any())
+
+    @cached_property
+    def sha256(self) -> str:
+        """Of the bytes of campaign.toml, a NUL and the bytes of measurements.csv, in hex.
+
+        For a campaign read from files these are the files' bytes as they stood; for one made in memory, the
+        bytes that `save_campaign` writes.
+        """
+        return self.file_sha256 or campaign_digest(toml_bytes(self), csv_bytes(self))
+
+    def __eq__(self, other: object) -> bool:
+        """Equality of all values; how the files were formatted does not matter."""
+        if not isinstance(other, Campaign):
+            return NotImplemented
+        names = ("robot", "pose", "run", "uncertainty", "provenance")
+        if not all(getattr(self, name) == getattr(other, name) for name in names):
+            return False
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in _ARRAYS)
+
+    def __hash__(self) -> int:
+        return hash((self.robot, self.pose, self.run))
+
+    def __repr__(self) -> str:
+        return f"<Campaign of {self.robot.name!r}: {len(self)} measurements, {self.legs} legs>"
+
+
+def _radius(given: Array | None, declared: Array | None, shape: tuple[int, int]) -> Array:
+    """Half-widths of that shape; what cannot be broadcast is left for the validation to report."""
+    values = given if given is not None else declared
+    if values is None:
+        return np.zeros(shape)
+    try:
+        return np.broadcast_to(values, shape)
+    except ValueError:
+        return values
+
+
+def is_identifier(name: object) -> bool:
+    """Whether `name` can name a pose or a run: printable, without "/", no space at its ends, not empty."""
+    return (
+        isinstance(name, str)
+        and name != ""
+        and name.isprintable()
+        and "/" not in name
+        and name == name.strip()
+    )
+
+
+def shape_problems(campaign: Campaign) -> Iterator[Problem]:
+    """What is wrong with the sizes and the texts."""
+    count, legs = len(campaign.pose), campaign.robot.legs
+    remedy = f"give one row for each of the {count} measurements"
+    if count == 0:
+        yield Problem("campaign", "holds no measurements", "give at least one")
+    if len(campaign.run) != count:
+        yield Problem("campaign run", f"has {len(campaign.run)} names", remedy)
+    for name, width in zip(_ARRAYS, (3, 4, legs, 3, 3, legs), strict=True):
+        shape = getattr(campaign, name).shape
+        if shape != (count, width):
+            yield Problem(f"campaign {name}", f"has the shape {shape}, not {(count, width)}", remedy)
+    stated = campaign.uncertainty
+    if stated is not None:
+        for name, width in (("position", 3), ("rotation", 3), ("length", legs)):
+            if getattr(stated, name).shape != (width,):
+                yield Problem(
+                    f"campaign uncertainty.{name}", f"does not hold {width} numbers", "give one each"
+                )
+            elif not _sizes(getattr(stated, name)).all():
+                yield Problem(
+                    f"campaign uncertainty.{name}", "holds a negative or non-finite number", "give >= 0"
+                )
+        if stated.factor is not None and not _sizes(np.array(stated.factor)).all():
+            yield Problem("campaign uncertainty.factor", f"is {stated.factor}", "give a finite number >= 0")
+    for key, text in campaign.provenance.items():
+        if not (is_text(key) and is_text(text)):
+            yield Problem(f"campaign provenance {key!r}", "is not text", "give valid Unicode text")
+
+
+def value_problems(campaign: Campaign) -> Iterator[Problem]:
+    """What is wrong with the values, measurement by measurement."""
+    for kind, names in (("pose", campaign.pose), ("run", campaign.run)):
+        for bad in sorted({repr(name) for name in names if not is_identifier(name)}):
+            yield Problem(f"campaign {kind}", f"{bad} cannot be a name", IDENTIFIER_REMEDY)
+    ids = list(zip(campaign.pose, campaign.run, strict=True))
+    for (pose, run), times in Counter(ids).items():
+        if times > 1:
+            yield Problem(
+                f"measurement {pose}/{run}", f"is given {times} times", "give each pose and run once"
+            )
+    for name in _ARRAYS:
+        array: Array = getattr(campaign, name)
+        allowed = _sizes(array) if name.endswith("radius") else np.isfinite(array)
+        what = "is negative or not finite" if name.endswith("radius") else "is NaN or infinite"
+        for row in np.flatnonzero(~allowed.all(axis=1)):
+            yield Problem(
+                f"measurement {'/'.join(ids[row])}", f"its {name} {what}", "correct it, or leave it out"
+            )
+    with np.errstate(all="ignore"):
+        norms = np.linalg.norm(campaign.quaternion, axis=1)
+    for row in np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_TOLERANCE):
+        what, remedy = quaternion_problem(float(norms[row]))
+        yield Problem(f"measurement {'/'.join(ids[row])}", what, remedy)
+
+
+IDENTIFIER_REMEDY = 'use printable characters, no "/", no space at the ends, at least one character'
+
+
+def quaternion_problem(norm: float) -> tuple[str, str]:
+    """What is wrong with a quaternion of that norm, and the remedy."""
+    if norm == 0.0:
+        return (
+            "the quaternion is zero, which is no rotation",
+            "give qw,qx,qy,qz of norm 1 (no rotation: 1,0,0,0)",
+        )
+    what = f"the quaternion has the norm {norm:.9g}, not 1 (to within {QUATERNION_TOLERANCE:g})"
+    return what, "divide it by its norm, and check the order qw,qx,qy,qz"
+
+
+def _sizes(values: Array) -> npt.NDArray[np.bool_]:
+    """Which values are finite and not negative."""
+    return np.isfinite(values) & (values >= 0)

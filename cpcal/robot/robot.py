@@ -1,0 +1,124 @@
+"""The drawing of a parallel robot: joint centres and length offsets (the paper's 7 parameters a leg)."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError, Problem
+
+Array = npt.NDArray[np.float64]
+
+
+def frozen_array(values: npt.ArrayLike) -> Array:
+    """A private, read-only, C-ordered float64 copy."""
+    array = np.array(values, dtype=np.float64, order="C")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """n legs; leg i joins `base[i]` to `mobile[i]` and is `offset[i]` + reading long (the paper, eq. 1).
+
+    base    (n, 3) mm, base joint centres a, in the base frame
+    mobile  (n, 3) mm, mobile joint centres b, in the mobile frame
+    offset  (n,)   mm, length offsets l
+
+    The arrays are copied and read-only. Raises InputError when the shapes disagree or a value is not finite.
+    """
+
+    name: str
+    base: Array
+    mobile: Array
+    offset: Array
+
+    def __post_init__(self) -> None:
+        problems = []
+        for field in ("base", "mobile", "offset"):
+            try:
+                array = frozen_array(getattr(self, field))
+            except (TypeError, ValueError) as error:
+                problems.append(Problem(f"robot {field}", f"is not an array of numbers ({error})", "give mm"))
+                continue
+            object.__setattr__(self, field, array)
+        problems = problems or self._problems()
+        if problems:
+            raise InputError(problems)
+
+    def _problems(self) -> list[Problem]:
+        found = []
+        legs = self.base.shape[0] if self.base.ndim else 0
+        for field, shape in (("base", (legs, 3)), ("mobile", (legs, 3)), ("offset", (legs,))):
+            array: Array = getattr(self, field)
+            if array.shape != shape or legs == 0:
+                remedy = "give base (n, 3), mobile (n, 3) and offset (n,) for the same n >= 1 legs"
+                found.append(Problem(f"robot {field}", f"has the shape {array.shape}", remedy))
+            elif not np.isfinite(array).all():
+                found.append(
+                    Problem(f"robot {field}", "holds a NaN or an infinity", "give finite numbers, in mm")
+                )
+        if not is_text(self.name):
+            found.append(Problem("robot name", f"{self.name!r} is not text", "give a name in valid Unicode"))
+        return found
+
+    @property
+    def legs(self) -> int:
+        """The number of legs, n."""
+        return int(self.offset.shape[0])
+
+    @property
+    def parameters(self) -> Array:
+        """(n, 7) mm: one row `a_x a_y a_z b_x b_y b_z l` a leg, as in the paper's tables."""
+        return np.concatenate([self.base, self.mobile, self.offset[:, None]], axis=1)
+
+    @classmethod
+    def from_parameters(cls, name: str, parameters: npt.ArrayLike) -> Robot:
+        """The robot of an (n, 7) array of rows `a_x a_y a_z b_x b_y b_z l`, mm."""
+        rows = np.asarray(parameters, dtype=np.float64)
+        if rows.ndim != 2 or rows.shape[1] != 7:
+            what = f"have the shape {rows.shape}"
+            raise InputError([Problem("robot parameters", what, "give one row of 7 numbers a leg")])
+        return cls(name, rows[:, :3], rows[:, 3:6], rows[:, 6])
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Robot):
+            return NotImplemented
+        return self.name == other.name and np.array_equal(self.parameters, other.parameters)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.legs))
+
+
+def is_text(value: object) -> bool:
+    """Whether `value` is a str that UTF-8 can encode (no lone surrogates)."""
+    return isinstance(value, str) and not any("\ud800" <= character <= "\udfff" for character in value)
+
+
+# The paper's Table 1: a_x a_y a_z b_x b_y b_z l, in mm. Legs run from 345 to 485 mm: readings from 0 to 140.
+DELTALAB = Robot.from_parameters(
+    "DeltaLab Table of Stewart",
+    [
+        [-223.1792, -151.9573, 0.0, -19.9938, -193.9723, 0.0, 345.0],
+        [223.1792, -151.9573, 0.0, 19.9938, -193.9723, 0.0, 345.0],
+        [243.1885, -117.3002, 0.0, 177.9818, 79.6710, 0.0, 345.0],
+        [20.0093, 269.2575, 0.0, 157.9880, 114.3013, 0.0, 345.0],
+        [-20.0093, 269.2575, 0.0, -157.9880, 114.3013, 0.0, 345.0],
+        [-243.1885, -117.3002, 0.0, -177.9818, 79.6710, 0.0, 345.0],
+    ],
+)
+
+ROBOTS: dict[str, Robot] = {"deltalab": DELTALAB}
+
+
+def known_robot(name: str) -> Robot:
+    """The nominal robot registered as `name` (in any case); InputError lists those there are."""
+    try:
+        return ROBOTS[name.casefold()]
+    except KeyError:
+        near = difflib.get_close_matches(name.casefold(), ROBOTS, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else "choose one of " + ", ".join(map(repr, ROBOTS))
+        raise InputError([Problem("robot", f"there is no robot called {name!r}", hint)]) from None

@@ -1,0 +1,92 @@
+"""Rotations as quaternions, scalar first: (w, x, y, z). Every function is vectorised over leading axes.
+
+`rotation_matrix(q)` divides by |q|^2, so it is the same rational function of q everywhere in cpcal, in floats
+and in exact arithmetic, whether q has unit norm or not (DESIGN section 1).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+def rotation_matrix(quaternion: npt.ArrayLike) -> Array:
+    """R(q), (..., 4) -> (..., 3, 3): the rotation of any non-zero quaternion, without a square root."""
+    q = np.asarray(quaternion, dtype=np.float64)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    entries = [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+    matrix = np.stack([np.stack(row, axis=-1) for row in entries], axis=-2)
+    norm_squared = w * w + x * x + y * y + z * z
+    return np.asarray(matrix / norm_squared[..., None, None])
+
+
+def quaternion_product(left: npt.ArrayLike, right: npt.ArrayLike) -> Array:
+    """The Hamilton product, (..., 4) x (..., 4) -> (..., 4): R(left * right) = R(left) R(right)."""
+    p, q = np.asarray(left, dtype=np.float64), np.asarray(right, dtype=np.float64)
+    scalar = p[..., 0] * q[..., 0] - np.sum(p[..., 1:] * q[..., 1:], axis=-1)
+    vector = p[..., :1] * q[..., 1:] + q[..., :1] * p[..., 1:] + np.cross(p[..., 1:], q[..., 1:])
+    return np.concatenate([scalar[..., None], vector], axis=-1)
+
+
+def quaternion_conjugate(quaternion: npt.ArrayLike) -> Array:
+    """(w, -x, -y, -z), (..., 4) -> (..., 4): the inverse rotation."""
+    q = np.asarray(quaternion, dtype=np.float64)
+    return np.concatenate([q[..., :1], -q[..., 1:]], axis=-1)
+
+
+def normalised(quaternion: npt.ArrayLike) -> Array:
+    """The unit quaternion of the same rotation with a scalar part >= 0, (..., 4) -> (..., 4)."""
+    q = np.asarray(quaternion, dtype=np.float64)
+    sign = np.where(q[..., :1] < 0, -1.0, 1.0)
+    return np.asarray(q * sign / np.linalg.norm(q, axis=-1, keepdims=True))
+
+
+def small_rotation(vector: npt.ArrayLike) -> Array:
+    """The quaternion (1, s) with 2 s = vector, not normalised, (..., 3) -> (..., 4).
+
+    This is how the reading sets write a rotation error (DESIGN section 1): its inverse is exactly (1, -s),
+    and 2 s is the rotation vector up to a relative error of angle^2 / 12.
+    """
+    s = 0.5 * np.asarray(vector, dtype=np.float64)
+    return np.concatenate([np.ones((*s.shape[:-1], 1)), s], axis=-1)
+
+
+def quaternion_from_rotation_vector(vector: npt.ArrayLike) -> Array:
+    """The unit quaternion that turns by |vector| rad about it, (..., 3) -> (..., 4)."""
+    v = np.asarray(vector, dtype=np.float64)
+    half = 0.5 * np.linalg.norm(v, axis=-1, keepdims=True)
+    return np.concatenate([np.cos(half), 0.5 * v * np.sinc(half / np.pi)], axis=-1)
+
+
+def rotation_vector(quaternion: npt.ArrayLike) -> Array:
+    """The rotation vector, rad, of norm at most pi, (..., 4) -> (..., 3)."""
+    q = normalised(quaternion)
+    half = np.arctan2(np.linalg.norm(q[..., 1:], axis=-1, keepdims=True), q[..., :1])
+    return np.asarray(2.0 * q[..., 1:] / np.sinc(half / np.pi))
+
+
+def quaternion_from_matrix(matrix: npt.ArrayLike) -> Array:
+    """The unit quaternion (scalar part >= 0) of a rotation matrix, (..., 3, 3) -> (..., 4).
+
+    Each of the four rows below is a multiple of the quaternion; that with the largest pivot is accurate.
+    """
+    m = np.asarray(matrix, dtype=np.float64)
+    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    wx, wy, wz = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
+    rows = [
+        [1 + xx + yy + zz, wx, wy, wz],
+        [wx, 1 + xx - yy - zz, xy, xz],
+        [wy, xy, 1 - xx + yy - zz, yz],
+        [wz, xz, yz, 1 - xx - yy + zz],
+    ]
+    multiples = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    pivot = np.argmax(np.diagonal(multiples, axis1=-2, axis2=-1), axis=-1)
+    best = np.take_along_axis(multiples, pivot[..., None, None], axis=-2)[..., 0, :]
+    return normalised(best)

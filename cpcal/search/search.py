@@ -1,0 +1,90 @@
+"""Branch and prune. The search is an iterator that yields one event per node.
+
+Progress bars, limits, logs and checkpoints are callers of it: stop iterating whenever you like, `pending`
+holds every box that has not been decided.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+from cpcal.interfaces import Contraction, Contractor, Strategy
+from cpcal.interval import Box
+
+
+class EventKind(Enum):
+    """What became of a node."""
+
+    PRUNED = "proved to hold no solution"
+    SPLIT = "divided"
+    KEPT = "fine enough to keep"
+
+
+@dataclass(frozen=True)
+class Node:
+    """An undecided box; `serial` counts nodes in order of creation."""
+
+    box: Box
+    depth: int
+    serial: int
+
+
+@dataclass(frozen=True)
+class Event:
+    """One node's fate. `contraction.box` is what was left of `node.box`."""
+
+    kind: EventKind
+    node: Node
+    contraction: Contraction
+
+
+Priority = Callable[[Node], float]
+
+
+def depth_first(node: Node) -> float:
+    return -float(node.serial)
+
+
+def breadth_first(node: Node) -> float:
+    return float(node.depth)
+
+
+class Search(Iterator[Event]):
+    """Contract the most urgent box, then prune, keep or split it. Lower priority goes first, then age."""
+
+    def __init__(
+        self, roots: Iterable[Box], contractor: Contractor, strategy: Strategy, priority: Priority = depth_first
+    ) -> None:
+        self._contractor, self._strategy, self._priority = contractor, strategy, priority
+        self._heap: list[tuple[float, int, Node]] = []
+        self._created = 0
+        for box in roots:
+            self._push(box, 0)
+
+    @property
+    def pending(self) -> tuple[Node, ...]:
+        """The undecided nodes, most urgent first."""
+        return tuple(node for _, _, node in sorted(self._heap, key=lambda entry: entry[:2]))
+
+    def __next__(self) -> Event:
+        if not self._heap:
+            raise StopIteration
+        _, _, node = heapq.heappop(self._heap)
+        try:
+            contraction = self._contractor.contract(node.box)
+            pieces = () if contraction.box.is_empty else self._strategy.split(contraction.box)
+        except BaseException:  # also Ctrl-C: the node is still undecided
+            heapq.heappush(self._heap, (self._priority(node), node.serial, node))
+            raise
+        for piece in pieces:
+            self._push(piece, node.depth + 1)
+        kind = EventKind.PRUNED if contraction.box.is_empty else EventKind.SPLIT if pieces else EventKind.KEPT
+        return Event(kind, node, contraction)
+
+    def _push(self, box: Box, depth: int) -> None:
+        node = Node(box, depth, self._created)
+        self._created += 1
+        heapq.heappush(self._heap, (self._priority(node), node.serial, node))
