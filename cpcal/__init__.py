@@ -1,0 +1,47 @@
+"""Certified calibration of parallel robots: what no least-squares fit can answer, proved.
+
+    campaign = cpcal.load_campaign("campaign/")
+    result = cpcal.certify(campaign, delta=100.0)
+"""
+
+from cpcal.certify import certify
+from cpcal.errors import CpcalError, InputError, ModelError, PluginError
+from cpcal.interfaces import Contraction, Contractor, Limits, Step, Strategy, Verdict
+from cpcal.interval import Box, Interval
+from cpcal.network import maximum, minimum, norm, sqr, sqrt
+from cpcal.result import LegResult, Result, load_result, save_result
+from cpcal.robot import Campaign, Robot, load_campaign, save_campaign, simulate
+from cpcal.solver import Network
+from cpcal.version import __version__
+
+__all__ = [
+    "Box",
+    "Campaign",
+    "Contraction",
+    "Contractor",
+    "CpcalError",
+    "InputError",
+    "Interval",
+    "LegResult",
+    "Limits",
+    "ModelError",
+    "Network",
+    "PluginError",
+    "Result",
+    "Robot",
+    "Step",
+    "Strategy",
+    "Verdict",
+    "__version__",
+    "certify",
+    "load_campaign",
+    "load_result",
+    "maximum",
+    "minimum",
+    "norm",
+    "save_campaign",
+    "save_result",
+    "simulate",
+    "sqr",
+    "sqrt",
+]

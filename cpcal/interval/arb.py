@@ -133,14 +133,16 @@ def _apply(operation: Callable[..., Pair], *operands: IntervalArray) -> Interval
         return operation(*[(bounds[i], bounds[i + 1]) for i in range(0, len(bounds), 2)])
 
     arrays: list[Floats] = [bound for x in operands for bound in (x.lo, x.hi)]
+    elementwise: Callable[..., tuple[object, object]] = np.frompyfunc(one, len(arrays), 2)
     with precision(PRECISION):
-        lo, hi = np.frompyfunc(one, len(arrays), 2)(*arrays)
+        lo, hi = elementwise(*arrays)
     return IntervalArray(np.asarray(lo, dtype=np.float64), np.asarray(hi, dtype=np.float64))
 
 
 def _pairs(x: IntervalArray) -> list[list[Pair]]:
     """The rows of a matrix."""
-    return [list(zip(*row, strict=True)) for row in zip(x.lo.tolist(), x.hi.tolist(), strict=True)]
+    shape = x.shape
+    return [[(float(x.lo[i, j]), float(x.hi[i, j])) for j in range(shape[1])] for i in range(shape[0])]
 
 
 def _number(value: arb) -> Pair:

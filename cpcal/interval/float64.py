@@ -77,8 +77,10 @@ class Float64:
             if n == 0:
                 one = np.where(x.empty, np.nan, 1.0)
                 return IntervalArray(one, one)
-            positive = _power(x, abs(n))
-            return positive if n > 0 else _div(IntervalArray.point(1.0), positive)
+            if n > 0:
+                return _power(x, n)
+            # The reciprocal first: it loses no digits to underflow unless the power underflows as well.
+            return _power(_div(IntervalArray.point(1.0), x if n % 2 else self.abs(x)), -n)
 
     def root(self, x: IntervalArray, n: int) -> IntervalArray:
         if n < 1:

@@ -1,7 +1,7 @@
 """Smallest values, bounded from both sides."""
 
-from cpcal.optimize.bound import Bracket, Minimum, minimize
+from cpcal.optimize.bound import Bracket, Minimum, minimize, run
 from cpcal.optimize.fit import fit
 from cpcal.optimize.witness import Witness, WitnessProver
 
-__all__ = ["Bracket", "Minimum", "Witness", "WitnessProver", "fit", "minimize"]
+__all__ = ["Bracket", "Minimum", "Witness", "WitnessProver", "fit", "minimize", "run"]

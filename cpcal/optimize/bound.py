@@ -7,7 +7,7 @@ Below, the contractors raise the objective's lower bound; above, a local fit pro
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from cpcal.network import ConstraintNetwork
 from cpcal.network.rows import Rows
 from cpcal.optimize.fit import fit
 from cpcal.optimize.witness import Witness, WitnessProver
-from cpcal.search import EventKind, LargestFirst, Node, Search
+from cpcal.search import LargestFirst, Node, Search
 
 Floats = npt.NDArray[np.float64]
 
@@ -63,6 +63,7 @@ class Minimum:
     nodes: int
     programs: int
     seconds: float
+    interrupted: bool = False
 
 
 class _Bounding:
@@ -80,7 +81,7 @@ class _Bounding:
         self.programs = 0
         self.used: set[tuple[int, int]] = set()
         self.kept: list[Box] = []
-        self.deadline = np.inf if limits.seconds is None else time.monotonic() + limits.seconds
+        self.clock = limits.clock()
 
     @property
     def hi(self) -> float:
@@ -108,23 +109,23 @@ class _Bounding:
     def contract(self, box: Box) -> Contraction:
         current, proposed = self.cut(box), False
         for _ in range(_PASSES):
-            if current.is_empty or time.monotonic() > self.deadline:
+            if current.is_empty or self.clock.over():
                 break
-            closed = self._closed(current)
+            closed = self.closed(current)
             step = self._inner.contract(current)
             self.programs += step.programs
             self.used.update(row for s in step.steps for row in s.rows)
             shrunk = self._shrunk(current, step.box, _SETTLE if closed else _SHRINK)
             current = step.box
-            if step.point is not None and not proposed and not self._closed(current):
+            if step.point is not None and not proposed and not self.closed(current):
                 self.propose(step.point)
                 proposed = True
             current = self.cut(current)
-            if current.is_empty or not shrunk or (self._closed(current) and not closed):
+            if current.is_empty or not shrunk or (self.closed(current) and not closed):
                 break
         return Contraction(current)
 
-    def _closed(self, box: Box) -> bool:
+    def closed(self, box: Box) -> bool:
         return not box.is_empty and bool(box.lo[self.objective] >= self.goal)
 
     @staticmethod
@@ -133,9 +134,9 @@ class _Bounding:
 
     def split(self, box: Box, strategy: Strategy) -> tuple[Box, ...]:
         """() for a node that is closed; else its pieces by the strategy."""
-        if self.floor is None and self.witness is not None and not self._closed(box):
+        if self.floor is None and self.witness is not None and not self.closed(box):
             self.floor = self._floor(self.witness)
-        pieces = () if self._closed(box) else strategy.split(box)
+        pieces = () if self.closed(box) else strategy.split(box)
         if not pieces:
             self.kept.append(box)
         return pieces
@@ -171,7 +172,7 @@ def minimize(
     limits: Limits,
     start: Floats | None = None,
     strategy: Strategy | None = None,
-) -> Iterator[Bracket | Minimum]:
+) -> Generator[Bracket | Minimum, None, None]:
     """Brackets of the smallest value of the variable `objective`, then the `Minimum` as the last item.
 
     THERE EXISTS a reading in its set for every constraint, as in the network. `start` (n,) is where the
@@ -190,24 +191,15 @@ def minimize(
     def bracket() -> Bracket:
         return Bracket(_lowest(search.pending, bounding), bounding.hi, nodes, bounding.programs, time.monotonic() - began)
 
+    interrupted = False
     try:
-        while not _over(search, bounding, nodes):
-            event = next(search)
+        while search.pending and not bounding.clock.over(nodes):
+            next(search)
             nodes += 1
-            if event.kind is EventKind.PRUNED and bounding.witness is None and not search.pending and not bounding.kept:
-                break
             yield bracket()
     except KeyboardInterrupt:
-        pass
-    yield _minimum(search, bounding, bracket())
-
-
-def _over(search: Search, bounding: _Bounding, nodes: int) -> bool:
-    limits = bounding.limits
-    pending = search.pending
-    if not pending or (limits.nodes is not None and nodes >= limits.nodes):
-        return True
-    return time.monotonic() > bounding.deadline
+        interrupted = True
+    yield _minimum(search, bounding, bracket(), interrupted)
 
 
 def _lowest(pending: tuple[Node, ...], bounding: _Bounding) -> float:
@@ -215,13 +207,13 @@ def _lowest(pending: tuple[Node, ...], bounding: _Bounding) -> float:
     return min([float(box.lo[bounding.objective]) for box in boxes] + [bounding.hi])
 
 
-def _minimum(search: Search, bounding: _Bounding, last: Bracket) -> Minimum:
+def _minimum(search: Search, bounding: _Bounding, last: Bracket, interrupted: bool) -> Minimum:
     pending = [bounding.cut(node.box) for node in search.pending]
     kept = [bounding.cut(box) for box in bounding.kept]
     enclosure = Box.empty(bounding.domain.names)
     for box in kept + pending:
         enclosure = enclosure.hull(box)
-    undecided = [box for box in pending if not box.is_empty and not bounding._closed(box)]
+    undecided = [box for box in pending if not box.is_empty and not bounding.closed(box)]
     verdict, status = _status(last, bounding, len(undecided))
     return Minimum(
         last.lo,
@@ -236,6 +228,7 @@ def _minimum(search: Search, bounding: _Bounding, last: Bracket) -> Minimum:
         last.nodes,
         last.programs,
         last.seconds,
+        interrupted,
     )
 
 
@@ -255,3 +248,20 @@ def _status(last: Bracket, bounding: _Bounding, undecided: int) -> tuple[Verdict
             f"Both bounds are proved; the gap is closed up to the second-order effect of the readings ({bounding.floor:.1e}).",
         )
     return Verdict.UNKNOWN, f"Stopped at a limit with {undecided} undecided boxes; both bounds are proved, the gap is open."
+
+
+def run(
+    states: Generator[Bracket | Minimum, None, None], progress: Callable[[Bracket], None] | None
+) -> Minimum:
+    """Run to the end, telling `progress` of every bracket; Ctrl-C ends it with what is proved."""
+    for state in states:
+        if isinstance(state, Minimum):
+            return state
+        try:
+            if progress is not None:
+                progress(state)
+        except KeyboardInterrupt as stop:
+            last = states.throw(stop)
+            assert isinstance(last, Minimum)
+            return last
+    raise AssertionError("minimize ends with a Minimum")

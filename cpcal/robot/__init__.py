@@ -1,6 +1,6 @@
 """Legs, kinematics, pose and rotation, campaign files, simulated campaigns."""
 
-from cpcal.robot.campaign import Campaign, Uncertainty
+from cpcal.robot.campaign import Campaign
 from cpcal.robot.kinematics import (
     KinematicsError,
     Pose,
@@ -23,6 +23,7 @@ from cpcal.robot.rotation import (
     small_rotation,
 )
 from cpcal.robot.simulate import simulate, true_robot
+from cpcal.robot.uncertainty import Uncertainty
 from cpcal.robot.writer import save_campaign
 
 __all__ = [

@@ -6,6 +6,7 @@ have the files.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,47 +18,14 @@ import numpy.typing as npt
 from cpcal.errors import InputError, Problem
 from cpcal.robot.problems import Problems
 from cpcal.robot.robot import Robot, frozen_array, is_text
+from cpcal.robot.uncertainty import Uncertainty, sizes
 from cpcal.robot.writer import campaign_digest, csv_bytes, toml_bytes
 
 Array = npt.NDArray[np.float64]
 
 QUATERNION_TOLERANCE = 1e-6  # on | |q| - 1 |
+IDENTIFIER_REMEDY = 'use printable characters, no "/", no space at the ends, at least one character'
 _ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
-
-
-@dataclass(frozen=True, eq=False)
-class Uncertainty:
-    """What a campaign declares for all its measurements: `half-width = factor * value`.
-
-    With a factor the values are standard deviations; with `factor` None they are the half-widths themselves.
-
-    position (3,) mm; rotation (3,) rad, rotation vector in the base frame; length (n,) mm.
-    """
-
-    position: Array
-    rotation: Array
-    length: Array
-    factor: float | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("position", "rotation", "length"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name)))
-
-    @property
-    def half_widths(self) -> Array:
-        """(6 + n,): of position, rotation and leg readings, one after the other."""
-        values = np.concatenate([self.position, self.rotation, self.length])
-        return values if self.factor is None else np.asarray(self.factor * values)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Uncertainty):
-            return NotImplemented
-        names = ("position", "rotation", "length")
-        same = all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
-        return same and self.factor == other.factor
-
-    def __hash__(self) -> int:
-        return hash((self.factor, self.half_widths.tobytes()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +39,7 @@ class Campaign:
     position_radius  (N, 3) mm, rotation_radius (N, 3) rad, length_radius (N, n) mm: half-widths of the reading
                      sets of DESIGN section 1: |P - P_k| <= p, R = R(1, s) R(q_k) with |2 s_i| <= r_i,
                      |L - L_k| <= lambda
-    uncertainty      what campaign.toml declares for all rows (None: exact readings); a row may differ
+    uncertainty      what campaign.toml declares for all rows (None: exact); rows may differ
     provenance       free text
 
     Raises InputError, with every problem found, when the values make no campaign.
@@ -232,18 +200,9 @@ def shape_problems(campaign: Campaign) -> Iterator[Problem]:
         if shape != (count, width):
             yield Problem(f"campaign {name}", f"has the shape {shape}, not {(count, width)}", remedy)
     stated = campaign.uncertainty
-    if stated is not None:
-        for name, width in (("position", 3), ("rotation", 3), ("length", legs)):
-            if getattr(stated, name).shape != (width,):
-                yield Problem(
-                    f"campaign uncertainty.{name}", f"does not hold {width} numbers", "give one each"
-                )
-            elif not _sizes(getattr(stated, name)).all():
-                yield Problem(
-                    f"campaign uncertainty.{name}", "holds a negative or non-finite number", "give >= 0"
-                )
-        if stated.factor is not None and not _sizes(np.array(stated.factor)).all():
-            yield Problem("campaign uncertainty.factor", f"is {stated.factor}", "give a finite number >= 0")
+    if stated is not None and stated.length.shape != (legs,):
+        what = f"has {len(stated.length)} numbers for {legs} legs"
+        yield Problem("campaign uncertainty.length", what, "give one for each leg")
     for key, text in campaign.provenance.items():
         if not (is_text(key) and is_text(text)):
             yield Problem(f"campaign provenance {key!r}", "is not text", "give valid Unicode text")
@@ -254,28 +213,20 @@ def value_problems(campaign: Campaign) -> Iterator[Problem]:
     for kind, names in (("pose", campaign.pose), ("run", campaign.run)):
         for bad in sorted({repr(name) for name in names if not is_identifier(name)}):
             yield Problem(f"campaign {kind}", f"{bad} cannot be a name", IDENTIFIER_REMEDY)
-    ids = list(zip(campaign.pose, campaign.run, strict=True))
-    for (pose, run), times in Counter(ids).items():
+    keys = campaign.measurement_ids
+    for key, times in Counter(keys).items():
         if times > 1:
-            yield Problem(
-                f"measurement {pose}/{run}", f"is given {times} times", "give each pose and run once"
-            )
+            yield Problem(f"measurement {key}", f"is given {times} times", "give each pose and run once")
     for name in _ARRAYS:
         array: Array = getattr(campaign, name)
-        allowed = _sizes(array) if name.endswith("radius") else np.isfinite(array)
+        allowed = sizes(array) if name.endswith("radius") else np.isfinite(array)
         what = "is negative or not finite" if name.endswith("radius") else "is NaN or infinite"
         for row in np.flatnonzero(~allowed.all(axis=1)):
-            yield Problem(
-                f"measurement {'/'.join(ids[row])}", f"its {name} {what}", "correct it, or leave it out"
-            )
-    with np.errstate(all="ignore"):
-        norms = np.linalg.norm(campaign.quaternion, axis=1)
-    for row in np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_TOLERANCE):
-        what, remedy = quaternion_problem(float(norms[row]))
-        yield Problem(f"measurement {'/'.join(ids[row])}", what, remedy)
-
-
-IDENTIFIER_REMEDY = 'use printable characters, no "/", no space at the ends, at least one character'
+            yield Problem(f"measurement {keys[row]}", f"its {name} {what}", "correct it, or leave it out")
+    for key, row in zip(keys, campaign.quaternion.tolist(), strict=True):
+        norm = math.hypot(*row)
+        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+            yield Problem(f"measurement {key}", *quaternion_problem(norm))
 
 
 def quaternion_problem(norm: float) -> tuple[str, str]:
@@ -287,8 +238,3 @@ def quaternion_problem(norm: float) -> tuple[str, str]:
         )
     what = f"the quaternion has the norm {norm:.9g}, not 1 (to within {QUATERNION_TOLERANCE:g})"
     return what, "divide it by its norm, and check the order qw,qx,qy,qz"
-
-
-def _sizes(values: Array) -> npt.NDArray[np.bool_]:
-    """Which values are finite and not negative."""
-    return np.isfinite(values) & (values >= 0)

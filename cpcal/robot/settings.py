@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.errors import Problem
-from cpcal.robot.campaign import Uncertainty
+from cpcal.errors import InputError, Problem
 from cpcal.robot.problems import Problems, shown
 from cpcal.robot.robot import Robot
+from cpcal.robot.uncertainty import Uncertainty
 from cpcal.robot.writer import FORMAT
 
 SIZE_MAX = 2**20  # bytes; a sensible campaign.toml is hundreds of times smaller
@@ -258,14 +258,11 @@ class _Reader:
         if len(self.problems) > before or legs is None:
             return None
         position, rotation, length = (np.array(row) for row in values)
-        return self.bounded(Uncertainty(position, rotation, length, factor))
-
-    def bounded(self, uncertainty: Uncertainty) -> Uncertainty | None:
-        with np.errstate(over="ignore"):
-            if np.isfinite(uncertainty.half_widths).all():
-                return uncertainty
-        self.wrong(("uncertainty",), "factor * sigma is too large for a number", "give smaller ones")
-        return None
+        try:
+            return Uncertainty(position, rotation, length, factor)
+        except InputError:  # single values were checked: a product overflows
+            self.wrong(path, "factor * sigma is too large for a number", "give smaller ones")
+            return None
 
     def provenance(self) -> dict[str, str]:
         table = self.section("provenance") or {}

@@ -16,12 +16,13 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-from cpcal.robot.campaign import Campaign, Uncertainty
+from cpcal.robot.campaign import Campaign
 from cpcal.robot.kinematics import (
     KinematicsError,
     Pose,
@@ -33,6 +34,7 @@ from cpcal.robot.kinematics import (
 )
 from cpcal.robot.robot import DELTALAB, Robot
 from cpcal.robot.rotation import normalised, quaternion_product, small_rotation
+from cpcal.robot.uncertainty import Uncertainty
 
 Array = npt.NDArray[np.float64]
 
@@ -224,7 +226,7 @@ def _streams(seed: int) -> list[np.random.Generator]:
     return [np.random.Generator(np.random.PCG64(child)) for child in np.random.SeedSequence(seed).spawn(4)]
 
 
-def _check_options(options: dict[str, object]) -> None:
+def _check_options(options: dict[str, Any]) -> None:
     """InputError that names every option without a meaning."""
     problems = []
 
@@ -232,40 +234,29 @@ def _check_options(options: dict[str, object]) -> None:
         if not good:
             problems.append(Problem(f"option {name}", f"has no meaning: {options[name]!r}", remedy))
 
-    def whole(name: str, least: int) -> bool:
+    def whole(name: str, least: int, most: float = _POSES_MAX) -> None:
         value = options[name]
-        if not isinstance(value, int) or isinstance(value, bool):
-            return False
-        return least <= value and (name == "seed" or value <= _POSES_MAX)
+        good = isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
+        demand(name, good, f"give a whole number from {least}" + (f" to {most:,}" if most < math.inf else ""))
 
-    def size(value: object, least: float = 0.0) -> bool:
-        return isinstance(value, (int, float)) and math.isfinite(value) and value >= least
-
-    robot, stroke = options["robot"], options["stroke"]
-    demand("robot", isinstance(robot, Robot) and robot.legs == 6, "give a Robot with six legs")
-    demand("seed", whole("seed", 0), "give a whole number >= 0")
-    demand("runs", whole("runs", 1), f"give a whole number from 1 to {_POSES_MAX:,}")
-    least = 0 if options["extremal"] else 1
-    demand(
-        "random_poses", whole("random_poses", least), f"give a whole number from {least} to {_POSES_MAX:,}"
+    robot, extremal, truncate, stroke = (
+        options[name] for name in ("robot", "extremal", "truncate", "stroke")
     )
+    demand("robot", isinstance(robot, Robot) and robot.legs == 6, "give a Robot with six legs")
+    whole("seed", 0, math.inf)
+    whole("runs", 1)
+    whole("random_poses", 0 if extremal else 1)
     if not problems:
-        total = (64 * bool(options["extremal"]) + int(str(options["random_poses"]))) * int(
-            str(options["runs"])
-        )
+        total = (64 * bool(extremal) + options["random_poses"]) * options["runs"]
         demand("runs", total <= _MEASUREMENTS_MAX, f"keep poses times runs within {_MEASUREMENTS_MAX:,}")
     for name in ("joint_error", "factor", "noise", "deviation"):
-        demand(name, size(options[name]), "give a finite number >= 0")
-    demand(
-        "truncate",
-        options["truncate"] is None or size(options["truncate"], 0.1),
-        "give a number >= 0.1, or None",
-    )
-    pair = isinstance(stroke, tuple) and len(stroke) == 2 and all(size(value, -math.inf) for value in stroke)
-    demand(
-        "stroke",
-        isinstance(stroke, tuple) and pair and stroke[0] < stroke[1],
-        "give (shortest, longest) in mm",
-    )
+        demand(name, _finite(options[name]) and options[name] >= 0, "give a finite number >= 0")
+    demand("truncate", truncate is None or (_finite(truncate) and truncate >= 0.1), "give a number >= 0.1")
+    pair = isinstance(stroke, tuple) and len(stroke) == 2 and all(map(_finite, stroke))
+    demand("stroke", pair and stroke[0] < stroke[1], "give (shortest, longest) in mm")
     if problems:
         raise InputError(problems)
+
+
+def _finite(value: object) -> bool:
+    return isinstance(value, (int, float)) and math.isfinite(value)

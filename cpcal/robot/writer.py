@@ -19,7 +19,8 @@ import numpy.typing as npt
 from cpcal.errors import InputError, Problem
 
 if TYPE_CHECKING:
-    from cpcal.robot.campaign import Campaign, Uncertainty
+    from cpcal.robot.campaign import Campaign
+    from cpcal.robot.uncertainty import Uncertainty
 
 FORMAT = "cpcal-campaign/1"
 TOML_NAME = "campaign.toml"

@@ -1,0 +1,182 @@
+"""What certification found, as plain values, and its file `result.json` (DESIGN section 8)."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cpcal.errors import InputError, Problem
+from cpcal.interfaces import Verdict
+from cpcal.interval import Box
+
+FORMAT = "cpcal-result/1"
+
+
+@dataclass(frozen=True)
+class LegResult:
+    """One leg: proved, no x in the box satisfies all equations for any eps < `eps_lo`; `point` does at `eps_hi`.
+
+    "Satisfies": THERE EXISTS for every measurement a reading in its set. Lengths in mm. `verdict` PROVED: the
+    bracket is closed (or, when an eps was asked for, some x satisfies it); REFUTED: no x does; UNKNOWN: a limit
+    came first. `point` is (ax, ay, az, bx, by, bz, l), None without a proved point; `enclosure` holds every x
+    with eps <= eps_hi. `floor`: second-order effect of the readings below which the bracket cannot close.
+    `support`: ids of the measurements with a weight in some step of the proof.
+    """
+
+    leg: int
+    verdict: Verdict
+    status: str
+    eps_lo: float
+    eps_hi: float
+    point: tuple[float, ...] | None
+    center: tuple[float, ...]
+    enclosure: Box
+    floor: float
+    support: tuple[str, ...]
+    nodes: int
+    programs: int
+    seconds: float
+
+    @property
+    def not_refuted(self) -> bool:
+        """Whether the model without any error is proved to fit: eps* = 0."""
+        return self.point is not None and self.eps_hi == 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "leg": self.leg,
+            "status": self.verdict.value,
+            "sentence": self.status,
+            "eps_lo": _number(self.eps_lo),
+            "eps_hi": _number(self.eps_hi),
+            "point": None if self.point is None else list(self.point),
+            "center": list(self.center),
+            "enclosure": None
+            if self.enclosure.is_empty
+            else {"lo": [_number(v) for v in self.enclosure.lo], "hi": [_number(v) for v in self.enclosure.hi]},
+            "floor": self.floor,
+            "support": list(self.support),
+            "certificate": None,
+            "nodes": self.nodes,
+            "lps": self.programs,
+            "seconds": self.seconds,
+        }
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any], names: tuple[str, ...]) -> LegResult:
+        enclosure = data["enclosure"]
+        return cls(
+            data["leg"],
+            Verdict(data["status"]),
+            data["sentence"],
+            _float(data["eps_lo"]),
+            _float(data["eps_hi"]),
+            None if data["point"] is None else tuple(map(float, data["point"])),
+            tuple(map(float, data["center"])),
+            Box.empty(names)
+            if enclosure is None
+            else Box(names, [_float(v) for v in enclosure["lo"]], [_float(v) for v in enclosure["hi"]]),
+            data["floor"],
+            tuple(data["support"]),
+            data["nodes"],
+            data["lps"],
+            data["seconds"],
+        )
+
+
+@dataclass(frozen=True)
+class Result:
+    """The legs that were certified, and what was asked: everything that `result.json` holds.
+
+    `eps`: the tolerance that was asked about, or None when the smallest one was sought. `interrupted`: the user
+    stopped the run; legs that had not begun are missing.
+    """
+
+    robot: str
+    campaign_sha256: str
+    measurements: int
+    parameters: tuple[str, ...]
+    delta: float
+    center: str
+    gap: float
+    eps: float | None
+    contractors: tuple[str, ...]
+    arithmetic: str
+    version: str
+    legs: tuple[LegResult, ...]
+    interrupted: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "format": FORMAT,
+            "campaign": {"sha256": self.campaign_sha256, "robot": self.robot, "measurements": self.measurements},
+            "box": {"center": self.center, "delta": self.delta, "parameters": list(self.parameters)},
+            "question": {"eps": self.eps, "gap": self.gap},
+            "solver": {
+                "version": self.version,
+                "contractors": list(self.contractors),
+                "arithmetic": self.arithmetic,
+            },
+            "interrupted": self.interrupted,
+            "legs": [leg.to_json() for leg in self.legs],
+        }
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> Result:
+        names = tuple(data["box"]["parameters"])
+        return cls(
+            data["campaign"]["robot"],
+            data["campaign"]["sha256"],
+            data["campaign"]["measurements"],
+            names,
+            data["box"]["delta"],
+            data["box"]["center"],
+            data["question"]["gap"],
+            data["question"]["eps"],
+            tuple(data["solver"]["contractors"]),
+            data["solver"]["arithmetic"],
+            data["solver"]["version"],
+            tuple(LegResult.from_json(leg, names) for leg in data["legs"]),
+            data["interrupted"],
+        )
+
+
+def save_result(result: Result, run: str | os.PathLike[str]) -> Path:
+    """Write `result.json` into the folder `run` (made if missing), all or nothing; its path."""
+    folder = Path(run)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "result.json"
+    partial = folder / ".result.json.partial"
+    partial.write_text(json.dumps(result.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    partial.replace(path)
+    return path
+
+
+def load_result(run: str | os.PathLike[str]) -> Result:
+    """Read `result.json` from the folder of a run. Raises InputError."""
+    path = Path(run) / "result.json"
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError([Problem(str(path), f"cannot be read: {error}", "name the folder of a run")]) from None
+    except json.JSONDecodeError as error:
+        raise InputError([Problem(str(path), f"is not JSON: {error.msg}", "run certify again", error.lineno)]) from None
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise InputError([Problem(str(path), f"is not of format {FORMAT}", "run certify again")])
+    try:
+        return Result.from_json(data)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError([Problem(str(path), f"lacks or garbles a field: {error!r}", "run certify again")]) from None
+
+
+def _number(value: float) -> float | str:
+    """JSON has no infinities: they are the strings "inf" and "-inf"."""
+    return float(value) if math.isfinite(value) else str(float(value))
+
+
+def _float(value: float | str) -> float:
+    return float(value)

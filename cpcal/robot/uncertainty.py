@@ -1,0 +1,71 @@
+"""How far readings may be off, as a campaign declares it for all its measurements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError, Problem
+from cpcal.robot.robot import frozen_array
+
+Array = npt.NDArray[np.float64]
+
+KINDS = ("position", "rotation", "length")
+
+
+def sizes(values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Which values are finite and not negative."""
+    array = np.asarray(values, dtype=np.float64)
+    return np.isfinite(array) & (array >= 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """`half-width = factor * value`; the values are standard deviations, or half-widths if `factor` is None.
+
+    position (3,) mm; rotation (3,) rad, rotation vector in the base frame; length (n,) mm. Raises
+    InputError when a shape is wrong or a number is negative or not finite.
+    """
+
+    position: Array
+    rotation: Array
+    length: Array
+    factor: float | None = None
+
+    def __post_init__(self) -> None:
+        problems = []
+        for kind in KINDS:
+            array = frozen_array(getattr(self, kind))
+            object.__setattr__(self, kind, array)
+            if array.ndim != 1 or (kind != "length" and array.shape != (3,)):
+                what = f"has the shape {array.shape}"
+                problems.append(
+                    Problem(f"uncertainty {kind}", what, "give 3, 3 and as many as there are legs")
+                )
+            elif not sizes(array).all():
+                what = "holds a negative or non-finite number"
+                problems.append(Problem(f"uncertainty {kind}", what, "give finite numbers >= 0"))
+        if self.factor is not None and not sizes(self.factor):
+            problems.append(Problem("uncertainty factor", f"is {self.factor}", "give a finite number >= 0"))
+        if not problems and not sizes(self.half_widths).all():
+            problems.append(Problem("uncertainty", "factor * sigma is not finite", "give smaller numbers"))
+        if problems:
+            raise InputError(problems)
+
+    @property
+    def half_widths(self) -> Array:
+        """(6 + n,): of position, rotation and leg readings, one after the other."""
+        values = np.concatenate([self.position, self.rotation, self.length])
+        with np.errstate(over="ignore"):
+            return values if self.factor is None else np.asarray(self.factor * values)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Uncertainty):
+            return NotImplemented
+        same = all(np.array_equal(getattr(self, kind), getattr(other, kind)) for kind in KINDS)
+        return same and self.factor == other.factor
+
+    def __hash__(self) -> int:
+        return hash((self.factor, self.half_widths.tobytes()))

@@ -1,0 +1,118 @@
+"""The verbs on a network: contract, solve, minimize. `cpcal.Network` is what users write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal import plugins
+from cpcal.errors import ModelError
+from cpcal.interfaces import Contraction, Limits, Verdict
+from cpcal.interval import Box, get_arithmetic
+from cpcal.network import ConstraintNetwork, Expr
+from cpcal.optimize import Bracket, Minimum, minimize, run
+from cpcal.search import Event, EventKind, LargestFirst, Search
+
+DEFAULT_CONTRACTORS = ("hc4", "lifted")
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A box of a `Paving`: its verdict says what is known of it (UNKNOWN: it may hold solutions)."""
+
+    verdict: Verdict
+    box: Box
+
+
+@dataclass(frozen=True)
+class Paving:
+    """Every solution in the domain lies in one of `solutions`; `complete` is False when a limit came first.
+
+    `status` says it in a sentence.
+    """
+
+    complete: bool
+    status: str
+    solutions: tuple[Solution, ...]
+    nodes: int
+
+
+class Network(ConstraintNetwork):
+    """A constraint network that can be solved.
+
+    THERE EXISTS one value of every reading in its set: that is what each answer quantifies over.
+    """
+
+    def contract(
+        self, box: Box | None = None, *, contractors: Sequence[str] = DEFAULT_CONTRACTORS, arithmetic: str = "float64"
+    ) -> Contraction:
+        """One pass of the named contractors over `box` (default: the domain). Loses no solution."""
+        return plugins.build(self, contractors, arithmetic=arithmetic).contract(self.domain if box is None else box)
+
+    def solve(
+        self,
+        *,
+        width: float = 1e-6,
+        contractors: Sequence[str] = DEFAULT_CONTRACTORS,
+        arithmetic: str = "float64",
+        limits: Limits | None = None,
+        progress: Callable[[Event], None] | None = None,
+    ) -> Paving:
+        """Boxes, of components no wider than `width`, that hold all solutions. Ctrl-C ends it early, cleanly."""
+        limits = limits or Limits()
+        contractor = plugins.build(self, contractors, arithmetic=arithmetic)
+        search = Search([self.domain], contractor, LargestFirst(width))
+        kept: list[Box] = []
+        nodes = 0
+        clock = limits.clock()
+        try:
+            for event in search:
+                nodes += 1
+                if event.kind is EventKind.KEPT:
+                    kept.append(event.contraction.box)
+                if progress is not None:
+                    progress(event)
+                if clock.over(nodes):
+                    break
+        except KeyboardInterrupt:
+            pass
+        pending = [node.box for node in search.pending]
+        boxes = tuple(Solution(Verdict.UNKNOWN, box) for box in kept + pending)
+        if not boxes:
+            return Paving(True, "The constraints have no common solution in the domain: proved.", (), nodes)
+        if pending:
+            return Paving(False, f"Stopped with {len(pending)} boxes undivided; the boxes hold all solutions.", boxes, nodes)
+        return Paving(True, "All solutions lie in the boxes; whether each box holds one is not proved.", boxes, nodes)
+
+    def minimize(
+        self,
+        objective: Expr,
+        *,
+        contractors: Sequence[str] = ("lifted",),
+        arithmetic: str = "float64",
+        limits: Limits | None = None,
+        start: npt.ArrayLike | None = None,
+        progress: Callable[[Bracket], None] | None = None,
+    ) -> Minimum:
+        """The smallest value of `objective`, a scalar variable of this network, bracketed by proofs.
+
+        For another expression, add a variable t with `net.add(expr <= t)` and minimise t. `start` holds one value
+        per component in the order of `names`. Raises ModelError for anything but a variable with a finite domain.
+        """
+        name = self.component(objective)
+        if not self.domain.is_bounded and "hc4" not in contractors:
+            raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
+        engine = get_arithmetic(arithmetic)
+        contractor = plugins.build(self, contractors, objective=name, arithmetic=arithmetic)
+        states = minimize(
+            self,
+            name,
+            contractor,
+            engine=engine,
+            limits=limits or Limits(),
+            start=None if start is None else np.asarray(start, np.float64),
+        )
+        return run(states, progress)

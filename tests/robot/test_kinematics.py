@@ -1,0 +1,144 @@
+"""Inverse and forward kinematics against one another, and the assembly branch."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from cpcal.robot import (
+    DELTALAB,
+    KinematicsError,
+    Pose,
+    Robot,
+    central_pose,
+    forward_kinematics,
+    inverse_kinematics,
+    leg_vectors,
+    normalised,
+    pose_jacobian,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+)
+
+MIDDLE = np.full(6, 70.0)
+CORNERS = np.where((np.arange(64)[:, None] >> np.arange(6) & 1) == 1, 140.0, 0.0)
+
+
+def centre(robot=DELTALAB):
+    return central_pose(robot, MIDDLE)
+
+
+def test_the_inverse_kinematics_is_the_papers_equation_1():
+    pose = Pose(np.array([10.0, -20.0, 350.0]), np.array([0.9, 0.1, -0.2, 0.3]))
+    for leg, reading in enumerate(inverse_kinematics(DELTALAB, pose)):
+        a, b, offset = DELTALAB.base[leg], DELTALAB.mobile[leg], DELTALAB.offset[leg]
+        vector = pose.position + pose.rotation @ b - a
+        assert vector @ vector == pytest.approx((reading + offset) ** 2, rel=1e-14)
+        assert_allclose(leg_vectors(DELTALAB, pose)[leg], vector, rtol=1e-14)
+
+
+def test_the_jacobian_is_the_derivative():
+    rng = np.random.default_rng(1)
+    pose = Pose(np.array([10.0, -20.0, 350.0]), normalised(np.array([0.9, 0.1, -0.2, 0.3])))
+    step = rng.uniform(-1, 1, 6) * np.array([1, 1, 1, 0.01, 0.01, 0.01])
+
+    def moved(t):
+        turn = quaternion_from_rotation_vector(t * step[3:])
+        return inverse_kinematics(
+            DELTALAB, Pose(pose.position + t * step[:3], quaternion_product(turn, pose.quaternion))
+        )
+
+    numeric = (moved(1e-4) - moved(-1e-4)) / 2e-4
+    assert_allclose(pose_jacobian(DELTALAB, pose) @ step, numeric, rtol=1e-7, atol=1e-9)
+
+
+def test_the_central_pose_is_upright_and_in_the_middle():
+    pose = centre()
+    assert_allclose(pose.position, [0.0, 0.0, 359.41], atol=0.01)
+    assert_allclose(pose.rotation, np.eye(3), atol=1e-6)
+    assert_allclose(inverse_kinematics(DELTALAB, pose), MIDDLE, atol=1e-10)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(0, 140), min_size=6, max_size=6), st.integers(0, 1000))
+def test_forward_then_inverse_gives_the_readings_for_any_parameters(readings, seed):
+    deviation = np.random.default_rng(seed).normal(0, 5, (6, 7))
+    robot = Robot.from_parameters("r", DELTALAB.parameters + deviation)
+    pose = forward_kinematics(robot, readings, centre(robot))
+    assert_allclose(inverse_kinematics(robot, pose), readings, atol=1e-10)
+    assert pose.position[2] > 200
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.tuples(*[st.floats(-40, 40)] * 3), st.tuples(*[st.floats(-0.25, 0.25)] * 3))
+def test_inverse_then_forward_gives_the_pose(move, turn):
+    pose = Pose(centre().position + np.array(move), quaternion_from_rotation_vector(turn))
+    found = forward_kinematics(DELTALAB, inverse_kinematics(DELTALAB, pose), centre())
+    assert_allclose(found.position, pose.position, atol=1e-9)
+    assert_allclose(found.rotation, pose.rotation, atol=1e-11)
+
+
+def test_straight_from_the_centre_and_from_neighbour_to_neighbour_end_in_the_same_pose():
+    """Gray code: from one extremal configuration to the next, one leg moves. The branch is one."""
+    straight = forward_kinematics(DELTALAB, CORNERS, centre())
+    walker = centre()
+    for k in range(64):
+        corner = k ^ (k >> 1)
+        walker = forward_kinematics(DELTALAB, CORNERS[corner], walker)
+        assert_allclose(walker.position, straight.position[corner], atol=1e-8)
+        assert_allclose(walker.rotation, straight.rotation[corner], atol=1e-10)
+
+
+def test_no_singularity_lies_between_the_centre_and_the_extremal_poses():
+    sign = np.sign(np.linalg.det(pose_jacobian(DELTALAB, centre())))
+    for share in np.linspace(0, 1, 21):
+        poses = forward_kinematics(DELTALAB, 70 + share * (CORNERS - 70), centre())
+        assert (sign * np.linalg.det(pose_jacobian(DELTALAB, poses)) > 1e7).all()
+
+
+def test_shapes_follow_the_readings():
+    readings = np.full((2, 3, 6), 70.0)
+    pose = forward_kinematics(DELTALAB, readings, centre())
+    assert pose.position.shape == (2, 3, 3)
+    assert pose.quaternion.shape == (2, 3, 4)
+    assert forward_kinematics(DELTALAB, np.zeros((0, 6)), centre()).position.shape == (0, 3)
+
+
+def test_more_than_six_legs_give_the_least_squares_pose():
+    extra = np.concatenate([DELTALAB.parameters, [[0.0, -280.0, 0.0, 0.0, -200.0, 0.0, 345.0]]])
+    robot = Robot.from_parameters("seven", extra)
+    pose = Pose(np.array([5.0, 3.0, 360.0]), quaternion_from_rotation_vector([0.05, 0.02, -0.1]))
+    readings = inverse_kinematics(robot, pose)
+    found = forward_kinematics(robot, readings, centre())
+    assert_allclose(found.position, pose.position, atol=1e-9)
+    disturbed = forward_kinematics(robot, readings + np.array([0, 0, 0, 0, 0, 0, 0.1]), centre())
+    residual = readings + np.array([0, 0, 0, 0, 0, 0, 0.1]) - inverse_kinematics(robot, disturbed)
+    assert_allclose(pose_jacobian(robot, disturbed).T @ residual, 0.0, atol=1e-6)
+
+
+def test_what_cannot_be_assembled_is_said_and_which():
+    readings = np.stack([MIDDLE, [0.0, 2000.0, 0.0, 0.0, 0.0, 0.0], MIDDLE])
+    with pytest.raises(KinematicsError, match=r"1 of 3 rows of readings \(row 1") as caught:
+        forward_kinematics(DELTALAB, readings, centre())
+    assert caught.value.indices == (1,)
+
+
+@pytest.mark.parametrize(
+    ("readings", "message"),
+    [
+        ([70.0] * 5, "expected"),
+        ([float("nan")] * 6, "finite"),
+        ([1e9] * 6, "are they in mm"),
+        (3.0, "expected"),
+    ],
+)
+def test_senseless_readings_are_refused(readings, message):
+    with pytest.raises(KinematicsError, match=message):
+        forward_kinematics(DELTALAB, readings, centre())
+
+
+def test_fewer_than_six_legs_do_not_determine_a_pose():
+    robot = Robot.from_parameters("five", DELTALAB.parameters[:5])
+    with pytest.raises(KinematicsError, match="at least 6"):
+        forward_kinematics(robot, [70.0] * 5, Pose(np.zeros(3), np.array([1.0, 0, 0, 0])))
