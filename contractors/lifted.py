@@ -18,6 +18,7 @@ from cpcal.interfaces import Contraction, LinearEngine, LinearSolution, LinearSt
 from cpcal.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.linear import Glop, LazyRows, lower_bound
 from cpcal.network import ConstraintNetwork, polynomial_form
+from cpcal.network.monotone import DecisiveReadings
 
 Floats = npt.NDArray[np.float64]
 
@@ -43,13 +44,21 @@ class Lifted(Composable):
     ) -> None:
         self._arithmetic = get_arithmetic(arithmetic)
         self._engine = engine
+        self._network = network
+        self._readings = DecisiveReadings(network, self._arithmetic)
         self._structure = Structure(polynomial_form(network, self._arithmetic))
         self._objective = None if objective is None else network.names.index(objective)
 
     def contract(self, box: Box) -> Contraction:
         if box.is_empty or not box.is_bounded or not self._structure.positions:
             return Contraction(box)
-        return _Programs(self._structure, self._arithmetic, self._engine(), box).run(self._objective)
+        return _Programs(self._structure_on(box), self._arithmetic, self._engine(), box).run(self._objective)
+
+    def _structure_on(self, box: Box) -> Structure:
+        """The rows with those readings replaced by an end that decide there on all of the box."""
+        if not self._readings.any:
+            return self._structure
+        return Structure(polynomial_form(self._network, self._arithmetic, self._readings.on(box)))
 
 
 class _Programs:

@@ -134,7 +134,7 @@ def _apply(operation: Callable[..., Pair], *operands: IntervalArray) -> Interval
 
     arrays: list[Floats] = [bound for x in operands for bound in (x.lo, x.hi)]
     elementwise: Callable[..., tuple[object, object]] = np.frompyfunc(one, len(arrays), 2)
-    with precision(PRECISION):
+    with precision(PRECISION), np.errstate(all="ignore"):
         lo, hi = elementwise(*arrays)
     return IntervalArray(np.asarray(lo, dtype=np.float64), np.asarray(hi, dtype=np.float64))
 

@@ -136,7 +136,10 @@ class Float64:
             my, ry = _mid_rad(y)
             center = mx @ my
             size_y = np.abs(my)
-            thick_y = gamma * size_y if ry is None else ry + gamma * size_y
+            thick_y = gamma * size_y
+            thick_y += ETA  # an underflow here would count |mx| times
+            if ry is not None:
+                thick_y += ry
             radius = np.abs(mx) @ thick_y
             if rx is not None:
                 radius += rx @ (size_y if ry is None else size_y + ry)

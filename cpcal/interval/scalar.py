@@ -28,14 +28,21 @@ def _nearest(value: Number) -> float:
         return math.inf if value > 0 else -math.inf  # type: ignore[operator]
 
 
+def _exact(value: Number) -> Number:
+    """The same number, of a type that compares with floats exactly (numpy would round its integers)."""
+    return int(value) if isinstance(value, np.integer) else value
+
+
 def round_down(value: Number) -> float:
     """The greatest float64 that is at most value: exact for floats, outward for ints and fractions."""
+    value = _exact(value)
     nearest = _nearest(value)
     return math.nextafter(nearest, -math.inf) if nearest > value else nearest  # type: ignore[operator]
 
 
 def round_up(value: Number) -> float:
     """The least float64 that is at least value: exact for floats, outward for ints and fractions."""
+    value = _exact(value)
     nearest = _nearest(value)
     return math.nextafter(nearest, math.inf) if nearest < value else nearest  # type: ignore[operator]
 
@@ -119,7 +126,7 @@ class Interval:
         return max(abs(self.lo), abs(self.hi))
 
     def __contains__(self, value: Number) -> bool:
-        return bool(self.lo <= value <= self.hi)  # type: ignore[operator]
+        return bool(self.lo <= _exact(value) <= self.hi)  # type: ignore[operator]
 
     def subset(self, other: Interval) -> bool:
         """Whether every point of this interval is one of other; the empty interval lies in all."""

@@ -49,19 +49,21 @@ def _aligned(c: IntervalArray, rank: int) -> IntervalArray:
 class Expander:
     """Expands expressions of one network; every node once."""
 
-    def __init__(self, network: ConstraintNetwork, engine: Arithmetic, roots: tuple[Expr, ...]) -> None:
+    def __init__(
+        self,
+        network: ConstraintNetwork,
+        engine: Arithmetic,
+        roots: tuple[Expr, ...],
+        sets: dict[bytes, IntervalArray] | None = None,
+    ) -> None:
         self._engine = engine
         self._start: dict[bytes, int] = {}
         start = 0
         for leaf in network.variables:
             self._start[leaf.digest] = start
             start += int(np.prod(leaf.shape))
-        self._symbol: dict[bytes, int] = {}
-        self.symbols = 0
-        for node in topological(roots):
-            if node.op == "reading":
-                self._symbol[node.digest] = self.symbols
-                self.symbols += int(np.prod(node.shape[1:]))
+        self._readings: dict[bytes, PolynomialArray] = {}
+        self._allot([node for node in topological(roots) if node.op == "reading"], sets or {})
         self._done: dict[bytes, PolynomialArray | NotPolynomial] = {}
 
     def expand(self, root: Expr) -> PolynomialArray:
@@ -84,7 +86,7 @@ class Expander:
             assert isinstance(node.data, IntervalArray)
             return PolynomialArray(node.shape, {(): node.data[None]})
         if node.op == "reading":
-            return self._reading(node)
+            return self._readings[node.digest]
         args = []
         for arg in node.args:
             found = self._done[arg.digest]
@@ -101,21 +103,27 @@ class Expander:
         unit = np.eye(count).reshape((count, 1, *node.shape))
         return PolynomialArray(node.shape, {(start + k,): IntervalArray.point(unit[k]) for k in range(count)})
 
-    def _reading(self, node: Expr) -> PolynomialArray:
-        assert isinstance(node.data, IntervalArray)
-        value = node.data.mid
-        width = int(np.prod(node.shape[1:]))
-        first = self._symbol[node.digest]
-        slopes = np.zeros((1 + self.symbols, *node.shape))
-        slopes[0] = value
-        if node.shape:
-            flat = slopes.reshape((1 + self.symbols, node.shape[0], width))
-            radius = node.data.rad.reshape((node.shape[0], width))
-            for j in range(width):
-                flat[1 + first + j, :, j] = radius[:, j]
-        else:
-            slopes[1 + first] = node.data.rad
-        return PolynomialArray(node.shape, {(): IntervalArray.point(slopes)}, reads=bool(node.shape))
+    def _allot(self, readings: list[Expr], sets: dict[bytes, IntervalArray]) -> None:
+        """One scaled reading `delta_j` per component of a reading whose set has a width in some row."""
+        columns: list[tuple[Expr, int, IntervalArray]] = []
+        for node in readings:
+            values = sets.get(node.digest, node.data)
+            assert isinstance(values, IntervalArray)
+            flat = values.reshape((node.shape[0], -1) if node.shape else (1, 1))
+            for j in np.flatnonzero((flat.rad > 0.0).any(axis=0)):
+                columns.append((node, int(j), flat))
+        for node in readings:
+            values = sets.get(node.digest, node.data)
+            assert isinstance(values, IntervalArray)
+            slopes = np.zeros((1 + len(columns), *node.shape))
+            slopes[0] = values.mid
+            rows = slopes.reshape((1 + len(columns), *((node.shape[0], -1) if node.shape else (1, 1))))
+            for k, (owner, j, flat) in enumerate(columns, start=1):
+                if owner is node:
+                    rows[k, :, j] = flat.rad[:, j]
+            used = 1 + len(columns) if any(owner is node for owner, _, _ in columns) else 1
+            terms = {(): IntervalArray.point(slopes[:used])}
+            self._readings[node.digest] = PolynomialArray(node.shape, terms, reads=bool(node.shape))
 
     def _operation(self, node: Expr, args: list[PolynomialArray]) -> dict[Monomial, IntervalArray]:
         e = self._engine

@@ -7,7 +7,7 @@ can make polynomial is left to the other contractors and listed in `PolynomialSy
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,10 @@ from cpcal.network import coefficient as coef
 from cpcal.network.expression import Constraint, Expr, as_expr, sqr
 from cpcal.network.network import ConstraintNetwork, topological
 from cpcal.network.polynomial import Expander, Monomial, NotPolynomial, PolynomialArray
+
+
+# For the readings of one row, by the digest of their leaf: a part of the set that decides the row.
+ReadingSets = dict[bytes, IntervalArray]
 
 
 @dataclass(frozen=True)
@@ -162,12 +166,9 @@ def extremum(row: Row, engine: Arithmetic) -> list[Row] | None:
 PASSES = (extremum, absolute_value, square_root)
 
 
-def polynomial_rows(
-    network: ConstraintNetwork, engine: Arithmetic
-) -> tuple[list[tuple[Row, PolynomialArray, PolynomialArray | None]], list[tuple[int, str]], int]:
-    """Expanded rows, what was left over and why, and the number of scaled readings."""
-    todo = [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
-    done: list[Row] = []
+def rewritten(row: Row, engine: Arithmetic) -> list[Row]:
+    """The rows that the passes make of one row."""
+    todo, done = [row], []
     while todo:
         row = todo.pop(0)
         for rewrite in PASSES:
@@ -177,39 +178,59 @@ def polynomial_rows(
                 break
         else:
             done.append(row)
-    roots = tuple(e for row in done for e in (row.expr, row.guard) if e is not None)
-    expander = Expander(network, engine, roots)
-    rows, leftover = [], []
-    for row in done:
-        try:
-            guard = None if row.guard is None else expander.expand(row.guard)
-            rows.append((row, expander.expand(row.expr), guard))
-        except NotPolynomial as reason:
-            leftover.append((row.constraint, str(reason)))
-    return rows, leftover, expander.symbols
+    return done
 
 
-def polynomial_form(network: ConstraintNetwork, engine: Arithmetic) -> PolynomialSystem:
-    """All rows of the network that have a polynomial form, over one list of shared monomials."""
-    rows, leftover, symbols = polynomial_rows(network, engine)
+Expanded = tuple[Row, PolynomialArray, PolynomialArray | None]
+
+
+def _expanded(
+    network: ConstraintNetwork, engine: Arithmetic, sets: Sequence[ReadingSets] | None
+) -> tuple[list[Expanded], list[tuple[int, str]]]:
+    """All rows with their polynomials and guards, and what was left over and why."""
+    expanded: list[Expanded] = []
+    leftover: list[tuple[int, str]] = []
+    first = [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
+    shared = Expander(network, engine, tuple(row.expr for row in first))
+    for k, row in enumerate(first):
+        own = sets[k] if sets else {}
+        expander = Expander(network, engine, (row.expr,), own) if own else shared
+        for part in rewritten(row, engine):
+            try:
+                guard = None if part.guard is None else expander.expand(part.guard)
+                expanded.append((part, expander.expand(part.expr), guard))
+            except NotPolynomial as reason:
+                leftover.append((part.constraint, str(reason)))
+    return expanded, leftover
+
+
+def polynomial_form(
+    network: ConstraintNetwork, engine: Arithmetic, sets: Sequence[ReadingSets] | None = None
+) -> PolynomialSystem:
+    """All rows of the network that have a polynomial form, over one list of shared monomials.
+
+    `sets` may give, for each one-sided row, smaller reading sets that decide it (see `monotone`).
+    """
+    rows, leftover = _expanded(network, engine, sets)
     polynomials = [p for _, q, g in rows for p in (q, g) if p is not None]
     monomials = _closed({m for p in polynomials for m in p.terms})
+    slots = max((c.shape[0] for p in polynomials for c in p.terms.values()), default=1)
     column = {m: k for k, m in enumerate(monomials)}
     guard_columns = sorted({column[m] for _, _, g in rows if g is not None for m in g.terms})
     blocks, guards, origins, guarded = [], [], [], []
     for row, q, g in rows:
         count = int(np.prod(q.shape))
-        blocks.append(_dense(q, monomials, count, 1 + symbols))
-        guards.append(_dense(g, tuple(monomials[k] for k in guard_columns), count, 1 + symbols))
+        blocks.append(_dense(q, monomials, count, slots))
+        guards.append(_dense(g, tuple(monomials[k] for k in guard_columns), count, slots))
         origins.append(np.stack([np.full(count, row.constraint), np.arange(count)], axis=1))
         guarded.append(np.full(count, g is not None))
     return PolynomialSystem(
         names=network.names,
         monomials=monomials,
-        coefficients=_joined(blocks, (1 + symbols, 0, len(monomials))),
+        coefficients=_joined(blocks, (slots, 0, len(monomials))),
         guarded=np.concatenate([np.zeros(0, dtype=bool), *guarded]),
         guard_monomials=np.array(guard_columns, dtype=np.intp),
-        guards=_joined(guards, (1 + symbols, 0, len(guard_columns))),
+        guards=_joined(guards, (slots, 0, len(guard_columns))),
         origin=np.concatenate([np.zeros((0, 2), dtype=np.intp), *origins]),
         leftover=tuple(leftover),
     )

@@ -2,91 +2,96 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.interval import IntervalArray
+from cpcal.network.expression import Expr
 from cpcal.network.network import ConstraintNetwork
 from cpcal.network.point import Point
 from cpcal.network.rewrite import one_sided
-from cpcal.network.sweep import Tape
+from cpcal.network.sweep import Slots, Tape
 
 Floats = npt.NDArray[np.float64]
+Readings = dict[int, IntervalArray]
 
 
 @dataclass(frozen=True)
 class RowValues:
-    """At one point and the centres of the readings: values (K,), Jacobian (K, n), reading slopes (K, J).
-
-    To first order the readings let row k fall by `room[k]`, the sum of its absolute slopes.
-    """
+    """At one point: row values (K,) and Jacobian (K, n), at the readings that make each row smallest."""
 
     values: Floats
     jacobian: Floats
-    slopes: Floats
 
-    @property
-    def room(self) -> Floats:
-        return np.asarray(np.abs(self.slopes).sum(axis=1))
+
+class Extremes:
+    """The ends of the reading sets at which an expression is smallest or largest, to first order."""
+
+    def __init__(self, network: ConstraintNetwork, root: Expr) -> None:
+        self.root = root
+        self.tape = Tape(network, [root])
+        self._engine = Point()
+        leaves = [k for k, node in enumerate(self.tape.nodes) if node.op in ("constant", "reading")]
+        self._sets = {k: _data(self.tape.nodes[k]) for k in leaves}
+        self.centers: Readings = {k: IntervalArray.point(values.mid) for k, values in self._sets.items()}
+
+    def at(self, point: Floats) -> tuple[Readings, Readings]:
+        """Values for every constant and reading that make the root smallest, and largest, at a point (n,)."""
+        slots = self.tape.forward(self._engine, IntervalArray.point(point[None]), self.centers)
+        smallest, largest = dict(self.centers), dict(self.centers)
+        for k in self.tape.readings:
+            slope, data = self._slope(slots, k), self._sets[k]
+            smallest[k] = IntervalArray.point(np.where(slope > 0.0, data.lo, data.hi))
+            largest[k] = IntervalArray.point(np.where(slope > 0.0, data.hi, data.lo))
+        return smallest, largest
+
+    def _slope(self, slots: Slots, k: int) -> Floats:
+        """Derivative of each element with respect to its own row of reading k, in the reading's shape."""
+        shape = self.tape.nodes[k].shape
+        width = int(np.prod(shape[1:]))
+        seed = np.zeros((width, *shape))
+        flat = seed.reshape((width, *(shape[:1] or (1,)), width))
+        for j in range(width):
+            flat[j, :, j] = 1.0
+        tangent = self.tape.tangents(self._engine, slots, {k: IntervalArray.point(seed)})[self.tape.slot(self.root)]
+        if tangent is None:
+            return np.zeros(shape)
+        columns = tangent.lo.reshape((width, -1))
+        if not shape:  # a reading that all elements share
+            return np.asarray(columns.sum())
+        return np.asarray(columns.T.reshape(shape))
+
+
+def _data(node: Expr) -> IntervalArray:
+    assert isinstance(node.data, IntervalArray)
+    return node.data
 
 
 class Rows:
     """All one-sided rows of a network, in the order of its constraints."""
 
     def __init__(self, network: ConstraintNetwork) -> None:
-        self._rows = [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
-        self._tape = Tape(network, [row.expr for row in self._rows])
         self._engine = Point()
-        self._centers = {k: _center(self._tape.nodes[k].data) for k in range(len(self._tape.nodes)) if not self._tape.nodes[k].args and self._tape.nodes[k].op != "variable"}
-        self._seeds, self._directions = self._all_seeds()
-
-    def _all_seeds(self) -> tuple[dict[int, IntervalArray], int]:
-        """Unit directions of the variables, then one per component of a reading (all measurements at once)."""
-        tape, seeds = self._tape, self._tape.variable_seeds()
-        symbols = [(k, j) for k in tape.readings for j in range(int(np.prod(tape.nodes[k].shape[1:])))]
-        directions = tape.size + len(symbols)
-        for k, seed in seeds.items():
-            padding = np.zeros((len(symbols), *seed.shape[1:]))
-            seeds[k] = IntervalArray.point(np.concatenate([seed.lo, padding]))
-        for d, (k, j) in enumerate(symbols, start=tape.size):
-            node = tape.nodes[k]
-            assert isinstance(node.data, IntervalArray)
-            seed = seeds[k].lo if k in seeds else np.zeros((directions, *node.shape))
-            if node.shape:
-                flat = seed.reshape((directions, node.shape[0], -1))
-                flat[d, :, j] = node.data.rad.reshape((node.shape[0], -1))[:, j]
-            else:
-                seed[d] = node.data.rad
-            seeds[k] = IntervalArray.point(seed)
-        return seeds, directions
-
-    def values(self, point: Floats) -> Floats:
-        """Row values (K,) at a point (n,) and the centres of the readings."""
-        with np.errstate(all="ignore"):
-            slots = self._tape.forward(self._engine, IntervalArray.point(point[None]), self._centers)
-        return np.concatenate([np.zeros(0), *(slots[self._tape.slot(r)].lo.ravel() for r in self._tape.roots)])
+        roots = [row.expr for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
+        self._size = len(network.names)
+        self._parts = [Extremes(network, root) for root in roots]
 
     def linearize(self, point: Floats) -> RowValues:
         """Values and derivatives at a point (n,)."""
         with np.errstate(all="ignore"):
-            slots = self._tape.forward(self._engine, IntervalArray.point(point[None]), self._centers)
-            tangents = self._tape.tangents(self._engine, slots, self._seeds)
-        values, derivatives = [np.zeros(0)], [np.zeros((self._directions, 0))]
-        for root in self._tape.roots:
-            k = self._tape.slot(root)
-            count = int(np.prod(root.shape))
-            values.append(np.broadcast_to(slots[k].lo, (1, *root.shape)).ravel())
-            tangent = tangents[k]
-            derivatives.append(
-                np.zeros((self._directions, count)) if tangent is None else tangent.lo.reshape((self._directions, count))
-            )
-        full = np.concatenate(derivatives, axis=1).T
-        n = self._tape.size
-        return RowValues(np.concatenate(values), full[:, :n], full[:, n:])
+            parts = [self._part(part, point) for part in self._parts]
+        values: Sequence[Floats] = [np.zeros(0), *(v for v, _ in parts)]
+        jacobians: Sequence[Floats] = [np.zeros((0, self._size)), *(j for _, j in parts)]
+        return RowValues(np.concatenate(values), np.concatenate(jacobians))
 
-
-def _center(data: object) -> IntervalArray:
-    assert isinstance(data, IntervalArray)
-    return IntervalArray.point(data.mid)
+    def _part(self, part: Extremes, point: Floats) -> tuple[Floats, Floats]:
+        tape = part.tape
+        readings = part.at(point)[0] if tape.readings else part.centers
+        slots = tape.forward(self._engine, IntervalArray.point(point[None]), readings)
+        k, count = tape.slot(part.root), int(np.prod(part.root.shape))
+        tangent = tape.tangents(self._engine, slots, tape.variable_seeds())[k]
+        jacobian = np.zeros((count, self._size)) if tangent is None else tangent.lo.reshape((self._size, count)).T
+        return slots[k].lo.reshape(count), jacobian

@@ -1,7 +1,7 @@
 """A local minimum by sequential linear programming. Proposes a point; proves nothing.
 
-Minimises one variable (the objective, say eps) subject to the rows of a network, each relaxed by what its
-readings can do to first order. For `|g_k(x)| <= eps` this is Chebyshev approximation: the optimum is a
+Minimises one variable (the objective, say eps) subject to the rows of a network, each at the readings in
+their sets that suit it best. For `|g_k(x)| <= eps` this is Chebyshev approximation: the optimum is a
 vertex, so the steps converge quadratically.
 """
 
@@ -45,15 +45,15 @@ class _Problem:
     def state(self, point: Floats) -> _State:
         point = np.where(self.free, np.clip(point, self._box.lo, self._box.hi), point)
         rows = self._rows.linearize(point)
-        excess = rows.values - rows.room
+        excess = rows.values
         slope = rows.jacobian[:, self.objective]
         mended = slope < -1e-12
         move = float(np.max(excess[mended] / -slope[mended], initial=-np.inf))
         if np.isfinite(move):
             point = point.copy()
             point[self.objective] += move
-            rows = RowValues(rows.values + slope * move, rows.jacobian, rows.slopes)
-            excess = rows.values - rows.room
+            rows = RowValues(rows.values + slope * move, rows.jacobian)
+            excess = rows.values
         worst = float(np.max(excess[~mended], initial=0.0))
         merit = float(point[self.objective]) + _PENALTY * max(worst, 0.0)
         return _State(point, rows, merit if np.isfinite(merit) else np.inf)
@@ -65,7 +65,7 @@ class _Problem:
         upper = np.where(self.free, np.minimum(1.0, (self._box.hi - state.point) / reach), 1.0)
         matrix = state.rows.jacobian * reach
         largest = np.maximum(np.abs(matrix).max(axis=1, initial=0.0), 1e-300)
-        slack = state.rows.room - state.rows.values
+        slack = -state.rows.values
         program = LazyRows(
             engine,
             (np.zeros((0, len(reach))), np.zeros(0)),

@@ -15,10 +15,9 @@ import numpy.typing as npt
 from cpcal.interval import Arithmetic, Box, IntervalArray
 from cpcal.network import Constraint, ConstraintNetwork, Tape
 from cpcal.network.network import leaves
-from cpcal.network.point import Point
+from cpcal.network.rows import Extremes
 
 Floats = npt.NDArray[np.float64]
-Readings = dict[int, IntervalArray]
 
 _TRIES = 60
 
@@ -89,6 +88,7 @@ class _ReadingConstraint:
         self._order = constraint.lower - constraint.upper
         self._tape = Tape(network, [self._over, self._under, self._order, constraint.body])
         self._body = constraint.body
+        self._extremes = Extremes(network, constraint.body)
         self._row_wise = all(
             node.shape == () or node.shape[0] == constraint.body.shape[0]
             for node in self._tape.nodes
@@ -106,10 +106,15 @@ class _ReadingConstraint:
         slots = self._tape.forward(engine, box)
         if not self._continuous(slots):
             return np.inf
-        lowest, highest = self._extremes(point)
-        over = self._tape.forward(engine, box, lowest)[self._tape.slot(self._over)]
-        under = self._tape.forward(engine, box, highest)[self._tape.slot(self._under)]
+        smallest, largest = self._extremes.at(point)
+        over = self._tape.forward(engine, box, self._moved(smallest))[self._tape.slot(self._over)]
+        under = self._tape.forward(engine, box, self._moved(largest))[self._tape.slot(self._under)]
         return max(_highest(over), _highest(under), _highest(slots[self._tape.slot(self._order)]))
+
+    def _moved(self, readings: dict[int, IntervalArray]) -> dict[int, IntervalArray]:
+        """The same readings (not constants: those keep their enclosures) by the slots of this tape."""
+        tape = self._extremes.tape
+        return {self._tape.slot(tape.nodes[k]): values for k, values in readings.items() if k in tape.readings}
 
     def _continuous(self, slots: list[IntervalArray]) -> bool:
         """Whether no root or quotient can be undefined anywhere in the reading sets."""
@@ -121,41 +126,6 @@ class _ReadingConstraint:
                 if not bool(np.all((divisor.lo > 0.0) | (divisor.hi < 0.0))):
                     return False
         return True
-
-    def _extremes(self, point: Floats) -> tuple[Readings, Readings]:
-        """Corners of the reading sets where the body is smallest and largest to first order."""
-        tape, e = self._tape, Point()
-        leaf_values = {k: _mid(node.data) for k, node in enumerate(tape.nodes) if node.op in ("constant", "reading")}
-        slots = tape.forward(e, IntervalArray.point(point[None]), leaf_values)
-        lowest: Readings = {}
-        highest: Readings = {}
-        body = tape.slot(self._body)
-        for k in tape.readings:
-            data = tape.nodes[k].data
-            assert isinstance(data, IntervalArray)
-            slope = self._slope(e, slots, k, body)
-            lowest[k] = IntervalArray.point(np.where(slope > 0.0, data.lo, data.hi))
-            highest[k] = IntervalArray.point(np.where(slope > 0.0, data.hi, data.lo))
-        return lowest, highest
-
-    def _slope(self, e: Point, slots: list[IntervalArray], k: int, body: int) -> Floats:
-        """Derivative of each body element with respect to its own row of reading k, in the reading's shape."""
-        shape = self._tape.nodes[k].shape
-        width = int(np.prod(shape[1:]))
-        seed = np.zeros((width, *shape))
-        flat = seed.reshape((width, *(shape[:1] or (1,)), width))
-        for j in range(width):
-            flat[j, :, j] = 1.0
-        tangent = self._tape.tangents(e, slots, {k: IntervalArray.point(seed)})[body]
-        if tangent is None:
-            return np.zeros(shape)
-        columns = tangent.lo.reshape((width, -1))
-        return np.asarray(columns.T.reshape(shape))
-
-
-def _mid(data: object) -> IntervalArray:
-    assert isinstance(data, IntervalArray)
-    return IntervalArray.point(data.mid)
 
 
 def _highest(x: IntervalArray) -> float:

@@ -23,7 +23,8 @@ from cpcal.robot.rotation import (
 Array = npt.NDArray[np.float64]
 
 _ITERATIONS = 40  # of Newton, at each step of the continuation
-_REFINEMENTS = 4  # how often a failed continuation is tried again, with four times as many steps
+_REFINEMENTS = 2  # how often a failed continuation is tried again, with four times as many steps
+_STEPS_MAX = 1_000  # of the continuation, at first
 _STRIDE = 0.05  # the continuation's first step length, as a share of the mean leg length
 _MAX_TURN = 0.3  # rad: the longest rotation that one Newton step may make
 _ACCURACY = 1e-12  # relative to the leg lengths
@@ -121,21 +122,15 @@ def _continued(robot: Robot, target: Array, start: Pose) -> Pose:
     """Continuation of every row (K, n); rows that fail are repeated with four times as many steps."""
     position, quaternion = start.position.copy(), start.quaternion.copy()
     origin = inverse_kinematics(robot, start)
-    stride = _STRIDE * float(np.mean(np.abs(origin + robot.offset)))
-    steps = 1 + int(np.max(np.abs(target - origin), initial=0.0) / max(stride, 1e-300))
-    if steps > 10_000:
+    span = np.max(np.abs(target - origin), axis=1) / np.mean(np.abs(origin + robot.offset), axis=1)
+    steps = 1 + int(min(np.max(span, initial=0.0) / _STRIDE, 1e6))
+    if steps > _STEPS_MAX:
         raise KinematicsError("the readings are out of all proportion to the robot: are they in mm?")
     todo = np.arange(len(target))
     for _ in range(1 + _REFINEMENTS):
-        pose = Pose(start.position[todo], start.quaternion[todo])
-        good = np.ones(len(todo), dtype=bool)
-        for step in range(1, steps + 1):
-            share = step / steps
-            here = target[todo] if step == steps else (1.0 - share) * origin[todo] + share * target[todo]
-            pose, converged = _newton(robot, here, pose)
-            good &= converged
-        position[todo[good]], quaternion[todo[good]] = pose.position[good], pose.quaternion[good]
-        todo = todo[~good]
+        pose, reached = _led(robot, origin[todo], target[todo], Pose(position[todo], quaternion[todo]), steps)
+        position[todo[reached]], quaternion[todo[reached]] = pose.position, pose.quaternion
+        todo = np.delete(todo, reached)
         if not len(todo):
             return Pose(position, quaternion)
         steps *= 4
@@ -143,6 +138,22 @@ def _continued(robot: Robot, target: Array, start: Pose) -> Pose:
     first = ", ".join(f"{value:.6g}" for value in target[rows[0]])
     message = f"no pose found for {len(rows)} of {len(target)} rows of readings (row {rows[0]}: {first} mm)"
     raise KinematicsError(f"{message}: give a guess nearer to it, or check the robot's parameters", rows)
+
+
+def _led(
+    robot: Robot, origin: Array, target: Array, pose: Pose, steps: int
+) -> tuple[Pose, npt.NDArray[np.int64]]:
+    """The poses of the rows that could be led from origin to target, and which rows; others are dropped early."""
+    rows = np.arange(len(target))
+    for step in range(1, steps + 1):
+        share = step / steps
+        here = target[rows] if step == steps else (1.0 - share) * origin[rows] + share * target[rows]
+        pose, converged = _newton(robot, here, pose)
+        pose = Pose(pose.position[converged], pose.quaternion[converged])
+        rows = rows[converged]
+        if not len(rows):
+            break
+    return pose, rows
 
 
 def _newton(robot: Robot, readings: Array, pose: Pose) -> tuple[Pose, npt.NDArray[np.bool_]]:

@@ -1,7 +1,7 @@
 """Both engines against point values computed by arb with more bits than any of these operations needs.
 
-The oracle knows nothing of interval formulas: it evaluates an operation at points of the operands. Bounds must
-never exclude such a value, and must lie within a few floats of the extreme ones.
+The oracle knows nothing of interval formulas: it evaluates an operation at points of the operands. Bounds
+must never exclude such a value, and must lie within a few floats of the extreme ones.
 """
 
 from __future__ import annotations
@@ -55,12 +55,12 @@ BINARY: dict[str, Callable[[arb, arb], arb]] = {
 EXACT = {"neg", "abs", "minimum", "maximum"}
 
 
-@pytest.fixture(params=["float64", "arb"])
+@pytest.fixture(scope="module", params=["float64", "arb"])
 def engine(request: pytest.FixtureRequest) -> Arithmetic:
     return get_arithmetic(request.param)
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def _many_bits() -> Iterator[None]:
     """Sums of any two floats are exact with 2200 bits."""
     before = flint.ctx.prec
@@ -70,7 +70,7 @@ def _many_bits() -> Iterator[None]:
 
 
 def array(pairs: list[Pair]) -> IntervalArray:
-    return IntervalArray(np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs]))
+    return IntervalArray(np.array([p[0] for p in pairs], float), np.array([p[1] for p in pairs], float))
 
 
 def points(pair: Pair) -> list[float]:
@@ -158,7 +158,7 @@ def test_unary_contains_every_point_and_is_tight(engine: Arithmetic, name: str, 
 @settings(max_examples=40, deadline=None)
 @given(data=st.lists(ANY, min_size=1, max_size=8))
 def test_power(engine: Arithmetic, n: int, data: list[Pair]) -> None:
-    ulps = 1 if engine.name == "arb" else 3 * abs(n)
+    ulps = 1 if engine.name == "arb" else (3 if n >= 0 else 5) * abs(n)
     for x, (lo, hi) in zip(data, results(engine.power(array(data), n)), strict=True):
         inside = [a for a in points(x) if n > 0 or a != 0.0 or (n == 0 and x != EMPTY)]
         values = [arb(a) ** n if a else arb(0 if n else 1) for a in inside]
