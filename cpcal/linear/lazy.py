@@ -29,17 +29,25 @@ class LazyRows:
         bounds: tuple[Floats, Floats],
     ) -> None:
         self._engine = engine
-        self._matrix, self._rhs = optional
-        columns = self._matrix.shape[1]
+        matrix, rhs = optional
+        # rows that no point within the bounds violates never matter
+        largest = np.maximum(matrix, 0.0) @ bounds[1] + np.minimum(matrix, 0.0) @ bounds[0]
+        self._candidates = np.flatnonzero(largest > rhs)
+        self._matrix, self._rhs = matrix[self._candidates], rhs[self._candidates]
         # the rows with the least room at the origin are the likeliest to matter
         order = np.argsort(self._rhs, kind="stable")
-        self.active = np.sort(order[: _FIRST_ROWS * columns])
+        self._entered = np.sort(order[: _FIRST_ROWS * matrix.shape[1]])
         self.programs = 0
         engine.load(
-            np.concatenate([fixed[0], self._matrix[self.active]]),
-            np.concatenate([fixed[1], self._rhs[self.active]]),
+            np.concatenate([fixed[0], self._matrix[self._entered]]),
+            np.concatenate([fixed[1], self._rhs[self._entered]]),
             *bounds,
         )
+
+    @property
+    def active(self) -> npt.NDArray[np.intp]:
+        """Indices of the optional rows in the program, in the order of their multipliers."""
+        return np.asarray(self._candidates[self._entered])
 
     def minimize(self, objective: Floats) -> LinearSolution:
         """Minimise over all rows; multipliers are those of the fixed rows, then of the `active` ones."""
@@ -52,10 +60,10 @@ class LazyRows:
 
     def _add_violated(self, point: Floats) -> bool:
         excess = self._matrix @ point - self._rhs
-        excess[self.active] = 0.0
-        worst = np.argsort(-excess, kind="stable")[:_MORE_ROWS]
-        new = np.sort(worst[excess[worst] > _VIOLATION])
+        excess[self._entered] = 0.0
+        violated = np.flatnonzero(excess > _VIOLATION)
+        new = np.sort(violated[np.argsort(-excess[violated], kind="stable")[:_MORE_ROWS]])
         if new.size:
-            self.active = np.concatenate([self.active, new])
+            self._entered = np.concatenate([self._entered, new])
             self._engine.add_rows(self._matrix[new], self._rhs[new])
         return bool(new.size)

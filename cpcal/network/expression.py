@@ -6,7 +6,9 @@ Expressions are plain immutable data. What an operation means stands in `cpcal.n
 from __future__ import annotations
 
 import hashlib
+import itertools
 from dataclasses import dataclass, field
+from numbers import Rational
 from typing import Any, Union
 
 import numpy as np
@@ -14,9 +16,12 @@ import numpy.typing as npt
 
 from cpcal.errors import ModelError
 from cpcal.interval import Interval, IntervalArray
+from cpcal.interval.scalar import round_down, round_up
 
 Operand = Union["Expr", float, int, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
 Shape = tuple[int, ...]
+
+_identities = itertools.count()  # of numbers that are only known to lie in a set
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,7 +38,9 @@ class Expr:
     parameter: int = 0
     name: str = ""
     data: IntervalArray | npt.NDArray[np.intp] | None = None
-    digest: bytes = field(init=False)  # SHA-256 of the structure: equal digests are equal expressions
+    # SHA-256 of the structure: expressions of equal digests have equal values. Two readings, or two enclosures,
+    # may be different numbers of the same set, so that each is equal to itself alone.
+    digest: bytes = field(init=False)
 
     __array_ufunc__ = None  # let `ndarray @ expr` come to __rmatmul__
     __hash__ = object.__hash__
@@ -45,6 +52,8 @@ class Expr:
             hasher.update(np.ascontiguousarray(self.data.hi).tobytes())
         elif self.data is not None:
             hasher.update(np.ascontiguousarray(self.data, dtype=np.int64).tobytes())
+        if self.op == "reading" or (self.op == "constant" and _is_thick(self.data)):
+            hasher.update(next(_identities).to_bytes(8, "big"))
         for arg in self.args:
             hasher.update(arg.digest)
         object.__setattr__(self, "digest", hasher.digest())
@@ -156,7 +165,7 @@ class Constraint:
 
     def __post_init__(self) -> None:
         for bound in (self.lower, self.upper):
-            if np.broadcast_shapes(bound.shape, self.body.shape) != self.body.shape:
+            if not _broadcasts(bound.shape, self.body.shape):
                 raise ModelError(f"bounds of shape {bound.shape} do not fit a body of shape {self.body.shape}")
 
     def __bool__(self) -> bool:
@@ -170,10 +179,35 @@ def as_expr(value: Operand) -> Expr:
     if isinstance(value, Interval):
         value = IntervalArray(np.asarray(value.lo), np.asarray(value.hi))
     if not isinstance(value, IntervalArray):
-        value = IntervalArray.point(value)  # type: ignore[arg-type]
+        value = enclosed(value)
     if bool(np.any(value.empty)):
         raise ModelError("a constant is NaN or an empty interval")
     return Expr("constant", shape=value.shape, data=value)
+
+
+def enclosed(value: Any) -> IntervalArray:
+    """Numbers as degenerate intervals; ints and fractions that no float64 equals as the narrowest around them."""
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind in "iuO" and array.size and all(isinstance(v, Rational) for v in array.ravel().tolist()):
+            exact = array.ravel().tolist()
+            lo, hi = (np.array([rounded(v) for v in exact]).reshape(array.shape) for rounded in (round_down, round_up))
+            return IntervalArray(lo, lo if bool(np.all(lo == hi)) else hi)
+        return IntervalArray.point(array)
+    except (TypeError, ValueError) as error:
+        raise ModelError(f"{value!r} is no number or array of numbers: {error}") from None
+
+
+def _is_thick(data: object) -> bool:
+    return isinstance(data, IntervalArray) and bool(np.any(data.lo != data.hi))
+
+
+def _broadcasts(shape: Shape, target: Shape) -> bool:
+    """Whether an array of one shape can be repeated to fill the other."""
+    try:
+        return np.broadcast_shapes(shape, target) == target
+    except ValueError:
+        return False
 
 
 def _binary(op: str, left: Operand, right: Operand) -> Expr:

@@ -49,6 +49,8 @@ class DecisiveReadings:
         """One collection of reading sets per row; components that decide at an end are single points."""
         with np.errstate(all="ignore"):
             slots = self._tape.forward(self._engine, IntervalArray(box.lo[None], box.hi[None]))
+            if not self._tape.defined(slots):  # monotone on either side of a pole is not monotone
+                return [{} for _ in self._tape.roots]
             tangents = self._tape.tangents(self._engine, slots, self._seeds)
         return [self._sets(root.shape, tangents[self._tape.slot(root)]) for root in self._tape.roots]
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import ModelError
 from cpcal.interval import Box, Interval, IntervalArray
-from cpcal.network.expression import Constraint, Expr, Operand, Shape, as_expr
+from cpcal.network.expression import Constraint, Expr, Operand, Shape, as_expr, enclosed
 
 Domain = Interval | tuple[npt.ArrayLike, npt.ArrayLike]
 
@@ -38,8 +39,8 @@ class ConstraintNetwork:
             raise ModelError(f"a variable needs a name of its own; {name!r} is empty or taken")
         lo, hi = (domain.lo, domain.hi) if isinstance(domain, Interval) else domain
         try:
-            lows = np.broadcast_to(np.asarray(lo, np.float64), shape).ravel()
-            highs = np.broadcast_to(np.asarray(hi, np.float64), shape).ravel()
+            lows = np.broadcast_to(enclosed(lo).lo, shape).ravel()
+            highs = np.broadcast_to(enclosed(hi).hi, shape).ravel()
         except ValueError:
             raise ModelError(f"the domain of {name!r} does not fit its shape {shape}") from None
         if not bool(np.all(lows <= highs)):
@@ -109,13 +110,28 @@ class ConstraintNetwork:
 
     @property
     def digest(self) -> str:
-        """SHA-256 over variables, domains and constraints, in order."""
+        """SHA-256 over variables, domains and constraints, in order; the same for networks built alike."""
         hasher = hashlib.sha256(repr(self.names).encode())
         hasher.update(self.domain.lo.tobytes() + self.domain.hi.tobytes())
-        for constraint in self._constraints:
-            for expr in (constraint.body, constraint.lower, constraint.upper):
-                hasher.update(expr.digest)
+        roots = [expr for c in self._constraints for expr in (c.body, c.lower, c.upper)]
+        number: dict[bytes, int] = {}
+        for node in topological(roots):
+            args = tuple(number[arg.digest] for arg in node.args)
+            number[node.digest] = len(number)
+            hasher.update(repr((node.op, node.shape, node.parameter, node.name, args)).encode())
+            if isinstance(node.data, IntervalArray):
+                hasher.update(node.data.lo.tobytes() + node.data.hi.tobytes())
+            elif node.data is not None:
+                hasher.update(node.data.astype(np.int64).tobytes())
+        hasher.update(repr([number[expr.digest] for expr in roots]).encode())
         return hasher.hexdigest()
+
+    def __getstate__(self) -> tuple[list[Expr], dict[str, Any]]:
+        roots = [expr for c in self._constraints for expr in (c.body, c.lower, c.upper)]
+        return topological(roots), self.__dict__  # arguments first: pickle follows them without deep recursion
+
+    def __setstate__(self, state: tuple[list[Expr], dict[str, Any]]) -> None:
+        self.__dict__.update(state[1])
 
     def __repr__(self) -> str:
         count = sum(int(np.prod(c.body.shape)) for c in self._constraints)

@@ -66,12 +66,13 @@ def _index_forward(e: Arithmetic, node: Expr, xs: Values) -> IntervalArray:
 
 def _index_backward(e: Arithmetic, node: Expr, out: IntervalArray, xs: Values) -> Values:
     flat, positions = _flat(xs[0]), _positions(node).ravel()
-    lo, hi = flat.lo.copy(), flat.hi.copy()
     values = _flat(out)
-    rows = np.arange(lo.shape[0])[:, None]
+    batch = max(flat.shape[0], values.shape[0])  # readings have one row until some box has narrowed them
+    lo, hi = (np.repeat(bound, batch // len(bound), axis=0) for bound in (flat.lo, flat.hi))
+    rows = np.arange(batch)[:, None]
     np.maximum.at(lo, (rows, positions[None, :]), values.lo)
     np.minimum.at(hi, (rows, positions[None, :]), values.hi)
-    return (IntervalArray(lo, hi).reshape(xs[0].shape),)
+    return (IntervalArray(lo, hi).reshape((batch, *xs[0].shape[1:])),)
 
 
 def _positions(node: Expr) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
@@ -125,8 +126,10 @@ def _power_derivative(e: Arithmetic, node: Expr, out: IntervalArray, xs: Values)
 
 
 def _sign(x: IntervalArray) -> IntervalArray:
-    """Derivative of abs: 1, -1, or anything between where x holds zero."""
-    return IntervalArray(np.where(x.lo >= 0.0, 1.0, -1.0), np.where(x.hi <= 0.0, -1.0, 1.0))
+    """Derivative of abs: 1, -1, or anything between where x holds zero inside (or nothing else)."""
+    return IntervalArray(
+        np.where((x.lo >= 0.0) & (x.hi > 0.0), 1.0, -1.0), np.where((x.hi <= 0.0) & (x.lo < 0.0), -1.0, 1.0)
+    )
 
 
 # minimum and maximum ----------------------------------------------------------------------------------

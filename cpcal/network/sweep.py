@@ -21,8 +21,9 @@ class Tape:
     """The nodes under some roots in evaluation order, and where each variable sits in a flat box."""
 
     def __init__(self, network: ConstraintNetwork, roots: Iterable[Expr]) -> None:
-        self.roots = tuple(roots)
-        self.nodes = topological(self.roots)
+        ends = tuple(roots)
+        self.nodes = topological(ends)  # before the roots: pickle follows it without deep recursion
+        self.roots = ends
         self._slot = {node.digest: k for k, node in enumerate(self.nodes)}
         self._args = [tuple(self._slot[arg.digest] for arg in node.args) for node in self.nodes]
         self.size = len(network.names)
@@ -56,6 +57,17 @@ class Tape:
             else:
                 slots.append(self._leaf(k, readings))
         return slots
+
+    def defined(self, slots: Slots) -> bool:
+        """Whether every root and quotient is defined, hence continuous, for all points that `slots` enclose."""
+        for node in self.nodes:
+            if node.op == "sqrt" and not bool(np.all(slots[self.slot(node.args[0])].lo >= 0.0)):
+                return False
+            if node.op == "div" or (node.op == "power" and node.parameter < 0):
+                divisor = slots[self.slot(node.args[-1])]
+                if not bool(np.all((divisor.lo > 0.0) | (divisor.hi < 0.0))):
+                    return False
+        return True
 
     def _leaf(self, k: int, readings: dict[int, IntervalArray] | None) -> IntervalArray:
         data = self.nodes[k].data

@@ -37,8 +37,8 @@ class Campaign:
     quaternion       (N, 4) unit, scalar first; `P + R(q) b` maps mobile to base
     length           (N, n) mm, the readings L
     position_radius  (N, 3) mm, rotation_radius (N, 3) rad, length_radius (N, n) mm: half-widths of
-                     the reading sets of DESIGN section 1: |P - P_k| <= p, R = R(1, s) R(q_k) with |2 s_i| <= r_i,
-                     |L - L_k| <= lambda
+                     the reading sets of DESIGN section 1: |P - P_k| <= p, R = R(1, s) R(q_k),
+                     |2 s_i| <= r_i, |L - L_k| <= lambda
     uncertainty      what campaign.toml declares for all rows (None: exact); rows may differ
     provenance       free text
 

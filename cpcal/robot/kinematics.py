@@ -143,7 +143,7 @@ def _continued(robot: Robot, target: Array, start: Pose) -> Pose:
 def _led(
     robot: Robot, origin: Array, target: Array, pose: Pose, steps: int
 ) -> tuple[Pose, npt.NDArray[np.int64]]:
-    """The poses of the rows that could be led from origin to target, and which rows; others are dropped early."""
+    """The poses of the rows that could be led from origin to target, and which; others are dropped early."""
     rows = np.arange(len(target))
     for step in range(1, steps + 1):
         share = step / steps

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ _SECTIONS = ("format", "robot", "uncertainty", "provenance")
 _ROBOT_KEYS = ("name", "base", "mobile", "offset")
 _SIGMA_KEYS = ("position_sigma", "rotation_sigma", "length_sigma")
 _WIDTH_KEYS = ("position_half_width", "rotation_half_width", "length_half_width")
+_BREAKS = re.compile(r"""[][{}=,"']""")
+_DOTS_MAX = 1_000  # in a key: tomllib's time grows with its square
 _UNITS = {"position": "mm", "rotation": "rad", "length": "mm"}
 
 
@@ -59,6 +62,10 @@ def _parsed(content: bytes, where: str, problems: Problems) -> dict[str, object]
     if not text.strip():
         problems.add(Problem(where, "is empty", f'write a campaign: format = "{FORMAT}", [robot] ...', 1))
         return None
+    for number, row in enumerate(text.split("\n"), start=1):
+        if max(part.count(".") for part in _BREAKS.split(row)) > _DOTS_MAX:
+            problems.add(Problem(where, "has a key of too many parts", "is this the right file?", number))
+            return None
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

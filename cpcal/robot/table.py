@@ -101,15 +101,18 @@ def _header(
         problems.add(Problem(where, f"no header: {shown(','.join(names))}", remedy, line))
         return None
     columns: list[str | None] = []
+    given: set[str] = set()
     for name in names:
-        if name in columns:
+        if name in given:
             problems.add(Problem(where, f"the column {name!r} is there twice", "take one of them out", line))
         elif name not in known:
             otherwise = f"take it out, or check that the robot has {legs} legs"
             problems.add_unknown(where, f"unknown column {shown(name)}", name, known, otherwise, line)
-        columns.append(name if name in known and name not in columns else None)
+        columns.append(name if name in known and name not in given else None)
+        if name in known:
+            given.add(name)
     for name in required:
-        if name not in names:
+        if name not in given:
             problems.add(Problem(where, f"the column {name!r} is missing", f"add a column {name}", line))
     return columns
 

@@ -1,4 +1,4 @@
-"""Simulated campaigns: determinism, extremal configurations, noise, an effect 7 parameters cannot describe."""
+"""Simulated campaigns: determinism, extremal configurations, noise, and what 7 parameters cannot describe."""
 
 import time
 
