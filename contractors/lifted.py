@@ -46,18 +46,20 @@ class Lifted(Composable):
         self._engine = engine
         self._network = network
         self._readings = DecisiveReadings(network, self._arithmetic)
-        self._structure = Structure(polynomial_form(network, self._arithmetic))
+        # with readings every box has rows of its own
+        self._structure = None if self._readings.any else Structure(polynomial_form(network, self._arithmetic))
         self._objective = None if objective is None else network.names.index(objective)
 
     def contract(self, box: Box) -> Contraction:
-        if box.is_empty or not box.is_bounded or not self._structure.positions:
+        if box.is_empty or not box.is_bounded:
             return Contraction(box)
-        return _Programs(self._structure_on(box), self._arithmetic, self._engine(), box).run(self._objective)
+        structure = self._structure or self._structure_on(box)
+        if not structure.positions:
+            return Contraction(box)
+        return _Programs(structure, self._arithmetic, self._engine(), box).run(self._objective)
 
     def _structure_on(self, box: Box) -> Structure:
         """The rows with those readings replaced by an end that decide there on all of the box."""
-        if not self._readings.any:
-            return self._structure
         return Structure(polynomial_form(self._network, self._arithmetic, self._readings.on(box)))
 
 

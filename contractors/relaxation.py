@@ -16,7 +16,10 @@ from cpcal.network import PolynomialSystem
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-_UP = 1.0 + 256 * np.finfo(np.float64).eps  # covers the rounding of sums of at most a hundred positive numbers
+
+def _up(count: int) -> float:
+    """Factor that covers the rounding of a sum of so many positive numbers."""
+    return 1.0 + (count + 8) * float(np.finfo(np.float64).eps)
 
 
 class Structure:
@@ -53,7 +56,8 @@ class Relaxation:
         self._structure, self._engine = structure, engine
         self.center, self.radius = box.mid, box.rad
         self._shift = structure.shift.matrix(engine, self.center, self.radius)
-        self._approximate()
+        with np.errstate(all="ignore"):
+            self._approximate()
 
     def _approximate(self) -> None:
         """All rows in plain float64, each scaled to a largest coefficient of 1: `matrix`, `rhs`, `scale`."""
@@ -68,6 +72,8 @@ class Relaxation:
         self.scale = np.where(largest > 0.0, largest, 1.0)
         self.matrix = matrix / self.scale[:, None]
         self.rhs = (widening - rows[0, :, 0]) / self.scale
+        lost = ~(np.isfinite(self.matrix).all(axis=1) & np.isfinite(self.rhs))  # overflow: these say nothing
+        self.matrix[lost], self.rhs[lost], self.scale[lost] = 0.0, 1.0, 1.0
 
     def rigorous(self, rows: Indices) -> tuple[IntervalArray, Floats]:
         """Enclosures of the given rows and upper bounds of their right sides (not scaled)."""
@@ -75,8 +81,8 @@ class Relaxation:
         values = self._in_box(system.coefficients[:, rows], self._shift)
         widening = _spread(values[1:])
         guards = self._in_box(system.guards[:, rows], self._shift[system.guard_monomials])
-        inner = _spread(guards[1:]) + guards[0, :, 1:].mag.sum(axis=1) * _UP
-        lowest = e.sub(IntervalArray.point(guards.lo[0, :, 0]), IntervalArray.point(inner * _UP)).lo
+        inner = _spread(guards[1:]) + guards[0, :, 1:].mag.sum(axis=1) * _up(guards.shape[2])
+        lowest = e.sub(IntervalArray.point(guards.lo[0, :, 0]), IntervalArray.point(inner * _up(1))).lo
         shortfall = np.where(system.guarded[rows], np.minimum(lowest, 0.0), 0.0)
         extra = e.add(e.sqr(IntervalArray.point(shortfall)), IntervalArray.point(widening))
         rhs = e.sub(extra, IntervalArray.point(values.lo[0, :, 0])).hi
@@ -96,5 +102,5 @@ class Relaxation:
 
 def _spread(slopes: IntervalArray) -> Floats:
     """Upper bound of what the readings add to each row: the sum of |derivative| over readings and monomials."""
-    total: Floats = slopes.mag.sum(axis=(0, 2)) * _UP
+    total: Floats = slopes.mag.sum(axis=(0, 2)) * _up(slopes.shape[0] * slopes.shape[2])
     return total

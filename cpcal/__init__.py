@@ -8,7 +8,7 @@ from cpcal.certify import certify
 from cpcal.errors import CpcalError, InputError, ModelError, PluginError
 from cpcal.interfaces import Contraction, Contractor, Limits, Step, Strategy, Verdict
 from cpcal.interval import Box, Interval
-from cpcal.network import maximum, minimum, norm, sqr, sqrt
+from cpcal.network import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
 from cpcal.result import LegResult, Result, load_result, save_result
 from cpcal.robot import Campaign, Robot, load_campaign, save_campaign, simulate
 from cpcal.solver import Network
@@ -17,9 +17,11 @@ from cpcal.version import __version__
 __all__ = [
     "Box",
     "Campaign",
+    "Constraint",
     "Contraction",
     "Contractor",
     "CpcalError",
+    "Expr",
     "InputError",
     "Interval",
     "LegResult",

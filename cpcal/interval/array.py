@@ -53,6 +53,12 @@ class IntervalArray:
     @property
     def mid(self) -> Floats:
         """A finite float64 in each interval, near its middle (NaN where empty)."""
+        if self.lo is self.hi and np.isfinite(self.lo).all():
+            return self.lo
+        if np.isfinite(self.lo).all() and np.isfinite(self.hi).all():
+            mid = np.asarray(0.5 * self.lo + 0.5 * self.hi)
+            np.maximum(mid, self.lo, out=mid)  # halves of subnormal numbers round
+            return np.asarray(np.minimum(mid, self.hi, out=mid))
         lo_infinite, hi_infinite = np.isinf(self.lo), np.isinf(self.hi)
         biggest = np.finfo(np.float64).max
         with np.errstate(invalid="ignore"):
@@ -68,7 +74,7 @@ class IntervalArray:
         mid = self.mid
         with np.errstate(over="ignore"):
             rad = np.maximum(self.hi - mid, mid - self.lo)
-            return np.where(rad == 0.0, 0.0, np.nextafter(rad, np.inf))
+            return np.asarray(np.where(rad == 0.0, 0.0, np.nextafter(rad, np.inf)))
 
     @property
     def mag(self) -> Floats:

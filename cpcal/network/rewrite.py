@@ -34,6 +34,7 @@ class Row:
     expr: Expr
     constraint: int
     guard: Expr | None = None
+    elements: npt.NDArray[np.intp] | None = None  # of the constraint's body, flat; None: all
 
 
 @dataclass(frozen=True)
@@ -58,15 +59,23 @@ class PolynomialSystem:
 def one_sided(number: int, constraint: Constraint) -> list[Row]:
     """`lower <= body <= upper` as at most two rows; infinite bounds give none."""
     rows = []
-    if not _is(constraint.upper, np.inf):
-        rows.append(Row(constraint.body - constraint.upper, number))
-    if not _is(constraint.lower, -np.inf):
-        rows.append(Row(constraint.lower - constraint.body, number))
+    for bound, sign in ((constraint.upper, 1.0), (constraint.lower, -1.0)):
+        body, elements = constraint.body, _bounded(bound, constraint.body.shape, sign)
+        if elements is not None and not elements.size:
+            continue
+        if elements is not None and isinstance(bound.data, IntervalArray):
+            where = np.unravel_index(elements, body.shape)
+            body, bound = body[where], as_expr(bound.data.broadcast_to(body.shape)[where])
+        rows.append(Row(body - bound if sign > 0.0 else bound - body, number, elements=elements))
     return rows
 
 
-def _is(bound: Expr, value: float) -> bool:
-    return isinstance(bound.data, IntervalArray) and bound.op == "constant" and bool(np.all(bound.data.lo == value))
+def _bounded(bound: Expr, shape: tuple[int, ...], sign: float) -> npt.NDArray[np.intp] | None:
+    """The flat elements whose bound says something; None for all of them."""
+    if bound.op != "constant" or not isinstance(bound.data, IntervalArray):
+        return None
+    idle = np.broadcast_to(bound.data.lo == sign * np.inf, shape).ravel()
+    return np.flatnonzero(~idle) if idle.any() else None
 
 
 # passes: each returns the rows that replace the given one, or None where it has nothing to do -------------
@@ -222,7 +231,8 @@ def polynomial_form(
         count = int(np.prod(q.shape))
         blocks.append(_dense(q, monomials, count, slots))
         guards.append(_dense(g, tuple(monomials[k] for k in guard_columns), count, slots))
-        origins.append(np.stack([np.full(count, row.constraint), np.arange(count)], axis=1))
+        elements = np.arange(count) if row.elements is None else row.elements
+        origins.append(np.stack([np.full(count, row.constraint), elements], axis=1))
         guarded.append(np.full(count, g is not None))
     return PolynomialSystem(
         names=network.names,

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.interval import IntervalArray
+from cpcal.network.dependence import owners
 from cpcal.network.expression import Expr
 from cpcal.network.network import ConstraintNetwork
 from cpcal.network.point import Point
@@ -36,6 +37,7 @@ class Extremes:
         self._engine = Point()
         leaves = [k for k, node in enumerate(self.tape.nodes) if node.op in ("constant", "reading")]
         self._sets = {k: _data(self.tape.nodes[k]) for k in leaves}
+        self.owners = owners(self.tape, root)
         self.centers: Readings = {k: IntervalArray.point(values.mid) for k, values in self._sets.items()}
 
     def at(self, point: Floats) -> tuple[Readings, Readings]:
@@ -49,20 +51,25 @@ class Extremes:
         return smallest, largest
 
     def _slope(self, slots: Slots, k: int) -> Floats:
-        """Derivative of each element with respect to its own row of reading k, in the reading's shape."""
+        """Derivative, with respect to each component of reading k, of the element that it enters.
+
+        One direction per column of the reading, for all measurements at once; for a single element one per component.
+        """
         shape = self.tape.nodes[k].shape
-        width = int(np.prod(shape[1:]))
-        seed = np.zeros((width, *shape))
-        flat = seed.reshape((width, *(shape[:1] or (1,)), width))
-        for j in range(width):
-            flat[j, :, j] = 1.0
-        tangent = self.tape.tangents(self._engine, slots, {k: IntervalArray.point(seed)})[self.tape.slot(self.root)]
+        size = int(np.prod(shape))
+        width = size if int(np.prod(self.root.shape)) == 1 else int(np.prod(shape[1:]))
+        column, component = np.arange(size) % max(width, 1), np.arange(size)
+        seed = np.zeros((width, size))
+        seed[column, component] = 1.0
+        seeds = {k: IntervalArray.point(seed.reshape((width, *shape)))}
+        tangent = self.tape.tangents(self._engine, slots, seeds)[self.tape.slot(self.root)]
         if tangent is None:
             return np.zeros(shape)
+        element = self.owners.element[k]
         columns = tangent.lo.reshape((width, -1))
         if not shape:  # a reading that all elements share
             return np.asarray(columns.sum())
-        return np.asarray(columns.T.reshape(shape))
+        return np.asarray(np.where(element >= 0, columns[column, element], 0.0).reshape(shape))
 
 
 def _data(node: Expr) -> IntervalArray:
@@ -94,4 +101,5 @@ class Rows:
         k, count = tape.slot(part.root), int(np.prod(part.root.shape))
         tangent = tape.tangents(self._engine, slots, tape.variable_seeds())[k]
         jacobian = np.zeros((count, self._size)) if tangent is None else tangent.lo.reshape((self._size, count)).T
-        return slots[k].lo.reshape(count), jacobian
+        # a derivative that is not defined, as that of a norm at zero, counts as zero
+        return slots[k].lo.reshape(count), np.where(np.isfinite(jacobian), jacobian, 0.0)

@@ -17,6 +17,7 @@ from cpcal.interfaces import Contraction, Contractor, Limits, Strategy, Verdict
 from cpcal.interval import Arithmetic, Box
 from cpcal.linear import Glop
 from cpcal.network import ConstraintNetwork
+from cpcal.network.network import leaves
 from cpcal.network.rows import Rows
 from cpcal.optimize.fit import fit
 from cpcal.optimize.witness import Witness, WitnessProver
@@ -75,6 +76,7 @@ class _Bounding:
         self._inner, self.objective, self.limits = contractor, objective, limits
         self._rows = Rows(network)
         self._prover = WitnessProver(network, objective, engine)
+        self.reads = any(leaf.op == "reading" for c in network.constraints for leaf in leaves((c.body, c.lower, c.upper)))
         self.domain = network.domain
         self.witness: Witness | None = None
         self.floor: float | None = None
@@ -242,11 +244,13 @@ def _status(last: Bracket, bounding: _Bounding, undecided: int) -> tuple[Verdict
     gap = last.hi - last.lo
     if gap <= max(bounding.limits.gap * abs(last.hi), bounding.limits.gap_absolute):
         return Verdict.PROVED, "Both bounds are proved and the gap is closed."
-    if not undecided and bounding.floor:
+    if not undecided and bounding.reads and np.isfinite(gap) and last.lo >= bounding.goal:
         return (
             Verdict.PROVED,
             f"Both bounds are proved; the gap is closed up to the second-order effect of the readings ({bounding.floor:.1e}).",
         )
+    if not undecided:
+        return Verdict.UNKNOWN, f"Both bounds are proved; the contractors cannot close the gap of {gap:.1e}."
     return Verdict.UNKNOWN, f"Stopped at a limit with {undecided} undecided boxes; both bounds are proved, the gap is open."
 
 

@@ -88,7 +88,7 @@ def fit(rows: Rows, objective: int, box: Box, start: Floats, engine: LinearEngin
     problem = _Problem(rows, objective, box)
     state = problem.state(np.asarray(start, np.float64))
     radius = 0.1
-    for _ in range(_ITERATIONS):
+    for _ in range(_ITERATIONS if np.isfinite(state.merit) else 0):
         step = problem.step(state, radius, engine)
         if step is None:
             break
@@ -103,7 +103,7 @@ def fit(rows: Rows, objective: int, box: Box, start: Floats, engine: LinearEngin
         if gained > 0.75 and length > 0.9 * radius:
             radius *= 4.0
         elif gained > 0.25:
-            radius = min(radius, 10.0 * length)
+            radius = min(radius, 10.0 * length) if length > 0.0 else radius
         else:
             radius = 0.25 * min(radius, length) if length > 0.0 else 0.25 * radius
         if radius < _SMALLEST_RADIUS:

@@ -2,7 +2,8 @@
 
 All in interval arithmetic at the point. A constraint without readings is evaluated. For a constraint
 `lower <= body <= upper` with readings it is enough (intermediate value theorem: the reading sets are
-convex and the body continuous) that one reading has `body <= upper` and one has `body >= lower`.
+convex and the body continuous) that one reading has `body <= upper` and one has `body >= lower`, as long as no
+component of a reading enters two elements of the body.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.interval import Arithmetic, Box, IntervalArray
-from cpcal.network import Constraint, ConstraintNetwork, Tape
+from cpcal.network import Constraint, ConstraintNetwork, Expr, Tape
 from cpcal.network.network import leaves
 from cpcal.network.rows import Extremes
 
@@ -67,6 +68,8 @@ class WitnessProver:
         worst = [-np.inf]
         with np.errstate(all="ignore"):
             slots = self._tape.forward(self._engine, box)
+            if not self._tape.defined(slots):
+                return np.inf
             worst += [_highest(slots[self._tape.slot(root)]) for root in self._tape.roots]
             open_constraints = 0
             for constraint in self._reading:
@@ -82,29 +85,22 @@ class _ReadingConstraint:
     """One constraint whose body, and only its body, depends on readings."""
 
     def __init__(self, network: ConstraintNetwork, constraint: Constraint) -> None:
-        self._usable = not any(_reads_expr(e) for e in (constraint.lower, constraint.upper))
         self._over = constraint.body - constraint.upper
         self._under = constraint.lower - constraint.body
         self._order = constraint.lower - constraint.upper
         self._tape = Tape(network, [self._over, self._under, self._order, constraint.body])
-        self._body = constraint.body
         self._extremes = Extremes(network, constraint.body)
-        self._row_wise = all(
-            node.shape == () or node.shape[0] == constraint.body.shape[0]
-            for node in self._tape.nodes
-            if node.op == "reading"
-        )
+        bounds_read = any(_reads_expr(e) for e in (constraint.lower, constraint.upper))
+        self._usable = self._extremes.owners.exclusive and not bounds_read
 
     def holds_for_all(self, engine: Arithmetic, box: IntervalArray) -> bool:
         slots = self._tape.forward(engine, box)
-        return max(_highest(slots[self._tape.slot(e)]) for e in (self._over, self._under)) <= 0.0
+        highest = max(_highest(slots[self._tape.slot(e)]) for e in (self._over, self._under))
+        return highest <= 0.0 and self._tape.defined(slots)
 
     def excess(self, engine: Arithmetic, box: IntervalArray, point: Floats) -> float:
-        scalar = any(n.op == "reading" and n.shape == () for n in self._tape.nodes)
-        if not self._usable or not self._row_wise or (scalar and self._body.shape not in ((), (1,))):
-            return np.inf
         slots = self._tape.forward(engine, box)
-        if not self._continuous(slots):
+        if not self._usable or not self._tape.defined(slots):
             return np.inf
         smallest, largest = self._extremes.at(point)
         over = self._tape.forward(engine, box, self._moved(smallest))[self._tape.slot(self._over)]
@@ -114,18 +110,16 @@ class _ReadingConstraint:
     def _moved(self, readings: dict[int, IntervalArray]) -> dict[int, IntervalArray]:
         """The same readings (not constants: those keep their enclosures) by the slots of this tape."""
         tape = self._extremes.tape
-        return {self._tape.slot(tape.nodes[k]): values for k, values in readings.items() if k in tape.readings}
+        return {self._tape.slot(tape.nodes[k]): _inside(readings[k], tape.nodes[k]) for k in tape.readings}
 
-    def _continuous(self, slots: list[IntervalArray]) -> bool:
-        """Whether no root or quotient can be undefined anywhere in the reading sets."""
-        for node in self._tape.nodes:
-            if node.op == "sqrt" and not bool(np.all(slots[self._tape.slot(node.args[0])].lo >= 0.0)):
-                return False
-            if node.op == "div" or (node.op == "power" and node.parameter < 0):
-                divisor = slots[self._tape.slot(node.args[-1])]
-                if not bool(np.all((divisor.lo > 0.0) | (divisor.hi < 0.0))):
-                    return False
-        return True
+
+def _inside(values: IntervalArray, reading: Expr) -> IntervalArray:
+    """Values moved surely into a reading's set: its bounds are stored rounded outward by up to two floats."""
+    data = reading.data
+    assert isinstance(data, IntervalArray)
+    lo = np.minimum(np.nextafter(np.nextafter(data.lo, np.inf), np.inf), data.mid)
+    hi = np.maximum(np.nextafter(np.nextafter(data.hi, -np.inf), -np.inf), data.mid)
+    return IntervalArray.point(np.where(data.lo == data.hi, data.lo, np.clip(values.lo, lo, hi)))
 
 
 def _highest(x: IntervalArray) -> float:

@@ -64,6 +64,19 @@ def test_sum_contains_the_exact_sum_and_is_tight(
                 assert Fraction(float(got.hi[j])) - high <= slack
 
 
+def test_sum_whose_pairwise_additions_all_lose(engine: Arithmetic) -> None:
+    """Every addition to the running 1 loses nearly half a unit in the last place, in the same direction."""
+    count = 128
+    index = np.arange(1, count)
+    level_size = count // 2 // np.gcd(index, count)  # so many terms meet before they are added to the 1
+    terms = np.append(1.0, 2.0**-53 * (1.0 - 2.0**-20) / level_size)
+    exact = sum(map(Fraction, terms.tolist()), Fraction(0))
+    up = engine.sum(IntervalArray.point(terms), 0)
+    down = engine.sum(IntervalArray.point(-terms), 0)
+    assert float(up.lo) <= exact <= float(up.hi)
+    assert float(down.lo) <= -exact <= float(down.hi)
+
+
 @pytest.mark.parametrize("count", [0, 1, 2, 8, 9, 33])
 def test_sum_of_zeros_is_zero(engine: Arithmetic, count: int) -> None:
     got = engine.sum(IntervalArray.point(np.zeros((count, 2))), 0)
