@@ -6,6 +6,8 @@ joins in as soon as one operand does.
 
 from __future__ import annotations
 
+import numpy as np
+
 from cpcal.interfaces import Contraction, Contractor
 from cpcal.interval import Box
 
@@ -36,6 +38,7 @@ class Then(Composable):
 
     def __init__(self, first: Contractor, second: Contractor) -> None:
         self._first, self._second = first, second
+        self.monotone_tolerance = _tolerance(first) + _tolerance(second)
 
     def contract(self, box: Box) -> Contraction:
         one = self._first.contract(box)
@@ -51,6 +54,7 @@ class Union(Composable):
 
     def __init__(self, first: Contractor, second: Contractor) -> None:
         self._first, self._second = first, second
+        self.monotone_tolerance = max(_tolerance(first), _tolerance(second))
 
     def contract(self, box: Box) -> Contraction:
         one, two = self._first.contract(box), self._second.contract(box)
@@ -60,6 +64,8 @@ class Union(Composable):
 
 class Fixpoint(Composable):
     """`inner` again and again, while some width shrinks below `ratio` times what it was."""
+
+    monotone_tolerance = np.inf  # a part may stop at once where the whole goes on shrinking
 
     def __init__(self, inner: Contractor, ratio: float = 0.9, most: int = 100) -> None:
         if not 0.0 < ratio <= 1.0:
@@ -76,6 +82,11 @@ class Fixpoint(Composable):
             if after.is_empty or not shrunk(before, after, self._ratio):
                 break
         return total
+
+
+def _tolerance(contractor: Contractor) -> float:
+    """How far from monotone (see cpcal.testing), as a share of the box."""
+    return float(getattr(contractor, "monotone_tolerance", 1e-9))
 
 
 def fixpoint(inner: Contractor, ratio: float = 0.9) -> Fixpoint:

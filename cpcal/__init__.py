@@ -1,7 +1,7 @@
 """Certified calibration of parallel robots: what no least-squares fit can answer, proved.
 
-    campaign = cpcal.load_campaign("campaign/")
-    result = cpcal.certify(campaign, delta=100.0)
+campaign = cpcal.load_campaign("campaign/")
+result = cpcal.certify(campaign, delta=100.0)
 """
 
 from cpcal.certify import certify

@@ -103,7 +103,12 @@ def _one_leg(
     network = leg_network(campaign, leg, box, engine=engine, eps=domain)
     contractor = plugins.build(network, contractors, objective="eps", arithmetic=engine.name)
     states = minimize(
-        network, "eps", contractor, engine=engine, limits=limits, start=np.append(middle, 0.0 if eps is None else eps)
+        network,
+        "eps",
+        contractor,
+        engine=engine,
+        limits=limits,
+        start=np.append(middle, 0.0 if eps is None else eps),
     )
     return run(states, None if progress is None else lambda bracket: progress(leg, bracket))
 
@@ -132,12 +137,12 @@ def _leg_result(campaign: Campaign, leg: int, middle: Floats, found: Minimum, ep
 def _sentence(found: Minimum, eps: float | None) -> str:
     if eps is not None:
         return {
-            Verdict.PROVED: f"Some x in the box satisfies every equation to within {eps:g} mm for some readings: proved.",
+            Verdict.PROVED: f"Some x in the box satisfies all equations to within {eps:g} mm for some readings: proved.",
             Verdict.REFUTED: f"No x in the box satisfies all equations to within {eps:g} mm for any readings: proved.",
             Verdict.UNKNOWN: f"Stopped before it was known whether any x satisfies all equations to within {eps:g} mm.",
         }[found.verdict]
     if found.witness is not None and found.hi == 0.0:
-        return "The model is not refuted: some x satisfies every equation exactly, for some readings in their sets: proved."
+        return "The model is not refuted: some x satisfies every equation exactly for some readings: proved."
     return found.status
 
 

@@ -42,7 +42,11 @@ def load(name: str) -> ContractorFactory:
 
 
 def build(
-    network: ConstraintNetwork, names: Sequence[str], *, objective: str | None = None, arithmetic: str = "float64"
+    network: ConstraintNetwork,
+    names: Sequence[str],
+    *,
+    objective: str | None = None,
+    arithmetic: str = "float64",
 ) -> Contractor:
     """The named contractors, one after the other, for a network. Raises PluginError."""
     parts = [load(name)(network, objective=objective, arithmetic=arithmetic) for name in names]

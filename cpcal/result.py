@@ -57,7 +57,10 @@ class LegResult:
             "center": list(self.center),
             "enclosure": None
             if self.enclosure.is_empty
-            else {"lo": [_number(v) for v in self.enclosure.lo], "hi": [_number(v) for v in self.enclosure.hi]},
+            else {
+                "lo": [_number(v) for v in self.enclosure.lo],
+                "hi": [_number(v) for v in self.enclosure.hi],
+            },
             "floor": self.floor,
             "support": list(self.support),
             "certificate": None,
@@ -113,7 +116,11 @@ class Result:
     def to_json(self) -> dict[str, Any]:
         return {
             "format": FORMAT,
-            "campaign": {"sha256": self.campaign_sha256, "robot": self.robot, "measurements": self.measurements},
+            "campaign": {
+                "sha256": self.campaign_sha256,
+                "robot": self.robot,
+                "measurements": self.measurements,
+            },
             "box": {"center": self.center, "delta": self.delta, "parameters": list(self.parameters)},
             "question": {"eps": self.eps, "gap": self.gap},
             "solver": {

@@ -47,7 +47,11 @@ class Network(ConstraintNetwork):
     """
 
     def contract(
-        self, box: Box | None = None, *, contractors: Sequence[str] = DEFAULT_CONTRACTORS, arithmetic: str = "float64"
+        self,
+        box: Box | None = None,
+        *,
+        contractors: Sequence[str] = DEFAULT_CONTRACTORS,
+        arithmetic: str = "float64",
     ) -> Contraction:
         """One pass of the named contractors over `box` (default: the domain). Loses no solution."""
         return plugins.build(self, contractors, arithmetic=arithmetic).contract(self.domain if box is None else box)
@@ -84,7 +88,12 @@ class Network(ConstraintNetwork):
         if not boxes:
             return Paving(True, "The constraints have no common solution in the domain: proved.", (), nodes)
         if pending:
-            return Paving(False, f"Stopped with {len(pending)} boxes undivided; the boxes hold all solutions.", boxes, nodes)
+            return Paving(
+                False,
+                f"Stopped with {len(pending)} boxes undivided; the boxes hold all solutions.",
+                boxes,
+                nodes,
+            )
         return Paving(True, "All solutions lie in the boxes; whether each box holds one is not proved.", boxes, nodes)
 
     def minimize(

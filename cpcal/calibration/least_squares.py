@@ -21,11 +21,14 @@ def least_squares(campaign: Campaign, leg: int) -> Floats:
     start = np.concatenate([robot.base[leg - 1], robot.mobile[leg - 1], [robot.offset[leg - 1]]])
     rotations = rotation_matrix(campaign.quaternion)
 
+    def values(x: Floats) -> Floats:
+        return residuals(campaign, leg, x)
+
     def jacobian(x: Floats) -> Floats:
         vector = campaign.position + rotations @ x[3:6] - x[:3]
-        unit = vector / np.linalg.norm(vector, axis=1)[:, None]
+        unit = vector / np.maximum(np.linalg.norm(vector, axis=1), 1e-300)[:, None]
         along = np.einsum("ki,kij->kj", unit, rotations)
         return np.concatenate([-unit, along, -np.ones((len(unit), 1))], axis=1)
 
-    found = optimize.least_squares(lambda x: residuals(campaign, leg, x), start, jac=jacobian, method="trf")
+    found = optimize.least_squares(values, start, jac=jacobian, method="trf")
     return np.asarray(found.x, dtype=np.float64)

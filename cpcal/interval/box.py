@@ -45,9 +45,7 @@ class Box:
         wrong = ~_has_points(lower, upper) & ~(np.isnan(lower) & np.isnan(upper))
         if wrong.any():
             i = int(np.argmax(wrong))
-            raise ModelError(
-                f"{names[i]}: [{lower[i]}, {upper[i]}] is no interval: give lo <= hi, one finite"
-            )
+            raise ModelError(f"{names[i]}: [{lower[i]}, {upper[i]}] is no interval: give lo <= hi, one finite")
         self._set(tuple(names), lower, upper)
 
     def _set(self, names: tuple[str, ...], lo: Floats, hi: Floats) -> None:

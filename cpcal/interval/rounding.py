@@ -161,9 +161,7 @@ def root(m: Floats, n: int, away: Floats | float) -> Floats:
     bound = scaled ** (1.0 / n) * (1.0 + 2.0 * width * away)
     while (wrong := (power(bound, n, -away) - scaled) * away < 0.0).any():
         if width > 1.0:  # only if n is in the hundreds and scaled near the ends of the float range
-            bound = np.where(
-                wrong, np.where(away > 0.0, np.maximum(scaled, 1.0), np.minimum(scaled, 1.0)), bound
-            )
+            bound = np.where(wrong, np.where(away > 0.0, np.maximum(scaled, 1.0), np.minimum(scaled, 1.0)), bound)
             break
         width *= 2.0
         bound = np.where(wrong, bound + width * away * bound, bound)

@@ -68,9 +68,7 @@ class Interval:
     def __init__(self, lo: Number, hi: Number | None = None) -> None:
         lower, upper = round_down(lo), round_up(lo if hi is None else hi)
         if not lower <= upper:
-            raise ModelError(
-                f"[{lower}, {upper}] is not an interval: give numbers lo <= hi, or Interval.empty()"
-            )
+            raise ModelError(f"[{lower}, {upper}] is not an interval: give numbers lo <= hi, or Interval.empty()")
         if lower == math.inf or upper == -math.inf:
             raise ModelError(f"[{lower}, {upper}] holds no real number: infinity can only be the far end")
         self._set(lower, upper)

@@ -18,7 +18,12 @@ Floats = npt.NDArray[np.float64]
 
 
 def lower_bound(
-    engine: Arithmetic, matrix: IntervalArray, rhs: Floats, multipliers: Floats, objective: Floats, columns: IntervalArray
+    engine: Arithmetic,
+    matrix: IntervalArray,
+    rhs: Floats,
+    multipliers: Floats,
+    objective: Floats,
+    columns: IntervalArray,
 ) -> float:
     """A proved lower bound of `objective . z` over `{z in columns : matrix z <= rhs}`.
 

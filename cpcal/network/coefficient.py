@@ -43,6 +43,7 @@ def mul(e: Arithmetic, x: IntervalArray, y: IntervalArray) -> IntervalArray:
         return e.mul(x, y)
     if x.shape[0] == 1:
         return e.mul(x, y)
+    x, y = _same_slots(x, y)
     value = e.add(e.mul(x[:1], y[:1]), _second_order(e, x[1:], y[1:]))
     slopes = e.add(e.mul(x[:1], y[1:]), e.mul(y[:1], x[1:]))
     return IntervalArray(np.concatenate([value.lo, slopes.lo]), np.concatenate([value.hi, slopes.hi]))

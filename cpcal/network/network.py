@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator
 from typing import Any
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -126,13 +125,6 @@ class ConstraintNetwork:
                 hasher.update(node.data.astype(np.int64).tobytes())
         hasher.update(repr([number[expr.digest] for expr in roots]).encode())
         return hasher.hexdigest()
-
-    def __getstate__(self) -> tuple[list[Expr], dict[str, Any]]:
-        roots = [expr for c in self._constraints for expr in (c.body, c.lower, c.upper)]
-        return topological(roots), self.__dict__  # arguments first: pickle follows them without deep recursion
-
-    def __setstate__(self, state: tuple[list[Expr], dict[str, Any]]) -> None:
-        self.__dict__.update(state[1])
 
     def __getstate__(self) -> tuple[list[Expr], dict[str, Any]]:
         roots = [expr for c in self._constraints for expr in (c.body, c.lower, c.upper)]

@@ -118,11 +118,11 @@ class Expander:
             slopes = np.zeros((1 + len(columns), *node.shape))
             slopes[0] = values.mid
             rows = slopes.reshape((1 + len(columns), *((node.shape[0], -1) if node.shape else (1, 1))))
-            for k, (owner, j, flat) in enumerate(columns, start=1):
+            for k, (owner, component, flat) in enumerate(columns, start=1):
                 if owner is node:
-                    rows[k, :, j] = flat.rad[:, j]
+                    rows[k, :, component] = flat.rad[:, component]
             used = 1 + len(columns) if any(owner is node for owner, _, _ in columns) else 1
-            terms = {(): IntervalArray.point(slopes[:used])}
+            terms: dict[Monomial, IntervalArray] = {(): IntervalArray.point(slopes[:used])}
             self._readings[node.digest] = PolynomialArray(node.shape, terms, reads=bool(node.shape))
 
     def _operation(self, node: Expr, args: list[PolynomialArray]) -> dict[Monomial, IntervalArray]:

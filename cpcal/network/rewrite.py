@@ -19,7 +19,6 @@ from cpcal.network.expression import Constraint, Expr, as_expr, sqr
 from cpcal.network.network import ConstraintNetwork, topological
 from cpcal.network.polynomial import Expander, Monomial, NotPolynomial, PolynomialArray
 
-
 # For the readings of one row, by the digest of their leaf: a part of the set that decides the row.
 ReadingSets = dict[bytes, IntervalArray]
 
@@ -272,5 +271,6 @@ def _dense(p: PolynomialArray | None, monomials: tuple[Monomial, ...], count: in
 def _joined(blocks: list[IntervalArray], empty: tuple[int, ...]) -> IntervalArray:
     zeros = np.zeros(empty)
     return IntervalArray(
-        np.concatenate([zeros, *(b.lo for b in blocks)], axis=1), np.concatenate([zeros, *(b.hi for b in blocks)], axis=1)
+        np.concatenate([zeros, *(b.lo for b in blocks)], axis=1),
+        np.concatenate([zeros, *(b.hi for b in blocks)], axis=1),
     )

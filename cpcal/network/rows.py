@@ -94,6 +94,23 @@ class Rows:
         jacobians: Sequence[Floats] = [np.zeros((0, self._size)), *(j for _, j in parts)]
         return RowValues(np.concatenate(values), np.concatenate(jacobians))
 
+    def second_order(self, point: Floats) -> float:
+        """How far some row is from linear in its readings across their sets: a second difference, in the row's unit.
+
+        This is what a relaxation that is exact to first order in the readings may lose.
+        """
+        worst = 0.0
+        with np.errstate(all="ignore"):
+            for part in (part for part in self._parts if part.tape.readings):
+                k = part.tape.slot(part.root)
+                smallest, center, largest = (
+                    part.tape.forward(self._engine, IntervalArray.point(point[None]), readings)[k].lo
+                    for readings in (part.at(point)[0], part.centers, part.at(point)[1])
+                )
+                bend = 0.5 * np.abs(smallest + largest - 2.0 * center)
+                worst = max(worst, float(np.max(bend, where=np.isfinite(bend), initial=0.0)))
+        return worst
+
     def _part(self, part: Extremes, point: Floats) -> tuple[Floats, Floats]:
         tape = part.tape
         readings = part.at(point)[0] if tape.readings else part.centers

@@ -17,7 +17,6 @@ from cpcal.interfaces import Contraction, Contractor, Limits, Strategy, Verdict
 from cpcal.interval import Arithmetic, Box
 from cpcal.linear import Glop
 from cpcal.network import ConstraintNetwork
-from cpcal.network.network import leaves
 from cpcal.network.rows import Rows
 from cpcal.optimize.fit import fit
 from cpcal.optimize.witness import Witness, WitnessProver
@@ -28,7 +27,6 @@ Floats = npt.NDArray[np.float64]
 _PASSES = 50  # contractions of one node at most
 _SHRINK = 0.8  # go on with a node while some width falls below this share of what it was
 _SETTLE = 0.95  # the same once the bracket is closed, for the enclosure alone
-_FLOOR_SHARE = 1.5  # a node this many floors below the incumbent is not divided: that would not raise it
 
 
 @dataclass(frozen=True)
@@ -46,10 +44,10 @@ class Bracket:
 class Minimum:
     """The end of a minimisation over a box.
 
-    `lo`: proved, no solution has a smaller objective. `hi` and `witness`: a proved solution. `enclosure`:
-    holds every solution with objective <= hi. `floor`: what the contractor cannot see even at the witness
-    itself (the second-order effect of the readings, plus rounding). `rows`: the (constraint, element)
-    pairs with a multiplier in some step of the proof of `lo`.
+    `lo`: proved, no solution has a smaller objective. `hi` and `witness`: a proved solution. `enclosure`: holds every
+    solution with objective <= hi. `floor`: the second-order effect of the readings at the witness; boxes are not divided
+    to close a smaller gap (though contraction alone often closes it). `rows`: the (constraint, element) pairs with a
+    multiplier in some step of the proof of `lo`.
     """
 
     lo: float
@@ -72,14 +70,19 @@ class _Bounding:
 
     idempotent = False
 
-    def __init__(self, network: ConstraintNetwork, objective: int, contractor: Contractor, limits: Limits, engine: Arithmetic) -> None:
+    def __init__(
+        self,
+        network: ConstraintNetwork,
+        objective: int,
+        contractor: Contractor,
+        limits: Limits,
+        engine: Arithmetic,
+    ) -> None:
         self._inner, self.objective, self.limits = contractor, objective, limits
         self._rows = Rows(network)
         self._prover = WitnessProver(network, objective, engine)
-        self.reads = any(leaf.op == "reading" for c in network.constraints for leaf in leaves((c.body, c.lower, c.upper)))
         self.domain = network.domain
         self.witness: Witness | None = None
-        self.floor: float | None = None
         self.programs = 0
         self.used: set[tuple[int, int]] = set()
         self.kept: list[Box] = []
@@ -92,8 +95,12 @@ class _Bounding:
     @property
     def goal(self) -> float:
         """Nodes whose objective is at least this need no more work."""
-        tolerance = max(self.limits.gap * abs(self.hi), self.limits.gap_absolute, _FLOOR_SHARE * (self.floor or 0.0))
-        return self.hi - tolerance
+        return self.hi - max(self.limits.gap * abs(self.hi), self.limits.gap_absolute)
+
+    @property
+    def floor(self) -> float:
+        """The second-order effect of the readings at the incumbent (0 without one)."""
+        return 0.0 if self.witness is None else self._rows.second_order(self.witness.point)
 
     def propose(self, start: Floats) -> None:
         """Fit from a point and keep what is proved, if it is better."""
@@ -134,26 +141,16 @@ class _Bounding:
     def _shrunk(before: Box, after: Box, ratio: float) -> bool:
         return after.is_empty or bool((after.width < ratio * before.width).any())
 
+    def settled(self, box: Box) -> bool:
+        """Whether dividing the box is pointless: it is closed, or down to the second order of the readings."""
+        return self.closed(box) or (not box.is_empty and bool(box.lo[self.objective] >= self.hi - self.floor))
+
     def split(self, box: Box, strategy: Strategy) -> tuple[Box, ...]:
-        """() for a node that is closed; else its pieces by the strategy."""
-        if self.floor is None and self.witness is not None and not self.closed(box):
-            self.floor = self._floor(self.witness)
-        pieces = () if self.closed(box) else strategy.split(box)
+        """() for a node that is settled; else its pieces by the strategy."""
+        pieces = () if self.settled(box) else strategy.split(box)
         if not pieces:
             self.kept.append(box)
         return pieces
-
-    def _floor(self, witness: Witness) -> float:
-        """How far below the witness the contractor stays when x is the witness's very point."""
-        free = np.arange(len(witness.point)) == self.objective
-        lo = np.where(free, self.domain.lo, witness.point)
-        hi = np.where(free, witness.value, witness.point)
-        for _ in range(3):
-            box = self._inner.contract(self.domain.with_bounds(lo, hi)).box
-            if box.is_empty:
-                return 0.0
-            lo = box.lo
-        return max(0.0, witness.value - float(lo[self.objective]))
 
 
 @dataclass(frozen=True)
@@ -191,7 +188,9 @@ def minimize(
     nodes = 0
 
     def bracket() -> Bracket:
-        return Bracket(_lowest(search.pending, bounding), bounding.hi, nodes, bounding.programs, time.monotonic() - began)
+        return Bracket(
+            _lowest(search.pending, bounding), bounding.hi, nodes, bounding.programs, time.monotonic() - began
+        )
 
     interrupted = False
     try:
@@ -215,7 +214,7 @@ def _minimum(search: Search, bounding: _Bounding, last: Bracket, interrupted: bo
     enclosure = Box.empty(bounding.domain.names)
     for box in kept + pending:
         enclosure = enclosure.hull(box)
-    undecided = [box for box in pending if not box.is_empty and not bounding.closed(box)]
+    undecided = [box for box in pending if not box.is_empty and not bounding.settled(box)]
     verdict, status = _status(last, bounding, len(undecided))
     return Minimum(
         last.lo,
@@ -224,7 +223,7 @@ def _minimum(search: Search, bounding: _Bounding, last: Bracket, interrupted: bo
         status,
         bounding.witness,
         enclosure,
-        bounding.floor or 0.0,
+        bounding.floor,
         tuple(sorted(bounding.used)),
         len(undecided),
         last.nodes,
@@ -244,19 +243,21 @@ def _status(last: Bracket, bounding: _Bounding, undecided: int) -> tuple[Verdict
     gap = last.hi - last.lo
     if gap <= max(bounding.limits.gap * abs(last.hi), bounding.limits.gap_absolute):
         return Verdict.PROVED, "Both bounds are proved and the gap is closed."
-    if not undecided and bounding.reads and np.isfinite(gap) and last.lo >= bounding.goal:
+    if not undecided and gap <= bounding.floor:
         return (
             Verdict.PROVED,
-            f"Both bounds are proved; the gap is closed up to the second-order effect of the readings ({bounding.floor:.1e}).",
+            f"Both bounds are proved; the gap of {gap:.1e} is below the second-order effect of the readings, "
+            f"{bounding.floor:.1e}.",
         )
     if not undecided:
         return Verdict.UNKNOWN, f"Both bounds are proved; the contractors cannot close the gap of {gap:.1e}."
-    return Verdict.UNKNOWN, f"Stopped at a limit with {undecided} undecided boxes; both bounds are proved, the gap is open."
+    return (
+        Verdict.UNKNOWN,
+        f"Stopped at a limit with {undecided} undecided boxes; both bounds are proved, the gap is open.",
+    )
 
 
-def run(
-    states: Generator[Bracket | Minimum, None, None], progress: Callable[[Bracket], None] | None
-) -> Minimum:
+def run(states: Generator[Bracket | Minimum, None, None], progress: Callable[[Bracket], None] | None) -> Minimum:
     """Run to the end, telling `progress` of every bracket; Ctrl-C ends it with what is proved."""
     for state in states:
         if isinstance(state, Minimum):

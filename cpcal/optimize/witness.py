@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interval import Arithmetic, Box, IntervalArray
+from cpcal.interval import Arithmetic, IntervalArray
 from cpcal.network import Constraint, ConstraintNetwork, Expr, Tape
 from cpcal.network.network import leaves
 from cpcal.network.rows import Extremes

@@ -56,9 +56,7 @@ class Campaign:
     length_radius: Array
     uncertainty: Uncertainty | None = None
     provenance: dict[str, str] = field(default_factory=dict)
-    file_sha256: str | None = field(
-        default=None, init=False
-    )  # set by load_campaign; not carried over by replace()
+    file_sha256: str | None = field(default=None, init=False)  # set by load_campaign; not carried over by replace()
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
@@ -178,13 +176,7 @@ def _radius(given: Array | None, declared: Array | None, shape: tuple[int, int])
 
 def is_identifier(name: object) -> bool:
     """Whether `name` can name a pose or a run: printable, without "/", no space at its ends, not empty."""
-    return (
-        isinstance(name, str)
-        and name != ""
-        and name.isprintable()
-        and "/" not in name
-        and name == name.strip()
-    )
+    return isinstance(name, str) and name != "" and name.isprintable() and "/" not in name and name == name.strip()
 
 
 def shape_problems(campaign: Campaign) -> Iterator[Problem]:

@@ -82,9 +82,7 @@ def central_pose(robot: Robot, readings: npt.ArrayLike) -> Pose:
     lengths = robot.offset + np.asarray(readings, dtype=np.float64)
     centre = robot.base.mean(axis=0) - robot.mobile.mean(axis=0)
     reach = robot.mobile + centre - robot.base
-    height = np.sqrt(
-        max(float(np.mean(lengths**2 - np.sum(reach**2, axis=1))), float(np.mean(lengths)) ** 2 / 100)
-    )
+    height = np.sqrt(max(float(np.mean(lengths**2 - np.sum(reach**2, axis=1))), float(np.mean(lengths)) ** 2 / 100))
     guess = Pose(centre + np.array([0.0, 0.0, height]), np.array([1.0, 0.0, 0.0, 0.0]))
     return forward_kinematics(robot, readings, guess)
 
@@ -99,23 +97,17 @@ def forward_kinematics(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> Po
     Raises KinematicsError, with the rows that failed, when the readings cannot be reached from the guess.
     """
     if robot.legs < 6:
-        raise KinematicsError(
-            f"{robot.legs} legs do not determine a pose: forward kinematics needs at least 6"
-        )
+        raise KinematicsError(f"{robot.legs} legs do not determine a pose: forward kinematics needs at least 6")
     target = np.asarray(readings, dtype=np.float64)
     if target.ndim == 0 or target.shape[-1] != robot.legs or not np.isfinite(target).all():
-        raise KinematicsError(
-            f"readings of shape {target.shape}: expected finite numbers, (..., {robot.legs})"
-        )
+        raise KinematicsError(f"readings of shape {target.shape}: expected finite numbers, (..., {robot.legs})")
     rows = target.reshape(-1, robot.legs)
     start = Pose(
         np.broadcast_to(guess.position, (*target.shape[:-1], 3)).reshape(-1, 3).copy(),
         normalised(np.broadcast_to(guess.quaternion, (*target.shape[:-1], 4)).reshape(-1, 4)),
     )
     found = _continued(robot, rows, start)
-    return Pose(
-        found.position.reshape(*target.shape[:-1], 3), found.quaternion.reshape(*target.shape[:-1], 4)
-    )
+    return Pose(found.position.reshape(*target.shape[:-1], 3), found.quaternion.reshape(*target.shape[:-1], 4))
 
 
 def _continued(robot: Robot, target: Array, start: Pose) -> Pose:
@@ -140,9 +132,7 @@ def _continued(robot: Robot, target: Array, start: Pose) -> Pose:
     raise KinematicsError(f"{message}: give a guess nearer to it, or check the robot's parameters", rows)
 
 
-def _led(
-    robot: Robot, origin: Array, target: Array, pose: Pose, steps: int
-) -> tuple[Pose, npt.NDArray[np.int64]]:
+def _led(robot: Robot, origin: Array, target: Array, pose: Pose, steps: int) -> tuple[Pose, npt.NDArray[np.int64]]:
     """The poses of the rows that could be led from origin to target, and which; others are dropped early."""
     rows = np.arange(len(target))
     for step in range(1, steps + 1):

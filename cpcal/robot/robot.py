@@ -58,9 +58,7 @@ class Robot:
                 remedy = "give base (n, 3), mobile (n, 3) and offset (n,) for the same n >= 1 legs"
                 found.append(Problem(f"robot {field}", f"has the shape {array.shape}", remedy))
             elif not np.isfinite(array).all():
-                found.append(
-                    Problem(f"robot {field}", "holds a NaN or an infinity", "give finite numbers, in mm")
-                )
+                found.append(Problem(f"robot {field}", "holds a NaN or an infinity", "give finite numbers, in mm"))
         if not is_text(self.name):
             found.append(Problem("robot name", f"{self.name!r} is not text", "give a name in valid Unicode"))
         return found

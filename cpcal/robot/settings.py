@@ -156,9 +156,7 @@ class _Reader:
         table = self.section("robot")
         if table is None:
             if "robot" not in self.document:
-                self.wrong(
-                    (), "the section [robot] is missing", "add [robot] with name, base, mobile, offset"
-                )
+                self.wrong((), "the section [robot] is missing", "add [robot] with name, base, mobile, offset")
             return None, None
         before = len(self.problems)
         self.known(("robot",), table, _ROBOT_KEYS)
@@ -182,9 +180,7 @@ class _Reader:
             return []
         rows = table[key]
         if not isinstance(rows, list) or not rows:
-            self.wrong(
-                ("robot", key), f"{key} is not a list of points", f"write {key} = [[x, y, z], ...], mm"
-            )
+            self.wrong(("robot", key), f"{key} is not a list of points", f"write {key} = [[x, y, z], ...], mm")
             return []
         if legs is not None and len(rows) != legs:
             remedy = "give one point for each leg in base and mobile, and one offset"
@@ -259,9 +255,7 @@ class _Reader:
             meaning = f"one for each leg, {_UNITS[kind]}" if kind == "length" else f"three, {_UNITS[kind]}"
             count = legs if kind == "length" else 3
             values.append(self.numbers((*path, key), table, count, meaning, signed=False))
-        factor = (
-            None if direct else self.number((*path, "factor"), "factor", table.get("factor", 0), signed=False)
-        )
+        factor = None if direct else self.number((*path, "factor"), "factor", table.get("factor", 0), signed=False)
         if len(self.problems) > before or legs is None:
             return None
         position, rotation, length = (np.array(row) for row in values)

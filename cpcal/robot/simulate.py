@@ -162,9 +162,7 @@ def assembled(robot: Robot, readings: Array, stroke: tuple[float, float]) -> Pos
     upright = poses.rotation[:, 2, 2] > math.cos(math.radians(_MAX_TILT))
     lost = np.flatnonzero(~(same & upright & (poses.position[:, 2] > robot.base[:, 2].max())))
     if len(lost):
-        message = (
-            f"{len(lost)} of {len(readings)} configurations leave the assembly branch of the upright pose"
-        )
+        message = f"{len(lost)} of {len(readings)} configurations leave the assembly branch of the upright pose"
         raise KinematicsError(f"{message}: lessen the deviation or the stroke", tuple(map(int, lost)))
     return poses
 
@@ -181,9 +179,7 @@ def joint_effect(robot: Robot, poses: Pose, stream: np.random.Generator) -> Arra
     at_base = leg_vectors(robot, poses)
     at_mobile = np.einsum("kji,knj->kni", poses.rotation, at_base)
     base_angle = np.arctan2(at_base[..., 0], at_base[..., 2]) + np.arctan2(at_base[..., 1], at_base[..., 2])
-    mobile_angle = np.arctan2(at_mobile[..., 0], at_mobile[..., 2]) - np.arctan2(
-        at_mobile[..., 1], at_mobile[..., 2]
-    )
+    mobile_angle = np.arctan2(at_mobile[..., 0], at_mobile[..., 2]) - np.arctan2(at_mobile[..., 1], at_mobile[..., 2])
     waves = np.sin(_WAVES * base_angle + phases[:, 0]) + np.sin(_WAVES * mobile_angle + phases[:, 1])
     return np.asarray(0.5 * waves)
 
@@ -239,9 +235,7 @@ def _check_options(options: dict[str, Any]) -> None:
         good = isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
         demand(name, good, f"give a whole number from {least}" + (f" to {most:,}" if most < math.inf else ""))
 
-    robot, extremal, truncate, stroke = (
-        options[name] for name in ("robot", "extremal", "truncate", "stroke")
-    )
+    robot, extremal, truncate, stroke = (options[name] for name in ("robot", "extremal", "truncate", "stroke"))
     demand("robot", isinstance(robot, Robot) and robot.legs == 6, "give a Robot with six legs")
     whole("seed", 0, math.inf)
     whole("runs", 1)

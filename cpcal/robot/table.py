@@ -87,9 +87,7 @@ def _lines(
             yield number, None
 
 
-def _header(
-    cells: list[str], line: int, where: str, legs: int | None, problems: Problems
-) -> list[str | None] | None:
+def _header(cells: list[str], line: int, where: str, legs: int | None, problems: Problems) -> list[str | None] | None:
     """The name of each column, None where it is unknown or a repetition; no list when none is known."""
     names = [cell.strip() for cell in cells]
     if legs is None:
@@ -207,9 +205,7 @@ class _Rows:
             value = float(cell)
         except ValueError:
             if cell and not cell.isspace():
-                self.wrong(
-                    line, f"{name}: {shown(cell)} is not a number", "write a number like -12.5 or 1e-3"
-                )
+                self.wrong(line, f"{name}: {shown(cell)} is not a number", "write a number like -12.5 or 1e-3")
             elif not optional:
                 self.wrong(line, f"{name} is empty", "give a number, or take the line out")
             return math.nan

@@ -41,9 +41,7 @@ class Uncertainty:
             object.__setattr__(self, kind, array)
             if array.ndim != 1 or (kind != "length" and array.shape != (3,)):
                 what = f"has the shape {array.shape}"
-                problems.append(
-                    Problem(f"uncertainty {kind}", what, "give 3, 3 and as many as there are legs")
-                )
+                problems.append(Problem(f"uncertainty {kind}", what, "give 3, 3 and as many as there are legs"))
             elif not sizes(array).all():
                 what = "holds a negative or non-finite number"
                 problems.append(Problem(f"uncertainty {kind}", what, "give finite numbers >= 0"))

@@ -75,9 +75,7 @@ def _uncertainty_lines(uncertainty: Uncertainty) -> list[str]:
 def csv_bytes(campaign: Campaign) -> bytes:
     """The canonical measurements.csv; an override column is there only where some row needs it."""
     values = np.concatenate([campaign.position, campaign.quaternion, campaign.length], axis=1)
-    radii = np.concatenate(
-        [campaign.position_radius, campaign.rotation_radius, campaign.length_radius], axis=1
-    )
+    radii = np.concatenate([campaign.position_radius, campaign.rotation_radius, campaign.length_radius], axis=1)
     stated = np.zeros(6 + campaign.legs) if campaign.uncertainty is None else campaign.uncertainty.half_widths
     differs = radii != stated
     used = np.flatnonzero(differs.any(axis=0))

@@ -56,7 +56,11 @@ class Search(Iterator[Event]):
     """Contract the most urgent box, then prune, keep or split it. Lower priority goes first, then age."""
 
     def __init__(
-        self, roots: Iterable[Box], contractor: Contractor, strategy: Strategy, priority: Priority = depth_first
+        self,
+        roots: Iterable[Box],
+        contractor: Contractor,
+        strategy: Strategy,
+        priority: Priority = depth_first,
     ) -> None:
         self._contractor, self._strategy, self._priority = contractor, strategy, priority
         self._heap: list[tuple[float, int, Node]] = []

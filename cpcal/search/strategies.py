@@ -49,7 +49,11 @@ class Smear(LargestFirst):
     """Bisect where the constraints vary most: the largest sum over rows of |derivative| times width."""
 
     def __init__(
-        self, network: ConstraintNetwork, width: float = 0.0, scale: npt.ArrayLike = 1.0, skip: Iterable[str] = ()
+        self,
+        network: ConstraintNetwork,
+        width: float = 0.0,
+        scale: npt.ArrayLike = 1.0,
+        skip: Iterable[str] = (),
     ) -> None:
         super().__init__(width, scale, skip)
         self._rows = Rows(network)

@@ -8,8 +8,8 @@ which some anchor `a`, offset `l0` and scale `s` (and spool build-up `q`) satisf
 
     | ||p_k - a|| - (l0 + s m_k + q m_k^2) | <= eps          for k = 1 ... N
 
-The anchor may be anywhere within 4 m of the origin in each direction. This is equation (15) of the paper with b = 0 and a
-length model; nothing in cpcal knows about it.
+The anchor may be anywhere within 4 m of the origin in each direction. This is equation (15) of the paper with b = 0
+and a length model; nothing in cpcal knows about it.
 """
 
 from __future__ import annotations

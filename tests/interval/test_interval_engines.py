@@ -233,9 +233,7 @@ def test_zeros_stay_exact(engine: Arithmetic, data: list[tuple[Pair, Pair]]) -> 
         ((-math.inf, -1), (0, math.inf), (-math.inf, 0)),
     ],
 )
-def test_division_by_intervals_with_zero_or_infinity(
-    engine: Arithmetic, x: Pair, y: Pair, expected: Pair
-) -> None:
+def test_division_by_intervals_with_zero_or_infinity(engine: Arithmetic, x: Pair, y: Pair, expected: Pair) -> None:
     got = engine.div(array([x]), array([y]))
     np.testing.assert_allclose([got.lo[0], got.hi[0]], expected, rtol=1e-15, atol=0.0)
 

@@ -27,9 +27,7 @@ def test_next_is_at_least_one_float_and_at_most_two() -> None:
     smallest = np.random.default_rng(1).integers(1 << 52, 80 << 52, 100_000)  # where the step is subnormal
     powers = 2.0 ** np.arange(-1022, 1024)
     with np.errstate(all="ignore"):
-        v = np.concatenate(
-            [bits.view(float), smallest.view(float), powers, np.nextafter(powers, np.inf), [MAX]]
-        )
+        v = np.concatenate([bits.view(float), smallest.view(float), powers, np.nextafter(powers, np.inf), [MAX]])
         v = np.concatenate([v, -v])
         up, down = next_up(v.copy(), 0.0), next_down(v.copy(), 0.0)
         assert (up >= np.nextafter(v, np.inf)).all()

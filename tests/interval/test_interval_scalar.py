@@ -18,9 +18,7 @@ from cpcal.errors import ModelError
 from cpcal.interval import Interval
 
 MAX = 1.7976931348623157e308
-FLOATS = st.sampled_from([0.0, -0.0, 5e-324, 1.0, -1.0, MAX, -MAX]) | st.floats(
-    allow_nan=False, allow_infinity=False
-)
+FLOATS = st.sampled_from([0.0, -0.0, 5e-324, 1.0, -1.0, MAX, -MAX]) | st.floats(allow_nan=False, allow_infinity=False)
 BOUNDED = st.tuples(FLOATS, FLOATS).map(lambda p: Interval(min(p), max(p)))
 INTERVALS = BOUNDED | st.sampled_from(
     [Interval.empty(), Interval.entire(), Interval(0, math.inf), Interval(-math.inf, 2)]

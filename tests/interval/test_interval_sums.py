@@ -28,9 +28,7 @@ def intervals(ends: st.SearchStrategy[float], shape: tuple[int, ...]) -> st.Sear
     size = math.prod(shape)
     pair = st.tuples(ends, ends).map(lambda p: (min(p), max(p))) | ends.map(lambda v: (v, v))
     return st.lists(pair, min_size=size, max_size=size).map(
-        lambda pairs: IntervalArray(
-            *np.array(pairs, dtype=float).reshape(*shape, 2).transpose(-1, *range(len(shape)))
-        )
+        lambda pairs: IntervalArray(*np.array(pairs, dtype=float).reshape(*shape, 2).transpose(-1, *range(len(shape))))
     )
 
 
@@ -58,7 +56,7 @@ def test_sum_contains_the_exact_sum_and_is_tight(
             assert got.lo[j] <= low
             assert got.hi[j] >= high
             size = sum(map(abs, map(Fraction, [*x.lo[:, j].tolist(), *x.hi[:, j].tolist()])), Fraction(0))
-            if size < MAX:
+            if size < MAX / 2:  # else rounding may overflow
                 slack = size * Fraction(shape[0].bit_length() + 2, 2**52) + Fraction(2e-323)
                 assert low - Fraction(float(got.lo[j])) <= slack
                 assert Fraction(float(got.hi[j])) - high <= slack
@@ -105,9 +103,7 @@ def test_sum_with_infinite_and_empty_terms(engine: Arithmetic, count: int) -> No
 @pytest.mark.parametrize(("m", "k", "n"), [(1, 1, 1), (2, 3, 2), (1, 6, 2), (3, 0, 2)])
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
-def test_dot_contains_the_exact_product(
-    engine: Arithmetic, m: int, k: int, n: int, data: st.DataObject
-) -> None:
+def test_dot_contains_the_exact_product(engine: Arithmetic, m: int, k: int, n: int, data: st.DataObject) -> None:
     ends = data.draw(st.sampled_from([FINITE, MODERATE, st.floats(-1e-150, 1e-150)]))
     x, y = data.draw(intervals(ends, (m, k))), data.draw(intervals(ends, (k, n)))
     if data.draw(st.booleans()):

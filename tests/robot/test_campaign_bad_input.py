@@ -99,9 +99,7 @@ def test_the_example_is_good(tmp_path):
 def test_a_bad_campaign_toml(tmp_path, old, new, line, what, remedy):
     assert TOML.count(old) >= 1
     found = refused(tmp_path, toml=TOML.replace(old, new, 1))
-    assert [
-        row for row in found if row[:2] == ("campaign.toml", line) and what in row[2] and remedy in row[3]
-    ]
+    assert [row for row in found if row[:2] == ("campaign.toml", line) and what in row[2] and remedy in row[3]]
     assert not [row for row in found if row[0] == "measurements.csv" and "leg" not in row[3]]
 
 
@@ -147,9 +145,7 @@ def test_a_bad_line_of_measurements(tmp_path, line, row, what, remedy):
         assert len(found) == 1
 
 
-@pytest.mark.parametrize(
-    ("cell", "what"), [("-0.1", "dy: the half-width '-0.1' is negative"), ("x", "not a number")]
-)
+@pytest.mark.parametrize(("cell", "what"), [("-0.1", "dy: the half-width '-0.1' is negative"), ("x", "not a number")])
 def test_bad_override_cells(tmp_path, cell, what):
     lines = CSV.splitlines()
     table = "\n".join([lines[0] + ",dy", lines[1] + ",", lines[2] + "," + cell, lines[3] + ",0"])

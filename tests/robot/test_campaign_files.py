@@ -243,9 +243,7 @@ def test_every_problem_of_a_campaign_in_memory_is_reported_at_once():
     position[1, 2] = np.nan
     quaternion = np.array([[1.0, 0, 0, 0], [1.0, 0.1, 0, 0], [0.0, 0, 0, 0]])
     with pytest.raises(InputError) as caught:
-        in_memory(
-            position=position, quaternion=quaternion, pose=["a", "a", "b/c"], run="111", length_radius=-1.0
-        )
+        in_memory(position=position, quaternion=quaternion, pose=["a", "a", "b/c"], run="111", length_radius=-1.0)
     message = str(caught.value)
     assert len(caught.value.problems) == 8
     for part in (

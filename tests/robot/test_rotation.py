@@ -73,9 +73,7 @@ def test_everything_is_vectorised():
     assert rotation.rotation_matrix(q).shape == (2, 5, 3, 3)
     single = rotation.rotation_matrix(q[1, 3])
     assert np.array_equal(rotation.rotation_matrix(q)[1, 3], single)
-    assert np.array_equal(
-        rotation.quaternion_product(q, q)[1, 3], rotation.quaternion_product(q[1, 3], q[1, 3])
-    )
+    assert np.array_equal(rotation.quaternion_product(q, q)[1, 3], rotation.quaternion_product(q[1, 3], q[1, 3]))
     assert rotation.quaternion_from_matrix(rotation.rotation_matrix(q)).shape == (2, 5, 4)
     assert rotation.rotation_vector(rotation.quaternion_from_rotation_vector(v)).shape == v.shape
     assert rotation.small_rotation(v).shape == (2, 5, 4)

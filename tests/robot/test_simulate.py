@@ -148,13 +148,10 @@ def test_a_whole_study_is_simulated_fast():
 
 def test_all_senseless_options_are_named_at_once():
     with pytest.raises(InputError) as caught:
-        simulate(
-            seed=-1, runs=0, random_poses=1.5, joint_error=-1.0, factor=float("nan"), noise=-1, truncate=0
-        )
+        simulate(seed=-1, runs=0, random_poses=1.5, joint_error=-1.0, factor=float("nan"), noise=-1, truncate=0)
     named = [problem.where for problem in caught.value.problems]
     assert named == [
-        f"option {name}"
-        for name in ("seed", "runs", "random_poses", "joint_error", "factor", "noise", "truncate")
+        f"option {name}" for name in ("seed", "runs", "random_poses", "joint_error", "factor", "noise", "truncate")
     ]
     with pytest.raises(InputError, match="stroke"):
         simulate(seed=0, stroke=(140.0, 0.0))

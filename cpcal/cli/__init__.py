@@ -1,0 +1,13 @@
+"""The command `cpcal`: thin verbs over the Python interface.
+
+Exit statuses, the same for every verb:
+
+    0    done; for `certify`, every leg is answered ("refuted" is an answer)
+    1    some leg is unknown: a limit was reached first
+    2    unusable input or options: one message on stderr lists every problem
+    130  interrupted by Ctrl-C; what was proved until then is written and printed
+"""
+
+from cpcal.cli.app import app, main
+
+__all__ = ["app", "main"]

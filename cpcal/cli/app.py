@@ -1,0 +1,68 @@
+"""The typer application: its verbs, --version, and how errors leave it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from cpcal.cli.certify import certify
+from cpcal.cli.demo import demo
+from cpcal.cli.plugins import plugins
+from cpcal.cli.simulate import simulate
+from cpcal.cli.status import STATUS_HELP, Status
+from cpcal.errors import CpcalError
+from cpcal.report import clean
+from cpcal.version import __version__
+
+
+class _Verbs(TyperGroup):
+    """Turns errors that a user can mend into one message and status 2, and Ctrl-C into status 130."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except CpcalError as error:
+            typer.echo(f"cpcal: {clean(str(error))}", err=True)
+            raise typer.Exit(Status.UNUSABLE) from None
+        except KeyboardInterrupt:
+            typer.echo("cpcal: interrupted", err=True)
+            raise typer.Exit(Status.INTERRUPTED) from None
+
+
+app = typer.Typer(
+    name="cpcal",
+    cls=_Verbs,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    epilog=STATUS_HELP,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"cpcal {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _cpcal(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and leave.", callback=_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Certified calibration of parallel robots: how small the model error can be, proved from both sides."""
+
+
+app.command(epilog=STATUS_HELP)(certify)
+app.command()(simulate)
+app.command(epilog=STATUS_HELP)(demo)
+app.command()(plugins)
+
+
+def main() -> None:
+    """Entry point of the command `cpcal`."""
+    app(prog_name="cpcal")

@@ -1,0 +1,38 @@
+"""Where results go: refused before the work begins, not after it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from cpcal.errors import InputError, Problem
+
+_CHOOSE = "choose a folder that can be written to"
+
+
+def check_new(folder: Path, *, force: bool) -> None:
+    """InputError when `folder` holds something, unless `force`d, or cannot be written."""
+    check_writable(folder)
+    try:
+        full = folder.is_dir() and any(folder.iterdir())
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    if full and not force:
+        remedy = "choose another one, or overwrite what it holds with --force"
+        raise InputError([Problem(str(folder), "is a folder that is not empty", remedy)])
+
+
+def check_writable(folder: Path) -> None:
+    """InputError when `folder` is no folder that can be written, or made."""
+    ancestor = folder.absolute()
+    while not os.path.lexists(ancestor):
+        ancestor = ancestor.parent
+    if not ancestor.is_dir():
+        raise InputError([Problem(str(folder), f"cannot be a folder: {ancestor} is not one", _CHOOSE)])
+    if not os.access(ancestor, os.W_OK | os.X_OK):
+        raise InputError([Problem(str(folder), f"cannot be written: no permission in {ancestor}", _CHOOSE)])
+
+
+def unwritable(folder: Path, error: OSError) -> InputError:
+    """What to raise when writing failed after all (a full disk)."""
+    return InputError([Problem(str(folder), f"cannot be written: {error.strerror or error}", _CHOOSE)])

@@ -1,0 +1,113 @@
+"""What a person watches while certify runs: a line a leg, with its bracket. On stderr, on a terminal only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn
+from rich.progress_bar import ProgressBar
+from rich.text import Text
+
+from cpcal.optimize import Bracket
+from cpcal.report import bracket_text
+
+_CLOSED = 1e-9  # mm, as in Limits.gap_absolute
+_WAITING = "waiting"
+
+
+class _Seconds(ProgressColumn):
+    """Seconds since the leg was begun."""
+
+    def render(self, task: Task) -> Text:
+        elapsed = task.finished_time if task.finished else task.elapsed
+        return Text("" if elapsed is None else f"{elapsed:.1f} s", justify="right")
+
+
+class _Spinner(SpinnerColumn):
+    """Turns for the leg at work only."""
+
+    def render(self, task: Task) -> RenderableType:
+        return super().render(task) if task.started else Text(" ")
+
+
+class _Bar(BarColumn):
+    """Pulses until the first bracket; empty for a leg that waits."""
+
+    def render(self, task: Task) -> ProgressBar:
+        bar = super().render(task)
+        bar.pulse = task.started and not task.completed
+        return bar
+
+
+class Watch:
+    """The `progress` callback of certify, drawing on a rich Progress."""
+
+    def __init__(self, display: Progress, legs: Sequence[int], gap: float) -> None:
+        self._display, self._gap = display, gap
+        self._tasks: dict[int, TaskID] = {}
+        for leg in legs:
+            self._tasks[leg] = display.add_task(f"leg {leg}", start=False, total=1.0, state=_WAITING, work="")
+        self._begin(next(iter(self._tasks), None))
+
+    def __call__(self, leg: int, bracket: Bracket) -> None:
+        """Show the bracket; legs before this one have ended."""
+        for earlier in self._until(leg):
+            self._display.stop_task(self._tasks[earlier])
+        self._begin(leg)
+        lo, hi = bracket_text(bracket.lo, bracket.hi)
+        share = self._share(bracket)
+        self._display.update(
+            self._tasks[leg],
+            completed=share,
+            state=f"eps in [{lo}, {hi}] mm" if bracket.lo <= bracket.hi < math.inf else f"eps >= {lo} mm",
+            work=f"nodes {bracket.nodes:,}  LPs {bracket.programs:,}",
+        )
+        if share == 1.0:
+            self._begin(self._after(leg))
+
+    def _share(self, bracket: Bracket) -> float:
+        """How far the bracket has closed, 0 to 1, in digits."""
+        width = bracket.hi - bracket.lo
+        if math.isnan(width) or width <= max(_CLOSED, self._gap * abs(bracket.hi)):
+            return 1.0
+        if not math.isfinite(width):
+            return 0.0
+        goal = max(self._gap, _CLOSED / bracket.hi)
+        return min(max(math.log(width / bracket.hi) / math.log(goal), 0.0), 0.99)
+
+    def _until(self, leg: int) -> list[int]:
+        legs = list(self._tasks)
+        return legs[: legs.index(leg)]
+
+    def _after(self, leg: int) -> int | None:
+        legs = list(self._tasks)
+        return next(iter(legs[legs.index(leg) + 1 :]), None)
+
+    def _begin(self, leg: int | None) -> None:
+        if leg is None or self._display.tasks[self._tasks[leg]].started:
+            return
+        self._display.start_task(self._tasks[leg])
+        self._display.update(self._tasks[leg], state="fitting and bounding ...")
+
+
+@contextmanager
+def watch(
+    legs: Sequence[int], gap: float, console: Console
+) -> Generator[Callable[[int, Bracket], None] | None, None, None]:
+    """A progress callback while in the block, None when `console` is no terminal. Leaves nothing behind."""
+    if not console.is_terminal:
+        yield None
+        return
+    columns = (
+        _Spinner(finished_text="✓"),
+        TextColumn("{task.description}", markup=False),
+        _Bar(bar_width=10),
+        TextColumn("{task.fields[state]}", markup=False),
+        TextColumn("{task.fields[work]}", markup=False, style="dim"),
+        _Seconds(),
+    )
+    with Progress(*columns, console=console, transient=True, refresh_per_second=8) as display:
+        yield Watch(display, legs, gap)

@@ -1,0 +1,47 @@
+"""What is printed at the end: the table, a sentence a leg, and for which readings they hold."""
+
+from __future__ import annotations
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from cpcal.interfaces import Verdict
+from cpcal.report import LONGER, QUANTIFIER, clean, leg_sentence, missing_legs, result_table
+from cpcal.result import Result
+
+_STYLES = {Verdict.PROVED: "bold green", Verdict.REFUTED: "bold red", Verdict.UNKNOWN: "bold yellow"}
+_WIDE = 120  # where there is no terminal to fit
+
+
+def terminal(*, stderr: bool = False) -> Console:
+    """A console that never reads markup or emoji in what it is given."""
+    console = Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+    if not console.is_terminal:
+        console.width = _WIDE
+    return console
+
+
+def show_result(console: Console, result: Result, legs: int) -> None:
+    """The whole answer; `legs` is how many the robot has."""
+    console.print(Text(f"{clean(result.robot)}: {result.measurements:,} measurements", style="bold"))
+    console.print(_table(result))
+    for leg in result.legs:
+        line = Text(f"Leg {leg.leg}: ").append(leg.verdict.value, style=_STYLES[leg.verdict])
+        console.print(line.append(f". {clean(leg_sentence(result, leg))}"), soft_wrap=not console.is_terminal)
+    missing = missing_legs(result, legs)
+    if missing:
+        console.print(Text(missing, style="bold yellow"))
+    console.print(Text(f"{QUANTIFIER} {LONGER}", style="italic"), soft_wrap=not console.is_terminal)
+
+
+def _table(result: Result) -> Table:
+    content = result_table(result)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+    for name in content.header:
+        table.add_column(name, justify="left" if name == "verdict" else "right", overflow="fold")
+    for row in content.rows:
+        word = Text(row.verdict.value, style=_STYLES[row.verdict])
+        table.add_row(str(row.leg), word, *row.cells)
+    return table

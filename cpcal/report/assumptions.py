@@ -1,0 +1,64 @@
+"""What a result rests on, in words: the model, the box, the reading sets."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.report.words import LONGER, QUANTIFIER
+from cpcal.result import Result
+from cpcal.robot import Campaign
+
+_CENTERS = {"fit": "the leg's least-squares fit", "nominal": "the nominal parameters in the campaign"}
+
+
+def assumptions(campaign: Campaign, result: Result) -> list[tuple[str, str]]:
+    """Pairs of a heading and a paragraph."""
+    return [
+        (
+            "Model",
+            "A leg with base joint centre a, mobile joint centre b and length offset l satisfies "
+            "‖P + R b − a‖ = L + l at every pose (P, R) and reading L. Its error eps is the largest "
+            f"difference of the two sides, in mm. {LONGER}",
+        ),
+        ("For which readings", QUANTIFIER),
+        ("Reading sets", _readings(campaign)),
+        (
+            "Parameters",
+            f"Each of the seven parameters (a, b, l) of a leg is looked for within ±{result.delta:g} mm of "
+            f"{_CENTERS.get(result.center, 'the center listed with it')}. Nothing is said of parameters "
+            "outside this box.",
+        ),
+        (
+            "Arithmetic",
+            f"Every bound is derived in outward-rounded arithmetic ({result.arithmetic}) by the contractors "
+            f"{', '.join(result.contractors)}; no answer of a linear-programming solver is trusted. "
+            "Tables print lower bounds rounded down and upper bounds rounded up; the figures are drawn in "
+            "plain floating point.",
+        ),
+    ]
+
+
+def _readings(campaign: Campaign) -> str:
+    if campaign.exact:
+        return "Every reading (position, rotation, length) is taken as exact: each set is one point."
+    position, length = _axes(campaign.position_radius), _axes(campaign.length_radius)
+    rotation = _axes(campaign.rotation_radius)
+    stated = campaign.uncertainty
+    how = (
+        ""
+        if stated is None or stated.factor is None
+        else f" They are {stated.factor:g} times the standard deviations that the campaign states."
+    )
+    return (
+        f"Position: the stated one ± ({position}) mm in x, y, z. Rotation: the stated one turned by a "
+        f"rotation vector within ± ({rotation}) rad in the base frame. Leg lengths: the stated ones "
+        f"± ({length}) mm, leg by leg. "
+        f"(Rounded here; the campaign has the exact half-widths.){how}"
+    )
+
+
+def _axes(radius: npt.NDArray[np.float64]) -> str:
+    """Half-widths (N, n) as n numbers, or ranges where measurements differ."""
+    spans = zip(radius.min(axis=0), radius.max(axis=0), strict=True)
+    return ", ".join(f"{lo:.3g}" if lo == hi else f"{lo:.3g} to {hi:.3g}" for lo, hi in spans)

@@ -1,0 +1,134 @@
+"""One self-contained HTML page from a campaign and its result: no network, no script, light and dark."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from cpcal.calibration import PARAMETERS, residuals
+from cpcal.errors import InputError, Problem
+from cpcal.report.assumptions import assumptions
+from cpcal.report.numbers import bracket_text, clean, nearest, rounded_down, rounded_up
+from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
+from cpcal.report.room import reading_room
+from cpcal.report.table import result_table
+from cpcal.report.words import LONGER, QUANTIFIER, leg_sentence, missing_legs
+from cpcal.result import LegResult, Result
+from cpcal.robot import Campaign
+from cpcal.version import __version__
+
+REPORT_NAME = "report.html"
+
+_DECIMALS = 6  # of parameters, mm
+_MOST_NAMES = 120  # measurement ids listed for a leg
+
+
+def write_report(campaign: Campaign, result: Result, folder: str | os.PathLike[str]) -> Path:
+    """Write `report.html` into `folder` (made if missing), all or nothing; its path.
+
+    The same campaign and result give the same bytes. Bounds are printed rounded to the side on which they
+    stay proved; every answer is for SOME reading in the set of each measurement. Raises InputError when the
+    result is of another campaign, OSError when the file cannot be written.
+    """
+    page = render(campaign, result)
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    partial = target / f".{REPORT_NAME}.partial"
+    try:
+        partial.write_text(page, encoding="utf-8")
+        return partial.replace(target / REPORT_NAME)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def render(campaign: Campaign, result: Result) -> str:
+    """The page as text. Raises InputError when the result is of another campaign."""
+    if result.campaign_sha256 != campaign.sha256:
+        what = f"is of another campaign (sha256 {clean(result.campaign_sha256)}, not {campaign.sha256})"
+        raise InputError([Problem("result", what, "certify this campaign")])
+    environment = Environment(
+        loader=PackageLoader("cpcal.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=lambda value: clean(value) if type(value) is str else value,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html.j2").render(_context(campaign, result)) + "\n"
+
+
+def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
+    table = result_table(result)
+    return {
+        "robot": campaign.robot.name,
+        "count": len(campaign),
+        "result": result,
+        "asked": None if result.eps is None else repr(float(result.eps)),
+        "interrupted": missing_legs(result, campaign.legs),
+        "table": table,
+        "legs": [_leg(campaign, result, leg) for leg in result.legs],
+        "quantifier": QUANTIFIER,
+        "longer": LONGER,
+        "assumptions": assumptions(campaign, result),
+        "provenance": campaign.provenance,
+        "versions": {
+            "solver": result.version,
+            "page": __version__,
+            "matplotlib": matplotlib.__version__,
+        },
+    }
+
+
+def _leg(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
+    names = leg.support[:_MOST_NAMES]
+    return {
+        "number": leg.leg,
+        "verdict": leg.verdict.value,
+        "sentence": leg_sentence(result, leg),
+        "parameters": _parameters(leg),
+        "proved_point": leg.point is not None,
+        "empty": leg.enclosure.is_empty,
+        "support": names,
+        "more_support": len(leg.support) - len(names),
+        "figure": _figure(campaign, leg),
+    }
+
+
+def _parameters(leg: LegResult) -> list[tuple[str, ...]]:
+    """Name, center, proved point, enclosure, a row a parameter."""
+    rows: list[tuple[str, ...]] = []
+    for k, name in enumerate(PARAMETERS):
+        point = "—" if leg.point is None else nearest(leg.point[k], _DECIMALS)
+        lo, hi = float(leg.enclosure.lo[k]), float(leg.enclosure.hi[k])
+        bounds = (rounded_down(lo, _DECIMALS), rounded_up(hi, _DECIMALS))
+        rows.append((name, nearest(leg.center[k], _DECIMALS), point, *bounds))
+    return rows
+
+
+def _figure(campaign: Campaign, leg: LegResult) -> dict[str, Any] | None:
+    """The plot of the proved point's residuals and what its caption says; None without such a point."""
+    if leg.point is None or not np.isfinite(leg.eps_hi):
+        return None
+    residual = residuals(campaign, leg.leg, leg.point)
+    room = reading_room(campaign, leg.leg, leg.point)
+    chosen = set(leg.support)
+    support = np.array([name in chosen for name in campaign.measurement_ids], dtype=bool)
+    svg = residual_svg(
+        Residuals(residual, room, support, leg.eps_hi),
+        prefix=f"leg{leg.leg}-",
+        label=f"Leg {leg.leg}: residuals of the proved point over the measurements, and the band of eps_hi",
+    )
+    return {
+        "svg": Markup(svg),  # made by us: no text of the campaign is in it
+        "eps": bracket_text(leg.eps_hi, leg.eps_hi)[1],
+        "room": bool(room.any()),
+        "beyond": int(np.sum(np.abs(residual) > leg.eps_hi)) if room.any() else 0,
+        "envelope": len(residual) > MOST_POINTS,
+        "support": bool(support.any()),
+    }

@@ -1,0 +1,40 @@
+"""The table of a result, as text: the terminal and the page show the same one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cpcal.interfaces import Verdict
+from cpcal.report.numbers import bracket_text, gap_text
+from cpcal.result import LegResult, Result
+
+
+@dataclass(frozen=True)
+class Row:
+    """One leg; `cells` are those after leg and verdict."""
+
+    leg: int
+    verdict: Verdict
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """`header` names the columns: leg, verdict, and one for each cell of a row. Lengths in mm."""
+
+    header: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+def result_table(result: Result) -> Table:
+    """A row a leg. Bounds are rounded to the side on which they stay proved."""
+    bounds = ("eps_lo [mm]", "eps_hi [mm]", "gap [mm]") if result.eps is None else ("eps asked [mm]",)
+    header = ("leg", "verdict", *bounds, "support", "nodes", "LPs", "seconds")
+    return Table(header, tuple(Row(leg.leg, leg.verdict, _cells(result, leg)) for leg in result.legs))
+
+
+def _cells(result: Result, leg: LegResult) -> tuple[str, ...]:
+    work = (str(len(leg.support)), f"{leg.nodes:,}", f"{leg.programs:,}", f"{leg.seconds:.2f}")
+    if result.eps is not None:
+        return (repr(float(result.eps)), *work)
+    return (*bracket_text(leg.eps_lo, leg.eps_hi), gap_text(leg.eps_lo, leg.eps_hi), *work)

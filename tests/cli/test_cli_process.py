@@ -1,0 +1,111 @@
+"""The command as a process: entry points, exit statuses, Ctrl-C, and what a terminal shows."""
+
+import io
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from rich.console import Console
+
+import cpcal
+from cpcal.cli.progress import watch
+from cpcal.cli.show import show_result
+from cpcal.optimize import Bracket
+
+# A real SIGINT, sent when leg 2 reports its first bracket. Runners may start us with SIGINT ignored.
+_INTERRUPTED = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from contextlib import contextmanager
+import cpcal.cli.run
+
+@contextmanager
+def stop(legs, gap, console):
+    def progress(leg, bracket):
+        if leg == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+    yield progress
+
+cpcal.cli.run.watch = stop
+from cpcal.cli import main
+main()
+"""
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cli") / "campaign"
+    cpcal.save_campaign(cpcal.simulate(seed=1, joint_error=1.0, factor=0.0), folder)
+    return folder
+
+
+def process(*arguments):
+    environment = os.environ | {"COLUMNS": "100"}
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)], capture_output=True, text=True, timeout=60, env=environment
+    )
+
+
+def test_module_entry_point_and_status_of_bad_input(tmp_path):
+    outcome = process("-m", "cpcal.cli", "certify", tmp_path / "absent", "-o", tmp_path / "run")
+    assert outcome.returncode == 2
+    assert outcome.stdout == ""
+    assert outcome.stderr.startswith("cpcal: 1 problem in the input:")
+    assert "Traceback" not in outcome.stderr
+
+
+def test_ctrl_c_leaves_what_is_proved(campaign, tmp_path):
+    outcome = process("-c", _INTERRUPTED, "certify", campaign, "-o", tmp_path, "--legs", "1,2,3")
+    assert outcome.returncode == 130, outcome.stderr
+    assert "Leg 1: proved." in outcome.stdout
+    assert "Interrupted" in outcome.stdout
+    assert "Traceback" not in outcome.stderr
+    data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert data["interrupted"] is True
+    assert [leg["leg"] for leg in data["legs"]] == [1, 2]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "result.json"]
+
+
+def terminal():
+    return Console(file=io.StringIO(), force_terminal=True, width=80, markup=False, highlight=False)
+
+
+def written(console):
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def test_progress_shows_the_bracket_of_each_leg():
+    console = terminal()
+    with watch([1, 3], 1e-6, console) as progress:
+        assert progress is not None
+        progress(1, Bracket(0.25, float("inf"), 0, 12, 0.1))
+        progress(1, Bracket(0.25, 0.5, 1, 34, 0.1))
+        progress(3, Bracket(0.25, 0.25, 2, 56, 0.1))
+        console.print("done")
+    text = written(console)
+    assert "leg 1" in text
+    assert "eps in [0.2500000, 0.5000000] mm" in text
+    assert "nodes 2  LPs 56" in text
+
+
+def test_no_progress_without_a_terminal():
+    console = Console(file=io.StringIO())
+    with watch([1], 1e-6, console) as progress:
+        assert progress is None
+    assert written(console) == ""
+
+
+def test_hostile_names_and_narrow_terminals(campaign):
+    measured = cpcal.load_campaign(campaign)
+    result = cpcal.certify(measured, legs=[1], eps=0.1)
+    hostile = cpcal.Result(**{**vars(result), "robot": "[bold]\x1b[2J:smile:"})
+    console = terminal()
+    console.width = 40
+    show_result(console, hostile, 6)
+    text = written(console)
+    assert "[bold]\N{REPLACEMENT CHARACTER}[2J:smile:" in text
+    assert "…" not in text  # no figure is cut off
+    assert "refuted" in text

@@ -1,0 +1,252 @@
+"""Every registered contractor, and the algebra, keeps the promises of `cpcal.testing`; broken ones are refused."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contractors import HC4, Fixpoint, Lifted, Then, Union, fixpoint
+from cpcal import plugins
+from cpcal.errors import PluginError
+from cpcal.interfaces import Contraction, Contractor, Step
+from cpcal.interval import Box
+from cpcal.network import ConstraintNetwork
+from cpcal.plugins import ContractorFactory
+from cpcal.testing import CONFORMANCE, boxes, cases, check_contractor
+
+
+def then(network: ConstraintNetwork, **options: Any) -> Contractor:
+    return HC4(network, **options) >> Lifted(network, **options)
+
+
+def union(network: ConstraintNetwork, **options: Any) -> Contractor:
+    return HC4(network, **options) | (Lifted(network, **options) >> HC4(network, **options))
+
+
+def repeated(network: ConstraintNetwork, **options: Any) -> Contractor:
+    return fixpoint(HC4(network, **options), ratio=0.99)
+
+
+ALGEBRA = {"then": then, "union": union, "fixpoint": repeated}
+FACTORIES = {name: plugins.load(name) for name in plugins.found()} | ALGEBRA
+
+
+@pytest.mark.parametrize("check", CONFORMANCE)
+@pytest.mark.parametrize("name", FACTORIES)
+def test_conformance(name: str, check: str) -> None:
+    CONFORMANCE[check](FACTORIES[name])
+
+
+def test_ours_are_found_by_entry_point() -> None:
+    assert {"hc4", "lifted"} <= set(plugins.found())
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_every_case_of_the_suite_has_solutions_in_its_domain_and_in_boxes(seed: int) -> None:
+    for case in cases(seed):
+        assert len(case.solutions) > 0
+        assert all(point in case.network.domain for point in case.solutions)
+        held = [sum(point in box for point in case.solutions) for box in boxes(case, seed)]
+        assert sum(count > 0 for count in held) >= 4
+
+
+# contractors that break a promise ---------------------------------------------------------------------------
+
+
+class Wrapped:
+    """hc4, spoilt by a function of the box given and of its result."""
+
+    idempotent = False
+
+    def __init__(self, network: ConstraintNetwork, spoil: Callable[[Box, Contraction], Contraction]) -> None:
+        self._inner, self._spoil = HC4(network), spoil
+
+    def contract(self, box: Box) -> Contraction:
+        return self._spoil(box, self._inner.contract(box))
+
+
+def spoilt(spoil: Callable[[Box, Contraction], Contraction], **attributes: Any) -> ContractorFactory:
+    def make(network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64") -> Contractor:
+        contractor = Wrapped(network, spoil)
+        for name, value in attributes.items():
+            setattr(contractor, name, value)
+        return contractor
+
+    return make
+
+
+def halve(box: Box, result: Contraction) -> Contraction:
+    if result.box.is_empty:
+        return result
+    return Contraction(result.box.with_bounds(result.box.lo, result.box.mid))
+
+
+def shave_one_float(box: Box, result: Contraction) -> Contraction:
+    if result.box.is_empty:
+        return result
+    return Contraction(result.box.with_bounds(np.nextafter(result.box.lo, np.inf), result.box.hi))
+
+
+def widen(box: Box, result: Contraction) -> Contraction:
+    return Contraction(box.with_bounds(np.nextafter(box.lo, -np.inf), box.hi))
+
+
+def fill(box: Box, result: Contraction) -> Contraction:
+    return Contraction(box.with_bounds(np.zeros(len(box)), np.ones(len(box)))) if box.is_empty else result
+
+
+def rename(box: Box, result: Contraction) -> Contraction:
+    return Contraction(Box([name + "'" for name in box.names], result.box.lo, result.box.hi))
+
+
+def prefer_small(box: Box, result: Contraction) -> Contraction:
+    """Contracts wide boxes only: a part of one keeps what the whole loses."""
+    return result if not box.is_empty and box.width.max() > 15.0 else Contraction(box)
+
+
+_COUNTER = itertools.count()
+
+
+def waver(box: Box, result: Contraction) -> Contraction:
+    return result if next(_COUNTER) % 2 else Contraction(box)
+
+
+def waver_in_steps(box: Box, result: Contraction) -> Contraction:
+    step = Step("waver", box.names[0], "lo", -np.inf, ((next(_COUNTER), 0),))
+    return Contraction(result.box, (step,))
+
+
+def invent_variable(box: Box, result: Contraction) -> Contraction:
+    return Contraction(result.box, (Step("x", "no such variable", "lo", -np.inf),))
+
+
+def boast(box: Box, result: Contraction) -> Contraction:
+    """The step claims more than the box shows."""
+    return Contraction(result.box, (Step("x", box.names[0], "lo", np.inf),))
+
+
+def claim_empty(box: Box, result: Contraction) -> Contraction:
+    return Contraction(box, (Step("x", None, "", np.nan),))
+
+
+def scribble(box: Box, result: Contraction) -> Contraction:
+    if not box.is_empty:
+        object.__setattr__(box, "lo", np.nextafter(box.lo, -np.inf))
+    return result
+
+
+BROKEN = {
+    "halve": (spoilt(halve), "keeps_solutions"),
+    "shave": (spoilt(shave_one_float), "keeps_solutions"),
+    "widen": (spoilt(widen), "never_widens"),
+    "rename": (spoilt(rename), "never_widens"),
+    "fill": (spoilt(fill), "keeps_empty"),
+    "prefer small": (spoilt(prefer_small), "is_monotone"),
+    "promise": (HC4, "is_idempotent_if_promised"),
+    "no promise": (spoilt(lambda box, result: result, idempotent=None), "is_idempotent_if_promised"),
+    "waver": (spoilt(waver), "is_deterministic"),
+    "waver in steps": (spoilt(waver_in_steps), "is_deterministic"),
+    "lambda": (spoilt(lambda box, result: result), "pickles"),
+    "scribble": (spoilt(scribble), "leaves_input_alone"),
+    "invent": (spoilt(invent_variable), "steps_agree"),
+    "boast": (spoilt(boast), "steps_agree"),
+    "claim": (spoilt(claim_empty), "steps_agree"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_the_suite_refuses_broken_contractors(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    factory, check = BROKEN[name]
+    if name == "promise":
+        monkeypatch.setattr(HC4, "idempotent", True)
+    with pytest.raises(AssertionError, match=r"\w+ \w+"):
+        CONFORMANCE[check](factory)
+    with pytest.raises(AssertionError, match=r"\w+ \w+"):
+        check_contractor(factory)
+
+
+def loses_readings(network: ConstraintNetwork, **options: Any) -> Contractor:
+    """The classical mistake: contracts as if every reading were exact."""
+    exact = ConstraintNetwork()
+    exact.__dict__.update(network.__dict__)
+    constraints = [c for c in network.constraints if c.body.shape != (8,)]
+    if len(constraints) < len(network.constraints):
+        exact._constraints = constraints
+        a = network.variables[0]
+        exact.add([a[0] >= 59.0])
+    return HC4(exact)
+
+
+def test_the_suite_refuses_one_that_ignores_the_reading_sets() -> None:
+    with pytest.raises(AssertionError, match="is lost on the network 'readings'"):
+        CONFORMANCE["keeps_solutions"](loses_readings)
+
+
+def test_check_contractor_accepts_a_good_one() -> None:
+    check_contractor(HC4, seed=3)
+
+
+# the algebra ------------------------------------------------------------------------------------------------
+
+
+class Foreign:
+    """A third party's contractor without operators of its own."""
+
+    idempotent = True
+
+    def contract(self, box: Box) -> Contraction:
+        return Contraction(box.replace("x", hi=min(1.0, float(box.hi[0]))), programs=2)
+
+
+@pytest.fixture
+def network() -> ConstraintNetwork:
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (-4, 4))
+    net.add(x**2 <= 4)
+    return net
+
+
+def test_operators_compose_with_a_foreign_contractor_on_either_side(network: ConstraintNetwork) -> None:
+    ours, foreign = HC4(network), Foreign()
+    for both in (ours >> foreign, foreign >> ours):
+        assert isinstance(both, Then)
+        result = both.contract(network.domain)
+        assert result.box["x"].hi == 1.0
+        assert result.box["x"].lo == pytest.approx(-2.0)
+        assert result.programs == 2
+    for either in (ours | foreign, foreign | ours):
+        assert isinstance(either, Union)
+        result = either.contract(network.domain)
+        assert result.box["x"].lo == -4.0
+        assert result.box["x"].hi == pytest.approx(2.0)
+        assert result.steps == ()
+
+
+def test_fixpoint_repeats_while_it_pays() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (0, 10)), net.variable("y", (), (0, 10))
+    net.add([2 * y == x, x == y])
+    once = HC4(net).contract(net.domain).box
+    many = fixpoint(HC4(net)).contract(net.domain).box
+    assert once.width.max() > 1.0
+    assert many.width.max() < 1e-6
+    assert (0.0, 0.0) in many
+
+
+def test_fixpoint_stops_on_empty_and_refuses_a_senseless_ratio(network: ConstraintNetwork) -> None:
+    network.add(network.variables[0] >= 3)
+    assert fixpoint(HC4(network)).contract(network.domain).box.is_empty
+    for ratio in (0.0, -1.0, 1.5):
+        with pytest.raises(ValueError, match="ratio"):
+            Fixpoint(HC4(network), ratio)
+
+
+def test_unknown_contractor_is_an_error_that_lists_those_found(network: ConstraintNetwork) -> None:
+    with pytest.raises(PluginError, match=r"hc4, lifted.*cpcal\.contractors"):
+        plugins.build(network, ["hc5"])
+    with pytest.raises(PluginError, match="at least one"):
+        plugins.build(network, [])

@@ -1,0 +1,196 @@
+"""lifted: its matrices against exact fractions, and what it must do that hc4 cannot."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import combinations_with_replacement
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contractors import HC4, Lifted
+from contractors.monomials import Shift, column_bounds, product_rows
+from cpcal.calibration import least_squares, leg_box, leg_network
+from cpcal.interval import Interval, get_arithmetic
+from cpcal.network import ConstraintNetwork, norm, sqrt
+from cpcal.network.polynomial import Monomial
+from cpcal.robot import Campaign, simulate
+from cpcal.robot.simulate import true_robot
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def all_monomials(variables: int, degree: int) -> tuple[Monomial, ...]:
+    return tuple(m for d in range(degree + 1) for m in combinations_with_replacement(range(variables), d))
+
+
+def value(monomial: Monomial, point: list[Fraction]) -> Fraction:
+    product = Fraction(1)
+    for i in monomial:
+        product *= point[i]
+    return product
+
+
+@pytest.mark.parametrize("arithmetic", ["float64", "arb"])
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+@settings(max_examples=8, deadline=None)
+@given(seed=SEEDS)
+def test_shift_matrix_encloses_the_exact_one(arithmetic: str, degree: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    monomials = all_monomials(3, degree)
+    center, radius = rng.normal(0, 100, 3), 10.0 ** rng.uniform(-8, 3, 3)
+    matrix = Shift(monomials, 3).matrix(get_arithmetic(arithmetic), center, radius)
+    u = [Fraction(v) for v in rng.uniform(-1, 1, 3)]
+    x = [Fraction(c) + Fraction(r) * v for c, r, v in zip(center, radius, u, strict=True)]
+    assert (matrix.lo <= matrix.hi).all()
+    for row, alpha in enumerate(monomials):
+        powers = [value(beta, u) for beta in monomials]
+        ends = [
+            sorted((Fraction(matrix.lo[row, j]) * p, Fraction(matrix.hi[row, j]) * p)) for j, p in enumerate(powers)
+        ]
+        assert sum(e[0] for e in ends) <= value(alpha, x) <= sum(e[1] for e in ends)
+    assert (matrix.hi - matrix.lo <= 1e-14 * np.maximum(np.abs(matrix.lo), 1e-300)).all()
+
+
+@pytest.mark.parametrize(("variables", "degree"), [(1, 4), (2, 2), (3, 3), (2, 4)])
+@settings(max_examples=15, deadline=None)
+@given(data=st.data())
+def test_product_rows_hold_for_every_point_of_the_cube(variables: int, degree: int, data: st.DataObject) -> None:
+    monomials = all_monomials(variables, degree)
+    rows = product_rows(monomials, np.ones(len(monomials) - 1, dtype=bool))
+    assert len(rows.rhs) > 0
+    coordinate = st.sampled_from([-1.0, -0.5, 0.0, 0.25, 1.0]) | st.floats(-1, 1, allow_subnormal=False)
+    u = [Fraction(v) for v in data.draw(st.lists(coordinate, min_size=variables, max_size=variables))]
+    w = [value(m, u) for m in monomials[1:]]
+    bounds = column_bounds(monomials)
+    assert all(lo <= v <= hi for lo, v, hi in zip(bounds.lo, w, bounds.hi, strict=True))
+    for row, rhs in zip(rows.matrix, rows.rhs, strict=True):
+        assert sum(Fraction(c) * v for c, v in zip(row, w, strict=True) if c) <= Fraction(rhs)
+
+
+def test_product_rows_are_the_hull_of_one_product_and_one_square() -> None:
+    rows = product_rows(all_monomials(2, 2), np.ones(5, dtype=bool))
+    # columns u, v, uu, uv, vv: at u = v = 1 all products are 1, so rows that allow other values are missing ones
+    for w in (
+        [1, 1, 1, 0.9, 1],
+        [1, 1, 1, 1.1, 1],
+        [1, 1, 0.9, 1, 1],
+        [0.5, 0, 1.1, 0, 0],
+        [0.5, 0, 0.2, 0, 0],
+    ):
+        assert (rows.matrix @ np.array(w) > rows.rhs + 1e-9).any()
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Campaign:
+    return simulate(seed=5, joint_error=1.0)
+
+
+def exact_readings(campaign: Campaign) -> Campaign:
+    return Campaign.from_arrays(campaign.robot, campaign.position, campaign.quaternion, campaign.length)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_contracts_a_leg_at_100_mm_where_hc4_cannot(campaign: Campaign, exact: bool) -> None:
+    engine = get_arithmetic("float64")
+    used = exact_readings(campaign) if exact else campaign
+    center = least_squares(used, 1)
+    net = leg_network(used, 1, leg_box(center, 100.0), engine=engine, eps=(0.0, 2.0))
+    by_hc4 = HC4(net).contract(net.domain).box
+    assert (by_hc4.width[:7] > 0.9 * 200.0).all()
+    by_lifted = Lifted(net, objective="eps").contract(net.domain)
+    assert (by_lifted.box.width[:7] < 0.65 * 200.0).all()
+    assert by_lifted.programs > 0
+    assert np.append(center, 2.0) in by_lifted.box
+    assert all(step.rows for step in by_lifted.steps)
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_never_loses_the_true_leg_within_its_reading_sets(seed: int) -> None:
+    """Noise truncated at the sets' ends: the true parameters solve the network at eps = 0."""
+    rng = np.random.default_rng(seed)
+    campaign = simulate(
+        seed=seed, truncate=3.0, noise=float(10 ** rng.uniform(-1, 1.5)), random_poses=12, extremal=False
+    )
+    truth = true_robot(campaign)
+    assert truth is not None
+    leg = int(rng.integers(1, 7))
+    x = truth.parameters[leg - 1]
+    center = x + rng.uniform(-1, 1, 7) * (delta := 10.0 ** rng.uniform(-2, 2.5))
+    net = leg_network(campaign, leg, leg_box(center, delta), engine=get_arithmetic("float64"), eps=(0.0, 10.0))
+    box = net.domain
+    for _ in range(3):
+        box = Lifted(net, objective="eps").contract(box).box
+        assert np.append(x, 0.0) in box
+        assert np.append(x, 10.0) in box
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=SEEDS)
+def test_never_loses_a_point_with_uncertain_anchors(seed: int) -> None:
+    """Many readings in every row, wide sets, boxes with faces through the solution."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 9))
+    point, anchors = rng.uniform(-5, 5, 3), rng.uniform(-20, 20, (count, 3))
+    p, r = rng.uniform(0, 2, 3) * rng.integers(0, 2, 3), rng.uniform(0, 2)
+    true = anchors + rng.uniform(-0.99, 0.99, (count, 3)) * p
+    length = np.linalg.norm(true - point, axis=1) + rng.uniform(-0.99, 0.99, count) * r
+    net = ConstraintNetwork()
+    a = net.variable("a", 3, (point - rng.uniform(0, 8, 3) * rng.integers(0, 2, 3), point + rng.uniform(0, 8, 3)))
+    scale = net.variable("s", (), (0.5, 2.0))
+    read = net.reading(length, r)
+    net.add((norm(net.reading(anchors, p) - a) * 1.0 - scale * read).within((-1e-9, 1e-9)))
+    assert [*point, 1.0] in Lifted(net).contract(net.domain).box
+    assert [*point, 1.0] in HC4(net).contract(net.domain).box
+
+
+def test_a_measurement_decides_at_neither_end_across_a_pole_or_a_missing_root() -> None:
+    """1/m falls on either side of zero, and yet is smallest at neither end of [-1, 1]."""
+    net = ConstraintNetwork()
+    x, m = net.variable("x", (), (-20, 20)), net.reading(np.zeros(1), 1.0)
+    net.add(m**-1 + x <= 0)
+    assert 10.0 in Lifted(net).contract(net.domain).box["x"]  # m = -0.1
+    net = ConstraintNetwork()
+    x, m = net.variable("x", (), (-1, 1)), net.reading(np.array([1.5]), 1.5)
+    net.add(sqrt(m - 1) + (0.05 - 0.1 * m) + x <= 0)
+    assert 0.05 in Lifted(net).contract(net.domain).box["x"]  # m = 1, where the root begins
+
+
+def test_proves_emptiness_and_says_which_rows_did() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([x * x + y * y <= 1, x + y >= 1.6])
+    result = Lifted(net).contract(net.domain)
+    assert result.box.is_empty
+    assert {row for step in result.steps for row in step.rows} == {(0, 0), (1, 0)}
+
+
+def test_point_is_the_optimum_of_the_objective_and_lies_in_the_box() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([x + y >= 1, x - 2 * y <= 0.5])
+    result = Lifted(net, objective="x").contract(net.domain)
+    assert result.point is not None
+    assert result.point[0] == pytest.approx(-1.0)
+    assert result.point in result.box
+
+
+@pytest.mark.parametrize("bounds", [(-np.inf, np.inf), (-1e200, 1e200), (0.0, 0.0)])
+def test_boxes_it_cannot_use_come_back_unharmed(bounds: tuple[float, float]) -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), bounds), net.variable("y", (), (-3, 3))
+    net.add((x * x + y * y * y).within((0, 1)))
+    result = Lifted(net).contract(net.domain).box
+    assert result.subset(net.domain)
+    assert (0.0, 1.0) in result
+
+
+def test_a_divisor_that_may_be_zero_is_no_error() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (0, 0)), net.variable("y", (), (-3, 3))
+    net.add([(x / Interval(-1, 1) + y).within((-1, 1)), y * y <= 4])
+    result = Lifted(net).contract(net.domain).box
+    assert 2.0 <= result["y"].hi < 2.1

@@ -1,0 +1,238 @@
+"""The page: self-contained, hostile names do nothing, the same bytes each time, small for large campaigns."""
+
+import dataclasses
+import math
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.report import QUANTIFIER, REPORT_NAME, reading_room, write_report
+from cpcal.report.page import render
+
+NAMES = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
+HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\x1b[31m"
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return cpcal.simulate(seed=1, joint_error=1.0)
+
+
+def leg_result(campaign, leg=1, **changes):
+    """A plausible answer without running the solver: the nominal point and an eps of its own."""
+    point = tuple(float(v) for v in campaign.robot.parameters[leg - 1])
+    enclosure = cpcal.Box(NAMES, np.array(point) - 1e-3, np.array(point) + 1e-3)
+    fields = {
+        "verdict": cpcal.Verdict.PROVED,
+        "status": "Both bounds are proved and the gap is closed.",
+        "eps_lo": 0.0890117468,
+        "eps_hi": 0.0890117515,
+        "point": point,
+        "center": point,
+        "enclosure": enclosure,
+        "floor": 0.0,
+        "support": tuple(campaign.measurement_ids[::9]),
+        "nodes": 1,
+        "programs": 94,
+        "seconds": 0.25,
+    }
+    return cpcal.LegResult(leg=leg, **(fields | changes))
+
+
+def result_of(campaign, *legs, **changes):
+    legs = legs or (leg_result(campaign),)
+    result = cpcal.Result(
+        campaign.robot.name,
+        campaign.sha256,
+        len(campaign),
+        NAMES,
+        100.0,
+        "fit",
+        1e-6,
+        None,
+        ("lifted",),
+        "float64",
+        "0.1.0",
+        legs,
+    )
+    return dataclasses.replace(result, **changes)
+
+
+class _Reader(HTMLParser):
+    """Collects tags and attributes, and checks that tags close in order."""
+
+    void = frozenset({"meta", "br", "img", "link", "hr", "input"})
+
+    def __init__(self):
+        super().__init__()
+        self.seen, self.ids, self.open = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.seen.append((tag, dict(attrs)))
+        self.ids += [value for name, value in attrs if name == "id"]
+        if tag not in self.void:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.seen.append((tag, dict(attrs)))
+        self.ids += [value for name, value in attrs if name == "id"]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def read(page):
+    reader = _Reader()
+    reader.feed(page)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+def harmless(page):
+    """Loads nothing and runs nothing."""
+    reader = read(page)
+    tags = {tag for tag, _ in reader.seen}
+    assert not tags & {"script", "link", "img", "iframe", "object", "embed", "image", "base", "form"}
+    for _, attributes in reader.seen:
+        assert not any(name.startswith("on") or name in ("src", "srcset") for name in attributes)
+        for name in ("href", "xlink:href"):
+            assert attributes.get(name, "#").startswith("#")
+    assert "http:" not in page
+    assert "https:" not in page
+    assert "@import" not in page
+    assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", page))
+    return reader
+
+
+def test_it_is_self_contained_and_says_what_matters(campaign, tmp_path):
+    legs = (leg_result(campaign), leg_result(campaign, 2))
+    path = write_report(campaign, result_of(campaign, *legs), tmp_path / "new" / "run")
+    assert path == tmp_path / "new" / "run" / REPORT_NAME
+    assert [p.name for p in path.parent.iterdir()] == [REPORT_NAME]
+    page = path.read_text(encoding="utf-8")
+    reader = harmless(page)
+    assert len(reader.ids) == len(set(reader.ids))
+    references = set(re.findall(r'href="#([^"]+)"', page)) | set(re.findall(r"url\(#([^)]+)\)", page))
+    assert references <= set(reader.ids)
+    for text in (
+        "0.08901174",
+        "0.08901176",
+        campaign.sha256,
+        QUANTIFIER,
+        "longer than eps",
+        "proved",
+        "±100 mm",
+    ):
+        assert text in page
+    assert page.count("<svg") == 2
+    assert "#0102" not in page  # every colour is the page's
+
+
+def test_the_same_bytes_every_time(campaign, tmp_path):
+    pages = [write_report(campaign, result_of(campaign), tmp_path / str(k)).read_bytes() for k in range(2)]
+    assert pages[0] == pages[1]
+
+
+def test_hostile_names_do_nothing(campaign):
+    robot = dataclasses.replace(campaign.robot, name=HOSTILE)
+    pose = tuple(f"{HOSTILE[:-5].replace('/', '')}{k}" for k in range(len(campaign)))
+    hostile = dataclasses.replace(campaign, robot=robot, pose=pose, provenance={HOSTILE: HOSTILE + "}}{% raw %}"})
+    leg = leg_result(hostile, support=tuple(hostile.measurement_ids[:3]), status=HOSTILE)
+    page = render(hostile, result_of(hostile, leg, version=HOSTILE, arithmetic=HOSTILE, center=HOSTILE))
+    harmless(page)
+    assert "&lt;script&gt;" in page
+    assert "\x1b" not in page
+
+
+def test_a_large_campaign_stays_small():
+    large = cpcal.simulate(seed=1, joint_error=1.0, random_poses=640, runs=11)
+    legs = tuple(leg_result(large, leg, support=tuple(large.measurement_ids[::60])) for leg in range(1, 7))
+    page = render(large, result_of(large, *legs))
+    assert len(large) == 7744
+    assert len(page.encode()) < 1_000_000
+    harmless(page)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"verdict": cpcal.Verdict.UNKNOWN, "eps_hi": math.inf, "point": None}, "is at least 0.08901174 mm"),
+        ({"enclosure": cpcal.Box(NAMES, [-math.inf] * 7, [math.inf] * 7)}, "-∞"),
+        (
+            {
+                "verdict": cpcal.Verdict.REFUTED,
+                "eps_lo": math.inf,
+                "eps_hi": math.inf,
+                "point": None,
+                "enclosure": cpcal.Box.empty(NAMES),
+                "support": (),
+            },
+            "nothing to enclose",
+        ),
+        ({"eps_lo": 0.0, "eps_hi": 0.0, "status": "The model is not refuted."}, "not refuted"),
+    ],
+)
+def test_results_without_a_point_or_bounds(campaign, changes, text):
+    page = render(campaign, result_of(campaign, leg_result(campaign, **changes)))
+    harmless(page)
+    assert text in page
+    assert ("<svg" in page) == (changes.get("point", ()) is not None)
+
+
+def test_a_question_about_one_eps(campaign):
+    refuted = leg_result(campaign, verdict=cpcal.Verdict.REFUTED, status="No x does: proved.", point=None)
+    page = render(campaign, result_of(campaign, refuted, eps=0.05))
+    assert "within eps = 0.05 mm" in page
+    assert "eps_lo" not in page
+    assert ">refuted<" in page
+
+
+def test_an_interrupted_run_says_so(campaign):
+    page = render(campaign, result_of(campaign, interrupted=True))
+    assert "Interrupted" in page
+    assert "2, 3, 4, 5, 6" in page
+    empty = dataclasses.replace(result_of(campaign, interrupted=True), legs=())
+    assert "No leg was finished" in render(campaign, empty)
+
+
+def test_a_result_of_another_campaign_is_refused(campaign, tmp_path):
+    other = cpcal.simulate(seed=2)
+    with pytest.raises(cpcal.InputError, match="another campaign"):
+        write_report(other, result_of(campaign), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_exact_measurement_and_no_residual_at_all():
+    single = cpcal.Campaign.from_arrays(
+        cpcal.Robot.from_parameters("r", [[0, 0, 0, 0, 0, 0, 0]]), [[0, 0, 100]], [[1, 0, 0, 0]], [[100.0]]
+    )
+    leg = leg_result(single, eps_lo=0.0, eps_hi=0.0, support=())
+    page = render(single, result_of(single, leg))
+    harmless(page)
+    assert "taken as exact" in page
+
+
+def test_room_of_the_readings_agrees_with_corners_of_their_sets(campaign):
+    leg = 3
+    x = campaign.robot.parameters[leg - 1]
+    room = reading_room(campaign, leg, x)
+    largest = np.zeros(len(campaign))
+    centre = _residual(campaign, x, leg, np.zeros(6))
+    for corner in np.ndindex(*(2,) * 6):
+        signs = 2.0 * np.array(corner) - 1.0
+        moved = np.abs(_residual(campaign, x, leg, signs) - centre) + campaign.length_radius[:, leg - 1]
+        largest = np.maximum(largest, moved)
+    np.testing.assert_allclose(room, largest, rtol=2e-3)
+
+
+def _residual(campaign, x, leg, signs):
+    from cpcal.robot import quaternion_product, rotation_matrix, small_rotation
+
+    turn = small_rotation(signs[3:] * campaign.rotation_radius)
+    arm = rotation_matrix(quaternion_product(turn, campaign.quaternion)) @ x[3:6]
+    position = campaign.position + signs[:3] * campaign.position_radius
+    return np.linalg.norm(position + arm - x[:3], axis=1) - campaign.length[:, leg - 1] - x[6]
