@@ -8,6 +8,7 @@ are ever active: the programs start with some dozens, and violated ones are adde
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +20,14 @@ from cpcal.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.linear import Glop, LazyRows, lower_bound
 from cpcal.network import ConstraintNetwork, polynomial_form
 from cpcal.network.monotone import DecisiveReadings
+from cpcal.network.restrict import restricted
+from cpcal.network.rows import Rows
 
 Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
 
+_MANY = 1024  # measurements, beyond which only the rows likely to matter on a box are expanded
+_LIKELY = 256  # of them for each side of a constraint
 _WORTHWHILE = 1e-3  # a bound that the current vertex already meets to this (in [-1, 1]) needs no program
 
 
@@ -47,9 +53,11 @@ class Lifted(Composable):
         self._arithmetic = get_arithmetic(arithmetic)
         self._engine = engine
         self._network = network
-        self._readings = DecisiveReadings(network, self._arithmetic)
-        # with readings every box has rows of its own
-        self._structure = None if self._readings.any else Structure(polynomial_form(network, self._arithmetic))
+        self._many = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints) > _MANY
+        self._rows = Rows(network)
+        # with readings, or with more rows than programs can hold, every box has rows of its own
+        fixed = not (self._many or DecisiveReadings(network, self._arithmetic).any)
+        self._structure = Structure(polynomial_form(network, self._arithmetic)) if fixed else None
         self._objective = None if objective is None else network.names.index(objective)
 
     def contract(self, box: Box) -> Contraction:
@@ -61,8 +69,30 @@ class Lifted(Composable):
         return _Programs(structure, self._arithmetic, self._engine(), box).run(self._objective)
 
     def _structure_on(self, box: Box) -> Structure:
-        """The rows with those readings replaced by an end that decide there on all of the box."""
-        return Structure(polynomial_form(self._network, self._arithmetic, self._readings.on(box)))
+        """The rows that are likely to matter on the box, their readings at the ends that decide on all of it."""
+        if not self._many:
+            sets = DecisiveReadings(self._network, self._arithmetic).on(box)
+            return Structure(polynomial_form(self._network, self._arithmetic, sets))
+        keep = self._rows.likely(box, _LIKELY)
+        network = restricted(self._network, keep)
+        sets = DecisiveReadings(network, self._arithmetic).on(box)
+        system = polynomial_form(network, self._arithmetic, sets)
+        return Structure(replace(system, origin=_original(system.origin, self._network, keep)))
+
+
+def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) -> Indices:
+    """Constraint and element in the whole network of each row of a restricted one."""
+    kept = [c for c, rows in enumerate(keep) if rows.size or not network.constraints[c].body.shape]
+    out = origin.copy()
+    for new, old in enumerate(kept):
+        mine = origin[:, 0] == new
+        out[mine, 0] = old
+        shape = network.constraints[old].body.shape
+        if shape:
+            width = max(int(np.prod(shape[1:])), 1)
+            element = origin[mine, 1]
+            out[mine, 1] = keep[old][element // width] * width + element % width
+    return out
 
 
 class _Programs:

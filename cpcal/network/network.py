@@ -80,6 +80,12 @@ class ConstraintNetwork:
                     raise ModelError(f"variable {leaf.name!r} belongs to another network")
         self._constraints += items
 
+    def without_constraints(self) -> ConstraintNetwork:
+        """A new network with the same variables and domains and no constraints yet."""
+        copy = ConstraintNetwork()
+        copy._variables, copy._domains = dict(self._variables), list(self._domains)
+        return copy
+
     @property
     def variables(self) -> tuple[Expr, ...]:
         return tuple(self._variables.values())

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interval import IntervalArray
+from cpcal.interval import Box, IntervalArray
 from cpcal.network.dependence import owners
 from cpcal.network.expression import Expr
 from cpcal.network.network import ConstraintNetwork
@@ -82,9 +82,10 @@ class Rows:
 
     def __init__(self, network: ConstraintNetwork) -> None:
         self._engine = Point()
-        roots = [row.expr for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
+        rows = [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
         self._size = len(network.names)
-        self._parts = [Extremes(network, root) for root in roots]
+        self._constraint = [row.constraint for row in rows]
+        self._parts = [Extremes(network, row.expr) for row in rows]
 
     def linearize(self, point: Floats) -> RowValues:
         """Values and derivatives at a point (n,)."""
@@ -93,6 +94,22 @@ class Rows:
         values: Sequence[Floats] = [np.zeros(0), *(v for v, _ in parts)]
         jacobians: Sequence[Floats] = [np.zeros((0, self._size)), *(j for _, j in parts)]
         return RowValues(np.concatenate(values), np.concatenate(jacobians))
+
+    def likely(self, box: Box, most: int) -> list[npt.NDArray[np.intp]]:
+        """For each constraint the elements (along its leading axis) that are likely to exclude points of a box.
+
+        At most `most` for each side: those that the midpoint violates most, without those that to first order no
+        point of the box violates.
+        """
+        chosen: list[set[int]] = [set() for _ in range(1 + max(self._constraint, default=-1))]
+        with np.errstate(all="ignore"):
+            for number, part in zip(self._constraint, self._parts, strict=True):
+                values, jacobian = self._part(part, box.mid)
+                possible = np.flatnonzero(values + np.abs(jacobian) @ box.rad > 0.0)
+                worst = possible[np.argsort(-values[possible], kind="stable")[:most]]
+                width = max(int(np.prod(part.root.shape[1:])), 1)
+                chosen[number].update((worst // width).tolist())
+        return [np.array(sorted(elements), dtype=np.intp) for elements in chosen]
 
     def second_order(self, point: Floats) -> float:
         """How far some row is from linear in its readings across their sets: a second difference, in the row's unit.
