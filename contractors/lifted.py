@@ -26,8 +26,8 @@ from cpcal.network.rows import Rows
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-_MANY = 1024  # measurements, beyond which only the rows likely to matter on a box are expanded
-_LIKELY = 256  # of them for each side of a constraint
+_MANY = 4096  # measurements, beyond which only the rows likely to matter on a box are expanded
+_LIKELY = 1024  # of them for each side of a constraint
 _WORTHWHILE = 1e-3  # a bound that the current vertex already meets to this (in [-1, 1]) needs no program
 
 

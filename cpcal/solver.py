@@ -14,7 +14,7 @@ from cpcal.interfaces import Contraction, Limits, Verdict
 from cpcal.interval import Box, get_arithmetic
 from cpcal.network import ConstraintNetwork, Expr
 from cpcal.optimize import Bracket, Minimum, minimize, run
-from cpcal.search import Event, EventKind, LargestFirst, Search
+from cpcal.search import Event, LargestFirst, Search
 
 DEFAULT_CONTRACTORS = ("hc4", "lifted")
 
@@ -69,14 +69,11 @@ class Network(ConstraintNetwork):
         limits = limits or Limits()
         contractor = plugins.build(self, contractors, arithmetic=arithmetic)
         search = Search([self.domain], contractor, LargestFirst(width))
-        kept: list[Box] = []
         nodes = 0
         clock = limits.clock()
         try:
             for event in search:
                 nodes += 1
-                if event.kind is EventKind.KEPT:
-                    kept.append(event.contraction.box)
                 if progress is not None:
                     progress(event)
                 if clock.over(nodes):
@@ -84,7 +81,7 @@ class Network(ConstraintNetwork):
         except KeyboardInterrupt:
             pass
         pending = [node.box for node in search.pending]
-        boxes = tuple(Solution(Verdict.UNKNOWN, box) for box in kept + pending)
+        boxes = tuple(Solution(Verdict.UNKNOWN, box) for box in search.kept + pending)
         if not boxes:
             return Paving(True, "The constraints have no common solution in the domain: proved.", (), nodes)
         if pending:

@@ -77,7 +77,7 @@ def _selected(node: Expr, rows: Rows, done: dict[bytes, Expr]) -> Expr:
     shape = (len(rows), *node.shape[1:])
     if node.op in ("constant", "reading") and isinstance(node.data, IntervalArray):
         return replace(node, shape=shape, data=node.data[rows])
-    if not node.args:
+    if not node.args or (node.op == "sum" and node.parameter == 0):  # of all rows: select from the result
         return node[rows]
     below = tuple(done[arg.digest] if _passes_down(node, arg) else arg for arg in node.args)
     if node.op != "index":

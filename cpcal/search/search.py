@@ -20,6 +20,7 @@ class EventKind(Enum):
 
     PRUNED = "proved to hold no solution"
     SPLIT = "divided"
+    CONTRACTED = "contracted, and worth another pass"
     KEPT = "fine enough to keep"
 
 
@@ -53,7 +54,10 @@ def breadth_first(node: Node) -> float:
 
 
 class Search(Iterator[Event]):
-    """Contract the most urgent box, then prune, keep or split it. Lower priority goes first, then age."""
+    """Contract the most urgent box, then prune, keep or split it. Lower priority goes first, then age.
+
+    A strategy that returns one piece asks for another pass over it. `kept` holds the boxes that were fine enough.
+    """
 
     def __init__(
         self,
@@ -64,31 +68,45 @@ class Search(Iterator[Event]):
     ) -> None:
         self._contractor, self._strategy, self._priority = contractor, strategy, priority
         self._heap: list[tuple[float, int, Node]] = []
+        self._current: Node | None = None
         self._created = 0
+        self.kept: list[Box] = []
         for box in roots:
             self._push(box, 0)
 
     @property
     def pending(self) -> tuple[Node, ...]:
         """The undecided nodes, most urgent first."""
-        return tuple(node for _, _, node in sorted(self._heap, key=lambda entry: entry[:2]))
+        queued = tuple(node for _, _, node in sorted(self._heap, key=lambda entry: entry[:2]))
+        return queued if self._current is None else (self._current, *queued)
 
     def __next__(self) -> Event:
-        if not self._heap:
-            raise StopIteration
-        _, _, node = heapq.heappop(self._heap)
-        try:
-            contraction = self._contractor.contract(node.box)
-            pieces = () if contraction.box.is_empty else self._strategy.split(contraction.box)
-        except BaseException:  # also Ctrl-C: the node is still undecided
-            heapq.heappush(self._heap, (self._priority(node), node.serial, node))
-            raise
+        # Ctrl-C may strike between any two lines: a node is listed as undecided (perhaps twice) until all that
+        # follows from it is stored.
+        if self._current is None:
+            if not self._heap:
+                raise StopIteration
+            self._current = self._heap[0][2]
+            heapq.heappop(self._heap)
+        node = self._current
+        contraction = self._contractor.contract(node.box)
+        pieces = () if contraction.box.is_empty else self._strategy.split(contraction.box)
         for piece in pieces:
-            self._push(piece, node.depth + 1)
-        kind = EventKind.PRUNED if contraction.box.is_empty else EventKind.SPLIT if pieces else EventKind.KEPT
-        return Event(kind, node, contraction)
+            self._push(piece, node.depth + (len(pieces) > 1))
+        if not pieces and not contraction.box.is_empty:
+            self.kept.append(contraction.box)
+        self._current = None
+        return Event(_kind(contraction.box, len(pieces)), node, contraction)
 
     def _push(self, box: Box, depth: int) -> None:
         node = Node(box, depth, self._created)
         self._created += 1
         heapq.heappush(self._heap, (self._priority(node), node.serial, node))
+
+
+def _kind(box: Box, pieces: int) -> EventKind:
+    if box.is_empty:
+        return EventKind.PRUNED
+    if pieces == 1:
+        return EventKind.CONTRACTED
+    return EventKind.SPLIT if pieces else EventKind.KEPT

@@ -105,6 +105,18 @@ def test_no_multipliers_make_a_wrong_bound(engine: str, seed: int, garbage: list
 @pytest.mark.parametrize("engine", ENGINES)
 @settings(max_examples=10, deadline=None)
 @given(seed=SEEDS)
+def test_negative_multipliers_count_as_zero(engine: str, seed: int) -> None:
+    """A row with a negative weight says the opposite of what it says."""
+    rng = np.random.default_rng([seed, 2])
+    program = Program(seed, room=3.0)
+    weights = -10.0 * rng.random(40)
+    assert program.bound(engine, weights) == program.bound(engine, np.zeros(40))
+    assert program.bound(engine, weights, np.zeros(6)) <= 0.0
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS)
 def test_bound_never_exceeds_values_at_points_of_the_polyhedron(engine: str, seed: int) -> None:
     rng = np.random.default_rng([seed, 1])
     program = Program(seed, room=1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import pickle
 from fractions import Fraction
 
@@ -110,7 +111,7 @@ def test_truth_values_and_chained_comparisons_are_refused(net: ConstraintNetwork
     with pytest.raises(ModelError, match="within"):
         0 <= x <= 1  # noqa: B015
     with pytest.raises(ModelError, match="truth value"):
-        x and 1
+        not x  # noqa: B018
     with pytest.raises(ModelError, match="closed"):
         x != 1  # noqa: B015
     with pytest.raises(ModelError):
@@ -150,10 +151,12 @@ def test_shape_errors_are_model_errors(net: ConstraintNetwork) -> None:
         lambda: net.component(x[0] + 1),
         lambda: net.add(ConstraintNetwork().variable("x") <= 1),
     ]
+    accepted = []
     for k, build in enumerate(wrong):
-        with pytest.raises(ModelError):
+        with contextlib.suppress(ModelError):
             build()
-            pytest.fail(f"number {k} was accepted")
+            accepted.append(k)
+    assert accepted == []
 
 
 INDICES = [0, -1, slice(1, None), slice(None, None, -1), [2, 0, 0], np.array([True, False, True]), None, ...]

@@ -136,7 +136,7 @@ def test_ctrl_c_keeps_what_is_proved() -> None:
 
     found = net.minimize(net.variables[1], contractors=("hc4",), progress=interrupt)
     assert found.interrupted
-    assert found.nodes == 2
+    assert found.nodes == calls[-1].nodes
     assert found.lo <= optimum <= found.hi
 
 
