@@ -3,8 +3,8 @@
     python -m benchmarks.spine [--data ../shared/data] [--legs 1,5] [--repeat 3] [--json FILE]
 
 Simulated DeltaLab campaigns with 64, 704 and 7,744 measurements (64 extremal poses, 1, 11 and 121 runs), readings
-exact and uncertain, joint error 1 mm, box +-100 mm, gap 1e-6; with --data also the Hangprinter's cables. Medians over repeated
-runs in one process; "seconds" is everything from the campaign in memory to the result, per leg.
+exact and uncertain, joint error 1 mm, box +-100 mm, gap 1e-6; with --data also the Hangprinter's cables. Medians over
+repeated runs in one process; "seconds" is everything from the campaign in memory to the result, per leg.
 """
 
 from __future__ import annotations

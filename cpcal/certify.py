@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,8 @@ from cpcal.calibration import PARAMETERS, least_squares, leg_box, leg_network
 from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Limits, Verdict
 from cpcal.interval import Arithmetic, get_arithmetic
+from cpcal.network import ConstraintNetwork
+from cpcal.network.restrict import restricted
 from cpcal.optimize import Bracket, Minimum, minimize, run
 from cpcal.result import LegResult, Result
 from cpcal.robot import Campaign
@@ -21,6 +24,8 @@ Floats = npt.NDArray[np.float64]
 Progress = Callable[[int, Bracket], None]
 
 CENTERS = ("fit", "nominal")
+
+_SUPPORT_NODES = 50  # spent at most on showing that a few measurements prove the bound alone
 
 
 def certify(
@@ -55,13 +60,14 @@ def certify(
         limits = Limits(seconds=time_limit, gap=gap)
         try:
             middle = least_squares(campaign, leg) if center == "fit" else _nominal(campaign, leg)
-            found = _one_leg(campaign, leg, middle, delta, tuple(contractors), engine, eps, limits, progress)
+            found, interrupted = _one_leg(
+                campaign, leg, middle, delta, tuple(contractors), engine, eps, limits, progress
+            )
         except KeyboardInterrupt:
             interrupted = True
             break
-        done.append(_leg_result(campaign, leg, middle, found, eps))
-        if found.interrupted:
-            interrupted = True
+        done.append(found)
+        if interrupted:
             break
     return Result(
         campaign.robot.name,
@@ -95,29 +101,46 @@ def _one_leg(
     eps: float | None,
     limits: Limits,
     progress: Progress | None,
-) -> Minimum:
+) -> tuple[LegResult, bool]:
+    """The result of one leg, and whether the user interrupted it."""
     box = leg_box(middle, delta)
     # A leg is longer than eps, which bounds eps.
-    longest = float(np.min(campaign.length[:, leg - 1]) + box.hi[6])
+    longest = float(np.nextafter(np.min(campaign.length[:, leg - 1]) + box.hi[6], np.inf))
     domain = (0.0, max(longest, 0.0)) if eps is None else (eps, eps)
     network = leg_network(campaign, leg, box, engine=engine, eps=domain)
-    contractor = plugins.build(network, contractors, objective="eps", arithmetic=engine.name)
-    states = minimize(
-        network,
-        "eps",
-        contractor,
-        engine=engine,
-        limits=limits,
-        start=np.append(middle, 0.0 if eps is None else eps),
-    )
-    return run(states, None if progress is None else lambda bracket: progress(leg, bracket))
+    start = np.append(middle, 0.0 if eps is None else eps)
+
+    def solve(net: ConstraintNetwork, limits: Limits, tell: Callable[[Bracket], None] | None) -> Minimum:
+        contractor = plugins.build(net, contractors, objective="eps", arithmetic=engine.name)
+        return run(minimize(net, "eps", contractor, engine=engine, limits=limits, start=start), tell)
+
+    found = solve(network, limits, None if progress is None else lambda bracket: progress(leg, bracket))
+    support = _support(network, found, limits.gap, lambda net: solve(net, replace(limits, nodes=_SUPPORT_NODES), None))
+    return _leg_result(campaign, leg, middle, found, support, eps)
 
 
-def _leg_result(campaign: Campaign, leg: int, middle: Floats, found: Minimum, eps: float | None) -> LegResult:
-    ids = campaign.measurement_ids
-    support = sorted({k for _, k in found.rows})
-    enclosure = found.enclosure
-    return LegResult(
+def _support(
+    network: ConstraintNetwork, found: Minimum, gap: float, solve: Callable[[ConstraintNetwork], Minimum]
+) -> tuple[int, ...]:
+    """Elements that alone prove the lower bound (up to the gap): those that decided it, if they do.
+
+    Otherwise all that had a weight in some step. None where there is nothing to prove, eps_lo = 0.
+    """
+    if not found.lo > 0.0 or found.interrupted:
+        return ()
+    decisive = np.array(sorted({k for _, k in found.decisive_rows}), dtype=np.intp)
+    if decisive.size:
+        alone = solve(restricted(network, [decisive] * len(network.constraints)))
+        if alone.lo >= found.lo or alone.lo >= found.lo - max(gap * found.lo, found.hi - found.lo):
+            return tuple(int(k) for k in decisive)
+    return tuple(sorted({k for _, k in found.rows}))
+
+
+def _leg_result(
+    campaign: Campaign, leg: int, middle: Floats, found: Minimum, support: tuple[int, ...], eps: float | None
+) -> tuple[LegResult, bool]:
+    ids, enclosure = campaign.measurement_ids, found.enclosure
+    result = LegResult(
         leg,
         found.verdict,
         _sentence(found, eps),
@@ -132,14 +155,17 @@ def _leg_result(campaign: Campaign, leg: int, middle: Floats, found: Minimum, ep
         found.programs,
         found.seconds,
     )
+    return result, found.interrupted
 
 
 def _sentence(found: Minimum, eps: float | None) -> str:
     if eps is not None:
         return {
-            Verdict.PROVED: f"Some x in the box satisfies all equations to within {eps:g} mm for some readings: proved.",
-            Verdict.REFUTED: f"No x in the box satisfies all equations to within {eps:g} mm for any readings: proved.",
-            Verdict.UNKNOWN: f"Stopped before it was known whether any x satisfies all equations to within {eps:g} mm.",
+            Verdict.PROVED: f"Some x in the box satisfies all equations to within {eps:g} mm for some readings: "
+            "proved.",
+            Verdict.REFUTED: f"No x in the box, with legs longer than {eps:g} mm, satisfies all equations "
+            f"to within {eps:g} mm for any readings: proved.",
+            Verdict.UNKNOWN: f"Stopped before it was known if any x satisfies the equations to within {eps:g} mm.",
         }[found.verdict]
     if found.witness is not None and found.hi == 0.0:
         return "The model is not refuted: some x satisfies every equation exactly for some readings: proved."

@@ -24,7 +24,8 @@ class LegResult:
     bracket is closed (or, when an eps was asked for, some x satisfies it); REFUTED: no x does; UNKNOWN: a limit
     came first. `point` is (ax, ay, az, bx, by, bz, l), None without a proved point; `enclosure` holds every x
     with eps <= eps_hi. `floor`: second-order effect of the readings below which the bracket cannot close.
-    `support`: ids of the measurements with a weight in some step of the proof.
+    `support`: ids of measurements
+    that by themselves prove eps_lo up to the gap or, where no few were found to, of all with a weight in some step.
     """
 
     leg: int

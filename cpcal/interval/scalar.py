@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from numbers import Rational
 from typing import Any, ClassVar, NoReturn, SupportsFloat, TypeAlias
 
@@ -213,6 +215,19 @@ class Interval:
 
     def __str__(self) -> str:
         return "[empty]" if self.is_empty else f"[{format_bound(self.lo)}, {format_bound(self.hi)}]"
+
+    def __format__(self, spec: str) -> str:
+        """`f"{x:.6f}"`: six decimals, the lower bound rounded down and the upper one up; other specs are refused."""
+        if not spec or self.is_empty:
+            return str(self)
+        if not re.fullmatch(r"\.\d+f", spec):
+            raise ValueError(f"an Interval is formatted by '.6f' and the like, not by {spec!r}")
+        unit = Decimal(1).scaleb(-int(spec[1:-1]))
+        bounds = (
+            str(bound) if math.isinf(bound) else f"{Decimal(bound).quantize(unit, rounding, Context(prec=2000)):f}"
+            for bound, rounding in ((self.lo, ROUND_FLOOR), (self.hi, ROUND_CEILING))
+        )
+        return f"[{', '.join(bounds)}]"
 
     def to_json(self) -> list[str] | str:
         """Bounds as `float.hex` text, or "empty"."""

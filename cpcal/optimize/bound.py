@@ -39,9 +39,9 @@ class Minimum:
     """The end of a minimisation over a box.
 
     `lo`: proved, no solution has a smaller objective. `hi` and `witness`: a proved solution. `enclosure`: holds every
-    solution with objective <= hi. `floor`: the second-order effect of the readings at the witness; boxes are not divided
-    to close a smaller gap (though contraction alone often closes it). `rows`: the (constraint, element) pairs with a
-    multiplier in some step of the proof of `lo`; `last_rows`: those of the very last step that raised it.
+    solution with objective <= hi. `floor`: the second-order effect of the readings at the witness; boxes are not
+    divided to close a smaller gap (though contraction alone often closes it). `rows`: the (constraint, element) pairs
+    with a multiplier in some step of the proof of `lo`; `decisive_rows`: those of the steps that decided the leaves.
     """
 
     lo: float
@@ -52,7 +52,7 @@ class Minimum:
     enclosure: Box
     floor: float
     rows: tuple[tuple[int, int], ...]
-    last_rows: tuple[tuple[int, int], ...]
+    decisive_rows: tuple[tuple[int, int], ...]
     pending: int
     nodes: int
     programs: int
@@ -122,7 +122,7 @@ def _minimum(search: Search, bounding: Bounding, last: Bracket, interrupted: boo
         enclosure,
         bounding.floor,
         tuple(sorted(bounding.used)),
-        tuple(sorted(bounding.last)),
+        tuple(sorted(bounding.decisive)),
         len(undecided),
         last.nodes,
         last.programs,

@@ -12,6 +12,7 @@ from cpcal.network import ConstraintNetwork
 from cpcal.network.rows import Rows
 from cpcal.optimize.fit import fit
 from cpcal.optimize.witness import Witness, WitnessProver
+from cpcal.search import bisect
 
 Floats = npt.NDArray[np.float64]
 
@@ -41,7 +42,8 @@ class Bounding:
         self.witness: Witness | None = None
         self.programs = 0
         self.used: set[tuple[int, int]] = set()
-        self.last: set[tuple[int, int]] = set()  # rows of the latest step that raised the objective
+        self.decisive: set[tuple[int, int]] = set()  # rows of the steps that decided the leaves
+        self._last: set[tuple[int, int]] = set()  # rows of the latest step that raised the objective
         self._fresh = True  # no fit has started in what the last division made
         self._productive = self._was_closed = False
 
@@ -95,7 +97,9 @@ class Bounding:
         name = self.domain.names[self.objective]
         raised = [s for s in step.steps if s.variable is None or (s.variable == name and s.side == "lo")]
         if raised:
-            self.last = set(raised[-1].rows)
+            self._last = set(raised[-1].rows)
+        if step.box.is_empty:
+            self.decisive |= self._last
 
     def closed(self, box: Box) -> bool:
         """Whether the box can raise the bracket's lower end no further than the gap asked for."""
@@ -106,11 +110,14 @@ class Bounding:
         return self.closed(box) or (not box.is_empty and bool(box.lo[self.objective] >= self.hi - self.floor))
 
     def split(self, box: Box) -> tuple[Box, ...]:
-        """The box itself for another pass, () once it is settled, else its pieces by the strategy."""
+        """The box itself for another pass, () once it is settled, else its pieces by the strategy.
+
+        Where that finds nothing to divide, the objective itself is halved.
+        """
         if self._productive and self.closed(box) == self._was_closed:
             return (box,)
-        if self.settled(box):
-            return ()
-        pieces = self._strategy.split(box)
+        pieces = () if self.settled(box) else self._strategy.split(box) or bisect(box, self.objective)
         self._fresh = len(pieces) > 1
+        if not pieces:
+            self.decisive |= self._last
         return pieces

@@ -17,11 +17,22 @@ Floats = npt.NDArray[np.float64]
 def bisect(box: Box, component: int) -> tuple[Box, ...]:
     """The two halves of a box, or () where float64 has no number between its bounds."""
     lo, hi = box.lo[component], box.hi[component]
-    cut = float(box.mid[component])
+    cut = _middle(lo, hi)
     if not lo < cut < hi:
         return ()
     name = box.names[component]
     return box.replace(name, hi=cut), box.replace(name, lo=cut)
+
+
+def _middle(lo: float, hi: float) -> float:
+    """Half way; of an unbounded interval a number that doubles its distance from zero, so that halves get finite."""
+    if np.isinf(lo) and np.isinf(hi):
+        return 0.0
+    if np.isinf(hi):
+        return min(max(1.0, 2.0 * float(lo)), float(np.finfo(np.float64).max))
+    if np.isinf(lo):
+        return max(min(-1.0, 2.0 * float(hi)), -float(np.finfo(np.float64).max))
+    return float(0.5 * lo + 0.5 * hi)
 
 
 class LargestFirst:

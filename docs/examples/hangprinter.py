@@ -67,7 +67,7 @@ def main() -> None:
             where = "none proved" if found.witness is None else ", ".join(f"{v:.1f}" for v in found.witness.point[:3])
             model = "quadratic" if quadratic else "linear"
             print(
-                f"{cable:5}  {model:10}  [{found.lo:.9f}, {found.hi:.9f}]  {found.hi - found.lo:.0e}"
+                f"{cable:5}  {model:10}  {cpcal.Interval(found.lo, found.hi):.9f}  {found.hi - found.lo:.0e}"
                 f"  {found.nodes:5}  {found.programs:3}  ({where})"
             )
 
