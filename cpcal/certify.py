@@ -14,8 +14,7 @@ from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Limits, Verdict
 from cpcal.interval import Arithmetic, get_arithmetic
 from cpcal.network import ConstraintNetwork
-from cpcal.network.restrict import restricted
-from cpcal.optimize import Bracket, Minimum, minimize, run
+from cpcal.optimize import Bracket, Minimum, minimize, run, support
 from cpcal.result import LegResult, Result
 from cpcal.robot import Campaign
 from cpcal.version import __version__
@@ -115,29 +114,14 @@ def _one_leg(
         return run(minimize(net, "eps", contractor, engine=engine, limits=limits, start=start), tell)
 
     found = solve(network, limits, None if progress is None else lambda bracket: progress(leg, bracket))
-    support = _support(network, found, limits.gap, lambda net: solve(net, replace(limits, nodes=_SUPPORT_NODES), None))
-    return _leg_result(campaign, leg, middle, found, support, eps)
-
-
-def _support(
-    network: ConstraintNetwork, found: Minimum, gap: float, solve: Callable[[ConstraintNetwork], Minimum]
-) -> tuple[int, ...]:
-    """Elements that alone prove the lower bound (up to the gap): those that decided it, if they do.
-
-    Otherwise all that had a weight in some step. None where there is nothing to prove, eps_lo = 0.
-    """
-    if not found.lo > 0.0 or found.interrupted:
-        return ()
-    decisive = np.array(sorted({k for _, k in found.decisive_rows}), dtype=np.intp)
-    if decisive.size:
-        alone = solve(restricted(network, [decisive] * len(network.constraints)))
-        if alone.lo >= found.lo or alone.lo >= found.lo - max(gap * found.lo, found.hi - found.lo):
-            return tuple(int(k) for k in decisive)
-    return tuple(sorted({k for _, k in found.rows}))
+    few = support(
+        network, "eps", found, limits.gap, lambda net: solve(net, replace(limits, nodes=_SUPPORT_NODES), None)
+    )
+    return _leg_result(campaign, leg, middle, found, few, eps)
 
 
 def _leg_result(
-    campaign: Campaign, leg: int, middle: Floats, found: Minimum, support: tuple[int, ...], eps: float | None
+    campaign: Campaign, leg: int, middle: Floats, found: Minimum, few: tuple[int, ...], eps: float | None
 ) -> tuple[LegResult, bool]:
     ids, enclosure = campaign.measurement_ids, found.enclosure
     result = LegResult(
@@ -150,7 +134,7 @@ def _leg_result(
         tuple(float(v) for v in middle),
         type(enclosure)(PARAMETERS, enclosure.lo[:7], enclosure.hi[:7]),
         found.floor,
-        tuple(ids[k] for k in support),
+        tuple(ids[k] for k in few),
         found.nodes,
         found.programs,
         found.seconds,
