@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal import plugins
-from cpcal.calibration import PARAMETERS, least_squares, leg_box, leg_network
+from cpcal.calibration import PARAMETERS, least_squares, leg_box, leg_network, solves_exactly
 from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Limits, Verdict
 from cpcal.interval import Arithmetic, get_arithmetic
@@ -127,7 +127,7 @@ def _leg_result(
     result = LegResult(
         leg,
         found.verdict,
-        _sentence(found, eps),
+        _sentence(campaign, leg, found, eps),
         found.lo,
         found.hi,
         None if found.witness is None else tuple(float(v) for v in found.witness.point[:7]),
@@ -142,7 +142,7 @@ def _leg_result(
     return result, found.interrupted
 
 
-def _sentence(found: Minimum, eps: float | None) -> str:
+def _sentence(campaign: Campaign, leg: int, found: Minimum, eps: float | None) -> str:
     if eps is not None:
         return {
             Verdict.PROVED: f"Some x in the box satisfies all equations to within {eps:g} mm for some readings: "
@@ -152,7 +152,8 @@ def _sentence(found: Minimum, eps: float | None) -> str:
             Verdict.UNKNOWN: f"Stopped before it was known if any x satisfies the equations to within {eps:g} mm.",
         }[found.verdict]
     if found.witness is not None and found.hi == 0.0:
-        return "The model is not refuted: some x satisfies every equation exactly for some readings: proved."
+        how = "proved in exact arithmetic" if solves_exactly(campaign, leg, found.witness.point[:7]) else "proved"
+        return f"The model is not refuted: some x satisfies every equation exactly for some readings: {how}."
     return found.status
 
 

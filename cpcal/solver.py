@@ -109,7 +109,13 @@ class Network(ConstraintNetwork):
         per component in the order of `names`. Raises ModelError for anything but a variable with a finite domain.
         """
         name = self.component(objective)
-        if not self.domain.is_bounded and "hc4" not in contractors:
+        others = [
+            bound
+            for component in self.names
+            if component != name
+            for bound in (self.domain[component].lo, self.domain[component].hi)
+        ]
+        if not np.isfinite(others).all() and "hc4" not in contractors:
             raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
         engine = get_arithmetic(arithmetic)
         contractor = plugins.build(self, contractors, objective=name, arithmetic=arithmetic)

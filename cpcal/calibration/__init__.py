@@ -1,6 +1,7 @@
 """From campaigns to constraint networks: the leg model and its least-squares fit."""
 
+from cpcal.calibration.exact import solves_exactly
 from cpcal.calibration.least_squares import least_squares
 from cpcal.calibration.leg import PARAMETERS, leg_box, leg_network, residuals
 
-__all__ = ["PARAMETERS", "least_squares", "leg_box", "leg_network", "residuals"]
+__all__ = ["PARAMETERS", "least_squares", "leg_box", "leg_network", "residuals", "solves_exactly"]
