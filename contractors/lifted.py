@@ -131,6 +131,8 @@ class _Programs:
                 continue
             if point is None:
                 point = self._point(solution)
+            if self._already_met(variable, side):
+                continue
             bound = self._bound(variable, side, solution)
             if bound is None:
                 continue
@@ -146,11 +148,14 @@ class _Programs:
         return Contraction(box, tuple(self._steps), point, self._rows.programs)
 
     def _order(self, first: int | None) -> list[tuple[int, str]]:
-        variables = sorted(self._structure.positions, key=lambda v: (v != first, v))
-        return [(v, side) for v in variables for side in ("lo", "hi")]
+        """The objective's lower bound first; its upper one last, which the vertices before mostly meet."""
+        others = [(v, side) for v in sorted(self._structure.positions) for side in ("lo", "hi") if v != first]
+        if first is None or first not in self._structure.positions:
+            return others
+        return [(first, "lo"), *others, (first, "hi")]
 
     def _already_met(self, variable: int, side: str) -> bool:
-        """Whether a vertex of an earlier program shows that this bound cannot move by much."""
+        """Whether a vertex of an earlier program shows that this bound cannot move by much (or its own)."""
         k = self._structure.positions[variable]
         sign = 1.0 if side == "lo" else -1.0
         return any(sign * w[k] < -1.0 + _WORTHWHILE for w in self._extremes)
