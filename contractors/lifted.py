@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from contractors.algebra import Composable
 from contractors.relaxation import Relaxation, Structure
-from cpcal.interfaces import Contraction, LinearEngine, LinearSolution, LinearStatus, Step
+from cpcal.interfaces import Contraction, LinearEngine, LinearSolution, LinearStatus, Step, StepWeights
 from cpcal.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.linear import Glop, LazyRows, lower_bound
 from cpcal.network import ConstraintNetwork, polynomial_form
@@ -25,6 +25,7 @@ from cpcal.network.rows import Rows
 
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
+Carriers = tuple[tuple[tuple[int, int], ...], StepWeights | None]
 
 _MANY = 4096  # measurements, beyond which only the rows likely to matter on a box are expanded
 _LIKELY = 1024  # of them for each side of a constraint
@@ -173,8 +174,8 @@ class _Programs:
 
     # proofs ---------------------------------------------------------------------------------------------
 
-    def _proved(self, solution: LinearSolution, objective: Floats) -> tuple[float, tuple[tuple[int, int], ...]]:
-        """Rigorous lower bound of the objective from the multipliers, and the rows that carry it."""
+    def _proved(self, solution: LinearSolution, objective: Floats) -> tuple[float, Carriers]:
+        """Rigorous lower bound of the objective from the multipliers, and what carries it."""
         products = self._structure.products
         count = len(products.rhs)
         y = solution.multipliers
@@ -193,13 +194,31 @@ class _Programs:
             objective,
             self._structure.columns,
         )
-        origin = self._structure.system.origin[rows]
-        return bound, tuple((int(c), int(k)) for c, k in origin)
+        origin, part = self._structure.system.origin[rows].tolist(), self._structure.system.part[rows].tolist()
+        row_weights = weights[len(with_products) :].tolist()
+        carried = tuple((c, p, k, w) for (c, k), p, w in zip(origin, part, row_weights, strict=True))
+        return bound, (tuple((c, k) for c, k in origin), self._weights(carried, with_products, y))
+
+    def _weights(self, rows: tuple[tuple[int, int, int, float], ...], chosen: Indices, y: Floats) -> StepWeights | None:
+        """The multipliers in a form that can be checked; None for products of more than two variables."""
+        pairs, tangents = [], []
+        for position in chosen:
+            beta, delta, on_beta, on_delta, on_gamma = self._structure.products.factors[position]
+            if len(beta) + len(delta) > 2:
+                return None
+            weight = float(y[position])
+            if beta != delta:
+                pairs.append((beta[0], delta[0], -on_beta, -on_delta, weight))
+            elif on_gamma > 0.0:
+                pairs.append((beta[0], beta[0], 1.0, -1.0, weight))
+            else:
+                tangents.append((beta[0], 0.5 * on_beta, weight))
+        return StepWeights(rows, tuple(pairs), tuple(tangents))
 
     def _proved_empty(self, solution: LinearSolution) -> bool:
-        bound, rows = self._proved(solution, np.zeros(len(self._structure.used)))
+        bound, carriers = self._proved(solution, np.zeros(len(self._structure.used)))
         if bound > 0.0:
-            self._steps.append(Step("lifted", None, "", np.nan, rows))
+            self._steps.append(Step("lifted", None, "", np.nan, *carriers))
         return bound > 0.0
 
     def _bound(self, variable: int, side: str, solution: LinearSolution) -> float | None:
@@ -207,7 +226,7 @@ class _Programs:
         sign = 1.0 if side == "lo" else -1.0
         objective = np.zeros(len(self._structure.used))
         objective[self._structure.positions[variable]] = sign
-        bound, rows = self._proved(solution, objective)
+        bound, carriers = self._proved(solution, objective)
         if not -1.0 < bound < np.inf:
             return None
         value = self._relaxation.value(variable, sign * bound)
@@ -215,7 +234,7 @@ class _Programs:
         old = self._box.lo[variable] if side == "lo" else self._box.hi[variable]
         if sign * (new - old) <= 0.0:
             return None
-        self._steps.append(Step("lifted", self._box.names[variable], side, new, rows))
+        self._steps.append(Step("lifted", self._box.names[variable], side, new, *carriers))
         return new
 
     def _point(self, solution: LinearSolution) -> Floats:

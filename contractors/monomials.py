@@ -63,6 +63,9 @@ class ProductRows:
 
     matrix: Floats
     rhs: Floats
+    factors: tuple[
+        tuple[Monomial, Monomial, float, float, float], ...
+    ]  # and the coefficients of both and their product
 
 
 def column_bounds(monomials: tuple[Monomial, ...]) -> IntervalArray:
@@ -80,6 +83,7 @@ def product_rows(monomials: tuple[Monomial, ...], used: npt.NDArray[np.bool_]) -
     column = {m: k - 1 for k, m in enumerate(monomials)}
     rows: list[Floats] = []
     rhs: list[float] = []
+    factors: list[tuple[Monomial, Monomial, float, float, float]] = []
     for gamma in monomials[1:]:
         if len(gamma) < 2 or not used[column[gamma]]:
             continue
@@ -91,7 +95,8 @@ def product_rows(monomials: tuple[Monomial, ...], used: npt.NDArray[np.bool_]) -
                 row[column[delta]] += on_delta
                 rows.append(row)
                 rhs.append(bound)
-    return ProductRows(np.array(rows).reshape(len(rows), len(monomials) - 1), np.array(rhs))
+                factors.append((beta, delta, on_beta, on_delta, on_gamma))
+    return ProductRows(np.array(rows).reshape(len(rows), len(monomials) - 1), np.array(rhs), tuple(factors))
 
 
 def _factorings(gamma: Monomial) -> list[tuple[Monomial, Monomial]]:

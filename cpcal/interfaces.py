@@ -24,6 +24,20 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True)
+class StepWeights:
+    """The multipliers that carry a step, for whoever proves it again: on the box that was contracted.
+
+    `rows`: (constraint, part, element, weight), parts being the polynomial rows of one constraint in order;
+    `products`: (variable i, variable j, p, q, weight) of the bound product (1 + p u_i)(1 + q u_j) in the box's
+    coordinates u; `tangents`: (i, t, weight) of (u_i - t)^2. None of it need be trusted.
+    """
+
+    rows: tuple[tuple[int, int, int, float], ...]
+    products: tuple[tuple[int, int, float, float, float], ...]
+    tangents: tuple[tuple[int, float, float], ...]
+
+
+@dataclass(frozen=True)
 class Step:
     """One proved removal: no solution of the network lies in `box` outside of what is left.
 
@@ -36,6 +50,7 @@ class Step:
     side: str
     bound: float
     rows: tuple[tuple[int, int], ...] = ()
+    weights: StepWeights | None = None
 
 
 @dataclass(frozen=True)

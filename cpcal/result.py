@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import html
 import json
 import math
 import os
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +43,19 @@ class LegResult:
     nodes: int
     programs: int
     seconds: float
+    certificate: str | None = None
 
     @property
     def not_refuted(self) -> bool:
         """Whether the model without any error is proved to fit: eps* = 0."""
         return self.point is not None and self.eps_hi == 0.0
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the verdict and a sentence. The bracket only where it says more than the sentence."""
+        lo, hi = _outward(self.eps_lo, self.eps_hi)
+        between = f"The smallest model error lies between {lo} and {hi} mm. "
+        bracket = between if self.eps_lo < self.eps_hi < math.inf else ""
+        return f"<p><b>Leg {_escaped(self.leg)}: {self.verdict.value}.</b> {bracket}{_escaped(self.status)}</p>"
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -64,7 +74,7 @@ class LegResult:
             },
             "floor": self.floor,
             "support": list(self.support),
-            "certificate": None,
+            "certificate": self.certificate,
             "nodes": self.nodes,
             "lps": self.programs,
             "seconds": self.seconds,
@@ -89,6 +99,7 @@ class LegResult:
             data["nodes"],
             data["lps"],
             data["seconds"],
+            data["certificate"],
         )
 
 
@@ -113,6 +124,22 @@ class Result:
     version: str
     legs: tuple[LegResult, ...]
     interrupted: bool = False
+
+    def _repr_html_(self) -> str:
+        """For notebooks: a table, a row a leg. Bounds are rounded to the side on which they stay proved."""
+        names = ("eps_lo [mm]", "eps_hi [mm]") if self.eps is None else ("eps asked [mm]",)
+        header = "".join(f"<th>{name}</th>" for name in ("leg", "verdict", *names, "support", "sentence"))
+        rows = []
+        for leg in self.legs:
+            bounds = _outward(leg.eps_lo, leg.eps_hi) if self.eps is None else (repr(float(self.eps)),)
+            cells = (leg.leg, leg.verdict.value, *bounds, len(leg.support), leg.status)
+            rows.append("<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in cells) + "</tr>")
+        title = f"{_escaped(self.robot)}: {self.measurements:,} measurements"
+        stopped = "; interrupted: what is shown was proved until then" if self.interrupted else ""
+        return (
+            f"<table><caption>{title}{stopped}</caption><thead><tr>{header}</tr></thead>"
+            f"<tbody>{''.join(rows)}</tbody></table>"
+        )
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -179,6 +206,20 @@ def load_result(run: str | os.PathLike[str]) -> Result:
         return Result.from_json(data)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError([Problem(str(path), f"lacks or garbles a field: {error!r}", "run certify again")]) from None
+
+
+def _outward(lo: float, hi: float) -> tuple[str, str]:
+    """With seven digits, `lo` rounded down and `hi` rounded up."""
+    return _seven(lo, ROUND_FLOOR), _seven(hi, ROUND_CEILING)
+
+
+def _seven(value: float, rounding: str) -> str:
+    return str(Context(prec=7, rounding=rounding).plus(Decimal(value))) if math.isfinite(value) else str(value)
+
+
+def _escaped(value: object) -> str:
+    """As text of an HTML page; unprintable characters become U+FFFD."""
+    return html.escape("".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in str(value)))
 
 
 def _number(value: float) -> float | str:

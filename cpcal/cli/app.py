@@ -10,8 +10,10 @@ from typer.core import TyperGroup
 from cpcal.cli.certify import certify
 from cpcal.cli.demo import demo
 from cpcal.cli.plugins import plugins
+from cpcal.cli.report import report
 from cpcal.cli.simulate import simulate
 from cpcal.cli.status import STATUS_HELP, Status
+from cpcal.cli.verify import VERIFY_STATUS_HELP, verify
 from cpcal.errors import CpcalError
 from cpcal.report import clean
 from cpcal.version import __version__
@@ -60,7 +62,9 @@ def _cpcal(
 app.command(epilog=STATUS_HELP)(certify)
 app.command()(simulate)
 app.command(epilog=STATUS_HELP)(demo)
+app.command()(report)
 app.command()(plugins)
+app.command(epilog=VERIFY_STATUS_HELP)(verify)
 
 
 def main() -> None:

@@ -42,7 +42,8 @@ class PolynomialSystem:
 
     `coefficients` has shape (1 + J, K, M) (see `coefficient`); monomial 0 is 1 and with a monomial all its
     divisors are listed. `guards` (1 + J, K, G) over `guard_monomials` (positions in `monomials`) are the
-    guards of the rows in `guarded` (K,). `origin` (K, 2) holds constraint and element of each row.
+    guards of the rows in `guarded` (K,). `origin` (K, 2) holds constraint and element of each row, `part` which of
+    the rows made from that constraint it belongs to.
     """
 
     names: tuple[str, ...]
@@ -52,6 +53,7 @@ class PolynomialSystem:
     guard_monomials: npt.NDArray[np.intp]
     guards: IntervalArray
     origin: npt.NDArray[np.intp]
+    part: npt.NDArray[np.intp]
     leftover: tuple[tuple[int, str], ...]
 
 
@@ -241,8 +243,19 @@ def polynomial_form(
         guard_monomials=np.array(guard_columns, dtype=np.intp),
         guards=_joined(guards, (slots, 0, len(guard_columns))),
         origin=np.concatenate([np.zeros((0, 2), dtype=np.intp), *origins]),
+        part=_parts([(row.constraint, int(np.prod(q.shape))) for row, q, _ in rows]),
         leftover=tuple(leftover),
     )
+
+
+def _parts(blocks: list[tuple[int, int]]) -> npt.NDArray[np.intp]:
+    """For every row the number of its block among those of its constraint; blocks are (constraint, rows)."""
+    seen: dict[int, int] = {}
+    out = [np.zeros(0, dtype=np.intp)]
+    for constraint, count in blocks:
+        out.append(np.full(count, seen.setdefault(constraint, 0), dtype=np.intp))
+        seen[constraint] += 1
+    return np.concatenate(out)
 
 
 def _closed(monomials: set[Monomial]) -> tuple[Monomial, ...]:

@@ -1,7 +1,7 @@
 """What a person reads of a result: numbers rounded to the proved side, sentences, one HTML page."""
 
 from cpcal.report.numbers import bracket_text, clean, gap_text, rounded_down, rounded_up
-from cpcal.report.page import REPORT_NAME, write_report
+from cpcal.report.page import REPORT_NAME, write_page, write_report
 from cpcal.report.room import reading_room
 from cpcal.report.table import Table, result_table
 from cpcal.report.words import LONGER, QUANTIFIER, leg_sentence, missing_legs
@@ -20,5 +20,6 @@ __all__ = [
     "result_table",
     "rounded_down",
     "rounded_up",
+    "write_page",
     "write_report",
 ]

@@ -6,22 +6,22 @@ import os
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from cpcal.calibration import PARAMETERS, residuals
-from cpcal.errors import InputError, Problem
 from cpcal.report.assumptions import assumptions
+from cpcal.report.bars import Enclosure, enclosure_svg
+from cpcal.report.match import check_match
 from cpcal.report.numbers import bracket_text, clean, nearest, rounded_down, rounded_up
+from cpcal.report.origin import command, versions
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
 from cpcal.report.room import reading_room
 from cpcal.report.table import result_table
 from cpcal.report.words import LONGER, QUANTIFIER, leg_sentence, missing_legs
 from cpcal.result import LegResult, Result
 from cpcal.robot import Campaign
-from cpcal.version import __version__
 
 REPORT_NAME = "report.html"
 
@@ -30,28 +30,31 @@ _MOST_NAMES = 120  # measurement ids listed for a leg
 
 
 def write_report(campaign: Campaign, result: Result, folder: str | os.PathLike[str]) -> Path:
-    """Write `report.html` into `folder` (made if missing), all or nothing; its path.
+    """`write_page` to `report.html` in `folder`, made if missing; its path."""
+    return write_page(campaign, result, Path(folder) / REPORT_NAME)
+
+
+def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str]) -> Path:
+    """Write the page to `file`, all or nothing, in a folder that is made if missing; its path.
 
     The same campaign and result give the same bytes. Bounds are printed rounded to the side on which they
     stay proved; every answer is for SOME reading in the set of each measurement. Raises InputError when the
     result is of another campaign, OSError when the file cannot be written.
     """
     page = render(campaign, result)
-    target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
-    partial = target / f".{REPORT_NAME}.partial"
+    target = Path(file)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    partial = target.with_name(f".{target.name}.partial")
     try:
         partial.write_text(page, encoding="utf-8")
-        return partial.replace(target / REPORT_NAME)
+        return partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)
 
 
 def render(campaign: Campaign, result: Result) -> str:
-    """The page as text. Raises InputError when the result is of another campaign."""
-    if result.campaign_sha256 != campaign.sha256:
-        what = f"is of another campaign (sha256 {clean(result.campaign_sha256)}, not {campaign.sha256})"
-        raise InputError([Problem("result", what, "certify this campaign")])
+    """The page as text. Raises InputError when the result is of another campaign, or garbled."""
+    check_match(campaign, result)
     environment = Environment(
         loader=PackageLoader("cpcal.report", "templates"),
         autoescape=True,
@@ -77,11 +80,8 @@ def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
         "longer": LONGER,
         "assumptions": assumptions(campaign, result),
         "provenance": campaign.provenance,
-        "versions": {
-            "solver": result.version,
-            "page": __version__,
-            "matplotlib": matplotlib.__version__,
-        },
+        "versions": versions(),
+        "command": command(campaign, result),
     }
 
 
@@ -92,6 +92,7 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
         "verdict": leg.verdict.value,
         "sentence": leg_sentence(result, leg),
         "parameters": _parameters(leg),
+        "bars": _bars(campaign, result, leg),
         "proved_point": leg.point is not None,
         "empty": leg.enclosure.is_empty,
         "support": names,
@@ -109,6 +110,25 @@ def _parameters(leg: LegResult) -> list[tuple[str, ...]]:
         bounds = (rounded_down(lo, _DECIMALS), rounded_up(hi, _DECIMALS))
         rows.append((name, nearest(leg.center[k], _DECIMALS), point, *bounds))
     return rows
+
+
+def _bars(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
+    """The plot of the enclosure against nominal values and fit, and what its caption says."""
+    data = Enclosure(
+        PARAMETERS,
+        campaign.robot.parameters[leg.leg - 1],
+        leg.enclosure.lo,
+        leg.enclosure.hi,
+        np.array(leg.center) if result.center == "fit" else None,
+    )
+    label = f"Leg {leg.leg}: enclosure of each parameter, relative to its nominal value"
+    return {
+        "svg": Markup(enclosure_svg(data, prefix=f"leg{leg.leg}-bars-", label=label)),  # made by us, as below
+        "empty": data.empty,
+        "unbounded": data.unbounded,
+        "fit": data.fit is not None,
+        "fit_beyond": data.fit_beyond,
+    }
 
 
 def _figure(campaign: Campaign, leg: LegResult) -> dict[str, Any] | None:

@@ -40,6 +40,7 @@ class Event:
     kind: EventKind
     node: Node
     contraction: Contraction
+    children: tuple[Node, ...] = ()
 
 
 Priority = Callable[[Node], float]
@@ -91,17 +92,17 @@ class Search(Iterator[Event]):
         node = self._current
         contraction = self._contractor.contract(node.box)
         pieces = () if contraction.box.is_empty else self._strategy.split(contraction.box)
-        for piece in pieces:
-            self._push(piece, node.depth + (len(pieces) > 1))
+        children = tuple(self._push(piece, node.depth + (len(pieces) > 1)) for piece in pieces)
         if not pieces and not contraction.box.is_empty:
             self.kept.append(contraction.box)
         self._current = None
-        return Event(_kind(contraction.box, len(pieces)), node, contraction)
+        return Event(_kind(contraction.box, len(pieces)), node, contraction, children)
 
-    def _push(self, box: Box, depth: int) -> None:
+    def _push(self, box: Box, depth: int) -> Node:
         node = Node(box, depth, self._created)
         self._created += 1
         heapq.heappush(self._heap, (self._priority(node), node.serial, node))
+        return node
 
 
 def _kind(box: Box, pieces: int) -> EventKind:

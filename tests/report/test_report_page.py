@@ -128,7 +128,7 @@ def test_it_is_self_contained_and_says_what_matters(campaign, tmp_path):
         "±100 mm",
     ):
         assert text in page
-    assert page.count("<svg") == 2
+    assert page.count('role="img"') == 4  # two figures a leg
     assert "#0102" not in page  # every colour is the page's
 
 
@@ -180,7 +180,19 @@ def test_results_without_a_point_or_bounds(campaign, changes, text):
     page = render(campaign, result_of(campaign, leg_result(campaign, **changes)))
     harmless(page)
     assert text in page
-    assert ("<svg" in page) == (changes.get("point", ()) is not None)
+    assert ("residuals of the proved point over" in page) == (changes.get("point", ()) is not None)
+
+
+def test_the_bars_are_told_in_words(campaign):
+    page = render(campaign, result_of(campaign))
+    assert "relative to its nominal value" in page
+    assert ">least-squares fit<" in page
+    assert "Arrows" not in page
+    assert ">least-squares fit<" not in render(campaign, result_of(campaign, center="nominal"))
+    endless = leg_result(campaign, enclosure=cpcal.Box(NAMES, [-math.inf] * 7, [math.inf] * 7))
+    assert "Arrows" in render(campaign, result_of(campaign, endless))
+    nothing = leg_result(campaign, enclosure=cpcal.Box.empty(NAMES))
+    assert "There are no bars" in render(campaign, result_of(campaign, nothing))
 
 
 def test_a_question_about_one_eps(campaign):

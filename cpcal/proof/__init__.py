@@ -1,0 +1,1 @@
+"""Certificates: proofs that a small program checks in exact arithmetic (docs/certificate-format.md)."""

@@ -1,0 +1,100 @@
+"""`_repr_html_`: what a notebook shows of results."""
+
+import dataclasses
+import math
+import re
+from decimal import Decimal
+from html.parser import HTMLParser
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import cpcal
+
+NAMES = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
+HOSTILE = "<script>alert(1)</script><b onclick='x'>\"&\x1b\u202e"
+POINT = (1.0,) * 7
+
+
+def leg(**changes):
+    fields = {
+        "leg": 1,
+        "verdict": cpcal.Verdict.PROVED,
+        "status": "Both bounds are proved.",
+        "eps_lo": 1.6262161,
+        "eps_hi": 1.6262168,
+        "point": POINT,
+        "center": POINT,
+        "enclosure": cpcal.Box(NAMES, POINT, POINT),
+        "floor": 0.0,
+        "support": ("1/1", "2/1"),
+        "nodes": 1,
+        "programs": 2,
+        "seconds": 0.5,
+    }
+    return cpcal.LegResult(**(fields | changes))
+
+
+def result(*legs, **changes):
+    fields = ("R", "0" * 64, 64, NAMES, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0", legs)
+    return dataclasses.replace(cpcal.Result(*fields), **changes)
+
+
+def tags(text):
+    found = []
+
+    class Reader(HTMLParser):
+        def handle_starttag(self, tag, attrs):
+            found.append(tag)
+            assert attrs == []
+
+    Reader().feed(text)
+    return found
+
+
+def test_a_table_of_the_legs():
+    text = result(leg(), leg(leg=2, verdict=cpcal.Verdict.UNKNOWN, eps_lo=0.0, eps_hi=math.inf))._repr_html_()
+    rows = re.findall(r"<tr>(.*?)</tr>", text)
+    assert rows[1] == (
+        "<td>1</td><td>proved</td><td>1.626216</td><td>1.626217</td><td>2</td><td>Both bounds are proved.</td>"
+    )
+    assert "<td>unknown</td><td>0</td><td>inf</td>" in rows[2]
+    assert "R: 64 measurements" in text
+
+
+def test_a_question_about_one_eps_claims_no_smallest_error():
+    asked = leg(eps_lo=0.2, eps_hi=0.2, status="Some x does: proved.")
+    text = result(asked, eps=0.2)._repr_html_()
+    assert "<td>0.2</td>" in text
+    assert "eps_lo" not in text
+    assert asked._repr_html_() == "<p><b>Leg 1: proved.</b> Some x does: proved.</p>"
+
+
+def test_a_sentence_of_a_leg():
+    assert "lies between 1.626216 and 1.626217 mm. Both" in leg()._repr_html_()
+    assert "between" not in leg(eps_hi=math.inf)._repr_html_()
+
+
+def test_interruption_is_told():
+    assert "interrupted" in result(leg(), interrupted=True)._repr_html_()
+
+
+def test_nothing_hostile_gets_through():
+    text = result(leg(status=HOSTILE, leg=HOSTILE), robot=HOSTILE)._repr_html_()
+    assert set(tags(text)) == {"table", "caption", "thead", "tbody", "tr", "th", "td"}
+    assert set(tags(leg(status=HOSTILE)._repr_html_())) == {"p", "b"}
+    assert not re.search("[\x1b\u202e]", text)
+
+
+@given(st.floats(0.0, allow_infinity=False), st.floats(0.0, allow_infinity=False))
+def test_bounds_are_rounded_outward(x, y):
+    lo, hi = min(x, y), max(x, y)
+    down, up = re.findall(r"<td>([^<]*)</td>", result(leg(eps_lo=lo, eps_hi=hi))._repr_html_())[2:4]
+    assert Decimal(down) <= Decimal(lo)
+    assert Decimal(up) >= Decimal(hi)
+
+
+@pytest.mark.parametrize("value", [5e-324, 1e308, 0.1])
+def test_extreme_bounds_are_shown(value):
+    assert "nan" not in result(leg(eps_lo=value, eps_hi=value))._repr_html_().lower()

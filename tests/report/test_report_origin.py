@@ -1,0 +1,69 @@
+"""The command on the page asks the same question again; versions are named."""
+
+import dataclasses
+import shlex
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.cli import app
+from cpcal.report.origin import command, versions
+from cpcal.report.page import render
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return cpcal.simulate(seed=1, joint_error=1.0, factor=0.0)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"legs": [2], "eps": 0.1},
+        {"legs": [3, 1], "delta": 12.5, "center": "nominal", "gap": 1e-3, "contractors": ("hc4", "lifted")},
+    ],
+)
+def test_the_command_repeats_the_run(campaign, tmp_path, asked):
+    result = cpcal.certify(campaign, **asked)
+    cpcal.save_campaign(campaign, tmp_path / "c")
+    places = {"CAMPAIGN": str(tmp_path / "c"), "RUN": str(tmp_path / "run")}
+    words = [places.get(word, word) for word in shlex.split(command(campaign, result))]
+    assert words.pop(0) == "cpcal"
+    assert CliRunner().invoke(app, words, prog_name="cpcal").exit_code in (0, 1)
+    again = cpcal.load_result(tmp_path / "run")
+
+    def answers(found):  # without what differs from run to run, and the names of files
+        return [dataclasses.replace(leg, seconds=0.0, certificate=None).to_json() for leg in found.legs]
+
+    assert answers(again) == answers(result)
+    assert dataclasses.replace(again, legs=()) == dataclasses.replace(result, legs=())
+
+
+def test_legs_are_left_out_when_all_were_asked_for(campaign):
+    leg = cpcal.certify(campaign, legs=[1], eps=0.1)
+    every = tuple(dataclasses.replace(leg.legs[0], leg=k) for k in range(1, 7))
+    assert "--legs" in command(campaign, leg)
+    assert "--legs" not in command(campaign, dataclasses.replace(leg, legs=every))
+    stopped = dataclasses.replace(leg, interrupted=True)
+    assert "--legs" not in command(campaign, stopped)
+    assert "the command takes all" in render(campaign, stopped)
+
+
+def test_hostile_options_stay_one_word(campaign):
+    result = dataclasses.replace(cpcal.certify(campaign, legs=[1], eps=0.1), center="fit; rm -rf ~", arithmetic="$(x)")
+    words = shlex.split(command(campaign, result))
+    assert "fit; rm -rf ~" in words
+    assert "$(x)" in words
+
+
+def test_versions_and_digest_are_on_the_page(campaign):
+    page = render(campaign, cpcal.certify(campaign, legs=[1], eps=0.1))
+    assert versions() in page
+    assert f"numpy {np.__version__}" in page
+    assert f"python-flint {version('python-flint')}" in page
+    assert f"ortools {version('ortools')}" in page
+    assert campaign.sha256 in page
+    assert "cpcal certify CAMPAIGN -o RUN --legs 1" in page
