@@ -14,8 +14,8 @@ import pytest
 
 import cpcal
 from cpcal import plugins
-from cpcal.calibration import leg_network
-from cpcal.interval import Box, get_arithmetic
+from cpcal.calibration import leg_box, leg_network
+from cpcal.interval import get_arithmetic
 from cpcal.proof.bounds import Bounder, ExactBox, RowWeight, Weights
 from cpcal.proof.campaign import ExactCampaign
 from cpcal.proof.checker import FORMAT, Accepted, check
@@ -103,7 +103,7 @@ def _near(folder: Path, around: float, wanted: Sequence[tuple[int, str]], **opti
     leg = cpcal.certify(campaign, legs=[1], delta=100.0).legs[0]
     assert leg.point is not None
     point = np.asarray(leg.point)
-    box = Box(point - around, point + around, tuple(f"x{i}" for i in range(7)))
+    box = leg_box(point, around)
     exact = ExactCampaign(folder, 1)
     network = leg_network(campaign, 1, box, engine=get_arithmetic("float64"), eps=(0.0, leg.eps_hi))
     contractor = Certifying(plugins.build(network, ("lifted",), objective="eps"), exact.measurement)

@@ -39,11 +39,14 @@ print(ours, float(found.eps_lo).hex(), float(found.eps_hi).hex())
 def test_certificates_of_simulated_campaigns_are_accepted(certified: Any, factor: float, joint_error: float) -> None:
     made = certified(factor=factor, joint_error=joint_error, **SMALL)
     leg, found = made.leg, check(made.path, made.folder)
-    assert found.leg == 1 and found.measurements == 14 and found.steps >= 1
+    assert found.leg == 1
+    assert found.measurements == 14
+    assert found.steps >= 1
     assert found.eps_hi == F(leg.eps_hi)
     assert found.eps_lo <= found.eps_hi
     assert float(found.eps_hi - found.eps_lo) <= 1e-6 * max(1.0, leg.eps_hi) + 2 * (leg.eps_hi - leg.eps_lo)
-    assert found.enclosure is not None and leg.point is not None
+    assert found.enclosure is not None
+    assert leg.point is not None
     for lo, value, hi in zip(found.enclosure[0], leg.point, found.enclosure[1], strict=True):
         assert lo <= F(float(value)) <= hi
     for a, b, c, d in zip(found.lo, *found.enclosure, found.hi, strict=True):
@@ -59,7 +62,9 @@ def test_consistent_uncertain_readings_prove_zero(certified: Any) -> None:
 def test_all_extremal_poses(certified: Any) -> None:
     made = certified(factor=0.0, joint_error=10.0)
     found = check(made.path, made.folder)
-    assert found.measurements == 64 and found.eps_lo > 4.8 and float(found.eps_hi - found.eps_lo) < 1e-5
+    assert found.measurements == 64
+    assert found.eps_lo > 4.8
+    assert float(found.eps_hi - found.eps_lo) < 1e-5
 
 
 def test_one_pose_repeated_64_times(tmp_path: Path) -> None:
@@ -72,7 +77,8 @@ def test_one_pose_repeated_64_times(tmp_path: Path) -> None:
     if leg.point is None or leg.verdict is not cpcal.Verdict.PROVED:
         pytest.skip("no proved bracket for the repeated pose in 3 s")
     found = check(write_certificate(campaign, tmp_path, result, leg, tmp_path / "leg.jsonl"), tmp_path)
-    assert found.measurements == 64 and 0 <= found.eps_lo <= found.eps_hi == F(leg.eps_hi)
+    assert found.measurements == 64
+    assert 0 <= found.eps_lo <= found.eps_hi == F(leg.eps_hi)
 
 
 def test_handmade_certificates_are_accepted(
@@ -80,7 +86,8 @@ def test_handmade_certificates_are_accepted(
 ) -> None:
     for proof in (exact_proof, uncertain_proof, split_proof):
         found = verdict(proof.lines, proof.folder)
-        assert found.eps_lo == F(proof.eps_lo) > 0 and found.eps_hi == F(proof.eps_hi)
+        assert found.eps_lo == F(proof.eps_lo) > 0
+        assert found.eps_hi == F(proof.eps_hi)
 
 
 def test_keys_in_any_order(verdict: Any, split_proof: Any) -> None:
@@ -92,7 +99,9 @@ def test_a_lower_bound_needs_no_witness(verdict: Any, exact_proof: Any) -> None:
     lines = exact_proof.copy()[:-1]
     lines[1].update(eps_hi=None, enclosure=None)
     found = verdict(lines, exact_proof.folder)
-    assert found.eps_hi is None and found.enclosure is None and found.eps_lo == F(exact_proof.eps_lo)
+    assert found.eps_hi is None
+    assert found.enclosure is None
+    assert found.eps_lo == F(exact_proof.eps_lo)
 
 
 def test_infeasible_below_a_cap(verdict: Any, split_proof: Any) -> None:
@@ -113,5 +122,6 @@ def test_the_checker_needs_the_standard_library_only(certified: Any) -> None:
     assert done.returncode == 0, done.stderr
     found = check(made.path, made.folder)
     assert found.eps_hi is not None
-    assert float(found.eps_lo).hex() in done.stdout and float(found.eps_hi).hex() in done.stdout
+    assert float(found.eps_lo).hex() in done.stdout
+    assert float(found.eps_hi).hex() in done.stdout
     assert "cpcal.proof.writer" not in done.stdout

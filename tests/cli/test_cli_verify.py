@@ -1,0 +1,66 @@
+"""`cpcal verify`: accepts what certify wrote, refuses what was touched."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.cli.app import app
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("verify")
+    cpcal.save_campaign(cpcal.simulate(seed=4, joint_error=1.0, factor=0.0), folder / "campaign")
+    done = CliRunner().invoke(app, ["certify", str(folder / "campaign"), "-o", str(folder / "run"), "--legs", "2"])
+    assert done.exit_code == 0
+    return folder / "run"
+
+
+def test_a_fresh_run_is_proved(run):
+    leg = cpcal.load_result(run).legs[0]
+    assert leg.certificate == "leg2.cert.jsonl"
+    done = CliRunner().invoke(app, ["verify", str(run)])
+    assert done.exit_code == 0
+    assert "PROVED" in done.output
+    assert "REFUSED" not in done.output
+    one = CliRunner().invoke(app, ["verify", str(run / leg.certificate), "--campaign", str(run.parent / "campaign")])
+    assert one.exit_code == 0
+
+
+def test_a_bound_that_is_not_proved_is_refused(run, tmp_path):
+    lines = (run / "leg2.cert.jsonl").read_text().splitlines()
+    claims = json.loads(lines[1])
+    claims["eps_lo"] = claims["cap"]
+    lines[1] = json.dumps(claims)
+    forged = tmp_path / "forged.cert.jsonl"
+    forged.write_text("\n".join(lines) + "\n")
+    done = CliRunner().invoke(app, ["verify", str(forged), "--campaign", str(run.parent / "campaign")])
+    assert done.exit_code == 1
+    assert "REFUSED" in done.output
+    assert "still open below eps_lo" in done.output
+
+
+def test_another_campaign_is_refused(run, tmp_path):
+    cpcal.save_campaign(cpcal.simulate(seed=5, joint_error=1.0, factor=0.0), tmp_path / "other")
+    done = CliRunner().invoke(app, ["verify", str(run), "--campaign", str(tmp_path / "other")])
+    assert done.exit_code == 1
+    assert "another one" in done.output
+
+
+@pytest.mark.parametrize("what", ["nothing", "empty"])
+def test_nothing_to_check_is_unusable(tmp_path, what):
+    (tmp_path / "empty").mkdir()
+    done = CliRunner().invoke(app, ["verify", str(tmp_path / what)])
+    assert done.exit_code == 2
+
+
+def test_a_refuted_tolerance_is_certified(run, tmp_path):
+    arguments = ["certify", str(run.parent / "campaign"), "-o", str(tmp_path / "run"), "--legs", "1", "--eps", "0.1"]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+    done = CliRunner().invoke(app, ["verify", str(tmp_path / "run"), "--campaign", str(run.parent / "campaign")])
+    assert done.exit_code == 0
+    assert "|g| < 0.1" in done.output
