@@ -14,7 +14,8 @@ from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Limits, Verdict
 from cpcal.interval import Arithmetic, get_arithmetic
 from cpcal.network import ConstraintNetwork
-from cpcal.optimize import Bracket, Minimum, minimize, run, support
+from cpcal.optimize import Bracket, Minimum, irreducible, minimize, run
+from cpcal.optimize import support as find_support
 from cpcal.result import LegResult, Result
 from cpcal.robot import Campaign
 from cpcal.version import __version__
@@ -23,6 +24,7 @@ Floats = npt.NDArray[np.float64]
 Progress = Callable[[int, Bracket], None]
 
 CENTERS = ("fit", "nominal")
+SUPPORTS = ("few", "irreducible")
 
 _SUPPORT_NODES = 50  # spent at most on showing that a few measurements prove the bound alone
 
@@ -38,6 +40,7 @@ def certify(
     contractors: Sequence[str] = ("lifted",),
     arithmetic: str = "float64",
     eps: float | None = None,
+    support: str = "few",
     progress: Progress | None = None,
 ) -> Result:
     """For every leg the smallest eps for which some x satisfies all N equations, bracketed by proofs.
@@ -47,9 +50,14 @@ def certify(
     from 1 (default: all). `gap` is relative, `time_limit` in seconds per leg. With `eps` (mm) the question is instead
     whether S(eps) is empty. `progress` is called with (leg, Bracket) as the brackets shrink.
 
+    `support` "irreducible" leaves out of each leg's support every measurement that the proof can do without; "few" does
+    not try.
+
     Ctrl-C ends it with what is proved so far. Raises InputError, PluginError.
     """
     _check(campaign, legs, delta, center, gap, time_limit, eps)
+    if support not in SUPPORTS:
+        raise InputError([Problem("support", f"{support!r} is not known", f"use one of {', '.join(SUPPORTS)}")])
     engine = get_arithmetic(arithmetic)
     for name in contractors:
         plugins.load(name)
@@ -60,7 +68,16 @@ def certify(
         try:
             middle = least_squares(campaign, leg) if center == "fit" else _nominal(campaign, leg)
             found, interrupted = _one_leg(
-                campaign, leg, middle, delta, tuple(contractors), engine, eps, limits, progress
+                campaign,
+                leg,
+                middle,
+                delta,
+                tuple(contractors),
+                engine,
+                eps,
+                limits,
+                support == "irreducible",
+                progress,
             )
         except KeyboardInterrupt:
             interrupted = True
@@ -99,6 +116,7 @@ def _one_leg(
     engine: Arithmetic,
     eps: float | None,
     limits: Limits,
+    fewest: bool,
     progress: Progress | None,
 ) -> tuple[LegResult, bool]:
     """The result of one leg, and whether the user interrupted it."""
@@ -114,9 +132,10 @@ def _one_leg(
         return run(minimize(net, "eps", contractor, engine=engine, limits=limits, start=start), tell)
 
     found = solve(network, limits, None if progress is None else lambda bracket: progress(leg, bracket))
-    few = support(
-        network, "eps", found, limits.gap, lambda net: solve(net, replace(limits, nodes=_SUPPORT_NODES), None)
-    )
+    short = replace(limits, nodes=_SUPPORT_NODES)
+    few = find_support(network, "eps", found, limits.gap, lambda net: solve(net, short, None))
+    if fewest:
+        few = irreducible(network, found, few, limits.gap, lambda net: solve(net, short, None))
     return _leg_result(campaign, leg, middle, found, few, eps)
 
 

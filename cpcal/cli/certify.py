@@ -24,6 +24,11 @@ class Engine(StrEnum):
     ARB = "arb"
 
 
+class Support(StrEnum):
+    FEW = "few"
+    IRREDUCIBLE = "irreducible"
+
+
 def certify(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
     run: Annotated[
@@ -40,6 +45,9 @@ def certify(
     eps: Annotated[
         float | None, typer.Option(metavar="MM", help="Ask instead whether any parameters reach this eps.")
     ] = None,
+    support: Annotated[
+        Support, typer.Option(help="Few measurements that prove the bound alone, or none that could be left out.")
+    ] = Support.FEW,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json and nothing else.")] = False,
 ) -> None:
     """Bracket, leg by leg, the smallest model error eps of a CAMPAIGN, by proofs from both sides.
@@ -57,6 +65,7 @@ def certify(
         contractors=tuple(name.strip() for name in contractors.split(",") if name.strip()),
         arithmetic=arithmetic.value,
         eps=eps,
+        support=support.value,
     )
     measured = load_campaign(campaign)
     result = answer(measured, question, quiet=as_json)

@@ -32,6 +32,7 @@ class Question:
     contractors: Sequence[str] = ("lifted",)
     arithmetic: str = "float64"
     eps: float | None = None
+    support: str = "few"
 
 
 def answer(campaign: Campaign, question: Question, *, quiet: bool) -> Result:
@@ -49,6 +50,7 @@ def answer(campaign: Campaign, question: Question, *, quiet: bool) -> Result:
             contractors=question.contractors,
             arithmetic=question.arithmetic,
             eps=question.eps,
+            support=question.support,
             progress=progress,
         )
 

@@ -2,7 +2,7 @@
 
 from cpcal.optimize.bound import Bracket, Minimum, minimize, run
 from cpcal.optimize.fit import fit
-from cpcal.optimize.support import support
+from cpcal.optimize.support import irreducible, support
 from cpcal.optimize.witness import Witness, WitnessProver
 
-__all__ = ["Bracket", "Minimum", "Witness", "WitnessProver", "fit", "minimize", "run", "support"]
+__all__ = ["Bracket", "Minimum", "Witness", "WitnessProver", "fit", "irreducible", "minimize", "run", "support"]

@@ -45,5 +45,22 @@ def support(network: ConstraintNetwork, objective: str, found: Minimum, gap: flo
     return tuple(sorted({k for _, k in found.rows}))
 
 
+def irreducible(
+    network: ConstraintNetwork, found: Minimum, chosen: tuple[int, ...], gap: float, solve: Solve
+) -> tuple[int, ...]:
+    """A part of `chosen` that still proves `found.lo`, from which no element could be left out (deletion filter).
+
+    Elements are tried in order, each time by a proof with the others alone; one whose need is not known stays.
+    """
+    kept = list(chosen)
+    for element in chosen:
+        others = np.array([k for k in kept if k != element], dtype=np.intp)
+        if others.size:
+            alone = solve(restricted(network, [others] * len(network.constraints)))
+            if _as_good(alone.lo, found, gap):
+                kept.remove(element)
+    return tuple(kept)
+
+
 def _as_good(lo: float, found: Minimum, gap: float) -> bool:
     return lo >= found.lo or lo >= found.lo - max(gap * abs(found.lo), found.hi - found.lo)

@@ -22,7 +22,8 @@ from cpcal.proof.refusal import Refused
 
 FORMAT = "cpcal-certificate/1"
 _LONGEST_LINE = 4 << 20
-_MOST_OPEN = 1_000_000
+_MOST_OPEN = 100_000  # boxes, so that memory stays bounded
+_MOST_STEPS = 10_000_000  # so that an endless file ends
 _HEX = re.compile(r"[-+]?0x[01](\.[0-9a-f]{1,13})?p[-+]?[0-9]{1,4}")
 
 
@@ -183,6 +184,8 @@ class _Checker:
         if form != FORMAT:
             raise self._refused(f"the format is not {FORMAT}")
         self._leg = self._integer(leg, 1000)
+        if self._leg == 0:
+            raise self._refused("legs are counted from 1")
         self._campaign = ExactCampaign(self._folder, self._leg)
         if digest != self._campaign.sha256:
             raise self._refused("the campaign is another one: its SHA-256 differs")
@@ -211,6 +214,8 @@ class _Checker:
 
     def _step(self, step: dict[str, Any]) -> None:
         self._steps += 1
+        if self._steps > _MOST_STEPS:
+            raise self._refused(f"there are more than {_MOST_STEPS} steps")
         if "pass" in step:
             name, cap, bounds = self._keys(step, "pass", "cap", "bounds")
             box = self._capped(name, cap)

@@ -46,3 +46,27 @@ def test_a_refuted_tolerance_names_who_refutes_it() -> None:
     assert leg.verdict is cpcal.Verdict.REFUTED
     assert 0 < len(leg.support) <= 64
     assert np.isinf(leg.eps_lo)
+
+
+def test_nothing_can_be_left_out_of_an_irreducible_support() -> None:
+    campaign = cpcal.simulate(seed=1, joint_error=10.0, factor=0.0)
+    leg = cpcal.certify(campaign, legs=[1], support="irreducible").legs[0]
+    few = cpcal.certify(campaign, legs=[1]).legs[0]
+    assert set(leg.support) <= set(few.support)
+    assert 2 <= len(leg.support) <= 12
+
+    def bound(ids: tuple[str, ...]) -> float:
+        """Within the same box, so that only the measurements differ."""
+        robot = cpcal.Robot("fit", [leg.center[:3]], [leg.center[3:6]], [leg.center[6]])
+        part = only(campaign, ids)
+        alone = Campaign.from_arrays(robot, part.position, part.quaternion, part.length[:, :1])
+        return cpcal.certify(alone, legs=[1], center="nominal").legs[0].eps_lo
+
+    assert bound(leg.support) == pytest.approx(leg.eps_lo, rel=1e-5)
+    for dropped in leg.support:
+        assert bound(tuple(k for k in leg.support if k != dropped)) < leg.eps_lo * (1 - 1e-5)
+
+
+def test_an_unknown_support_is_refused() -> None:
+    with pytest.raises(cpcal.InputError, match="irreducible"):
+        cpcal.certify(cpcal.simulate(seed=1), support="all")
