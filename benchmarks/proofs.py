@@ -2,8 +2,8 @@
 
     python -m benchmarks.proofs [--legs 1,5] [--json FILE]
 
-Simulated DeltaLab campaigns (joint error 1 mm, box +-100 mm, gap 1e-6), readings exact and uncertain, with 64, 704 and 7,744
-measurements. Checking is done in pure `fractions`, reading the campaign included.
+Simulated DeltaLab campaigns (joint error 1 mm, box +-100 mm, gap 1e-6), readings exact and uncertain, with 64, 704 and
+7,744 measurements. Checking is done in pure `fractions`, reading the campaign included.
 """
 
 from __future__ import annotations

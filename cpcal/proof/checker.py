@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction as F
@@ -124,13 +125,17 @@ class _Checker:
 
     def _number(self, value: Any) -> F:
         if not isinstance(value, str) or len(value) > 40 or not _HEX.fullmatch(value):
-            raise self._refused(f"{str(value)[:40]!r} is not a number of this format")
+            raise self._refused(f"{str(value)[:40]!a} is not a number of this format")
         try:
             number = float.fromhex(value)
         except OverflowError:
             number = math.inf
         if math.isinf(number):
             raise self._refused(f"{value!r} is too large")
+        if abs(number) < sys.float_info.min:  # only here does fromhex round
+            digits, exponent = value.split("p")
+            if F(float.fromhex(digits + "p0")) * F(2) ** int(exponent) != F(number):
+                raise self._refused(f"{value!r} is no float64")
         return F(number)
 
     def _weight(self, value: Any) -> F:
@@ -141,7 +146,7 @@ class _Checker:
 
     def _integer(self, value: Any, below: int) -> int:
         if type(value) is not int or not 0 <= value < below:
-            raise self._refused(f"{str(value)[:40]} is no whole number from 0 to {below - 1}")
+            raise self._refused(f"{str(value)[:40]!a} is no whole number from 0 to {below - 1}")
         return value
 
     def _list(self, value: Any, length: int | None = None) -> list[Any]:
@@ -163,7 +168,7 @@ class _Checker:
         for entry in self._list(rows):
             side, k, weight = self._list(entry, 3)
             if side not in ("upper", "lower", "length"):
-                raise self._refused(f"{str(side)[:40]!r} is no side of a measurement")
+                raise self._refused(f"{str(side)[:40]!a} is no side of a measurement")
             side_weights.append((side, self._integer(k, self._count), self._weight(weight)))
         pairs = []
         for entry in self._list(products):
@@ -235,7 +240,7 @@ class _Checker:
     def _capped(self, name: Any, cap: Any) -> ExactBox | None:
         """The open box with its eps cut at `cap`; None, and closed, when that leaves nothing."""
         if type(name) is not int or name not in self._open:
-            raise self._refused(f"no box {str(name)[:20]} is open")
+            raise self._refused(f"no box {str(name)[:20]!a} is open")
         value, box = self._number(cap), self._open[name]
         if value < self._cap:
             raise self._refused("a cap is below that of the claims")
@@ -270,7 +275,7 @@ class _Checker:
 
     def _split(self, name: Any, unknown: Any, at: Any, into: Any) -> None:
         if type(name) is not int or name not in self._open:
-            raise self._refused(f"no box {str(name)[:20]} is open")
+            raise self._refused(f"no box {str(name)[:20]!a} is open")
         i, cut, names = self._integer(unknown, 8), self._number(at), self._list(into, 2)
         if names != [self._next_name, self._next_name + 1] or any(type(n) is not int for n in names):
             raise self._refused(f"new boxes are named in order; the next is {self._next_name}")

@@ -19,7 +19,7 @@ from cpcal.interval import get_arithmetic
 from cpcal.proof.bounds import Bounder, ExactBox, RowWeight, Weights
 from cpcal.proof.campaign import ExactCampaign
 from cpcal.proof.checker import FORMAT, Accepted, check
-from cpcal.proof.writer import Certifying, number
+from cpcal.proof.writer import Certifying, number, rounded
 from cpcal.prove import write_certificate
 
 Lines = list[dict[str, Any]]
@@ -97,6 +97,17 @@ def bounds_of(lo: Sequence[float], hi: Sequence[float]) -> dict[str, list[str]]:
     return {"lo": [number(v) for v in lo[:7]], "hi": [number(v) for v in hi[:7]]}
 
 
+def tightest(bounder: Bounder, given: list[Any], lo: list[float], hi: list[float]) -> list[Any]:
+    """The last float64 that the weights prove, for every bound that improves a box; eps first. Changes lo and hi."""
+    bounds = []
+    for i, side, _, weights in sorted(given, key=lambda entry: -entry[0]):
+        value = rounded(bounder.improved(i, side, exact_weights(weights)), side == "lo")
+        if value > lo[i] if side == "lo" else value < hi[i]:
+            bounds.append([i, side, number(value), weights])
+            (lo if side == "lo" else hi)[i] = value
+    return bounds
+
+
 def _near(folder: Path, around: float, wanted: Sequence[tuple[int, str]], **options: Any) -> Proof:
     """A short proof in a small box about the best point: one pass with the bounds `wanted`."""
     campaign = saved(folder, **options)
@@ -111,10 +122,10 @@ def _near(folder: Path, around: float, wanted: Sequence[tuple[int, str]], **opti
     contractor.contract(start)
     record = contractor.record
     assert record is not None
-    bounds = [entry for entry in record["bounds"] if (entry[0], entry[1]) in wanted]
-    lo, hi = start.lo.copy(), start.hi.copy()
-    for i, side, value, _ in bounds:
-        (lo if side == "lo" else hi)[i] = float.fromhex(value)
+    lo, hi = [float(v) for v in start.lo], [float(v) for v in start.hi]
+    rows = {k: exact.measurement(k) for k in range(len(exact))}
+    given = [entry for entry in record["bounds"] if (entry[0], entry[1]) in wanted]
+    bounds = tightest(Bounder(rows, ExactBox(tuple(map(F, lo)), tuple(map(F, hi)))), given, lo, hi)
     cap = number(leg.eps_hi)
     claims = {"cap": cap, "eps_lo": number(lo[7]), "enclosure": bounds_of(lo, hi), "eps_hi": cap}
     header = {"format": FORMAT, "campaign": exact.sha256, "leg": 1, "measurements": len(exact), "cap": cap}
@@ -156,15 +167,8 @@ def split_proof(exact_proof: Proof) -> Proof:
     assert exact_proof.bounder(lo, [*hi[:7], at]).excludes(exact_weights(weights))
     middle = exact_proof.point[3]
     again = exact_proof.bounder([*lo[:7], at], hi)
-    bounds = []
-    for i, side, _, w in step["bounds"]:
-        value = float(again.improved(i, side, exact_weights(w)))
-        value = float(np.nextafter(value, -np.inf if side == "lo" else np.inf))
-        bounds.append([i, side, number(value), w])
-        if side == "lo":
-            lo[i] = value
-        else:
-            hi[i] = value
+    lo[7] = at
+    bounds = tightest(again, step["bounds"], lo, hi)
     lowest = lo[7]
     claims["eps_lo"] = number(lowest)
     claims["enclosure"] = bounds_of(lo, hi)

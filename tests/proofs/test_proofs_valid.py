@@ -14,7 +14,7 @@ import cpcal
 from cpcal.proof.checker import check
 from cpcal.prove import write_certificate
 
-SMALL: dict[str, Any] = {"extremal": False, "random_poses": 14}
+SMALL: dict[str, Any] = {"extremal": False, "random_poses": 10}
 
 ALONE = """
 import sys, types
@@ -40,7 +40,7 @@ def test_certificates_of_simulated_campaigns_are_accepted(certified: Any, factor
     made = certified(factor=factor, joint_error=joint_error, **SMALL)
     leg, found = made.leg, check(made.path, made.folder)
     assert found.leg == 1
-    assert found.measurements == 14
+    assert found.measurements == 10
     assert found.steps >= 1
     assert found.eps_hi == F(leg.eps_hi)
     assert found.eps_lo <= found.eps_hi
