@@ -75,6 +75,8 @@ def _half_widths(settings: Mapping[str, object] | None, leg: int) -> list[F]:
         end = "sigma" if sigma else "half_width"
         names = [f"{name}_{end}" for name in ("position", "rotation", "length")]
         position, rotation, length = (settings[name] for name in names)
+        if len(position) != 3 or len(rotation) != 3:  # type: ignore[arg-type]
+            raise ValueError("three numbers each are needed for position and rotation")
         values = [*position, *rotation, length[leg - 1]]  # type: ignore[misc, index]
         return [F(factor * float(v)) if sigma else F(float(v)) for v in values]
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
