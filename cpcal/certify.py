@@ -26,7 +26,9 @@ Progress = Callable[[int, Bracket], None]
 CENTERS = ("fit", "nominal")
 SUPPORTS = ("few", "irreducible")
 
-_SUPPORT_NODES = 50  # spent at most on showing that a few measurements prove the bound alone
+_SUPPORT_NODES = (
+    3  # at most for each proof that a few measurements suffice: a convenience must not cost more than the answer
+)
 
 
 def certify(

@@ -15,8 +15,8 @@ from cpcal.optimize.bound import Minimum
 Solve = Callable[[ConstraintNetwork], Minimum]
 Elements = npt.NDArray[np.intp]
 
-_ROUNDS = 8  # times that measurements are added
-_ADDED = 2  # at a time, for each side of each constraint
+_ROUNDS = 4  # times that measurements are added
+_ADDED = 3  # at a time, for each side of each constraint
 
 
 def support(network: ConstraintNetwork, objective: str, found: Minimum, gap: float, solve: Solve) -> tuple[int, ...]:
