@@ -7,7 +7,7 @@ import numpy as np
 from contractors.algebra import Composable
 from cpcal.interfaces import Contraction, Step
 from cpcal.interval import Box, IntervalArray, get_arithmetic
-from cpcal.network import ConstraintNetwork, Tape, one_sided
+from cpcal.network import ConstraintNetwork, Tape, one_sided_rows
 
 
 class HC4(Composable):
@@ -23,7 +23,7 @@ class HC4(Composable):
         self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64"
     ) -> None:
         self._engine = get_arithmetic(arithmetic)
-        rows = [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
+        rows = one_sided_rows(network)
         self._tape = Tape(network, [row.expr for row in rows])
 
     def contract(self, box: Box) -> Contraction:

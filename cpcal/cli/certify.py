@@ -33,7 +33,12 @@ def certify(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
     run: Annotated[
         Path,
-        typer.Option("--output", "-o", metavar="RUN", help="Folder for result.json and report.html; replaced there."),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="RUN",
+            help="Folder for result.json, report.html and certificates; replaced there.",
+        ),
     ],
     legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None,
     delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0,

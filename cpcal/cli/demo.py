@@ -27,7 +27,7 @@ def demo(
     """Simulate a robot, certify every leg, write the report.
 
     The robot is the DeltaLab Table of Stewart with joints up to 1 mm off the model, the reading sets are 3
-    standard deviations wide to each side. Writes DIR/campaign, DIR/run/result.json and DIR/run/report.html.
+    standard deviations wide to each side. Writes DIR/campaign and, in DIR/run, the result, the page and certificates.
     """
     check_new(output, force=force)
     folder, run = output / "campaign", output / "run"

@@ -2,7 +2,7 @@
 
 from cpcal.network.expression import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
 from cpcal.network.network import ConstraintNetwork
-from cpcal.network.rewrite import PolynomialSystem, one_sided, polynomial_form
+from cpcal.network.rewrite import PolynomialSystem, one_sided_rows, polynomial_form
 from cpcal.network.sweep import Tape
 
 __all__ = [
@@ -14,7 +14,7 @@ __all__ = [
     "maximum",
     "minimum",
     "norm",
-    "one_sided",
+    "one_sided_rows",
     "polynomial_form",
     "sqr",
     "sqrt",

@@ -11,7 +11,7 @@ import numpy as np
 
 from cpcal.interval import Arithmetic, Box, IntervalArray
 from cpcal.network.network import ConstraintNetwork
-from cpcal.network.rewrite import ReadingSets, one_sided
+from cpcal.network.rewrite import ReadingSets, one_sided_rows
 from cpcal.network.sweep import Tape
 
 
@@ -20,7 +20,7 @@ class DecisiveReadings:
 
     def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
         self._engine = engine
-        rows = [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
+        rows = one_sided_rows(network)
         self._tape = Tape(network, [row.expr for row in rows])
         shapes = {root.shape for root in self._tape.roots}
         # one direction per component of a reading, for all measurements at once: rows only see their own

@@ -79,6 +79,11 @@ def _bounded(bound: Expr, shape: tuple[int, ...], sign: float) -> npt.NDArray[np
     return np.flatnonzero(~idle) if idle.any() else None
 
 
+def one_sided_rows(network: ConstraintNetwork) -> list[Row]:
+    """Those of all constraints, in order."""
+    return [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
+
+
 # passes: each returns the rows that replace the given one, or None where it has nothing to do -------------
 
 Pass = Callable[[Row], list[Row] | None]
@@ -200,7 +205,7 @@ def _expanded(
     """All rows with their polynomials and guards, and what was left over and why."""
     expanded: list[Expanded] = []
     leftover: list[tuple[int, str]] = []
-    first = [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
+    first = one_sided_rows(network)
     shared = Expander(network, engine, tuple(row.expr for row in first))
     for k, row in enumerate(first):
         own = sets[k] if sets else {}

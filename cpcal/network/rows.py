@@ -13,7 +13,7 @@ from cpcal.network.dependence import owners
 from cpcal.network.expression import Expr
 from cpcal.network.network import ConstraintNetwork
 from cpcal.network.point import Point
-from cpcal.network.rewrite import one_sided
+from cpcal.network.rewrite import one_sided_rows
 from cpcal.network.sweep import Slots, Tape
 
 Floats = npt.NDArray[np.float64]
@@ -82,7 +82,7 @@ class Rows:
 
     def __init__(self, network: ConstraintNetwork) -> None:
         self._engine = Point()
-        rows = [row for k, c in enumerate(network.constraints) for row in one_sided(k, c)]
+        rows = one_sided_rows(network)
         self._size = len(network.names)
         self._constraint = [row.constraint for row in rows]
         self._parts = [Extremes(network, row.expr) for row in rows]
@@ -120,9 +120,10 @@ class Rows:
         with np.errstate(all="ignore"):
             for part in (part for part in self._parts if part.tape.readings):
                 k = part.tape.slot(part.root)
+                low, high = part.at(point)
                 smallest, center, largest = (
                     part.tape.forward(self._engine, IntervalArray.point(point[None]), readings)[k].lo
-                    for readings in (part.at(point)[0], part.centers, part.at(point)[1])
+                    for readings in (low, part.centers, high)
                 )
                 bend = 0.5 * np.abs(smallest + largest - 2.0 * center)
                 worst = max(worst, float(np.max(bend, where=np.isfinite(bend), initial=0.0)))
