@@ -40,6 +40,7 @@ class Lifted(Composable):
     """
 
     idempotent = False
+    certifies = True  # its steps carry weights
     # Tangents touch a square at places that move with the box, and bounds met to 1e-3 are left as they are.
     monotone_tolerance = 0.05
 

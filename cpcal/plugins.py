@@ -41,6 +41,24 @@ def load(name: str) -> ContractorFactory:
     return factory
 
 
+def load_all(names: Sequence[str]) -> list[ContractorFactory]:
+    """The factories of at least one name. Raises PluginError."""
+    if not names:
+        raise PluginError(f"name at least one contractor; found: {', '.join(found()) or 'none'}")
+    return [load(name) for name in names]
+
+
+def build_each(
+    network: ConstraintNetwork,
+    names: Sequence[str],
+    *,
+    objective: str | None = None,
+    arithmetic: str = "float64",
+) -> list[Contractor]:
+    """The named contractors for a network, at least one. Raises PluginError."""
+    return [factory(network, objective=objective, arithmetic=arithmetic) for factory in load_all(names)]
+
+
 def build(
     network: ConstraintNetwork,
     names: Sequence[str],
@@ -49,9 +67,11 @@ def build(
     arithmetic: str = "float64",
 ) -> Contractor:
     """The named contractors, one after the other, for a network. Raises PluginError."""
-    parts = [load(name)(network, objective=objective, arithmetic=arithmetic) for name in names]
-    if not parts:
-        raise PluginError(f"name at least one contractor; found: {', '.join(found()) or 'none'}")
+    return composed(build_each(network, names, objective=objective, arithmetic=arithmetic), names)
+
+
+def composed(parts: Sequence[Contractor], names: Sequence[str]) -> Contractor:
+    """Contractors of those names, one after the other. Raises PluginError."""
     try:
         return reduce(rshift, parts)
     except TypeError as error:

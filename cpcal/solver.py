@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -10,10 +11,12 @@ import numpy.typing as npt
 
 from cpcal import plugins
 from cpcal.errors import ModelError
-from cpcal.interfaces import Contraction, Limits, Verdict
+from cpcal.interfaces import Contraction, Contractor, Limits, Verdict
 from cpcal.interval import Box, get_arithmetic
 from cpcal.network import ConstraintNetwork, Expr
 from cpcal.optimize import Bracket, Minimum, minimize, run
+from cpcal.proof.exact_network import network_statement
+from cpcal.prove import Recording, certifying, claims_of
 from cpcal.search import Event, LargestFirst, Search
 
 DEFAULT_CONTRACTORS = ("hc4", "lifted")
@@ -102,11 +105,15 @@ class Network(ConstraintNetwork):
         limits: Limits | None = None,
         start: npt.ArrayLike | None = None,
         progress: Callable[[Bracket], None] | None = None,
+        certificate: str | os.PathLike[str] | None = None,
     ) -> Minimum:
         """The smallest value of `objective`, a scalar variable of this network, bracketed by proofs.
 
         For another expression, add a variable t with `net.add(expr <= t)` and minimise t. `start` holds one value
         per component in the order of `names`. Raises ModelError for anything but a variable with a finite domain.
+
+        `certificate` names a file for the proof, which states the constraints exactly; then only contractors that give
+        weights take part (lifted), and constraints with readings or without polynomial form raise ModelError.
         """
         name = self.component(objective)
         others = [
@@ -118,13 +125,20 @@ class Network(ConstraintNetwork):
         if not np.isfinite(others).all() and "hc4" not in contractors:
             raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
         engine = get_arithmetic(arithmetic)
-        contractor = plugins.build(self, contractors, objective=name, arithmetic=arithmetic)
-        states = minimize(
-            self,
-            name,
-            contractor,
-            engine=engine,
-            limits=limits or Limits(),
-            start=None if start is None else np.asarray(start, np.float64),
-        )
-        return run(states, progress)
+        parts = plugins.build_each(self, contractors, objective=name, arithmetic=arithmetic)
+        first = None if start is None else np.asarray(start, np.float64)
+
+        def bracketed(contractor: Contractor, observe: Callable[[Event], None] | None) -> Minimum:
+            asked = limits or Limits()
+            states = minimize(self, name, contractor, engine=engine, limits=asked, start=first, observe=observe)
+            return run(states, progress)
+
+        if certificate is None:
+            return bracketed(plugins.composed(parts, contractors), None)
+        useful = certifying(parts)
+        if not useful:
+            raise ModelError(f"{', '.join(contractors)} give no weights: no certificate can be written; use lifted")
+        with Recording(network_statement(self, name), self.domain) as recording:
+            found = bracketed(recording.contractor(useful), recording.event)
+            recording.write(certificate, claims_of(found, self.domain, name))
+        return found

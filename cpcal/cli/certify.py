@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from cpcal.cli.folders import check_writable
-from cpcal.cli.run import Question, answer, publish, with_certificates
+from cpcal.cli.run import Question, answer, publish
 from cpcal.cli.status import status_of
 from cpcal.robot import load_campaign
 
@@ -73,8 +73,7 @@ def certify(
         support=support.value,
     )
     measured = load_campaign(campaign)
-    result = answer(measured, question, quiet=as_json)
-    result = with_certificates(measured, campaign, result, run, seconds=time_limit)
+    result = answer(measured, question, run, quiet=as_json)
     publish(measured, result, run, as_json=as_json)
     raise typer.Exit(status_of(result))
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from cpcal.cli.folders import check_new
-from cpcal.cli.run import Question, answer, publish, with_certificates
+from cpcal.cli.run import Question, answer, publish
 from cpcal.cli.status import status_of
 from cpcal.robot import DELTALAB, load_campaign, save_campaign
 from cpcal.robot import simulate as simulated
@@ -34,7 +34,6 @@ def demo(
     save_campaign(simulated(DELTALAB, seed=seed, joint_error=JOINT_ERROR, factor=FACTOR), folder)
     campaign = load_campaign(folder)
     typer.echo(f"Campaign: {folder} (simulated, seed {seed}, joint error {JOINT_ERROR:g} mm, {FACTOR:g} sigma)")
-    result = answer(campaign, Question(), quiet=False)
-    result = with_certificates(campaign, folder, result, run, seconds=None)
+    result = answer(campaign, Question(), run, quiet=False)
     publish(campaign, result, run, as_json=False)
     raise typer.Exit(status_of(result))

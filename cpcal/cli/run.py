@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import typer
@@ -14,7 +14,6 @@ from cpcal.certify import certify
 from cpcal.cli.folders import unwritable
 from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result, terminal
-from cpcal.prove import certifiable, write_certificate
 from cpcal.report import REPORT_NAME, write_report
 from cpcal.result import Result, save_result
 from cpcal.robot import Campaign
@@ -35,8 +34,8 @@ class Question:
     support: str = "few"
 
 
-def answer(campaign: Campaign, question: Question, *, quiet: bool) -> Result:
-    """Certify, with progress on stderr unless `quiet` or no terminal is there."""
+def answer(campaign: Campaign, question: Question, run: Path, *, quiet: bool) -> Result:
+    """Certify, certificates in the folder `run`; progress on stderr unless `quiet` or no terminal is there."""
     legs = list(question.legs or range(1, campaign.legs + 1))
     watching = nullcontext() if quiet else watch(legs, question.gap, terminal(stderr=True))
     with watching as progress:
@@ -51,26 +50,9 @@ def answer(campaign: Campaign, question: Question, *, quiet: bool) -> Result:
             arithmetic=question.arithmetic,
             eps=question.eps,
             support=question.support,
+            certificates=run,
             progress=progress,
         )
-
-
-def with_certificates(campaign: Campaign, folder: Path, result: Result, run: Path, *, seconds: float | None) -> Result:
-    """Write a certificate for every leg that has a proof; the result that names them. Ctrl-C ends it early."""
-    run.mkdir(parents=True, exist_ok=True)
-    legs = list(result.legs)
-    try:
-        for k, leg in enumerate(legs):
-            name = f"leg{leg.leg}.cert.jsonl"
-            (run / name).unlink(missing_ok=True)
-            if certifiable(leg) and not result.interrupted:
-                write_certificate(campaign, folder, result, leg, run / name, seconds=seconds)
-                legs[k] = replace(leg, certificate=name)
-    except KeyboardInterrupt:
-        return replace(result, legs=tuple(legs), interrupted=True)
-    except OSError as error:
-        raise unwritable(run, error) from None
-    return replace(result, legs=tuple(legs))
 
 
 def publish(campaign: Campaign, result: Result, run: Path, *, as_json: bool) -> None:

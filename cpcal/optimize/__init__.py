@@ -3,6 +3,22 @@
 from cpcal.optimize.bound import Bracket, Minimum, minimize, run
 from cpcal.optimize.fit import fit
 from cpcal.optimize.support import irreducible, support
+from cpcal.optimize.timeout import Answer, Outcome, Trial, ask, timeout
 from cpcal.optimize.witness import Witness, WitnessProver
 
-__all__ = ["Bracket", "Minimum", "Witness", "WitnessProver", "fit", "irreducible", "minimize", "run", "support"]
+__all__ = [
+    "Answer",
+    "Bracket",
+    "Minimum",
+    "Outcome",
+    "Trial",
+    "Witness",
+    "WitnessProver",
+    "ask",
+    "fit",
+    "irreducible",
+    "minimize",
+    "run",
+    "support",
+    "timeout",
+]

@@ -18,7 +18,7 @@ from cpcal.interval import Arithmetic, Box
 from cpcal.network import ConstraintNetwork
 from cpcal.optimize.bounding import Bounding
 from cpcal.optimize.witness import Witness
-from cpcal.search import EventKind, LargestFirst, Search
+from cpcal.search import Event, EventKind, LargestFirst, Search
 
 Floats = npt.NDArray[np.float64]
 
@@ -69,11 +69,14 @@ def minimize(
     limits: Limits,
     start: Floats | None = None,
     strategy: Strategy | None = None,
+    enclose: bool = True,
+    observe: Callable[[Event], None] | None = None,
 ) -> Generator[Bracket | Minimum, None, None]:
     """Brackets of the smallest value of the variable `objective`, then the `Minimum` as the last item.
 
     THERE EXISTS a reading in its set for every constraint, as in the network. `start` (n,) is where the
-    first fit begins (default: the middle of the domain). Close the iterator to stop early.
+    first fit begins (default: the middle of the domain). Without `enclose` no work is spent on a tight enclosure.
+    `observe` is told of every node's fate. Close the iterator to stop early.
     """
     began = time.monotonic()
     index = network.names.index(objective)
@@ -81,7 +84,7 @@ def minimize(
     domain = network.domain
     if strategy is None:
         strategy = LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
-    bounding = Bounding(network, index, contractor, strategy, limits, engine)
+    bounding = Bounding(network, index, contractor, strategy, limits, engine, enclose)
     search = Search([domain], bounding, bounding, lambda node: float(node.box.lo[index]))
     nodes = 0
 
@@ -93,6 +96,8 @@ def minimize(
         bounding.propose(domain.mid if start is None else np.asarray(start, np.float64))
         while search.pending and not clock.over(nodes):
             event = next(search)
+            if observe is not None:
+                observe(event)
             nodes += event.kind is not EventKind.CONTRACTED
             yield bracket()
     except KeyboardInterrupt:

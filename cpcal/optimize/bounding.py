@@ -34,7 +34,9 @@ class Bounding:
         strategy: Strategy,
         limits: Limits,
         engine: Arithmetic,
+        enclose: bool,
     ) -> None:
+        self._enclose = enclose
         self._inner, self._strategy, self.objective, self.limits = contractor, strategy, objective, limits
         self._rows = Rows(network)
         self._prover = WitnessProver(network, objective, engine)
@@ -114,7 +116,8 @@ class Bounding:
 
         Where that finds nothing to divide, the objective itself is halved.
         """
-        if self._productive and self.closed(box) == self._was_closed:
+        closed = self.closed(box)
+        if self._productive and closed == self._was_closed and (self._enclose or not closed):
             return (box,)
         pieces = () if self.settled(box) else self._strategy.split(box) or bisect(box, self.objective)
         self._fresh = len(pieces) > 1

@@ -35,12 +35,12 @@ class WitnessProver:
     """Proves points of one network."""
 
     def __init__(self, network: ConstraintNetwork, objective: int, engine: Arithmetic) -> None:
-        self._objective, self._engine = objective, engine
+        self.objective, self._engine = objective, engine
         self._domain = network.domain
-        self._plain = [c for c in network.constraints if not _reads(c)]
-        reading = [c for c in network.constraints if _reads(c)]
+        self._plain = [c for c in network.constraints if not reads(c)]
+        reading = [c for c in network.constraints if reads(c)]
         self._tape = Tape(network, [e for c in self._plain for e in (c.body - c.upper, c.lower - c.body)])
-        self._reading = [_ReadingConstraint(network, c) for c in reading]
+        self._reading = [ReadingConstraint(network, c) for c in reading]
 
     def prove(self, point: Floats) -> Witness | None:
         """The smallest objective (within rounding) at which the rest of `point` is proved, or None.
@@ -48,7 +48,7 @@ class WitnessProver:
         The objective component of `point` is only where the search for it begins.
         """
         candidate = np.clip(point, self._domain.lo, self._domain.hi)
-        o = self._objective
+        o = self.objective
         increment = 0.0
         for _ in range(_TRIES):
             excess = self.excess(candidate)
@@ -76,12 +76,12 @@ class WitnessProver:
                 if constraint.holds_for_all(self._engine, box):
                     continue
                 open_constraints += 1
-                worst.append(constraint.excess(self._engine, box, point))
+                worst.append(float(np.max(constraint.excesses(self._engine, box, point), initial=-np.inf)))
         # Two constraints that hold for some reading each need not hold for a common one.
         return float(max(worst)) if open_constraints <= 1 else np.inf
 
 
-class _ReadingConstraint:
+class ReadingConstraint:
     """One constraint whose body, and only its body, depends on readings."""
 
     def __init__(self, network: ConstraintNetwork, constraint: Constraint) -> None:
@@ -98,14 +98,17 @@ class _ReadingConstraint:
         highest = max(_highest(slots[self._tape.slot(e)]) for e in (self._over, self._under))
         return highest <= 0.0 and self._tape.defined(slots)
 
-    def excess(self, engine: Arithmetic, box: IntervalArray, point: Floats) -> float:
+    def excesses(self, engine: Arithmetic, box: IntervalArray, point: Floats) -> Floats:
+        """Element by element a bound of how far some reading is from satisfying it; <= 0: some reading does."""
         slots = self._tape.forward(engine, box)
+        size = int(np.prod(self._over.shape))
         if not self._usable or not self._tape.defined(slots):
-            return np.inf
+            return np.full(size, np.inf)
         smallest, largest = self._extremes.at(point)
         over = self._tape.forward(engine, box, self._moved(smallest))[self._tape.slot(self._over)]
         under = self._tape.forward(engine, box, self._moved(largest))[self._tape.slot(self._under)]
-        return max(_highest(over), _highest(under), _highest(slots[self._tape.slot(self._order)]))
+        order = slots[self._tape.slot(self._order)]
+        return np.asarray(np.max([upper_ends(x, size) for x in (over, under, order)], axis=0))
 
     def _moved(self, readings: dict[int, IntervalArray]) -> dict[int, IntervalArray]:
         """The same readings (not constants: those keep their enclosures) by the slots of this tape."""
@@ -122,6 +125,11 @@ def _inside(values: IntervalArray, reading: Expr) -> IntervalArray:
     return IntervalArray.point(np.where(data.lo == data.hi, data.lo, np.clip(values.lo, lo, hi)))
 
 
+def upper_ends(x: IntervalArray, size: int) -> Floats:
+    """The upper bounds of so many elements, infinite where one is undefined."""
+    return np.broadcast_to(np.where(x.empty, np.inf, x.hi).ravel(), (size,))
+
+
 def _highest(x: IntervalArray) -> float:
     """The largest upper bound; infinite where something is undefined."""
     if bool(np.any(x.empty)):
@@ -129,7 +137,7 @@ def _highest(x: IntervalArray) -> float:
     return float(np.max(x.hi, initial=-np.inf))
 
 
-def _reads(constraint: Constraint) -> bool:
+def reads(constraint: Constraint) -> bool:
     return any(_reads_expr(e) for e in (constraint.body, constraint.lower, constraint.upper))
 
 

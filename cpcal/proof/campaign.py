@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from fractions import Fraction as F
 from pathlib import Path
 
+from cpcal.proof.lines import Rational
 from cpcal.proof.measurement import Measurement
 from cpcal.proof.refusal import Refused
 
@@ -21,7 +22,7 @@ _TURNS = ("qw", "qx", "qy", "qz")
 class ExactCampaign:
     """The rows of one leg, as exact rationals of the float64 numbers that the files hold."""
 
-    def __init__(self, folder: Path, leg: int) -> None:
+    def __init__(self, folder: Path, leg: int, rational: Rational = F) -> None:
         try:
             toml = (folder / "campaign.toml").read_bytes()
             table = (folder / "measurements.csv").read_bytes()
@@ -31,7 +32,8 @@ class ExactCampaign:
             raise Refused(0, f"the campaign in {folder} cannot be read: {error}") from None
         self.sha256 = hashlib.sha256(toml + b"\0" + table).hexdigest()
         self._leg, self._rows = leg, [row for row in rows if any(row.values())]
-        self._radii = _half_widths(settings.get("uncertainty"), leg)
+        self._rational = rational
+        self._radii = [self._exact(v) for v in _half_widths(settings.get("uncertainty"), leg)]
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -41,34 +43,36 @@ class ExactCampaign:
         row = self._rows[k]
         try:
             radii = [
-                _number(row[name]) if (row.get(name) or "").strip() else default
+                self._number(row[name]) if (row.get(name) or "").strip() else default
                 for name, default in zip(_overrides(self._leg), self._radii, strict=True)
             ]
-            position = tuple(_number(row[name]) for name in _PLACES)
-            quaternion = tuple(_number(row[name]) for name in _TURNS)
-            length = _number(row[f"L{self._leg}"])
+            position = tuple(self._number(row[name]) for name in _PLACES)
+            quaternion = tuple(self._number(row[name]) for name in _TURNS)
+            length = self._number(row[f"L{self._leg}"])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise Refused(0, f"measurement {k} of the campaign cannot be read: {error}") from None
         if not any(quaternion) or min(radii) < 0:
             raise Refused(0, f"measurement {k} has a quaternion that is no rotation, or a negative half-width")
         return Measurement(position, quaternion, length, tuple(radii[:3]), tuple(radii[3:6]), radii[6])
 
+    def _number(self, text: str) -> F:
+        value = float(text)
+        if not math.isfinite(value):
+            raise ValueError(f"{text!r} is not finite")
+        return self._exact(value)
 
-def _number(text: str) -> F:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text!r} is not finite")
-    return F(value)
+    def _exact(self, value: float) -> F:
+        return self._rational(*value.as_integer_ratio())
 
 
 def _overrides(leg: int) -> tuple[str, ...]:
     return ("dx", "dy", "dz", "drx", "dry", "drz", f"dL{leg}")
 
 
-def _half_widths(settings: Mapping[str, object] | None, leg: int) -> list[F]:
+def _half_widths(settings: Mapping[str, object] | None, leg: int) -> list[float]:
     """p, r and lambda of all rows: float64 products `factor * sigma`, or what is given."""
     if settings is None:
-        return [F(0)] * 7
+        return [0.0] * 7
     try:
         sigma = "factor" in settings
         factor = float(settings["factor"]) if sigma else 1.0  # type: ignore[arg-type]
@@ -78,6 +82,9 @@ def _half_widths(settings: Mapping[str, object] | None, leg: int) -> list[F]:
         if len(position) != 3 or len(rotation) != 3:  # type: ignore[arg-type]
             raise ValueError("three numbers each are needed for position and rotation")
         values = [*position, *rotation, length[leg - 1]]  # type: ignore[misc, index]
-        return [F(factor * float(v)) if sigma else F(float(v)) for v in values]
+        found = [factor * float(v) for v in values]
+        if not all(map(math.isfinite, found)):
+            raise ValueError("a half-width is not finite")
+        return found
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
         raise Refused(0, f"the uncertainty of the campaign cannot be read: {error!r}") from None

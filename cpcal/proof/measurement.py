@@ -1,7 +1,6 @@
 """One measurement of a leg as exact polynomials. Standard library only; part of the checker.
 
-Unknowns are numbered 0-2: a, 3-5: b, 6: l, 7: eps. A polynomial of degree 2 is a dict from sorted tuples of
-unknowns to fractions. See docs/certificate-format.md for every formula.
+Unknowns are numbered 0-2: a, 3-5: b, 6: l, 7: eps. See docs/certificate-format.md for every formula.
 """
 
 from __future__ import annotations
@@ -9,12 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction as F
 
-Polynomial = dict[tuple[int, ...], F]
-Vector = list[F]
-Range = tuple[F, F]  # midpoint, radius
+from cpcal.proof.polynomial import ZERO, Polynomial, Vector, add
 
 A, B, OFFSET, EPS = (0, 1, 2), (3, 4, 5), 6, 7
 AXES = (0, 1, 2)
+ONE = ZERO + 1
+Matrix = list[list[F]]
 
 
 @dataclass(frozen=True)
@@ -29,12 +28,7 @@ class Measurement:
     length_radius: F
 
 
-def add(p: Polynomial, monomial: tuple[int, ...], coefficient: F) -> None:
-    key = tuple(sorted(monomial))
-    p[key] = p.get(key, F(0)) + coefficient
-
-
-def rotation(q: tuple[F, ...]) -> list[Vector]:
+def rotation(q: Vector) -> Matrix:
     """Rows of |q|^2 R(q), exactly."""
     w, x, y, z = q
     return [
@@ -44,15 +38,15 @@ def rotation(q: tuple[F, ...]) -> list[Vector]:
     ]
 
 
-def product(m: list[Vector], n: list[Vector]) -> list[Vector]:
-    return [[sum((m[i][k] * n[k][j] for k in AXES), F(0)) for j in AXES] for i in AXES]
+def product(m: Matrix, n: Matrix) -> Matrix:
+    return [[sum((m[i][k] * n[k][j] for k in AXES), ZERO) for j in AXES] for i in AXES]
 
 
-def arm_matrix(measurement: Measurement, s: tuple[F, ...]) -> list[Vector]:
+def arm_matrix(measurement: Measurement, s: Vector) -> Matrix:
     """(1 + s.s) R(1, s) R(q), so that (1 + s.s) v = (1 + s.s) (P + d - a) + arm b."""
     q = measurement.quaternion
-    scale = sum((c * c for c in q), F(0))
-    turned = rotation(q) if not any(s) else product(rotation((F(1), *s)), rotation(q))
+    scale = sum((c * c for c in q), ZERO)
+    turned = rotation(q) if not any(s) else product(rotation((ONE, *s)), rotation(q))
     return [[entry / scale for entry in row] for row in turned]
 
 
@@ -60,13 +54,13 @@ def inequality(measurement: Measurement, side: str, reading: tuple[F, ...]) -> P
     """The left side Q of `Q <= 0` for side "upper", "lower" or "length", at a reading (d, s, e) of 7 numbers."""
     p: Polynomial = {}
     if side == "length":
-        add(p, (EPS,), F(1))
-        add(p, (OFFSET,), F(-1))
+        add(p, (EPS,), ONE)
+        add(p, (OFFSET,), -ONE)
         add(p, (), measurement.length_radius - measurement.length)
         return p
     sign = 1 if side == "upper" else -1
     d, s, e = reading[:3], reading[3:6], reading[6]
-    kappa = 1 + sum((c * c for c in s), F(0))
+    kappa = 1 + sum((c * c for c in s), ZERO)
     arm = arm_matrix(measurement, s)
     center = [measurement.position[i] + d[i] for i in AXES]
     for i in AXES:  # (1 + s.s) ||v||^2
@@ -77,7 +71,7 @@ def inequality(measurement: Measurement, side: str, reading: tuple[F, ...]) -> P
         for j in AXES:
             add(p, (B[j],), 2 * sign * center[i] * arm[i][j])
             add(p, (A[i], B[j]), -2 * sign * arm[i][j])
-    base: Polynomial = {(): measurement.length + e, (OFFSET,): F(1), (EPS,): F(sign)}
+    base: Polynomial = {(): measurement.length + e, (OFFSET,): ONE, (EPS,): sign * ONE}
     for m, c in base.items():  # less (1 + s.s) (L + e + l +- eps)^2
         for n, f in base.items():
             add(p, m + n, -sign * kappa * c * f)
@@ -87,10 +81,10 @@ def inequality(measurement: Measurement, side: str, reading: tuple[F, ...]) -> P
 def slopes(measurement: Measurement, side: str) -> list[Polynomial]:
     """Derivatives of Q with respect to the seven components of the reading, at the centre of its set."""
     sign = 1 if side == "upper" else -1
-    arm = arm_matrix(measurement, (F(0), F(0), F(0)))
+    arm = arm_matrix(measurement, (ZERO, ZERO, ZERO))
     out: list[Polynomial] = []
     for i in AXES:  # 2 v_i
-        p: Polynomial = {(): 2 * sign * measurement.position[i], (A[i],): F(-2 * sign)}
+        p: Polynomial = {(): 2 * sign * measurement.position[i], (A[i],): -2 * sign * ONE}
         for j in AXES:
             add(p, (B[j],), 2 * sign * arm[i][j])
         out.append(p)
@@ -102,7 +96,7 @@ def slopes(measurement: Measurement, side: str) -> list[Polynomial]:
                 add(p, (B[n],), factor * arm[row][n] * measurement.position[other])
                 add(p, (B[n], A[other]), -factor * arm[row][n])
         out.append(p)
-    out.append({(): -2 * sign * measurement.length, (OFFSET,): F(-2 * sign), (EPS,): F(-2)})
+    out.append({(): -2 * sign * measurement.length, (OFFSET,): -2 * sign * ONE, (EPS,): -2 * ONE})
     return out
 
 
@@ -110,19 +104,19 @@ def bends(measurement: Measurement, largest: Vector) -> list[F]:
     """How far each slope is at most from its value at the centre of the set, for |P - a|, |b|, |L + l| + eps up to
     `largest` = (sup|P_1 - a_1|, .., sup|b_3| , sup(|L + l| + eps)), eight numbers less one.
     """
-    away, arm_size, reach = largest[:3], sum(largest[3:6], F(0)), largest[6]
+    away, arm_size, reach = largest[:3], sum(largest[3:6], ZERO), largest[6]
     p, lam = measurement.position_radius, measurement.length_radius
     t = [r / 2 for r in measurement.rotation_radius]
-    total, square = sum(t, F(0)), sum((c * c for c in t), F(0))
+    total, square = sum(t, ZERO), sum((c * c for c in t), ZERO)
     span = [away[i] + p[i] for i in AXES]
     # every component of R b is at most the sum of |b_j|; of (R(1,s)(1+s.s) - I) R b at most `turn`
     turn = (2 * total + 5 * square) * arm_size
     out = [2 * (square * away[i] + (1 + square) * p[i] + turn) for i in AXES]
-    size = sum((c * c for c in span), F(0)) + arm_size**2 + (reach + lam) ** 2
+    size = sum((c * c for c in span), ZERO) + arm_size**2 + (reach + lam) ** 2
     for i in AXES:
         j, k = (i + 1) % 3, (i + 2) % 3
         shifted = 4 * arm_size * (p[j] + p[k])
-        curved = 4 * arm_size * (t[i] * sum(span, F(0)) + span[i] * total + sum((span[n] * t[n] for n in AXES), F(0)))
+        curved = 4 * arm_size * (t[i] * sum(span, ZERO) + span[i] * total + sum((span[n] * t[n] for n in AXES), ZERO))
         out.append(shifted + curved + 2 * t[i] * size)
     out.append(2 * ((1 + square) * lam + square * reach))
     return out

@@ -1,6 +1,6 @@
 """A constraint set of one's own, on real data: the cables of a Hangprinter.
 
-    python docs/examples/hangprinter.py PATH/samples.csv
+    python docs/examples/hangprinter.py PATH/samples.csv [--certificates FOLDER]
 
 The file holds, for a printer that hangs from four cables, positions of the effector seen by a camera (mm) and
 what the four motors' encoders said there (degrees). For each cable we ask for the smallest model error eps with
@@ -57,15 +57,22 @@ def cable_network(position: Floats, angle: Floats, *, quadratic: bool) -> tuple[
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("path", type=Path, help="samples.csv: x, y, z (mm), four motor angles (degrees)")
-    positions, angles = load(parser.parse_args().path)
+    parser.add_argument(
+        "--certificates", type=Path, metavar="FOLDER", help="write proofs there for `cpcal verify FOLDER`"
+    )
+    options = parser.parse_args()
+    if options.certificates:
+        options.certificates.mkdir(parents=True, exist_ok=True)
+    positions, angles = load(options.path)
     print(f"{len(positions)} measurements; every bound is proved, the anchor anywhere within +-{REACH / 1000:g} m\n")
     print("cable  model       smallest model error (mm)     gap      nodes  LPs  anchor (mm)")
     for quadratic in (False, True):
         for k, cable in enumerate(CABLES):
             net, eps = cable_network(positions, angles[:, k], quadratic=quadratic)
-            found = net.minimize(eps)
-            where = "none proved" if found.witness is None else ", ".join(f"{v:.1f}" for v in found.witness.point[:3])
             model = "quadratic" if quadratic else "linear"
+            proof = options.certificates and options.certificates / f"{cable}-{model}.cert.jsonl"
+            found = net.minimize(eps, certificate=proof)
+            where = "none proved" if found.witness is None else ", ".join(f"{v:.1f}" for v in found.witness.point[:3])
             print(
                 f"{cable:5}  {model:10}  {cpcal.Interval(found.lo, found.hi):.9f}  {found.hi - found.lo:.0e}"
                 f"  {found.nodes:5}  {found.programs:3}  ({where})"

@@ -65,7 +65,8 @@ def test_ctrl_c_leaves_what_is_proved(campaign, tmp_path):
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert data["interrupted"] is True
     assert [leg["leg"] for leg in data["legs"]] == [1, 2]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "result.json"]
+    assert [leg["certificate"] for leg in data["legs"]] == ["leg1.cert.jsonl", None]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["leg1.cert.jsonl", "report.html", "result.json"]
 
 
 def terminal():

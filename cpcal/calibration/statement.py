@@ -1,0 +1,40 @@
+"""One leg of a campaign as a certificate states it."""
+
+from __future__ import annotations
+
+from fractions import Fraction as F
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.proof.leg import Leg
+from cpcal.proof.measurement import Measurement
+from cpcal.proof.statement import LegStatement
+from cpcal.robot import Campaign
+
+
+class LegReadings:
+    """The rows of a campaign for one leg, in exact numbers: what the checker reads from the files."""
+
+    def __init__(self, campaign: Campaign, leg: int) -> None:
+        self._campaign, self._leg = campaign, leg - 1
+
+    def __len__(self) -> int:
+        return len(self._campaign)
+
+    def measurement(self, k: int) -> Measurement:
+        """Row k, from 0."""
+        c = self._campaign
+        vectors = (c.position[k], c.quaternion[k], c.position_radius[k], c.rotation_radius[k])
+        position, quaternion, moved, turned = (_exact(v) for v in vectors)
+        length, radius = F(float(c.length[k, self._leg])), F(float(c.length_radius[k, self._leg]))
+        return Measurement(position, quaternion, length, moved, turned, radius)
+
+
+def leg_statement(campaign: Campaign, leg: int, only: tuple[int, ...] | None = None) -> LegStatement:
+    """Leg `leg` (from 1) with all measurements, or with `only` those (numbers from 0, ascending)."""
+    return LegStatement(Leg(LegReadings(campaign, leg), only), campaign.sha256, leg, only)
+
+
+def _exact(values: npt.NDArray[np.float64]) -> tuple[F, ...]:
+    return tuple(F(float(v)) for v in values)

@@ -1,0 +1,107 @@
+"""The main job: a campaign in, for every leg a proved bracket of its smallest model error out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from cpcal import plugins
+from cpcal.calibration import PARAMETERS
+from cpcal.certify.leg import certify_leg
+from cpcal.certify.question import CENTERS, METHODS, SUPPORTS, Progress, Question, check
+from cpcal.errors import InputError, Problem
+from cpcal.interfaces import Limits
+from cpcal.interval import get_arithmetic
+from cpcal.result import LegResult, Result
+from cpcal.robot import Campaign
+from cpcal.version import __version__
+
+__all__ = ["CENTERS", "METHODS", "SUPPORTS", "certify"]
+
+
+def certify(
+    campaign: Campaign,
+    *,
+    legs: Sequence[int] | None = None,
+    delta: float = 100.0,
+    center: str = "fit",
+    gap: float = 1e-6,
+    time_limit: float | None = None,
+    contractors: Sequence[str] = ("lifted",),
+    arithmetic: str = "float64",
+    eps: float | None = None,
+    support: str = "few",
+    method: str = "bound",
+    certificates: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """For every leg the smallest eps for which some x satisfies all N equations, bracketed by proofs.
+
+    "Satisfies" means: for every measurement THERE EXISTS a reading in its set with `|g(x, M_k)| <= eps`.
+    x ranges over all parameters within `delta` mm of the center: "fit" (least squares) or "nominal". `legs` counts
+    from 1 (default: all). `gap` is relative, `time_limit` in seconds per leg. With `eps` (mm) the question is instead
+    whether S(eps) is empty. `progress` is called with (leg, Bracket) as the brackets shrink.
+
+    `support` "irreducible" leaves out of each leg's support every measurement that the proof can do without; "few" does
+    not try. `certificates` names a folder for `legN.cert.jsonl`, which prove the answers to `cpcal verify` (and
+    `legN.support.cert.jsonl`, that an irreducible support alone proves eps_lo): then every step is proved once more
+    in exact arithmetic before it counts, and only contractors that give weights take part, if there is one (lifted).
+
+    `method` "bound" is branch and bound on eps; "timeout" is the script of the paper's section 5.2.1, which asks a
+    solver made of the contractors for points at one eps after the other, and needs a `time_limit`.
+
+    Ctrl-C ends it with what is proved so far. Raises InputError, PluginError.
+    """
+    check(campaign, legs, delta, center, gap, time_limit, eps, support, method)
+    plugins.load_all(contractors)
+    limits = Limits(seconds=time_limit, gap=gap)
+    folder = None if certificates is None else _emptied(Path(certificates))
+    engine = get_arithmetic(arithmetic)
+    question = Question(
+        campaign, delta, center, tuple(contractors), engine, eps, limits, support, method, folder, progress
+    )
+    done: list[LegResult] = []
+    interrupted = False
+    for leg in legs or range(1, campaign.legs + 1):
+        try:
+            found, interrupted = certify_leg(question, leg)
+        except KeyboardInterrupt:
+            interrupted = True
+            break
+        except OSError as error:
+            raise _unwritable(folder, error) from None
+        done.append(found)
+        if interrupted:
+            break
+    return Result(
+        campaign.robot.name,
+        campaign.sha256,
+        len(campaign),
+        PARAMETERS,
+        delta,
+        center,
+        gap,
+        eps,
+        tuple(contractors),
+        arithmetic,
+        __version__,
+        tuple(done),
+        interrupted,
+    )
+
+
+def _emptied(folder: Path) -> Path:
+    """A folder for certificates, made if missing, without those of an earlier run. Raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for old in folder.glob("leg*.cert.jsonl"):
+            old.unlink()
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+    return folder
+
+
+def _unwritable(folder: Path | None, error: OSError) -> InputError:
+    remedy = "choose a folder that can be written to"
+    return InputError([Problem(str(folder), f"cannot be written: {error.strerror or error}", remedy)])

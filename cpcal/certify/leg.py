@@ -1,0 +1,92 @@
+"""One leg: bracket, support, and both in words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cpcal.calibration import PARAMETERS, solves_exactly
+from cpcal.certify.bracket import Answered, by_bound, prove_support
+from cpcal.certify.question import Floats, Question
+from cpcal.certify.script import by_timeout
+from cpcal.interfaces import Verdict
+from cpcal.network import ConstraintNetwork
+from cpcal.optimize import Bracket, Minimum, irreducible, minimize, run
+from cpcal.optimize import support as find_support
+from cpcal.result import LegResult
+from cpcal.robot import Campaign
+
+# at most for each proof that a few measurements suffice: a convenience must not cost more than the answer
+_SUPPORT_NODES = 3
+
+
+def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
+    """The result of one leg, and whether the user interrupted it."""
+    middle = question.middle(leg)
+    network = question.network(leg, middle)
+    start = np.append(middle, 0.0 if question.eps is None else question.eps)
+
+    def tell(bracket: Bracket) -> None:
+        if question.progress is not None:
+            question.progress(leg, bracket)
+
+    answer = by_bound if question.method == "bound" else by_timeout
+    found = answer(question, leg, network, start, tell)
+    few = _support(question, leg, network, start, found.minimum)
+    return _leg_result(question, leg, middle, found, few), found.minimum.interrupted
+
+
+def _support(
+    question: Question, leg: int, network: ConstraintNetwork, start: Floats, found: Minimum
+) -> tuple[int, ...]:
+    gap, short = question.limits.gap, replace(question.limits, nodes=_SUPPORT_NODES)
+
+    def alone(net: ConstraintNetwork) -> Minimum:
+        """The lower bound by a part of the measurements."""
+        contractor, engine = question.contractor(net), question.engine
+        return run(minimize(net, "eps", contractor, engine=engine, limits=short, start=start, enclose=False), None)
+
+    few = find_support(network, "eps", found, gap, alone)
+    if question.support == "irreducible" and few:
+        few = irreducible(network, found, few, gap, alone)
+        if question.certificates is not None:
+            best = start if found.witness is None else found.witness.point
+            prove_support(question, leg, network, best, few)
+    return few
+
+
+def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, few: tuple[int, ...]) -> LegResult:
+    found = answer.minimum
+    ids, enclosure = question.campaign.measurement_ids, found.enclosure
+    return LegResult(
+        leg,
+        found.verdict,
+        _sentence(question.campaign, leg, found, question.eps),
+        found.lo,
+        found.hi,
+        None if found.witness is None else tuple(float(v) for v in found.witness.point[:7]),
+        tuple(float(v) for v in middle),
+        type(enclosure)(PARAMETERS, enclosure.lo[:7], enclosure.hi[:7]),
+        found.floor,
+        tuple(ids[k] for k in few),
+        found.nodes,
+        found.programs,
+        found.seconds,
+        answer.certificate,
+    )
+
+
+def _sentence(campaign: Campaign, leg: int, found: Minimum, eps: float | None) -> str:
+    if eps is not None:
+        return {
+            Verdict.PROVED: f"Some x in the box satisfies all equations to within {eps:g} mm for some readings: "
+            "proved.",
+            Verdict.REFUTED: f"No x in the box, with legs longer than {eps:g} mm, satisfies all equations "
+            f"to within {eps:g} mm for any readings: proved.",
+            Verdict.UNKNOWN: f"Stopped before it was known if any x satisfies the equations to within {eps:g} mm.",
+        }[found.verdict]
+    if found.witness is not None and found.hi == 0.0:
+        how = "proved in exact arithmetic" if solves_exactly(campaign, leg, found.witness.point[:7]) else "proved"
+        return f"The model is not refuted: some x satisfies every equation exactly for some readings: {how}."
+    return found.status

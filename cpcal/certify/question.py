@@ -1,0 +1,106 @@
+"""What is asked of every leg alike, and what may not be asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal import plugins
+from cpcal.calibration import least_squares, leg_box, leg_network
+from cpcal.errors import InputError, Problem
+from cpcal.interfaces import Contractor, Limits
+from cpcal.interval import Arithmetic
+from cpcal.network import ConstraintNetwork
+from cpcal.optimize import Bracket
+from cpcal.robot import Campaign
+
+Floats = npt.NDArray[np.float64]
+Progress = Callable[[int, Bracket], None]
+
+CENTERS = ("fit", "nominal")
+SUPPORTS = ("few", "irreducible")
+METHODS = ("bound", "timeout")
+
+
+@dataclass(frozen=True)
+class Question:
+    """The arguments of `certify` that concern one leg as well as another."""
+
+    campaign: Campaign
+    delta: float
+    center: str
+    contractors: tuple[str, ...]
+    engine: Arithmetic
+    eps: float | None
+    limits: Limits
+    support: str
+    method: str
+    certificates: Path | None
+    progress: Progress | None
+
+    def contractor(self, network: ConstraintNetwork) -> Contractor:
+        """The contractors asked for, one after the other."""
+        return plugins.composed(self.parts(network), self.contractors)
+
+    def parts(self, network: ConstraintNetwork) -> list[Contractor]:
+        return plugins.build_each(network, self.contractors, objective="eps", arithmetic=self.engine.name)
+
+    def middle(self, leg: int) -> Floats:
+        return least_squares(self.campaign, leg) if self.center == "fit" else nominal(self.campaign, leg)
+
+    def network(self, leg: int, middle: Floats) -> ConstraintNetwork:
+        box = leg_box(middle, self.delta)
+        # A leg is longer than eps, which bounds eps.
+        longest = float(np.nextafter(np.min(self.campaign.length[:, leg - 1]) + box.hi[6], np.inf))
+        domain = (0.0, max(longest, 0.0)) if self.eps is None else (self.eps, self.eps)
+        return leg_network(self.campaign, leg, box, engine=self.engine, eps=domain)
+
+
+def nominal(campaign: Campaign, leg: int) -> Floats:
+    robot, k = campaign.robot, leg - 1
+    return np.concatenate([robot.base[k], robot.mobile[k], [robot.offset[k]]])
+
+
+def check(
+    campaign: Campaign,
+    legs: Sequence[int] | None,
+    delta: float,
+    center: str,
+    gap: float,
+    time_limit: float | None,
+    eps: float | None,
+    support: str,
+    method: str,
+) -> None:
+    """All problems with the options at once."""
+    wrong: list[Problem] = []
+    for leg in legs or ():
+        if not 1 <= leg <= campaign.legs:
+            wrong.append(Problem("legs", f"there is no leg {leg}", f"choose from 1 to {campaign.legs}"))
+    if legs is not None and len(set(legs)) < len(legs):
+        wrong.append(Problem("legs", "a leg is named twice", "name each once"))
+    if not (np.isfinite(delta) and delta >= 0.0):
+        wrong.append(Problem("delta", f"{delta} is no half-width", "give a number of mm, 0 or more"))
+    if center not in CENTERS:
+        wrong.append(Problem("center", f"{center!r} is not known", f"use one of {', '.join(CENTERS)}"))
+    if not 0.0 <= gap < 1.0:
+        wrong.append(Problem("gap", f"{gap} is no relative gap", "give a number from 0 to below 1, such as 1e-6"))
+    if time_limit is not None and not time_limit > 0.0:
+        wrong.append(Problem("time_limit", f"{time_limit} is no time", "give a positive number of seconds"))
+    if eps is not None and not (np.isfinite(eps) and eps >= 0.0):
+        wrong.append(Problem("eps", f"{eps} is no tolerance", "give a number of mm, 0 or more"))
+    if support not in SUPPORTS:
+        wrong.append(Problem("support", f"{support!r} is not known", f"use one of {', '.join(SUPPORTS)}"))
+    if method not in METHODS:
+        wrong.append(Problem("method", f"{method!r} is not known", f"use one of {', '.join(METHODS)}"))
+    if method == "timeout" and eps is not None:
+        wrong.append(Problem("method", "timeout seeks the smallest eps", "leave eps out"))
+    if method == "timeout" and time_limit is None:
+        remedy = "give a number of seconds a leg, such as 60"
+        wrong.append(Problem("time_limit", "is missing, and method timeout may go on for ever", remedy))
+    if wrong:
+        raise InputError(wrong)

@@ -1,0 +1,105 @@
+"""What an accepted certificate proves, in sentences; every number rounded to the side that stays proved."""
+
+from __future__ import annotations
+
+from fractions import Fraction as F
+
+from cpcal.interval import Interval
+from cpcal.proof.checker import Accepted
+
+
+def sentences(accepted: Accepted) -> list[str]:
+    """One for each claim."""
+    claims = accepted.claims
+    words = _LegWords(accepted) if accepted.leg is not None else _NetworkWords(accepted)
+    out = []
+    if claims.infeasible:
+        out.append(words.infeasible(claims.cap))
+    elif claims.eps_lo is not None:
+        out.append(words.none_below(claims.eps_lo))
+    if claims.eps_hi is not None:
+        out.append(words.attained(claims.eps_hi))
+    elif claims.point is not None:
+        out.append(words.judged())
+    if claims.enclosure is not None:
+        out.append(words.enclosed(claims.cap))
+    return out
+
+
+class _NetworkWords:
+    thing = one = every = "point of the box"
+    for_any = for_some = ""
+
+    def __init__(self, accepted: Accepted) -> None:
+        self.accepted = accepted
+        self.all = f"all {accepted.count} constraints"
+
+    def goal(self, sign: str, value: F | None, down: bool) -> str:
+        if value is None or self.accepted.objective is None:
+            return ""
+        return f" with {self.name} {sign} {_text(value, down)}"
+
+    @property
+    def name(self) -> str:
+        return "" if self.accepted.objective is None else self.accepted.unknowns[self.accepted.objective]
+
+    def infeasible(self, cap: F | None) -> str:
+        return f"No {self.thing} satisfies {self.all}{self.goal('<=', cap, True)}{self.for_any}"
+
+    def none_below(self, lo: F) -> str:
+        return f"No {self.thing} satisfies {self.all}{self.goal('<', lo, True)}{self.for_any}"
+
+    def attained(self, hi: F) -> str:
+        return f"One {self.one} satisfies them{self.goal('<=', hi, False)}{self.for_some}"
+
+    def judged(self) -> str:
+        point = self.accepted.claims.point
+        assert point is not None
+        if point.holds == self.accepted.chosen:
+            return f"The point given satisfies {self.all}{self.goal('<=', self._eps(point.at), False)}{self.for_some}"
+        return (
+            f"The given point satisfies {len(point.holds)}{self.for_some}, and fails {len(point.fails)}{self.for_any}, "
+            f"of {self.all}{self.goal('=', self._eps(point.at), False)}"
+        )
+
+    def _eps(self, at: tuple[F, ...]) -> F | None:
+        return None if self.accepted.objective is None else at[self.accepted.objective]
+
+    def enclosed(self, cap: F | None) -> str:
+        hull, o = self.accepted.claims.enclosure, self.accepted.objective
+        assert hull is not None
+        widths = [b - a for k, (a, b) in enumerate(zip(*hull, strict=True)) if k != o]
+        return (
+            f"Every {self.every} that satisfies them{self.goal('<=', cap, True)}{self.for_some} lies in the enclosure, "
+            f"whose sides are at most {max(map(float, widths)):.3g} long"
+        )
+
+
+class _LegWords(_NetworkWords):
+    for_any = " for any readings in their sets"
+    for_some = " for some readings in their sets"
+    name = "|g|"
+    one = every = "such x"
+
+    def __init__(self, accepted: Accepted) -> None:
+        self.accepted = accepted
+        count, chosen = accepted.count, accepted.chosen
+        numbers = ", ".join(map(str, chosen))
+        leg = f"of leg {accepted.leg}"
+        self.all = (
+            f"all {count} equations {leg}"
+            if len(chosen) == count
+            else f"the equations {leg} for measurements {numbers} (from 0)"
+        )
+        box = list(zip(accepted.lo, accepted.hi, strict=True))[:7]
+        center = ", ".join(f"{float(a + b) / 2:.6g}" for a, b in box)
+        widest = max(float(b - a) / 2 for a, b in box)
+        self.thing = f"x within {widest:.6g} mm of ({center})"
+
+    def goal(self, sign: str, value: F | None, down: bool) -> str:
+        return "" if value is None else f" with |g| {sign} {_text(value, down)} mm"
+
+
+def _text(value: F, down: bool) -> str:
+    low, high = f"{Interval(value, value):.9f}".strip("[]").split(", ")
+    return low if down else high
