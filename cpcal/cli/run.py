@@ -18,6 +18,7 @@ from cpcal.prove import certifiable, write_certificate
 from cpcal.report import REPORT_NAME, write_report
 from cpcal.result import Result, save_result
 from cpcal.robot import Campaign
+from cpcal.shadows import with_shadows
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,11 @@ class Question:
 
 
 def answer(campaign: Campaign, question: Question, *, quiet: bool) -> Result:
-    """Certify, with progress on stderr unless `quiet` or no terminal is there."""
+    """Certify and add what the report draws, with progress on stderr unless `quiet` or no terminal is there."""
     legs = list(question.legs or range(1, campaign.legs + 1))
     watching = nullcontext() if quiet else watch(legs, question.gap, terminal(stderr=True))
     with watching as progress:
-        return certify(
+        result = certify(
             campaign,
             legs=question.legs,
             delta=question.delta,
@@ -53,6 +54,7 @@ def answer(campaign: Campaign, question: Question, *, quiet: bool) -> Result:
             support=question.support,
             progress=progress,
         )
+    return with_shadows(campaign, result)
 
 
 def with_certificates(campaign: Campaign, folder: Path, result: Result, run: Path, *, seconds: float | None) -> Result:
