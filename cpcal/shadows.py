@@ -33,7 +33,7 @@ _ACROSS = tuple(pair for pair in combinations(range(7), 2) if pair not in _WITHI
 _ANGLES = np.arange(24) * (math.pi / 12)  # of the half-planes' normals, in a picture whose box is a square
 _PASSES = 12  # of the contractor, at most
 _SETTLED = 0.75  # another pass only while some width shrinks below this part of what it was
-_THINNEST = 1e-9  # mm: a parameter known as well as that has no shadow worth drawing
+_DRAWN = (1e-9, 1e6)  # mm: a parameter known better, or worse, has no shadow worth drawing
 
 
 def with_shadows(campaign: Campaign, result: Result) -> Result:
@@ -53,7 +53,7 @@ def shadows(campaign: Campaign, result: Result, leg: LegResult) -> Shadows | Non
     """Of all x within `result.delta` of the leg's center that satisfy its equations to within `shadow_eps`.
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. None where there is no such tolerance or no x,
-    where none of the result's contractors offers `supports`, or where all is known too well to be drawn.
+    where none of the result's contractors offers `supports`, or where all is known too well, or too badly, to be drawn.
     """
     eps = shadow_eps(result, leg)
     if eps is None:
@@ -88,7 +88,8 @@ def _contracted(contractor: Contractor, box: Box) -> Box:
 
 def _shadows(campaign: Campaign, leg: int, contractor: Supporting, box: Box) -> Iterator[Shadow]:
     pairs = [*_WITHIN, _most_correlated(campaign, leg, box.mid[:7])]
-    pairs = [pair for pair in pairs if (box.width[list(pair)] > _THINNEST).all()]
+    drawn = (box.width > _DRAWN[0]) & (box.width < _DRAWN[1])
+    pairs = [pair for pair in pairs if drawn[list(pair)].all()]
     directions = [_normals(box, pair) for pair in pairs]
     if not pairs:
         return

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from cpcal.calibration import PARAMETERS
-from cpcal.report.numbers import bracket_text, gap_text
+from cpcal.report.numbers import bracket_text, plain_gap
 from cpcal.report.panels import Panel, in_view, panel_svg
 from cpcal.result import LegResult, Result
 from cpcal.robot import Campaign
@@ -23,7 +23,7 @@ def pairs(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] 
     return {
         "svgs": [Markup(_svg(leg.leg, k, panel)) for k, panel in enumerate(panels)],  # made by us
         "eps": bracket_text(eps, eps)[0],  # rounded down: what holds to within eps holds to within less
-        "margin": None if result.eps is not None or eps == leg.eps_hi else f"{eps / leg.eps_hi:.3g}",
+        "margin": f"{eps / leg.eps_hi:.3g}" if result.eps is None and 0.0 < leg.eps_hi < eps else None,
         "proved_point": leg.point is not None,
         "fit": any(in_view(panel, panel.fit) for panel in panels),
         "nominal": any(in_view(panel, panel.nominal) for panel in panels),
@@ -46,7 +46,7 @@ def _panels(campaign: Campaign, result: Result, leg: LegResult) -> list[Panel]:
 
 
 def _svg(leg: int, k: int, panel: Panel) -> str:
-    widths = [gap_text(float(lo), float(hi)) for lo, hi in zip(panel.lo, panel.hi, strict=True)]
+    widths = [plain_gap(float(lo), float(hi)) for lo, hi in zip(panel.lo, panel.hi, strict=True)]
     label = (
         f"Leg {leg}: polygon that holds {panel.names[0]} and {panel.names[1]}, "
         f"in a rectangle of {widths[0]} by {widths[1]} mm"

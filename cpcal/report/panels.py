@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 
 from cpcal.polygon import HalfPlane
 from cpcal.report.svg import BAND, DOT, EDGE, GRID, INK, SUPPORT, figure_svg
@@ -18,7 +19,12 @@ from cpcal.report.svg import BAND, DOT, EDGE, GRID, INK, SUPPORT, figure_svg
 Floats = npt.NDArray[np.float64]
 
 _MARGIN = 0.12  # of the rectangle's width, on each side
-_UNITS = ((1e-2, 1.0, "mm"), (1e-5, 1e3, "µm"), (0.0, 1e6, "nm"))  # by half the width of what is drawn, mm
+_UNITS = (
+    (1e4, 1e-3, "m"),
+    (1e-2, 1.0, "mm"),
+    (1e-5, 1e3, "µm"),
+    (0.0, 1e6, "nm"),
+)  # by half the width, mm
 _DASHES = (0, (4, 2.5))
 _AXES = (0.27, 0.2, 0.68, 0.76)  # the same place in every panel: no need for a layout of its own
 
@@ -63,9 +69,10 @@ def panel_svg(panel: Panel, *, prefix: str, label: str) -> str:
         corners = scale * (polygon(panel.lo, panel.hi, panel.half_planes) - panel.origin)
         if len(corners):
             axes.add_patch(Polygon(corners, facecolor=BAND, edgecolor=EDGE, linewidth=1.4, zorder=2))
-        _mark(axes, panel, scale, panel.nominal, "s", INK)
-        _mark(axes, panel, scale, panel.fit, "x", SUPPORT)
-        _mark(axes, panel, scale, panel.point, "o", DOT)
+        # the largest first, so that all are seen where they coincide
+        _mark(axes, panel, scale, panel.nominal, marker="s", fillstyle="none", color=INK, markersize=9.0)
+        _mark(axes, panel, scale, panel.fit, marker="x", color=SUPPORT, markersize=6.5)
+        _mark(axes, panel, scale, panel.point, marker="o", color=DOT, markersize=4.0)
 
     return figure_svg(draw, (2.5, 2.4), prefix=prefix, label=label)
 
@@ -100,22 +107,19 @@ def _axes(axes: Axes, lo: Floats, hi: Floats, labels: list[str]) -> None:
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
     axes.yaxis.set_label_coords(-0.27, 0.5)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(nbins=3))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}".replace("-", "−")))
+    for axis, least, most in zip((axes.xaxis, axes.yaxis), lo, hi, strict=True):
+        # none in the margins, where a number would not fit in
+        ticks = [value for value in MaxNLocator(nbins=3).tick_values(least, most) if least <= value <= most]
+        axis.set_ticks(ticks, [f"{value:.6g}".replace("-", "−") for value in ticks])
     axes.tick_params(length=3.0, pad=2.0)
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
 
 
-def _mark(axes: Axes, panel: Panel, scale: Floats, point: Floats | None, marker: str, colour: str) -> None:
-    if point is None or not in_view(panel, point):
-        return
-    x, y = scale * (point - panel.origin)
-    hollow = "none" if marker == "s" else "full"
-    axes.plot(
-        [x], [y], marker, fillstyle=hollow, color=colour, markersize=5.5, markeredgewidth=1.4, zorder=5, clip_on=False
-    )
+def _mark(axes: Axes, panel: Panel, scale: Floats, point: Floats | None, **style: Any) -> None:
+    if point is not None and in_view(panel, point):
+        x, y = scale * (point - panel.origin)
+        axes.plot([x], [y], markeredgewidth=1.4, zorder=5, clip_on=False, **style)
 
 
 def _unit(half: float) -> tuple[float, str]:
