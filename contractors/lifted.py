@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from contractors.algebra import Composable
 from contractors.relaxation import Relaxation, Structure
+from contractors.supports import Directions, over_box
 from cpcal.interfaces import Contraction, LinearEngine, LinearSolution, LinearStatus, Step, StepWeights
 from cpcal.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.linear import Glop, LazyRows, lower_bound
@@ -70,6 +72,21 @@ class Lifted(Composable):
             return Contraction(box)
         return _Programs(structure, self._arithmetic, self._engine(), box).run(self._objective)
 
+    def supports(self, box: Box, directions: Floats) -> Floats:
+        """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`, for `directions` (m, n).
+
+        -inf for all when the box is proved to hold no solution.
+        """
+        if box.is_empty:
+            return np.full(len(directions), -np.inf)
+        widest = over_box(self._arithmetic, box, directions)
+        if not box.is_bounded:
+            return widest
+        structure = self._structure or self._structure_on(box)
+        if not structure.positions:
+            return widest
+        return np.minimum(widest, _Programs(structure, self._arithmetic, self._engine(), box).supports(directions))
+
     def _structure_on(self, box: Box) -> Structure:
         """The rows that are likely to matter on the box, their readings at the ends that decide on all of it."""
         if not self._many:
@@ -95,6 +112,16 @@ def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) 
             element = origin[mine, 1]
             out[mine, 1] = keep[old][element // width] * width + element % width
     return out
+
+
+class _Proof(NamedTuple):
+    """A proved bound, the rows and the bound products with a multiplier, and those multipliers."""
+
+    bound: float
+    rows: Indices
+    on_rows: Floats
+    products: Indices
+    on_products: Floats
 
 
 class _Programs:
@@ -149,6 +176,24 @@ class _Programs:
             point = np.clip(point, box.lo, box.hi)
         return Contraction(box, tuple(self._steps), point, self._rows.programs)
 
+    def supports(self, directions: Floats) -> Floats:
+        """Proved upper bounds (m,) of `directions @ x`; infinite where a program fails."""
+        positions, count = self._structure.positions, len(self._structure.used)
+        asked = Directions(self._arithmetic, self._box, positions, count, directions)
+        lowest = np.empty(len(directions))
+        for k, objective in enumerate(asked.objectives):
+            lowest[k] = self._lowest(objective)
+            if lowest[k] == np.inf:
+                return np.full(len(directions), -np.inf)
+        return asked.highest(lowest)
+
+    def _lowest(self, objective: Floats) -> float:
+        """A proved lower bound of an objective: inf when the box is proved empty, -inf when none is known."""
+        solution = self._rows.minimize(objective[self._columns])
+        if solution.status is LinearStatus.INFEASIBLE and self._proved_empty(solution):
+            return np.inf
+        return self._proved(solution, objective).bound if solution.status is LinearStatus.OPTIMAL else -np.inf
+
     def _order(self, first: int | None) -> list[tuple[int, str]]:
         """The objective's lower bound first; its upper one last, which the vertices before mostly meet."""
         others = [(v, side) for v in sorted(self._structure.positions) for side in ("lo", "hi") if v != first]
@@ -175,8 +220,8 @@ class _Programs:
 
     # proofs ---------------------------------------------------------------------------------------------
 
-    def _proved(self, solution: LinearSolution, objective: Floats) -> tuple[float, Carriers]:
-        """Rigorous lower bound of the objective from the multipliers, and what carries it."""
+    def _proved(self, solution: LinearSolution, objective: Floats) -> _Proof:
+        """Rigorous lower bound of the objective from the multipliers."""
         products = self._structure.products
         count = len(products.rhs)
         y = solution.multipliers
@@ -186,28 +231,32 @@ class _Programs:
         values, rhs = self._relaxation.rigorous(rows)
         exact = products.matrix[with_products]
         matrix = IntervalArray(np.concatenate([exact, values.lo]), np.concatenate([exact, values.hi]))
-        weights = np.concatenate([y[with_products], y[count:][chosen] / self._relaxation.scale[rows]])
+        on_products, on_rows = y[with_products], y[count:][chosen] / self._relaxation.scale[rows]
         bound = lower_bound(
             self._arithmetic,
             matrix,
             np.concatenate([products.rhs[with_products], rhs]),
-            weights,
+            np.concatenate([on_products, on_rows]),
             objective,
             self._structure.columns,
         )
-        origin, part = self._structure.system.origin[rows].tolist(), self._structure.system.part[rows].tolist()
-        row_weights = weights[len(with_products) :].tolist()
-        carried = tuple((c, p, k, w) for (c, k), p, w in zip(origin, part, row_weights, strict=True))
-        return bound, (tuple((c, k) for c, k in origin), self._weights(carried, with_products, y))
+        return _Proof(bound, rows, on_rows, with_products, on_products)
 
-    def _weights(self, rows: tuple[tuple[int, int, int, float], ...], chosen: Indices, y: Floats) -> StepWeights | None:
-        """The multipliers in a form that can be checked; None for products of more than two variables."""
+    def _carriers(self, proof: _Proof) -> Carriers:
+        """The rows that carry a proof, and their weights in a form that can be checked."""
+        system = self._structure.system
+        origin, part = system.origin[proof.rows].tolist(), system.part[proof.rows].tolist()
+        weights = proof.on_rows.tolist()
+        carried = tuple((c, p, k, w) for (c, k), p, w in zip(origin, part, weights, strict=True))
+        return tuple((c, k) for c, k in origin), self._weights(carried, proof)
+
+    def _weights(self, rows: tuple[tuple[int, int, int, float], ...], proof: _Proof) -> StepWeights | None:
+        """None for products of more than two variables."""
         pairs, tangents = [], []
-        for position in chosen:
+        for position, weight in zip(proof.products, proof.on_products.tolist(), strict=True):
             beta, delta, on_beta, on_delta, on_gamma = self._structure.products.factors[position]
             if len(beta) + len(delta) > 2:
                 return None
-            weight = float(y[position])
             if beta != delta:
                 pairs.append((beta[0], delta[0], -on_beta, -on_delta, weight))
             elif on_gamma > 0.0:
@@ -217,25 +266,25 @@ class _Programs:
         return StepWeights(rows, tuple(pairs), tuple(tangents))
 
     def _proved_empty(self, solution: LinearSolution) -> bool:
-        bound, carriers = self._proved(solution, np.zeros(len(self._structure.used)))
-        if bound > 0.0:
-            self._steps.append(Step("lifted", None, "", np.nan, *carriers))
-        return bound > 0.0
+        proof = self._proved(solution, np.zeros(len(self._structure.used)))
+        if proof.bound > 0.0:
+            self._steps.append(Step("lifted", None, "", np.nan, *self._carriers(proof)))
+        return proof.bound > 0.0
 
     def _bound(self, variable: int, side: str, solution: LinearSolution) -> float | None:
         """The proved new bound of a variable, or None when it is no better than the old one."""
         sign = 1.0 if side == "lo" else -1.0
         objective = np.zeros(len(self._structure.used))
         objective[self._structure.positions[variable]] = sign
-        bound, carriers = self._proved(solution, objective)
-        if not -1.0 < bound < np.inf:
+        proof = self._proved(solution, objective)
+        if not -1.0 < proof.bound < np.inf:
             return None
-        value = self._relaxation.value(variable, sign * bound)
+        value = self._relaxation.value(variable, sign * proof.bound)
         new = float(value.lo) if side == "lo" else float(value.hi)
         old = self._box.lo[variable] if side == "lo" else self._box.hi[variable]
         if sign * (new - old) <= 0.0:
             return None
-        self._steps.append(Step("lifted", self._box.names[variable], side, new, *carriers))
+        self._steps.append(Step("lifted", self._box.names[variable], side, new, *self._carriers(proof)))
         return new
 
     def _point(self, solution: LinearSolution) -> Floats:

@@ -6,7 +6,7 @@ import math
 import time
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -75,6 +75,18 @@ class Contractor(Protocol):
     idempotent: bool
 
     def contract(self, box: Box) -> Contraction: ...
+
+
+@runtime_checkable
+class Supporting(Protocol):
+    """What a contractor may offer besides: half-spaces that hold all solutions in a box."""
+
+    def supports(self, box: Box, directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`; `directions` is (m, n).
+
+        -inf for all when the box is proved to hold no solution.
+        """
+        ...
 
 
 class Strategy(Protocol):

@@ -14,6 +14,7 @@ from typing import Any
 from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Verdict
 from cpcal.interval import Box
+from cpcal.polygon import Shadows
 
 FORMAT = "cpcal-result/1"
 
@@ -44,6 +45,7 @@ class LegResult:
     programs: int
     seconds: float
     certificate: str | None = None
+    shadows: Shadows | None = None  # what the report draws; see cpcal.shadows
 
     @property
     def not_refuted(self) -> bool:
@@ -78,11 +80,12 @@ class LegResult:
             "nodes": self.nodes,
             "lps": self.programs,
             "seconds": self.seconds,
+            **({} if self.shadows is None else {"shadows": self.shadows.to_json()}),
         }
 
     @classmethod
     def from_json(cls, data: dict[str, Any], names: tuple[str, ...]) -> LegResult:
-        enclosure = data["enclosure"]
+        enclosure, shadows = data["enclosure"], data.get("shadows")
         return cls(
             data["leg"],
             Verdict(data["status"]),
@@ -100,6 +103,7 @@ class LegResult:
             data["lps"],
             data["seconds"],
             data["certificate"],
+            None if shadows is None else Shadows.from_json(shadows, names),
         )
 
 

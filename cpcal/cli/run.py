@@ -17,6 +17,7 @@ from cpcal.cli.show import show_result, terminal
 from cpcal.report import REPORT_NAME, write_report
 from cpcal.result import Result, save_result
 from cpcal.robot import Campaign
+from cpcal.shadows import with_shadows
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,14 @@ class Question:
 
 
 def answer(campaign: Campaign, question: Question, run: Path, *, quiet: bool) -> Result:
-    """Certify, certificates in the folder `run`; progress on stderr unless `quiet` or no terminal is there."""
+    """Certify, with certificates in the folder `run`, and add what the report draws.
+
+    Progress goes to stderr unless `quiet` or no terminal is there.
+    """
     legs = list(question.legs or range(1, campaign.legs + 1))
     watching = nullcontext() if quiet else watch(legs, question.gap, terminal(stderr=True))
     with watching as progress:
-        return certify(
+        result = certify(
             campaign,
             legs=question.legs,
             delta=question.delta,
@@ -53,6 +57,7 @@ def answer(campaign: Campaign, question: Question, run: Path, *, quiet: bool) ->
             certificates=run,
             progress=progress,
         )
+    return with_shadows(campaign, result)
 
 
 def publish(campaign: Campaign, result: Result, run: Path, *, as_json: bool) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cpcal.report.numbers import gap_text
+from cpcal.report.numbers import plain_gap
 from cpcal.report.svg import BAND, EDGE, GRID, INK, SUPPORT, figure_svg
 
 Floats = npt.NDArray[np.float64]
@@ -70,7 +69,7 @@ def enclosure_svg(data: Enclosure, *, prefix: str, label: str) -> str:
             axes.plot(at, rows, "x", color=SUPPORT, markersize=6.0, markeredgewidth=1.5, zorder=5)
         _widths(axes, data)
 
-    return figure_svg(draw, (4.9, 2.9), prefix=prefix, label=label)
+    return figure_svg(draw, (4.2, 2.9), prefix=prefix, label=label)
 
 
 def _bar(axes: Axes, row: int, data: Enclosure, near: float, far: float) -> None:
@@ -92,14 +91,8 @@ def _widths(axes: Axes, data: Enclosure) -> None:
     transform = axes.get_yaxis_transform()
     axes.text(1.05, -0.75, "width [mm]", transform=transform, va="bottom")
     for k, (lo, hi) in enumerate(zip(data.lo, data.hi, strict=True)):
-        text = "none" if data.empty else _plain(gap_text(float(lo), float(hi)))
+        text = "none" if data.empty else plain_gap(float(lo), float(hi))
         axes.text(1.05, k, text, transform=transform, va="center")
-
-
-def _plain(width: str) -> str:
-    """Without an exponent where that is short."""
-    number = float(width) if width[0].isdigit() else 0.0
-    return f"{Decimal(width):f}" if 0.001 <= number < 1e6 else width
 
 
 def _view(data: Enclosure) -> tuple[float, float]:

@@ -43,6 +43,13 @@ def gap_text(lo: float, hi: float) -> str:
     return f"{rounded:.1e}"
 
 
+def plain_gap(lo: float, hi: float) -> str:
+    """The same, without an exponent where that is short."""
+    text = gap_text(lo, hi)
+    number = float(text) if text[0].isdigit() else 0.0
+    return f"{Decimal(text):f}" if 0.001 <= number < 1e6 else text
+
+
 def clean(text: str) -> str:
     """Without what could command a terminal or hide in a page: unprintable characters become U+FFFD."""
     return "".join(c if c.isprintable() or c in "\n\t" else "\N{REPLACEMENT CHARACTER}" for c in text)

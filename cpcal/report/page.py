@@ -16,6 +16,7 @@ from cpcal.report.bars import Enclosure, enclosure_svg
 from cpcal.report.match import check_match
 from cpcal.report.numbers import bracket_text, clean, nearest, rounded_down, rounded_up
 from cpcal.report.origin import command, versions
+from cpcal.report.pairs import pairs
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
 from cpcal.report.room import reading_room
 from cpcal.report.table import result_table
@@ -98,6 +99,7 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
         "support": names,
         "more_support": len(leg.support) - len(names),
         "figure": _figure(campaign, leg),
+        "pairs": pairs(campaign, result, leg),
     }
 
 

@@ -1,9 +1,7 @@
 """The page in a real browser: quiet, self-contained, within the width of a phone, in both themes, on paper."""
 
-import dataclasses
 import html
 import json
-import math
 import re
 import shutil
 import subprocess
@@ -12,14 +10,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-import cpcal
-from cpcal.calibration import PARAMETERS
-from cpcal.report import write_page
-
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no `chromium` on PATH (Debian: apt install chromium)")
 
-PHONE, DESK = 390, 1000  # CSS pixels
+SMALL, PHONE, DESK, PAPER = 360, 390, 1000, 700  # CSS pixels
 
 # Opens the page in frames (its own policy forbids scripts), and writes what it measures into its own document.
 _MEASURE = """<!doctype html><meta charset="utf-8"><pre id="out"></pre><script>
@@ -30,20 +24,28 @@ function measure(frame) {
   const shown = (e) => e.textContent.trim() || e.tagName;
   const wide = [...page.querySelectorAll("body *")]
     .filter((e) => !e.closest(".scroll > *") && e.getBoundingClientRect().right > width + 0.5).map(shown);
-  const overlaps = [];
-  let texts = 0;
-  for (const svg of page.querySelectorAll("svg")) {
-    const boxes = [...svg.querySelectorAll("text")].map((t) => [t.textContent, t.getBoundingClientRect()]);
-    texts += boxes.length;
-    boxes.forEach(([a, p], i) => boxes.slice(0, i).forEach(([b, q]) => {
-      if (Math.min(p.right, q.right) - Math.max(p.left, q.left) > 0.5 &&
-          Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 0.5) overlaps.push([a, b]);
-    }));
-    const view = svg.getBoundingClientRect();
-    boxes.filter(([a, p]) => p.left < view.left - 1 || p.right > view.right + 1)
-      .forEach(([a, p]) => overlaps.push([a, "edge"]));
+  const overlaps = [], cut = [];
+  const walker = page.createTreeWalker(page.body, NodeFilter.SHOW_TEXT);
+  const boxes = [];  // a text, the box of one of its lines without the room above and below the letters, its node
+  while (walker.nextNode()) {
+    const node = walker.currentNode, text = node.data.trim(), range = page.createRange();
+    if (!text || node.parentElement.closest("style, script")) continue;
+    range.selectNodeContents(node);
+    for (const r of range.getClientRects()) {
+      const h = 0.15 * r.height;
+      boxes.push([text, {left: r.left, right: r.right, top: r.top + h, bottom: r.bottom - h}, node]);
+    }
+    const svg = node.parentElement.closest("svg"), edge = svg ? svg.getBoundingClientRect() : {left: 0, right: width};
+    const last = range.getBoundingClientRect();
+    if (!svg && node.parentElement.closest(".scroll")) continue;
+    if (last.left < edge.left - 1 || last.right > edge.right + 1) cut.push(text);
   }
-  found[frame.width] = {width: width, scroll: root.scrollWidth, wide: wide, overlaps: overlaps, texts: texts};
+  boxes.forEach(([a, p, m], i) => boxes.slice(0, i).forEach(([b, q, n]) => {
+    if (m !== n && Math.min(p.right, q.right) - Math.max(p.left, q.left) > 0.5 &&
+        Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 0.5) overlaps.push([a, b]);
+  }));
+  const texts = boxes.length, scroll = root.scrollWidth;
+  found[frame.width] = {width: width, scroll: scroll, wide: wide, overlaps: overlaps, cut: cut, texts: texts};
   document.getElementById("out").textContent = JSON.stringify(found);
 }
 </script>
@@ -99,43 +101,15 @@ def screenshot(folder, page, *options):
     return imread(file)[..., :3]
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    """Six legs of every kind: proved, thin, wide, unbounded, empty, without a point; with long names."""
-    campaign = cpcal.simulate(seed=1, joint_error=1.0)
-    long = "Supercalifragilistic" * 8
-    campaign = dataclasses.replace(
-        campaign, robot=dataclasses.replace(campaign.robot, name=f"<b>{long}"), provenance={long: long}
-    )
-    nominal = campaign.robot.parameters
-
-    def leg(number, reach, **changes):
-        x = nominal[number - 1]
-        box = cpcal.Box(PARAMETERS, x - reach, x + reach)
-        point, ids = tuple(map(float, x)), tuple(campaign.measurement_ids)
-        fields = ("Both bounds are proved.", 0.089, 0.0890001, point, tuple(x + 1.5), box, 0.0, ids, 1, 94, 0.25)
-        return dataclasses.replace(cpcal.LegResult(number, cpcal.Verdict.PROVED, *fields), **changes)
-
-    legs = (
-        leg(1, 1e-7),
-        leg(2, 4.0),
-        leg(3, np.array([np.inf, 1.0, 2e3, 1.0, 1.0, 1.0, 1e9])),
-        leg(4, 1.0, enclosure=cpcal.Box.empty(PARAMETERS), verdict=cpcal.Verdict.REFUTED, point=None),
-        leg(5, 100.0, verdict=cpcal.Verdict.UNKNOWN, point=None, eps_hi=math.inf),
-        leg(6, 0.0),
-    )
-    asked = (PARAMETERS, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0")
-    result = cpcal.Result(campaign.robot.name, campaign.sha256, len(campaign), *asked, legs)
-    return write_page(campaign, result, tmp_path_factory.mktemp("page") / "report.html")
-
-
 @pytest.fixture
 def bad(tmp_path):
     """What the checks have to find: a request, a message, a wide element, texts that overlap."""
     file = tmp_path / "bad.html"
     file.write_text(
-        '<!doctype html><img src="http://cpcal.test/x.png"><script>console.error("boo")</script>'
-        '<p style="width:600px">wide</p><svg viewBox="0 0 9 9"><text y="5">a</text><text y="5">b</text></svg>',
+        '<!doctype html><body style="margin:0"><p style="width:600px; margin:0">wide</p>'
+        '<p style="position:absolute; margin:0; top:0; left:0">over</p><p style="position:absolute; left:600px">far</p>'
+        '<img src="http://cpcal.test/x.png"><script>console.error("boo")</script>'
+        '<svg viewBox="0 0 9 9"><text y="5">a</text><text y="5">b</text></svg>',
         encoding="utf-8",
     )
     return file
@@ -151,15 +125,30 @@ def test_no_request_leaves_the_page(page, bad, tmp_path):
     assert requests(tmp_path, bad) == {"http://cpcal.test/x.png"}
 
 
+def fits(found, *widths):
+    for width in widths:
+        assert found[width]["texts"] > 500
+        sound = {"width": width, "scroll": width, "wide": [], "overlaps": [], "cut": []}
+        assert found[width] == {**found[width], **sound}
+
+
 def test_it_fits_a_phone_and_no_text_overlaps(page, bad, tmp_path):
-    found = measured(tmp_path, page, PHONE, DESK)
-    for width in (PHONE, DESK):
-        assert found[width]["texts"] > 100
-        assert found[width] == {**found[width], "width": width, "scroll": width, "wide": [], "overlaps": []}
+    fits(measured(tmp_path, page, SMALL, PHONE, DESK), SMALL, PHONE, DESK)
     control = measured(tmp_path, bad, PHONE)[PHONE]
     assert control["scroll"] > PHONE
     assert "wide" in control["wide"]
     assert ["b", "a"] in control["overlaps"]
+    assert ["over", "wide"] in control["overlaps"]
+    assert "far" in control["cut"]
+
+
+def test_no_text_overlaps_on_paper(page, tmp_path):
+    """The rules for print, applied to a screen as wide as a sheet within its margins: those only can be measured."""
+    text = page.read_text(encoding="utf-8")
+    assert text.count("@media print") == 1
+    paper = tmp_path / "paper.html"
+    paper.write_text(text.replace("@media print", "@media all"), encoding="utf-8")
+    fits(measured(tmp_path, paper, PAPER), PAPER)
 
 
 def test_both_themes(page, tmp_path):

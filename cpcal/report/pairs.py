@@ -1,0 +1,54 @@
+"""What the page says of a leg's parameters two at a time, from the proved half-planes of the result."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from cpcal.calibration import PARAMETERS
+from cpcal.report.numbers import bracket_text, plain_gap
+from cpcal.report.panels import Panel, in_view, panel_svg
+from cpcal.result import LegResult, Result
+from cpcal.robot import Campaign
+
+
+def pairs(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] | None:
+    """The panels and what their caption says; None where the result has none."""
+    if leg.shadows is None:
+        return None
+    panels = _panels(campaign, result, leg)
+    eps = leg.shadows.eps
+    return {
+        "svgs": [Markup(_svg(leg.leg, k, panel)) for k, panel in enumerate(panels)],  # made by us
+        "eps": bracket_text(eps, eps)[0],  # rounded down: what holds to within eps holds to within less
+        "margin": f"{eps / leg.eps_hi:.3g}" if result.eps is None and 0.0 < leg.eps_hi < eps else None,
+        "proved_point": leg.point is not None,
+        "fit": any(in_view(panel, panel.fit) for panel in panels),
+        "nominal": any(in_view(panel, panel.nominal) for panel in panels),
+    }
+
+
+def _panels(campaign: Campaign, result: Result, leg: LegResult) -> list[Panel]:
+    assert leg.shadows is not None
+    box = leg.shadows.box
+    point = None if leg.point is None else np.array(leg.point)
+    fit = np.array(leg.center) if result.center == "fit" else None
+    nominal = campaign.robot.parameters[leg.leg - 1]
+    origin = box.mid if point is None else point
+    panels = []
+    for shadow in leg.shadows.pairs:
+        k = [PARAMETERS.index(name) for name in shadow.parameters]
+        points = (None if point is None else point[k], None if fit is None else fit[k], nominal[k])
+        panels.append(Panel(shadow.parameters, box.lo[k], box.hi[k], shadow.half_planes, origin[k], *points))
+    return panels
+
+
+def _svg(leg: int, k: int, panel: Panel) -> str:
+    widths = [plain_gap(float(lo), float(hi)) for lo, hi in zip(panel.lo, panel.hi, strict=True)]
+    label = (
+        f"Leg {leg}: polygon that holds {panel.names[0]} and {panel.names[1]}, "
+        f"in a rectangle of {widths[0]} by {widths[1]} mm"
+    )
+    return panel_svg(panel, prefix=f"leg{leg}-pair{k}-", label=label)

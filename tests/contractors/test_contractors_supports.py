@@ -1,0 +1,142 @@
+"""Half-spaces of lifted: they hold every solution in a box, and say more than the box where unknowns are tied."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contractors import HC4, Lifted
+from contractors.supports import Directions, over_box
+from cpcal.calibration import least_squares, leg_box, leg_network, residuals
+from cpcal.interfaces import LinearSolution, LinearStatus, Supporting
+from cpcal.interval import Box, get_arithmetic
+from cpcal.linear import Glop
+from cpcal.network import ConstraintNetwork
+from cpcal.robot import simulate
+from cpcal.robot.simulate import true_robot
+
+SEEDS = st.integers(0, 2**32 - 1)
+ARITHMETICS = pytest.mark.parametrize("arithmetic", ["float64", "arb"])
+
+
+def dot(direction, point):
+    return sum(Fraction(d) * Fraction(x) for d, x in zip(direction, point, strict=True))
+
+
+def holds(directions, bounds, point):
+    """Whether every half-space holds a point, decided over the rationals."""
+    return all(b == np.inf or dot(d, point) <= Fraction(b) for d, b in zip(directions, bounds, strict=True))
+
+
+def strip():
+    """Two unknowns whose sum is known a hundred times better than either, on a disc."""
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([(x + y).within((-0.01, 0.01)), x * x + y * y <= 2])
+    return net
+
+
+def test_lifted_offers_them_and_hc4_does_not() -> None:
+    assert isinstance(Lifted(strip()), Supporting)
+    assert not isinstance(HC4(strip()), Supporting)
+
+
+@ARITHMETICS
+def test_a_strip_is_much_thinner_than_its_box(arithmetic: str) -> None:
+    net = strip()
+    lifted = Lifted(net, arithmetic=arithmetic)
+    box = lifted.contract(net.domain).box
+    directions = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, 0.0], [1.0, -1.0], [0.0, 0.0]])
+    bounds = lifted.supports(box, directions)
+    assert 0.01 <= bounds[0] < 0.0100001
+    assert 0.01 <= bounds[1] < 0.0100001
+    assert bounds[2] <= box.hi[0] + 1e-12
+    assert 2.0 <= bounds[3] < 2.5
+    assert 0.0 <= bounds[4] < 1e-300
+    assert holds(directions, bounds, (1.0, -1.0))
+    assert holds(directions, bounds, (-0.5, 0.5))
+
+
+@ARITHMETICS
+@settings(max_examples=8, deadline=None)
+@given(seed=SEEDS)
+def test_they_hold_every_sampled_solution_of_a_leg(arithmetic: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    campaign = simulate(seed=int(rng.integers(1000)), joint_error=1.0, factor=0.0, random_poses=12, extremal=False)
+    leg, eps = int(rng.integers(1, 7)), 10.0 ** rng.uniform(-1, 1.5)
+    center = least_squares(campaign, leg)
+    eps += float(np.abs(residuals(campaign, leg, center)).max())
+    engine = get_arithmetic(arithmetic)
+    net = leg_network(campaign, leg, leg_box(center, 10.0 * eps), engine=engine, eps=(eps, eps))
+    directions = rng.normal(0, 1, (12, 8)) * 10.0 ** rng.uniform(-6, 6, (12, 1)) * rng.integers(0, 2, (12, 8))
+    bounds = Lifted(net, arithmetic=arithmetic).supports(net.domain, directions)
+    assert (bounds <= over_box(engine, net.domain, directions)).all()
+    near = center + eps * rng.normal(0, 1, (500, 7)) * 10.0 ** rng.uniform(-2, 0.3, (500, 1))
+    solved = [x for x in near if np.abs(residuals(campaign, leg, x)).max() < eps * (1 - 1e-9)]
+    for x in [center, *solved]:
+        point = np.append(x, eps)
+        assert point not in net.domain or holds(directions, bounds, point)
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=SEEDS)
+def test_they_hold_the_true_leg_within_its_reading_sets(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    campaign = simulate(seed=int(rng.integers(1000)), truncate=3.0, random_poses=12, extremal=False)
+    truth = true_robot(campaign)
+    assert truth is not None
+    leg = int(rng.integers(1, 7))
+    x = truth.parameters[leg - 1]
+    box = leg_box(x + rng.uniform(-1, 1, 7) * (delta := 10.0 ** rng.uniform(-2, 2)), delta)
+    net = leg_network(campaign, leg, box, engine=get_arithmetic("float64"), eps=(0.0, 0.0))
+    directions = rng.normal(0, 1, (12, 8))
+    bounds = Lifted(net).supports(net.domain, directions)
+    assert holds(directions, bounds, np.append(x, 0.0))
+
+
+def test_of_an_empty_set_they_are_empty() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([x * x + y * y <= 1, x + y >= 1.6])
+    lifted = Lifted(net)
+    assert (lifted.supports(net.domain, np.eye(2)) == -np.inf).all()
+    assert (lifted.supports(Box.empty(net.names), np.eye(2)) == -np.inf).all()
+    assert lifted.supports(net.domain, np.zeros((0, 2))).shape == (0,)
+
+
+def test_where_no_program_helps_the_box_does() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-np.inf, 2)), net.variable("y", (), (-1, 3))
+    net.add(x * y <= 1)
+    directions = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [-1.0, 0.0]])
+    bounds = Lifted(net).supports(net.domain, directions)
+    assert bounds[:3] == pytest.approx([2, 3, 5])
+    assert bounds[3] == np.inf
+
+    class Failing(Glop):
+        def minimize(self, objective: np.ndarray) -> LinearSolution:
+            solution = super().minimize(objective)
+            return LinearSolution(LinearStatus.FAILED, solution.point, solution.multipliers)
+
+    bounded = net.domain.replace("x", lo=-5.0)
+    assert Lifted(net, engine=Failing).supports(bounded, directions) == pytest.approx([2, 3, 5, 5])
+
+
+@ARITHMETICS
+@pytest.mark.parametrize("power", [-320, -300, 0, 290])
+def test_directions_of_any_size_lose_nothing(arithmetic: str, power: int) -> None:
+    """Against the box itself, whose coordinates u are all that the programs bound here."""
+    box = Box(("x", "y", "z"), [-3.0, 1e-9, 5.0], [7.0, 3e-9, 5.0])
+    direction = np.array([[0.1, -3e8, 1.0], [0.3, 1e-17, 0.7], [0.1, 1e-20, 1e-300]]) * 10.0**power
+    asked = Directions(get_arithmetic(arithmetic), box, {0: 1, 1: 0}, 2, direction)
+    found = asked.highest(-np.abs(asked.objectives).sum(axis=1) * (1 + 1e-15))
+    for d, bound in zip(direction, found, strict=True):
+        highest = sum(
+            max(Fraction(c) * Fraction(lo), Fraction(c) * Fraction(hi))
+            for c, lo, hi in zip(d, box.lo, box.hi, strict=True)
+        )
+        assert highest <= Fraction(bound)

@@ -1,0 +1,60 @@
+"""A page with legs of every kind, for browsers and validators."""
+
+import dataclasses
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.calibration import PARAMETERS
+from cpcal.polygon import Shadow, Shadows
+from cpcal.report import write_page
+
+
+def hexagons(box, eps, *pairs):
+    """Shadows in a box of the names `PARAMETERS`, two corners cut off each."""
+
+    def one(i, j):
+        u, v = 1.0 / box.width[i], 1.0 / box.width[j]
+        middle, reach = u * box.mid[i] - v * box.mid[j], 0.4
+        return Shadow((PARAMETERS[i], PARAMETERS[j]), ((u, -v, middle + reach), (-u, v, reach - middle)))
+
+    return Shadows(eps, box, tuple(one(i, j) for i, j in pairs or combinations(range(4), 2)))
+
+
+@pytest.fixture(scope="package")
+def page(tmp_path_factory):
+    """Six legs of every kind: proved, thin, wide, unbounded, empty, without a point; with long names."""
+    campaign = cpcal.simulate(seed=1, joint_error=1.0)
+    long = "Supercalifragilistic" * 8
+    campaign = dataclasses.replace(
+        campaign, robot=dataclasses.replace(campaign.robot, name=f"<b>{long}"), provenance={long: long}
+    )
+    nominal = campaign.robot.parameters
+
+    def box(number, reach):
+        x = nominal[number - 1]
+        return cpcal.Box(PARAMETERS, x - reach, x + reach)
+
+    def leg(number, reach, **changes):
+        x = nominal[number - 1]
+        point, ids = tuple(map(float, x)), tuple(campaign.measurement_ids)
+        numbers = (0.089, 0.0890001, point, tuple(x + 1.5), box(number, reach), 0.0, ids, 1, 94, 0.25)
+        found = cpcal.LegResult(number, cpcal.Verdict.PROVED, "Both bounds are proved.", *numbers)
+        return dataclasses.replace(found, **changes)
+
+    thin = box(1, np.array([3e-9, 4e-8, 1.234e-5, 0.00987, 1.0, 1.0, 1.0]))
+    wide = box(2, np.array([0.0999, 1.0, 1234.5, 9.99e5, 1.0, 1.0, 1.0]))
+    legs = (
+        leg(1, 1e-7, shadows=hexagons(thin, 0.1)),
+        leg(2, 4.0, shadows=hexagons(wide, 0.0890001)),
+        leg(3, np.array([np.inf, 1.0, 2e3, 1.0, 1.0, 1.0, 1e9])),
+        leg(4, 1.0, enclosure=cpcal.Box.empty(PARAMETERS), verdict=cpcal.Verdict.REFUTED, point=None),
+        leg(5, 100.0, verdict=cpcal.Verdict.UNKNOWN, point=None, eps_hi=math.inf, shadows=hexagons(box(5, 2.0), 0.2)),
+        leg(6, 0.0),
+    )
+    asked = (PARAMETERS, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0")
+    result = cpcal.Result(campaign.robot.name, campaign.sha256, len(campaign), *asked, legs)
+    return write_page(campaign, result, tmp_path_factory.mktemp("page") / "report.html")
