@@ -4,10 +4,11 @@ campaign = cpcal.load_campaign("campaign/")
 result = cpcal.certify(campaign, delta=100.0)
 """
 
-from cpcal.certify import certify
+from cpcal.certify import PointResult, certify, certify_point
 from cpcal.errors import CpcalError, InputError, ModelError, PluginError
 from cpcal.interfaces import Contraction, Contractor, Limits, Step, Strategy, Verdict
 from cpcal.interval import Box, Interval
+from cpcal.judged import Judged
 from cpcal.network import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
 from cpcal.result import LegResult, Result, load_result, save_result
 from cpcal.robot import Campaign, Robot, load_campaign, save_campaign, simulate
@@ -24,11 +25,13 @@ __all__ = [
     "Expr",
     "InputError",
     "Interval",
+    "Judged",
     "LegResult",
     "Limits",
     "ModelError",
     "Network",
     "PluginError",
+    "PointResult",
     "Result",
     "Robot",
     "Step",
@@ -36,6 +39,7 @@ __all__ = [
     "Verdict",
     "__version__",
     "certify",
+    "certify_point",
     "load_campaign",
     "load_result",
     "maximum",

@@ -113,5 +113,11 @@ def claims_at(cap: float, *, refuted: bool, point: npt.NDArray[np.float64] | Non
     return {"cap": number(cap), "infeasible": refuted, "epsilon": bracket, "enclosure": None, "point": valid}
 
 
+def claims_judged(point: npt.NDArray[np.float64], cap: float, holds: list[int], fails: list[int]) -> Claims:
+    """That a point satisfies some measurements and fails others."""
+    judged = {"at": [number(v) for v in point], "holds": holds, "fails": fails}
+    return {"cap": number(cap), "infeasible": False, "epsilon": None, "enclosure": None, "point": judged}
+
+
 def _valid(point: npt.NDArray[np.float64]) -> dict[str, Any]:
     return {"at": [number(v) for v in point], "holds": "all", "fails": []}

@@ -14,6 +14,8 @@ from typing import Any
 from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Verdict
 from cpcal.interval import Box
+from cpcal.judged import Judged
+from cpcal.optimize import Answer, Trial
 from cpcal.polygon import Shadows
 
 FORMAT = "cpcal-result/1"
@@ -46,6 +48,8 @@ class LegResult:
     seconds: float
     certificate: str | None = None
     shadows: Shadows | None = None  # what the report draws; see cpcal.shadows
+    judged: Judged | None = None  # the center of the box, as a solution at eps = 0 (or the eps asked about)
+    trials: tuple[Trial, ...] = ()  # calls of the solver, with method "timeout"
 
     @property
     def not_refuted(self) -> bool:
@@ -80,12 +84,14 @@ class LegResult:
             "nodes": self.nodes,
             "lps": self.programs,
             "seconds": self.seconds,
+            "center_judged": None if self.judged is None else self.judged.to_json(),
             **({} if self.shadows is None else {"shadows": self.shadows.to_json()}),
+            **({"trials": [_trial(t) for t in self.trials]} if self.trials else {}),
         }
 
     @classmethod
     def from_json(cls, data: dict[str, Any], names: tuple[str, ...]) -> LegResult:
-        enclosure, shadows = data["enclosure"], data.get("shadows")
+        enclosure, shadows, judged = data["enclosure"], data.get("shadows"), data.get("center_judged")
         return cls(
             data["leg"],
             Verdict(data["status"]),
@@ -104,6 +110,8 @@ class LegResult:
             data["seconds"],
             data["certificate"],
             None if shadows is None else Shadows.from_json(shadows, names),
+            None if judged is None else Judged.from_json(judged),
+            tuple(_trial_from(t) for t in data.get("trials", ())),
         )
 
 
@@ -210,6 +218,25 @@ def load_result(run: str | os.PathLike[str]) -> Result:
         return Result.from_json(data)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError([Problem(str(path), f"lacks or garbles a field: {error!r}", "run certify again")]) from None
+
+
+def _trial(t: Trial) -> dict[str, Any]:
+    return {
+        "eps": t.eps,
+        "delay": t.delay,
+        "answer": t.answer.value,
+        "eps_lo": t.lo,
+        "eps_hi": _number(t.hi),
+        "nodes": t.nodes,
+        "lps": t.programs,
+        "seconds": t.seconds,
+        "checked": t.checked,
+    }
+
+
+def _trial_from(t: dict[str, Any]) -> Trial:
+    numbers = (t["eps_lo"], _float(t["eps_hi"]), t["nodes"], t["lps"], t["seconds"], t["checked"])
+    return Trial(t["eps"], t["delay"], Answer(t["answer"]), *numbers)
 
 
 def _outward(lo: float, hi: float) -> tuple[str, str]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from cpcal import plugins
 from cpcal.calibration import PARAMETERS
 from cpcal.certify.leg import certify_leg
+from cpcal.certify.point import PointResult, certify_point
 from cpcal.certify.question import CENTERS, METHODS, SUPPORTS, Progress, Question, check
 from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Limits
@@ -17,7 +18,7 @@ from cpcal.result import LegResult, Result
 from cpcal.robot import Campaign
 from cpcal.version import __version__
 
-__all__ = ["CENTERS", "METHODS", "SUPPORTS", "certify"]
+__all__ = ["CENTERS", "METHODS", "SUPPORTS", "PointResult", "certify", "certify_point"]
 
 
 def certify(

@@ -8,9 +8,11 @@ import numpy as np
 
 from cpcal.calibration import PARAMETERS, solves_exactly
 from cpcal.certify.bracket import Answered, by_bound, prove_support
+from cpcal.certify.point import judged_rows
 from cpcal.certify.question import Floats, Question
 from cpcal.certify.script import by_timeout
 from cpcal.interfaces import Verdict
+from cpcal.judged import Judged
 from cpcal.network import ConstraintNetwork
 from cpcal.optimize import Bracket, Minimum, irreducible, minimize, run
 from cpcal.optimize import support as find_support
@@ -59,6 +61,8 @@ def _support(
 def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, few: tuple[int, ...]) -> LegResult:
     found = answer.minimum
     ids, enclosure = question.campaign.measurement_ids, found.enclosure
+    eps = question.eps or 0.0
+    good, bad = judged_rows(question.campaign, leg, middle, eps, question.engine)
     return LegResult(
         leg,
         found.verdict,
@@ -74,6 +78,8 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
         found.programs,
         found.seconds,
         answer.certificate,
+        trials=answer.trials,
+        judged=Judged(eps, len(good), len(bad), len(question.campaign)),
     )
 
 

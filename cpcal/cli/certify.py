@@ -24,6 +24,11 @@ class Engine(StrEnum):
     ARB = "arb"
 
 
+class Method(StrEnum):
+    BOUND = "bound"
+    TIMEOUT = "timeout"
+
+
 class Support(StrEnum):
     FEW = "few"
     IRREDUCIBLE = "irreducible"
@@ -53,6 +58,9 @@ def certify(
     support: Annotated[
         Support, typer.Option(help="Few measurements that prove the bound alone, or none that could be left out.")
     ] = Support.FEW,
+    method: Annotated[
+        Method, typer.Option(help="Branch and bound on eps, or the paper's script; that needs a time limit.")
+    ] = Method.BOUND,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json and nothing else.")] = False,
 ) -> None:
     """Bracket, leg by leg, the smallest model error eps of a CAMPAIGN, by proofs from both sides.
@@ -71,6 +79,7 @@ def certify(
         arithmetic=arithmetic.value,
         eps=eps,
         support=support.value,
+        method=method.value,
     )
     measured = load_campaign(campaign)
     result = answer(measured, question, run, quiet=as_json)

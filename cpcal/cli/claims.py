@@ -6,6 +6,7 @@ from fractions import Fraction as F
 
 from cpcal.interval import Interval
 from cpcal.proof.checker import Accepted
+from cpcal.report import clean
 
 
 def sentences(accepted: Accepted) -> list[str]:
@@ -41,7 +42,7 @@ class _NetworkWords:
 
     @property
     def name(self) -> str:
-        return "" if self.accepted.objective is None else self.accepted.unknowns[self.accepted.objective]
+        return "" if self.accepted.objective is None else clean(self.accepted.unknowns[self.accepted.objective])
 
     def infeasible(self, cap: F | None) -> str:
         return f"No {self.thing} satisfies {self.all}{self.goal('<=', cap, True)}{self.for_any}"
@@ -68,7 +69,7 @@ class _NetworkWords:
     def enclosed(self, cap: F | None) -> str:
         hull, o = self.accepted.claims.enclosure, self.accepted.objective
         assert hull is not None
-        widths = [b - a for k, (a, b) in enumerate(zip(*hull, strict=True)) if k != o]
+        widths = [b - a for k, (a, b) in enumerate(zip(*hull, strict=True)) if k != o] or [F(0)]
         return (
             f"Every {self.every} that satisfies them{self.goal('<=', cap, True)}{self.for_some} lies in the enclosure, "
             f"whose sides are at most {max(map(float, widths)):.3g} long"

@@ -33,6 +33,7 @@ class Question:
     arithmetic: str = "float64"
     eps: float | None = None
     support: str = "few"
+    method: str = "bound"
 
 
 def answer(campaign: Campaign, question: Question, run: Path, *, quiet: bool) -> Result:
@@ -54,6 +55,7 @@ def answer(campaign: Campaign, question: Question, run: Path, *, quiet: bool) ->
             arithmetic=question.arithmetic,
             eps=question.eps,
             support=question.support,
+            method=question.method,
             certificates=run,
             progress=progress,
         )

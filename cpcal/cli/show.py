@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cpcal.interfaces import Verdict
-from cpcal.report import LONGER, QUANTIFIER, clean, leg_sentence, missing_legs, result_table
+from cpcal.report import LONGER, QUANTIFIER, center_sentence, clean, leg_sentence, missing_legs, result_table
 from cpcal.result import Result
 
 _STYLES = {Verdict.PROVED: "bold green", Verdict.REFUTED: "bold red", Verdict.UNKNOWN: "bold yellow"}
@@ -29,7 +29,8 @@ def show_result(console: Console, result: Result, legs: int) -> None:
     console.print(_table(result))
     for leg in result.legs:
         line = Text(f"Leg {leg.leg}: ").append(leg.verdict.value, style=_STYLES[leg.verdict])
-        console.print(line.append(f". {clean(leg_sentence(result, leg))}"), soft_wrap=not console.is_terminal)
+        said = [leg_sentence(result, leg), center_sentence(result, leg) or ""]
+        console.print(line.append(f". {clean(' '.join(said).strip())}"), soft_wrap=not console.is_terminal)
     missing = missing_legs(result, legs)
     if missing:
         console.print(Text(missing, style="bold yellow"))

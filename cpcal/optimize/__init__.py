@@ -2,6 +2,7 @@
 
 from cpcal.optimize.bound import Bracket, Minimum, minimize, run
 from cpcal.optimize.fit import fit
+from cpcal.optimize.judge import Judgement, judge
 from cpcal.optimize.support import irreducible, support
 from cpcal.optimize.timeout import Answer, Outcome, Trial, ask, timeout
 from cpcal.optimize.witness import Witness, WitnessProver
@@ -9,6 +10,7 @@ from cpcal.optimize.witness import Witness, WitnessProver
 __all__ = [
     "Answer",
     "Bracket",
+    "Judgement",
     "Minimum",
     "Outcome",
     "Trial",
@@ -17,6 +19,7 @@ __all__ = [
     "ask",
     "fit",
     "irreducible",
+    "judge",
     "minimize",
     "run",
     "support",

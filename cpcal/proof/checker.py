@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cpcal.proof.campaign import ExactCampaign
-from cpcal.proof.constraints import read_constraints
+from cpcal.proof.constraints import read_constraints, read_unknowns
 from cpcal.proof.leg import Leg
 from cpcal.proof.lines import Lines, Rational
 from cpcal.proof.polynomial import ExactBox
@@ -94,11 +94,6 @@ class _Checker:
         header = lines.following("the header")
         self.problem, self.leg = self._problem(header)
         self.size, self.objective = len(self.problem.unknowns), self.problem.objective
-        self.root = ExactBox(lines.vector(header["lo"], self.size), lines.vector(header["hi"], self.size))
-        if any(a > b for a, b in zip(self.root.lo, self.root.hi, strict=True)):
-            raise lines.refused("the box of the problem is empty")
-        if self.leg is not None and self.root.lo[-1] < 0:
-            raise lines.refused("eps is negative in the box of the problem")
         self.open[0] = self.root
         self.claims = self._claims(lines.following("the claims"))
         for step in lines:
@@ -118,7 +113,11 @@ class _Checker:
             lines.keys(value, "format", "about", "unknowns", "objective", "constraints", "lo", "hi")
             if not isinstance(value["about"], str):
                 raise lines.refused("what it is about is a text")
-            return read_constraints(lines, value["unknowns"], value["objective"], value["constraints"]), None
+            names = read_unknowns(lines, value["unknowns"])
+            objective = None if value["objective"] is None else lines.integer(value["objective"], len(names))
+            count = lines.integer(value["constraints"], 1 << 60)
+            self.root = self._box_of(value, len(names))
+            return read_constraints(lines, names, objective, count), None
         lines.keys(value, "format", "campaign", "leg", "measurements", "only", "lo", "hi")
         leg = lines.integer(value["leg"], 1000)
         if leg == 0:
@@ -131,7 +130,18 @@ class _Checker:
         if value["measurements"] != len(campaign) or type(value["measurements"]) is not int:
             raise lines.refused(f"the campaign has {len(campaign)} measurements")
         only = None if value["only"] is None else lines.integers(value["only"], len(campaign))
+        if only == ():
+            raise lines.refused("a certificate of no measurements says nothing")
+        self.root = self._box_of(value, len(Leg.unknowns))
+        if self.root.lo[-1] < 0:
+            raise lines.refused("eps is negative in the box of the problem")
         return Leg(campaign, only), leg
+
+    def _box_of(self, value: dict[str, Any], size: int) -> ExactBox:
+        box = ExactBox(self.lines.vector(value["lo"], size), self.lines.vector(value["hi"], size))
+        if any(a > b for a, b in zip(box.lo, box.hi, strict=True)):
+            raise self.lines.refused("the box of the problem is empty")
+        return box
 
     def _claims(self, value: dict[str, Any]) -> Claims:
         lines, n = self.lines, self.size
@@ -288,15 +298,18 @@ class _Checker:
     def _conclude(self) -> None:
         claims, o = self.claims, self.objective
         for name, box in self.open.items():
-            if o is not None and claims.cap is not None and box.lo[o] > claims.cap:
-                continue
+            lo, hi = box.lo, box.hi
+            if o is not None and claims.cap is not None:
+                if lo[o] > claims.cap:
+                    continue
+                hi = (*hi[:o], min(hi[o], claims.cap), *hi[o + 1 :])
             if claims.infeasible:
                 raise self.lines.refused(f"box {name} is still open, so a solution is not excluded")
-            if o is not None and claims.eps_lo is not None and box.lo[o] < claims.eps_lo:
+            if o is not None and claims.eps_lo is not None and lo[o] < claims.eps_lo:
                 raise self.lines.refused(f"box {name} is still open below eps_lo")
             if claims.enclosure is not None:
-                lo, hi = claims.enclosure
-                if any(lo[i] > box.lo[i] or hi[i] < box.hi[i] for i in range(self.size) if i != o):
+                low, high = claims.enclosure
+                if any(low[i] > lo[i] or high[i] < hi[i] for i in range(self.size)):
                     raise self.lines.refused(f"box {name} reaches out of the enclosure")
 
 

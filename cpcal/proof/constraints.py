@@ -9,6 +9,7 @@ from typing import Any
 from cpcal.proof.lines import Lines
 from cpcal.proof.polynomial import ZERO, ExactBox, Polynomial, combined, least, shifted, square, value
 
+MOST_UNKNOWNS = 1000
 _MOST = 100_000  # constraints
 _HIGHEST = 8  # degree
 _MOST_TERMS = 5_000_000  # of all constraints, so that memory stays bounded
@@ -70,13 +71,19 @@ class Constraints:
         return not self.holds(k, point)
 
 
-def read_constraints(lines: Lines, unknowns: Any, objective: Any, count: Any) -> Constraints:
-    """The constraints, one on each of the following lines."""
+def read_unknowns(lines: Lines, unknowns: Any) -> tuple[str, ...]:
     names = tuple(lines.list(unknowns))
-    if not names or any(not isinstance(n, str) for n in names) or len(set(names)) < len(names):
+    if not 0 < len(names) <= MOST_UNKNOWNS:
+        raise lines.refused(f"there must be from 1 to {MOST_UNKNOWNS} unknowns")
+    if any(not isinstance(n, str) for n in names) or len(set(names)) < len(names):
         raise lines.refused("the unknowns need a name each, and one of their own")
-    goal = None if objective is None else lines.integer(objective, len(names))
-    number = lines.integer(count, _MOST + 1)
+    return names
+
+
+def read_constraints(lines: Lines, names: tuple[str, ...], objective: int | None, number: int) -> Constraints:
+    """The constraints, one on each of the following lines."""
+    if number > _MOST:
+        raise lines.refused(f"there are more than {_MOST} constraints")
     items: list[Constraint] = []
     room = _MOST_TERMS
     for _ in range(number):
@@ -92,7 +99,7 @@ def read_constraints(lines: Lines, unknowns: Any, objective: Any, count: Any) ->
         if body is None:
             raise lines.refused("a constraint has a body")
         items.append(Constraint(name, root, body, low, high))
-    return Constraints(names, goal, tuple(items))
+    return Constraints(names, objective, tuple(items))
 
 
 def _polynomial(lines: Lines, value: Any, unknowns: int) -> Polynomial | None:

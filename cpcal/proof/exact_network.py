@@ -63,7 +63,7 @@ def _stated(name: str, constraint: NetworkConstraint, exact: _Exact) -> tuple[li
         if signs == {True}:
             low, high = _less(low, others), _less(high, others)
         elif signs == {False}:  # rest - sqrt(u) between low and high
-            low, high = (None if b is None else others - b for b in (high, low))
+            low, high = (None if b is None else _taken(others, b) for b in (high, low))
             upper, lower = lower, upper
         else:
             raise NotStated("the factor of the square root changes its sign")
@@ -98,6 +98,8 @@ def _somewhere(bound: Expr, sign: float) -> bool:
 def _bound(bound: Expr, exact: _Exact, shape: tuple[int, ...]) -> Objects | None:
     """Element by element, None where it is infinite."""
     if bound.op == "constant" and isinstance(bound.data, IntervalArray) and np.isinf(bound.data.lo).any():
+        if not bool(np.all(bound.data.lo == bound.data.hi)):
+            raise NotStated("a bound is known to an interval only")
         out = np.full(shape, None, dtype=object)
         values = np.broadcast_to(bound.data.lo, shape)
         for index in map(tuple, np.argwhere(np.isfinite(values))):
@@ -108,6 +110,10 @@ def _bound(bound: Expr, exact: _Exact, shape: tuple[int, ...]) -> Objects | None
 
 def _less(bound: Objects | None, others: Objects) -> Objects | None:
     return None if bound is None else np.frompyfunc(lambda b, o: None if b is None else b - o, 2, 1)(bound, others)
+
+
+def _taken(others: Objects, bound: Objects) -> Objects:
+    return np.asarray(np.frompyfunc(lambda o, b: None if b is None else o - b, 2, 1)(others, bound), dtype=object)
 
 
 def _checked(p: _Poly) -> Polynomial:

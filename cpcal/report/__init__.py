@@ -4,7 +4,7 @@ from cpcal.report.numbers import bracket_text, clean, gap_text, rounded_down, ro
 from cpcal.report.page import REPORT_NAME, write_page, write_report
 from cpcal.report.room import reading_room
 from cpcal.report.table import Table, result_table
-from cpcal.report.words import LONGER, QUANTIFIER, leg_sentence, missing_legs
+from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
 
 __all__ = [
     "LONGER",
@@ -12,6 +12,7 @@ __all__ = [
     "REPORT_NAME",
     "Table",
     "bracket_text",
+    "center_sentence",
     "clean",
     "gap_text",
     "leg_sentence",

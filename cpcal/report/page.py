@@ -11,6 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from cpcal.calibration import PARAMETERS, residuals
+from cpcal.optimize import Answer, Trial
 from cpcal.report.assumptions import assumptions
 from cpcal.report.bars import Enclosure, enclosure_svg
 from cpcal.report.match import check_match
@@ -20,7 +21,7 @@ from cpcal.report.pairs import pairs
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
 from cpcal.report.room import reading_room
 from cpcal.report.table import result_table
-from cpcal.report.words import LONGER, QUANTIFIER, leg_sentence, missing_legs
+from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
 from cpcal.result import LegResult, Result
 from cpcal.robot import Campaign
 
@@ -92,6 +93,8 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
         "number": leg.leg,
         "verdict": leg.verdict.value,
         "sentence": leg_sentence(result, leg),
+        "center": center_sentence(result, leg),
+        "trials": [_trial(trial) for trial in leg.trials],
         "parameters": _parameters(leg),
         "bars": _bars(campaign, result, leg),
         "proved_point": leg.point is not None,
@@ -101,6 +104,13 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
         "figure": _figure(campaign, leg),
         "pairs": pairs(campaign, result, leg),
     }
+
+
+def _trial(trial: Trial) -> tuple[str, ...]:
+    """A row of the table of the solver's calls."""
+    lo, hi = bracket_text(trial.lo, trial.hi)
+    answer = trial.answer.value if trial.checked or trial.answer is not Answer.INFEASIBLE else "infeasible, unchecked"
+    return (bracket_text(trial.eps, trial.eps)[0], f"{trial.delay:g}", answer, lo, hi, str(trial.nodes))
 
 
 def _parameters(leg: LegResult) -> list[tuple[str, ...]]:

@@ -25,6 +25,12 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
     return f"The smallest model error is at least {lo} mm. {leg.status}"
 
 
+def center_sentence(result: Result, leg: LegResult) -> str | None:
+    """What is proved of the middle of the box as a solution."""
+    name = "The least-squares fit" if result.center == "fit" else "The nominal parameter vector"
+    return None if leg.judged is None else leg.judged.sentence(name)
+
+
 def missing_legs(result: Result, legs: int) -> str | None:
     """A sentence on an interrupted run of a robot with so many legs; None for a run that ended by itself."""
     if not result.interrupted:

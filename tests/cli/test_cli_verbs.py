@@ -60,7 +60,6 @@ def test_help_documents_the_exit_statuses():
     ):
         assert piece in text
     assert "THERE EXISTS a reading in its set" in text
-    assert "--method" not in text
 
 
 def test_simulate_writes_the_campaign_of_its_options(tmp_path):

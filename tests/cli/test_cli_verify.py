@@ -34,7 +34,7 @@ def test_a_fresh_run_is_proved(run):
 def test_a_bound_that_is_not_proved_is_refused(run, tmp_path):
     lines = (run / "leg2.cert.jsonl").read_text().splitlines()
     claims = json.loads(lines[1])
-    claims["eps_lo"] = claims["cap"]
+    claims["epsilon"]["lo"] = claims["cap"]
     lines[1] = json.dumps(claims)
     forged = tmp_path / "forged.cert.jsonl"
     forged.write_text("\n".join(lines) + "\n")
@@ -42,6 +42,26 @@ def test_a_bound_that_is_not_proved_is_refused(run, tmp_path):
     assert done.exit_code == 1
     assert "REFUSED" in done.output
     assert "still open below eps_lo" in done.output
+
+
+def test_both_kinds_of_numbers_say_the_same(run):
+    said = [CliRunner().invoke(app, ["verify", str(run), "--numbers", kind]) for kind in ("fractions", "flint")]
+    assert [done.exit_code for done in said] == [0, 0]
+    first, second = ([line.rsplit(",", 1)[0] for line in done.output.splitlines()] for done in said)
+    assert first == second
+    assert len(first) == 3  # none below, one at, all within the enclosure
+
+
+def test_constraints_of_ones_own_need_no_campaign(tmp_path):
+    net = cpcal.Network()
+    x, t = net.variable("x", 2, (-4.0, 4.0)), net.variable("t", (), (0.0, 9.0))
+    net.add(cpcal.norm(x - 3.0) <= t)
+    net.add(cpcal.norm(x + 3.0) <= t)
+    net.minimize(t, certificate=tmp_path / "own.cert.jsonl")
+    done = CliRunner().invoke(app, ["verify", str(tmp_path / "own.cert.jsonl")])
+    assert done.exit_code == 0
+    assert "No point of the box satisfies all 2 constraints with t < 4.24" in done.output
+    assert "One point of the box satisfies them with t <= 4.24" in done.output
 
 
 def test_another_campaign_is_refused(run, tmp_path):
@@ -63,4 +83,4 @@ def test_a_refuted_tolerance_is_certified(run, tmp_path):
     assert CliRunner().invoke(app, arguments).exit_code == 0
     done = CliRunner().invoke(app, ["verify", str(tmp_path / "run"), "--campaign", str(run.parent / "campaign")])
     assert done.exit_code == 0
-    assert "|g| < 0.1" in done.output
+    assert "|g| <= 0.100000000 mm" in done.output

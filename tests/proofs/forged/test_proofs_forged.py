@@ -1,543 +1,611 @@
-"""Forgeries by hand: each is refused, at the line where the lie is told."""
+"""Forgeries by hand: each is refused, at the line where the lie is told, with both kinds of numbers."""
 
 from __future__ import annotations
 
 import json
 import math
-import shutil
-import tracemalloc
 from collections.abc import Callable
 from fractions import Fraction as F
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cpcal.proof.checker import check
 from cpcal.proof.refusal import Refused
 
-# in the true certificate: 1 header, 2 claims, 3 split, 4 exclude, 5 pass, 6 split, 7 witness
-HEADER, CLAIMS, SPLIT, EXCLUDE, PASS, HALVE, WITNESS = range(7)
+# the true certificates: header, (constraints,) claims, split, exclude, pass, halve (a split of what is left)
 Lines = list[dict[str, Any]]
-Forgery = Callable[[Lines], int]  # changes the lines; the index of the line that must be refused
-FORGERIES: dict[str, Forgery] = {}
+Forgery = Callable[[Lines, Any], str | int]  # changes the lines; the line that must be refused, by name or index
+FORGERIES: dict[str, tuple[Forgery, tuple[str, ...]]] = {}
+LEG, NETWORK, BOTH = ("leg",), ("network",), ("leg", "network")
+PROOFS = {"leg": "split_proof", "network": "network_split_proof"}
 
 
-def forgery(change: Forgery) -> Forgery:
-    FORGERIES[change.__name__] = change
-    return change
+def forgery(*kinds: str) -> Callable[[Forgery], Forgery]:
+    def known(change: Forgery) -> Forgery:
+        FORGERIES[change.__name__] = change, kinds or BOTH
+        return change
+
+    return known
 
 
-def place(name: str, index: int, *path: Any, value: Any, refused: int | None = None) -> None:
+def place(
+    name: str, line: str, *path: Any, value: Any, refused: str | None = None, kinds: tuple[str, ...] = BOTH
+) -> None:
     """The forgery that puts `value` (or what it makes of the old one) at a path of a line."""
 
-    def change(lines: Lines) -> int:
-        target: Any = lines[index]
+    def change(lines: Lines, proof: Any) -> str:
+        target: Any = lines[1] if line == "constraint" else lines[proof.index(line)]
         for key in path[:-1]:
             target = target[key]
         target[path[-1]] = value(target[path[-1]]) if callable(value) else value
-        return index if refused is None else refused
+        return line if refused is None else refused
 
-    FORGERIES[name] = change
+    assert name not in FORGERIES, name
+    FORGERIES[name] = change, kinds
+
+
+def valued(text: str) -> float:
+    return float.fromhex(text)
 
 
 def moved(text: str, towards: float, ulps: int = 1) -> str:
-    value = float.fromhex(text)
+    value = valued(text)
     for _ in range(ulps):
         value = math.nextafter(value, towards)
     return value.hex()
 
 
 def negated(text: str) -> str:
-    return (-float.fromhex(text)).hex()
+    return (-valued(text)).hex()
 
 
 UP, DOWN = math.inf, -math.inf
 WEIGHTS = ("bounds", 0, 3)
 
 # the header
-place("another format", HEADER, "format", value="cpcal-certificate/2")
-place("format is a list", HEADER, "format", value=["cpcal-certificate/1"])
-place("another digest", HEADER, "campaign", value=lambda text: text[:-1] + ("0" if text[-1] != "0" else "1"))
-place("digest in capitals", HEADER, "campaign", value=lambda text: text.upper())
-place("digest is no text", HEADER, "campaign", value=0)
-place("one measurement more", HEADER, "measurements", value=lambda n: n + 1)
-place("one measurement less", HEADER, "measurements", value=lambda n: n - 1)
-place("measurements as a float", HEADER, "measurements", value=float)
-place("measurements as a list", HEADER, "measurements", value=lambda n: [n])
-place("another leg", HEADER, "leg", value=2, refused=EXCLUDE)
-place("leg is true", HEADER, "leg", value=True)
-place("leg is negative", HEADER, "leg", value=-1)
-place("empty box", HEADER, "lo", 2, value="0x1p+20")
-place("six unknowns", HEADER, "lo", value=lambda v: v[:6])
-place("wider box", HEADER, "hi", value=lambda v: [(float.fromhex(w) + 50).hex() for w in v], refused=EXCLUDE)
-place("negative cap", HEADER, "cap", value="-0x1p-30")
-place("number in decimal", HEADER, "cap", value="1.5")
-place("number as a float", HEADER, "cap", value=1.5)
-place("number as an integer", HEADER, "cap", value=1)
-place("number is null", HEADER, "cap", value=None)
-place("number is NaN", HEADER, "cap", value="nan")
-place("number is infinite", HEADER, "cap", value="inf")
-place("huge exponent", HEADER, "cap", value="0x1p9999")
-place("five digits of exponent", HEADER, "cap", value="0x1p99999")
-place("number in capitals", HEADER, "cap", value="0X1P+0")
-place("number with spaces", HEADER, "cap", value=" 0x1p+0")
-place("number with a newline", HEADER, "cap", value="0x1p+0\n")
-place("number with fullwidth digits", HEADER, "cap", value="0x1p+\uff11")
-place("number too long", HEADER, "cap", value="0x1." + "0" * 60 + "p+0")
-place("number that float64 has not", HEADER, "cap", value="0x1.8p-1074")
+place("another format", "header", "format", value="cpcal-certificate/1")
+place("format is a list", "header", "format", value=["cpcal-certificate/2"])
+place("another digest", "header", "campaign", value=lambda t: t[:-1] + ("0" if t[-1] != "0" else "1"), kinds=LEG)
+place("digest in capitals", "header", "campaign", value=str.upper, kinds=LEG)
+place("digest is no text", "header", "campaign", value=0, kinds=LEG)
+place("digest is null", "header", "campaign", value=None, kinds=LEG)
+place("one measurement more", "header", "measurements", value=lambda n: n + 1, kinds=LEG)
+place("one measurement less", "header", "measurements", value=lambda n: n - 1, kinds=LEG)
+place("measurements as a float", "header", "measurements", value=float, kinds=LEG)
+place("measurements as a list", "header", "measurements", value=lambda n: [n], kinds=LEG)
+place("another leg", "header", "leg", value=2, refused="claims", kinds=LEG)
+place("leg is 0", "header", "leg", value=0, kinds=LEG)
+place("leg is true", "header", "leg", value=True, kinds=LEG)
+place("leg is negative", "header", "leg", value=-1, kinds=LEG)
+place("leg is a float", "header", "leg", value=1.0, kinds=LEG)
+place("only not ascending", "header", "only", value=[1, 0], kinds=LEG)
+place("only with one twice", "header", "only", value=[1, 1], kinds=LEG)
+place("only an unknown number", "header", "only", value=[12], kinds=LEG)
+place("only a negative number", "header", "only", value=[-1], kinds=LEG)
+place("only true", "header", "only", value=[True], kinds=LEG)
+place("only floats", "header", "only", value=[0.0, 1.0], kinds=LEG)
+place("only all, as a text", "header", "only", value="all", kinds=LEG)
+place("only is 0", "header", "only", value=0, kinds=LEG)
+place("only none, weights on some", "header", "only", value=[], kinds=LEG)
+place("empty box", "header", "lo", 2, value="0x1p+20", kinds=LEG)
+place("seven unknowns", "header", "lo", value=lambda v: v[:7], kinds=LEG)
+place("nine unknowns", "header", "hi", value=lambda v: [*v, v[-1]], kinds=LEG)
+place("bound of the box is NaN", "header", "lo", 2, value="nan", kinds=LEG)
+place("negative eps in the box", "header", "lo", 7, value="-0x1p-30", kinds=LEG)
+place("least eps of the box is positive", "header", "lo", 7, value="0x1p-30", refused="claims", kinds=LEG)
+place("wider box", "header", "hi", value=lambda v: [(valued(w) + 50).hex() for w in v], refused="exclude")
+place("box up to huge numbers", "header", "hi", 0, value="0x1p+9999", refused="exclude")
+# numbers, the same everywhere: here the cap of the claims
+place("number in decimal", "claims", "cap", value="1.5")
+place("number as a float", "claims", "cap", value=1.5)
+place("number as an integer", "claims", "cap", value=1)
+place("number is true", "claims", "cap", value=True)
+place("number is null", "claims", "cap", value=None)
+place("number is NaN", "claims", "cap", value="nan")
+place("number is infinite", "claims", "cap", value="inf")
+place("huge exponent", "claims", "cap", value="0x1p9999")
+place("five digits of exponent", "claims", "cap", value="0x1p-10000")
+place("no exponent", "claims", "cap", value="0x1")
+place("exponent without sign", "claims", "cap", value="0x1p0")
+place("number in capitals", "claims", "cap", value="0X1P+0")
+place("digits in capitals", "claims", "cap", value="0xAp-8")
+place("number with spaces", "claims", "cap", value=" 0x1p-4")
+place("number with underscores", "claims", "cap", value="0x1_0p-8")
+place("number with a plus sign", "claims", "cap", value="+0x1p-4")
+place("number with a newline", "claims", "cap", value="0x1p-4\n")
+place("number with fullwidth digits", "claims", "cap", value="0x1p-\uff11")
+place("65 digits before the point", "claims", "cap", value="0x" + "0" * 64 + "1p-4")
+place("65 digits behind the point", "claims", "cap", value="0x0." + "0" * 64 + "1p+250")
+place("no digit behind the point", "claims", "cap", value="0x1.p-4")
 # the claims
-place("eps_lo one ulp up", CLAIMS, "eps_lo", value=lambda text: moved(text, UP), refused=WITNESS)
-place("eps_lo negative", CLAIMS, "eps_lo", value="-0x1p-1074")
-place("eps_lo above the cap", CLAIMS, "eps_lo", value="0x1p+9")
-place("eps_lo vanishes in float64", CLAIMS, "eps_lo", value="0x1p-9999")
-place("eps_hi below eps_lo", CLAIMS, "eps_hi", value="0x1p-60")
-place("eps_hi withdrawn, witness left", CLAIMS, "eps_hi", value=None, refused=WITNESS)
-place("cap above that of the problem", CLAIMS, "cap", value=lambda text: moved(text, UP))
-place("enclosure lo one ulp up", CLAIMS, "enclosure", "lo", 0, value=lambda t: moved(t, UP), refused=WITNESS)
-place("enclosure hi one ulp down", CLAIMS, "enclosure", "hi", 6, value=lambda t: moved(t, DOWN), refused=WITNESS)
-place("enclosure beside the box", CLAIMS, "enclosure", "lo", 3, value="0x1p+99", refused=WITNESS)
-place("enclosure of six", CLAIMS, "enclosure", "hi", value=lambda v: v[:6])
-place("enclosure without hi", CLAIMS, "enclosure", value={"lo": []})
-# the split on eps
-place("cut below the box", SPLIT, "at", value="-0x1p+0")
-place("cut above the box", SPLIT, "at", value="0x1p+9")
-place("split of a box never made", SPLIT, "split", value=7)
-place("box name is true", SPLIT, "split", value=False)
-place("box name is a float", SPLIT, "split", value=0.0)
-place("box name is a text", SPLIT, "split", value="0")
-place("box name is a list", SPLIT, "split", value=[0])
-place("one child", SPLIT, "into", value=[1])
-place("three children", SPLIT, "into", value=[1, 2, 3])
-place("twins", SPLIT, "into", value=[1, 1])
-place("children swapped", SPLIT, "into", value=[2, 1])
-place("child named as its parent", SPLIT, "into", value=[0, 1])
-place("children named by floats", SPLIT, "into", value=[1.0, 2.0])
-place("children named by true", SPLIT, "into", value=[True, 2])
-place("split along unknown 8", SPLIT, "unknown", value=8)
-place("split along unknown -1", SPLIT, "unknown", value=-1)
-place("split along true", SPLIT, "unknown", value=True)
-place("split along another unknown", SPLIT, "unknown", value=0)
+place("cap above that of the problem", "claims", "cap", value=lambda text: moved(text, UP))
+place("cap below that of the problem", "claims", "cap", value="-0x1p-30")
+place("infeasible while a box is open", "claims", "infeasible", value=True, refused="last")
+place("infeasible is 1", "claims", "infeasible", value=1)
+place("infeasible is null", "claims", "infeasible", value=None)
+place("eps_lo one ulp up", "claims", "epsilon", "lo", value=lambda text: moved(text, UP), refused="last")
+place("eps_lo negative", "claims", "epsilon", "lo", value="-0x1p-1074")
+place("eps_lo above the cap", "claims", "epsilon", "lo", value="0x1p+9")
+place("eps_lo null", "claims", "epsilon", "lo", value=None)
+place("eps_hi below eps_lo", "claims", "epsilon", "hi", value="0x1p-60")
+place("eps_hi one ulp below that of the point", "claims", "epsilon", "hi", value=lambda text: moved(text, DOWN))
+place("eps_hi one ulp above that of the point", "claims", "epsilon", "hi", value=lambda text: moved(text, UP))
+place("eps_hi without a point", "claims", "point", value=None)
+place("epsilon without hi", "claims", "epsilon", value=lambda e: {"lo": e["lo"]})
+place("epsilon is a number", "claims", "epsilon", value=lambda e: e["lo"])
+place("enclosure lo one ulp up", "claims", "enclosure", "lo", 0, value=lambda t: moved(t, UP), refused="last")
+place("enclosure hi one ulp down", "claims", "enclosure", "hi", 2, value=lambda t: moved(t, DOWN), refused="last")
+place("enclosure beside the box", "claims", "enclosure", "lo", 1, value="0x1p+99", refused="last")
+place("enclosure of one less", "claims", "enclosure", "hi", value=lambda v: v[:-1])
+place("enclosure without hi", "claims", "enclosure", value={"lo": []})
+place("enclosure with NaN", "claims", "enclosure", "lo", 0, value="nan")
+# the point
+place("point elsewhere in the box", "claims", "point", "at", 0, value=lambda t: (valued(t) + 9e-4).hex())
+place("point far away", "claims", "point", "at", 0, value="0x1p+20")
+place("point with less eps", "claims", "point", "at", -1, value=lambda t: (0.9 * valued(t)).hex())
+place("point with negative eps", "claims", "point", "at", -1, value=negated)
+place("point of one less", "claims", "point", "at", value=lambda v: v[:-1])
+place("point with NaN", "claims", "point", "at", 0, value="nan")
+place("point holds some", "claims", "point", "holds", value="some")
+place("point holds null", "claims", "point", "holds", value=None)
+place("point holds true", "claims", "point", "holds", value=True)
+place("eps_hi by a point judged by one", "claims", "point", "holds", value=[0])
+place("eps_hi by a point judged by none", "claims", "point", "holds", value=[])
+place("point holds at an unknown number", "claims", "point", "holds", value=[99])
+place("point holds, not ascending", "claims", "point", "holds", value=[1, 0])
+place("point fails where it holds", "claims", "point", "fails", value=[3])
+place("point fails all", "claims", "point", "fails", value="all")
+place("point fails at an unknown number", "claims", "point", "fails", value=[99])
+place("point fails at true", "claims", "point", "fails", value=[True])
+# the split on the objective
+place("cut below the box", "split", "at", value="-0x1p+0")
+place("cut above the box", "split", "at", value="0x1p+9")
+place("split of a box never made", "split", "split", value=7)
+place("box name is false", "split", "split", value=False)
+place("box name is a float", "split", "split", value=0.0)
+place("box name is a text", "split", "split", value="0")
+place("box name is a list", "split", "split", value=[0])
+place("box name is negative", "split", "split", value=-1)
+place("one child", "split", "into", value=[1])
+place("three children", "split", "into", value=[1, 2, 3])
+place("twins", "split", "into", value=[1, 1])
+place("children swapped", "split", "into", value=[2, 1])
+place("child named as its parent", "split", "into", value=[0, 1])
+place("children named by floats", "split", "into", value=[1.0, 2.0])
+place("children named by true", "split", "into", value=[True, 2])
+place("children do not cover", "split", "at", value=lambda t: [t, moved(t, UP)])
+place("split along an unknown too many", "split", "unknown", value=8)
+place("split along unknown -1", "split", "unknown", value=-1)
+place("split along true", "split", "unknown", value=True)
 # the exclusion
-place("wrong part excluded", EXCLUDE, "exclude", value=2)
-place("excluded cap below that of the claims", EXCLUDE, "cap", value=lambda text: moved(text, DOWN))
-place("excluded without weights", EXCLUDE, "weights", value={"rows": [], "products": [], "tangents": []})
-place("weights without tangents", EXCLUDE, "weights", value={"rows": [], "products": []})
-place(
-    "excluded, all rows heavier", EXCLUDE, "weights", "rows", value=lambda rows: [[s, k, "0x1p-60"] for s, k, _ in rows]
-)
+place("wrong part excluded", "exclude", "exclude", value=2)
+place("whole box excluded", "exclude", "exclude", value=0)
+place("excluded cap below that of the claims", "exclude", "cap", value=lambda text: moved(text, DOWN))
+place("excluded cap above that of the problem", "exclude", "cap", value=lambda text: moved(text, UP))
+place("excluded without weights", "exclude", "weights", value={"rows": [], "products": [], "tangents": [],
+                                                              "exponents": [0, 0, 0]})  # fmt: skip
+place("weights without tangents", "exclude", "weights", value={"rows": [], "products": [], "exponents": [0, 0, 0]})
+place("weights without exponents", "exclude", "weights", value={"rows": [], "products": [], "tangents": []})
+place("weights null", "exclude", "weights", value=None)
+place("excluded, rows very light", "exclude", "weights", "exponents", 0, value=-1000)
+place("excluded, products very heavy", "exclude", "weights", "exponents", 1, value=999)
 # the pass
-place("weight of a row negative", PASS, *WEIGHTS, "rows", 0, 2, value=negated)
-place("weight of a row NaN", PASS, *WEIGHTS, "rows", 0, 2, value="nan")
-place("weight of a row huge", PASS, *WEIGHTS, "rows", 0, 2, value="0x1p+60")
-place("row dropped", PASS, *WEIGHTS, "rows", value=lambda rows: rows[1:])
-place("upper is lower", PASS, *WEIGHTS, "rows", 0, 0, value=lambda s: {"upper": "lower"}.get(s, "upper"))
-place("row of another measurement", PASS, *WEIGHTS, "rows", 0, 1, value=lambda k: (k + 1) % 12)
-place("row after the last", PASS, *WEIGHTS, "rows", 0, 1, value=12)
-place("row -1", PASS, *WEIGHTS, "rows", 0, 1, value=-1)
-place("row true", PASS, *WEIGHTS, "rows", 0, 1, value=True)
-place("row of no side", PASS, *WEIGHTS, "rows", 0, 0, value="middle")
-place("side is a list", PASS, *WEIGHTS, "rows", 0, 0, value=["upper"])
-place("row of four", PASS, *WEIGHTS, "rows", 0, value=lambda row: [*row, "0x1p+0"])
-place("rows are an object", PASS, *WEIGHTS, "rows", value={})
-place("product with p = 2", PASS, *WEIGHTS, "products", value=[[0, 1, 2, 1, "0x1p-9"]])
-place("product with q = 0", PASS, *WEIGHTS, "products", value=[[0, 1, 1, 0, "0x1p-9"]])
-place("product with p = 1.0", PASS, *WEIGHTS, "products", value=[[0, 1, 1.0, 1, "0x1p-9"]])
-place("product with p = true", PASS, *WEIGHTS, "products", value=[[0, 1, True, 1, "0x1p-9"]])
-place("product of unknown 8", PASS, *WEIGHTS, "products", value=[[0, 8, 1, 1, "0x1p-9"]])
-place("product with a negative weight", PASS, *WEIGHTS, "products", value=[[0, 1, 1, 1, "-0x1p+9"]])
-place("tangent of unknown 8", PASS, *WEIGHTS, "tangents", value=[[8, "0x0p+0", "0x1p-9"]])
-place("tangent with a negative weight", PASS, *WEIGHTS, "tangents", value=[[7, "0x0p+0", "-0x1p+9"]])
-place("tangent at infinity", PASS, *WEIGHTS, "tangents", value=[[7, "inf", "0x1p-9"]])
-place("bound of unknown 8", PASS, "bounds", 0, 0, value=8)
-place("bound on no side", PASS, "bounds", 0, 1, value="both")
-place("bound on the other side", PASS, "bounds", 0, 1, value=lambda s: {"lo": "hi"}.get(s, "lo"))
-place("bound of another unknown", PASS, "bounds", 0, 0, value=lambda i: (i + 1) % 8)
-place("bound of three", PASS, "bounds", 0, value=lambda entry: entry[:3])
-place("pass on a closed box", PASS, "pass", value=1)
-place("pass on a split box", PASS, "pass", value=0)
-place("pass with a cap below that of the claims", PASS, "cap", value=lambda text: moved(text, DOWN))
-place("pass without bounds", PASS, "bounds", value=[], refused=WITNESS)
-# the second split and the witness
-place("names used before", HALVE, "into", value=[1, 2])
-place("names left out", HALVE, "into", value=[4, 5])
-place("cut outside the box", HALVE, "at", value="0x1p+20")
-place("point outside the box", WITNESS, "point", 0, value="0x1p+20")
-place("point elsewhere in the box", WITNESS, "point", 0, value=lambda t: (float.fromhex(t) + 9e-4).hex())
-place("point of six", WITNESS, "point", value=lambda v: v[:6])
-place("point with NaN", WITNESS, "point", 0, value="nan")
+for kind, bad in {
+    "a float": 1.0,
+    "a text": "1",
+    "a number of the format": "0x1p+0",
+    "negative": -1,
+    "true": True,
+    "null": None,
+    "2^60": 1 << 60,
+    "enormous": 10**4000,
+    "a list": [1],
+}.items():
+    place(f"weight of a row {kind}", "pass", *WEIGHTS, "rows", 0, 2, value=bad)
+    place(f"weight of a product {kind}", "pass", *WEIGHTS, "products", value=[[0, 1, 1, 1, bad]])
+    place(f"weight of a tangent {kind}", "pass", *WEIGHTS, "tangents", value=[[0, "0x0p+0", bad]])
+for kind, bad in {
+    "1000": 1000,
+    "-1001": -1001,
+    "true": True,
+    "a float": 0.0,
+    "a text": "0",
+    "null": None,
+    "enormous": 10**4000,
+}.items():
+    place(f"exponent {kind}", "pass", *WEIGHTS, "exponents", 1, value=bad)
+place("two exponents", "pass", *WEIGHTS, "exponents", value=lambda v: v[:2])
+place("four exponents", "pass", *WEIGHTS, "exponents", value=lambda v: [*v, 0])
+place("exponent of the rows one less", "pass", *WEIGHTS, "exponents", 0, value=lambda e: e - 1)
+place("heaviest weight of a row", "pass", *WEIGHTS, "rows", 0, 2, value=(1 << 60) - 1)
+place("weight of a row one less", "pass", *WEIGHTS, "rows", 0, 2, value=lambda w: w - 1)
+place("row dropped", "pass", *WEIGHTS, "rows", value=lambda rows: rows[1:])
+place("upper is lower", "pass", *WEIGHTS, "rows", 0, 0, value=lambda s: {"upper": "lower"}.get(s, "upper"))
+place("row of another measurement", "pass", *WEIGHTS, "rows", 0, 1, value=lambda k: (k + 1) % 6)
+place("row after the last", "pass", *WEIGHTS, "rows", 0, 1, value=13)
+place("row -1", "pass", *WEIGHTS, "rows", 0, 1, value=-1)
+place("row true", "pass", *WEIGHTS, "rows", 0, 1, value=True)
+place("row of no side", "pass", *WEIGHTS, "rows", 0, 0, value="middle")
+place("side of constraints in a leg", "pass", *WEIGHTS, "rows", 0, 0, value="sign", kinds=LEG)
+place("side of a leg in constraints", "pass", *WEIGHTS, "rows", 0, 0, value="length", kinds=NETWORK)
+place("side is a list", "pass", *WEIGHTS, "rows", 0, 0, value=["upper"])
+place("row of four", "pass", *WEIGHTS, "rows", 0, value=lambda row: [*row, 1])
+place("rows are an object", "pass", *WEIGHTS, "rows", value={})
+place("product with p = 2", "pass", *WEIGHTS, "products", value=[[0, 1, 2, 1, 9]])
+place("product with q = 0", "pass", *WEIGHTS, "products", value=[[0, 1, 1, 0, 9]])
+place("product with p = 1.0", "pass", *WEIGHTS, "products", value=[[0, 1, 1.0, 1, 9]])
+place("product with p = true", "pass", *WEIGHTS, "products", value=[[0, 1, True, 1, 9]])
+place("product of an unknown too many", "pass", *WEIGHTS, "products", value=[[0, 8, 1, 1, 9]])
+place("product of unknown -1", "pass", *WEIGHTS, "products", value=[[-1, 0, 1, 1, 9]])
+place("product of four", "pass", *WEIGHTS, "products", value=[[0, 1, 1, 9]])
+place("tangent of an unknown too many", "pass", *WEIGHTS, "tangents", value=[[8, "0x0p+0", 9]])
+place("tangent at infinity", "pass", *WEIGHTS, "tangents", value=[[0, "inf", 9]])
+place("tangent at a float", "pass", *WEIGHTS, "tangents", value=[[0, 0.0, 9]])
+place("bound of an unknown too many", "pass", "bounds", 0, 0, value=8)
+place("bound of unknown true", "pass", "bounds", 0, 0, value=True)
+place("bound on no side", "pass", "bounds", 0, 1, value="both")
+place("bound on the other side", "pass", "bounds", 0, 1, value=lambda s: {"lo": "hi"}.get(s, "lo"))
+place("bound one ulp beyond", "pass", "bounds", 0, 2, value=lambda t: moved(t, UP))
+place("bound at a huge number", "pass", "bounds", 0, 2, value="0x1p+9999")
+place("bound of three", "pass", "bounds", 0, value=lambda entry: entry[:3])
+place("pass on a closed box", "pass", "pass", value=1)
+place("pass on a split box", "pass", "pass", value=0)
+place("pass with a cap below that of the claims", "pass", "cap", value=lambda text: moved(text, DOWN))
+place("pass without a cap", "pass", "cap", value=None)
+place("pass without bounds", "pass", "bounds", value=[], refused="last")
+place("bounds are an object", "pass", "bounds", value={})
+# the second split
+place("names used before", "halve", "into", value=[1, 2])
+place("names left out", "halve", "into", value=[4, 5])
+place("cut outside the box", "halve", "at", value="0x1p+20")
+# constraints
+place("objective too many", "header", "objective", value=4, kinds=NETWORK)
+place("objective by its name", "header", "objective", value="t", kinds=NETWORK)
+place("objective -1", "header", "objective", value=-1, kinds=NETWORK)
+place("objective true", "header", "objective", value=True, kinds=NETWORK)
+place("another objective", "header", "objective", value=0, refused="claims", kinds=NETWORK)
+place("no objective, but a cap", "header", "objective", value=None, refused="claims", kinds=NETWORK)
+place("an unknown twice", "header", "unknowns", value=lambda v: [v[0], *v[:-1]], kinds=NETWORK)
+place("an unknown without a name", "header", "unknowns", value=lambda v: [None, *v[1:]], kinds=NETWORK)
+place("no unknowns", "header", "unknowns", value=[], kinds=NETWORK)
+place("unknowns are a text", "header", "unknowns", value="abct", kinds=NETWORK)
+place("about a number", "header", "about", value=1, kinds=NETWORK)
+place("one constraint more than there are", "header", "constraints", value=lambda n: n + 1, refused="claims",
+      kinds=NETWORK)  # fmt: skip
+place("too many constraints", "header", "constraints", value=100_001, kinds=NETWORK)
+place("constraints true", "header", "constraints", value=True, kinds=NETWORK)
+place("a monomial unsorted", "constraint", "body", 0, 0, value=[1, 0], kinds=NETWORK)
+place("a monomial of degree 9", "constraint", "body", 0, 0, value=[0] * 9, kinds=NETWORK)
+place("a monomial of an unknown too many", "constraint", "body", 0, 0, value=[4], kinds=NETWORK)
+place("a monomial of true", "constraint", "body", 0, 0, value=[True], kinds=NETWORK)
+place("a monomial of a text", "constraint", "body", 0, 0, value="a", kinds=NETWORK)
+place("a monomial twice", "constraint", "body", value=lambda p: [*p, p[0]], kinds=NETWORK)
+place("a coefficient as a float", "constraint", "body", 0, 1, value=1.0, kinds=NETWORK)
+place("a body null", "constraint", "body", value=None, kinds=NETWORK)
+place("a body as an object", "constraint", "body", value={}, kinds=NETWORK)
+place("a bound as a number", "constraint", "at_most", value="0x1p+0", kinds=NETWORK)
+place("root is 1", "constraint", "root", value=1, kinds=NETWORK)
+place("root is null", "constraint", "root", value=None, kinds=NETWORK)
+place("a constraint without a name", "constraint", "name", value=None, kinds=NETWORK)
+place("a bound impossible", "constraint", "at_most", value=[[[], "-0x1p+0"]], refused="claims", kinds=NETWORK)
 
 
-@forgery
-def excluded_part_too_large(lines: Lines) -> int:
-    lines[SPLIT]["at"] = lines[HEADER]["cap"]
-    return EXCLUDE
+@forgery("network")
+def one_constraint_less_than_there_are(lines: Lines, proof: Any) -> int:
+    lines[0]["constraints"] -= 1
+    return int(proof.head) - 1
 
 
-@forgery
-def unknown_key_in_the_header(lines: Lines) -> int:
-    lines[HEADER]["note"] = "trust me"
-    return HEADER
+@forgery("network")
+def a_constraint_dropped(lines: Lines, proof: Any) -> int:
+    del lines[1]
+    return int(proof.head) - 1  # the claims, where a constraint is due
 
 
-@forgery
-def unknown_key_in_the_claims(lines: Lines) -> int:
-    lines[CLAIMS]["feasible"] = True
-    return CLAIMS
+@forgery("network")
+def no_objective_but_epsilon(lines: Lines, proof: Any) -> str:
+    lines[0]["objective"] = lines[proof.head]["cap"] = None
+    return "claims"
 
 
-@forgery
-def unknown_key_in_a_step(lines: Lines) -> int:
-    lines[PASS]["note"] = ""
-    return PASS
+@forgery("network")
+def no_objective_but_caps_of_steps(lines: Lines, proof: Any) -> str:
+    lines[0]["objective"] = lines[proof.head]["cap"] = lines[proof.head]["epsilon"] = None
+    return "exclude"
 
 
-@forgery
-def readings_given_with_the_witness(lines: Lines) -> int:
-    lines[WITNESS]["readings"] = []
-    return WITNESS
+@forgery("network")
+def roots_and_squares_swapped(lines: Lines, proof: Any) -> str:
+    for line in lines[1 : proof.head]:
+        line["root"] = not line["root"]
+    return "claims"
 
 
-@forgery
-def pass_and_exclude_in_one(lines: Lines) -> int:
-    lines[PASS]["exclude"] = 2
-    return PASS
+def used(lines: Lines, proof: Any, side: str) -> dict[str, Any]:
+    """A constraint that counts for the bound on the objective, with that side."""
+    rows = lines[proof.index("pass")]["bounds"][0][3]["rows"]
+    return next(lines[1 + k] for s, k, _ in rows if s == side and lines[1 + k]["root"])
 
 
-@forgery
-def no_step_at_all(lines: Lines) -> int:
-    lines[PASS] = {"because": "I say so"}
-    return PASS
+@forgery("network")
+def a_coefficient_one_ulp_looser_above(lines: Lines, proof: Any) -> str:
+    term = used(lines, proof, "upper")["body"][0]
+    assert term[0] == []
+    term[1] = moved(term[1], DOWN)
+    return "pass"
 
 
-@forgery
-def claims_twice(lines: Lines) -> int:
-    lines.insert(2, lines[CLAIMS])
-    return 2
+@forgery("network")
+def a_coefficient_one_ulp_looser_below(lines: Lines, proof: Any) -> str:
+    term = used(lines, proof, "lower")["body"][0]
+    term[1] = moved(term[1], UP)
+    return "pass"
 
 
-@forgery
-def header_twice(lines: Lines) -> int:
-    lines.insert(1, lines[HEADER])
+@forgery("network")
+def a_bound_one_ulp_looser(lines: Lines, proof: Any) -> str:
+    term = used(lines, proof, "upper")["at_most"][0]
+    assert term[0] == []
+    term[1] = moved(term[1], UP)
+    return "pass"
+
+
+@forgery("network")
+def an_upper_bound_dropped(lines: Lines, proof: Any) -> str:
+    used(lines, proof, "upper")["at_most"] = None
+    return "pass"
+
+
+@forgery("network")
+def a_lower_bound_dropped(lines: Lines, proof: Any) -> str:
+    used(lines, proof, "lower")["at_least"] = None
+    return "pass"
+
+
+@forgery("network")
+def a_square_for_a_root(lines: Lines, proof: Any) -> str:
+    """Of one constraint only, and without the point, which sees it first."""
+    lines[proof.head]["point"] = lines[proof.head]["epsilon"]["hi"] = None
+    used(lines, proof, "lower")["root"] = False
+    return "exclude"
+
+
+@forgery("network")
+def a_campaign_beside_the_constraints(lines: Lines, proof: Any) -> str:
+    lines[0]["campaign"] = ""
+    return "header"
+
+
+@forgery("leg")
+def about_beside_the_campaign(lines: Lines, proof: Any) -> str:
+    lines[0]["about"] = ""
+    return "header"
+
+
+@forgery("leg")
+def a_weight_on_a_measurement_left_out(lines: Lines, proof: Any) -> str:
+    k = lines[proof.index("exclude")]["weights"]["rows"][0][1]
+    lines[0]["only"] = [n for n in range(lines[0]["measurements"]) if n != k]
+    return "exclude"
+
+
+@forgery("leg")
+def a_measurement_left_out_judges_the_point(lines: Lines, proof: Any) -> str:
+    lines[0]["only"] = list(range(lines[0]["measurements"] - 1))
+    lines[proof.head]["point"]["holds"] = list(range(lines[0]["measurements"]))
+    return "claims"
+
+
+@forgery("leg")
+def a_measurement_left_out_refutes_the_point(lines: Lines, proof: Any) -> str:
+    lines[0]["only"] = list(range(lines[0]["measurements"] - 1))
+    lines[proof.head]["point"].update(at=["0x1p+20"] * 8, holds=[], fails=[lines[0]["measurements"] - 1])
+    return "claims"
+
+
+@forgery("leg")
+def rows_of_another_leg_without_a_point(lines: Lines, proof: Any) -> str:
+    lines[0]["leg"] = 2
+    lines[proof.head]["point"] = lines[proof.head]["epsilon"]["hi"] = None
+    return "exclude"
+
+
+@forgery()
+def the_point_holds_where_it_fails(lines: Lines, proof: Any) -> str:
+    claims = lines[proof.head]
+    x = [*proof.point[:-1], 0.0]
+    bad = next(k for k in range(proof.problem.count) if proof.problem.fails(k, tuple(map(F, x))))
+    claims["epsilon"]["hi"] = None
+    claims["point"] = {"at": [v.hex() for v in x], "holds": [bad], "fails": []}
+    return "claims"
+
+
+@forgery()
+def the_point_fails_where_it_holds(lines: Lines, proof: Any) -> str:
+    claims = lines[proof.head]
+    x = [*proof.point[:-1], 0.5 * proof.eps_hi]
+    exact = tuple(map(F, x))
+    assert any(proof.problem.fails(k, exact) for k in range(proof.problem.count))
+    good = next(k for k in range(proof.problem.count) if not proof.problem.fails(k, exact))
+    claims["epsilon"]["hi"] = None
+    claims["point"] = {"at": [v.hex() for v in x], "holds": [], "fails": [good]}
+    return "claims"
+
+
+@forgery()
+def the_point_judged_by_all_but_one(lines: Lines, proof: Any) -> str:
+    lines[proof.head]["point"]["holds"] = list(range(1, proof.problem.count))
+    return "claims"
+
+
+@forgery()
+def the_point_outside_the_box(lines: Lines, proof: Any) -> str:
+    lines[0]["hi"][0] = moved(lines[proof.head]["point"]["at"][0], DOWN)
+    return "claims"
+
+
+@forgery()
+def excluded_part_too_large(lines: Lines, proof: Any) -> str:
+    lines[proof.index("split")]["at"] = lines[0]["hi"][-1]
+    return "exclude"
+
+
+@forgery()
+def split_along_another_unknown(lines: Lines, proof: Any) -> str:
+    lines[proof.index("split")].update(unknown=0, at=lines[0]["lo"][0])
+    return "exclude"
+
+
+@forgery()
+def unknown_key_in_the_header(lines: Lines, proof: Any) -> str:
+    lines[0]["note"] = "trust me"
+    return "header"
+
+
+@forgery()
+def unknown_key_in_the_claims(lines: Lines, proof: Any) -> str:
+    lines[proof.head]["feasible"] = True
+    return "claims"
+
+
+@forgery()
+def unknown_key_in_the_point(lines: Lines, proof: Any) -> str:
+    lines[proof.head]["point"]["readings"] = []
+    return "claims"
+
+
+@forgery()
+def unknown_key_in_a_step(lines: Lines, proof: Any) -> str:
+    lines[proof.index("pass")]["note"] = ""
+    return "pass"
+
+
+@forgery()
+def unknown_key_in_weights(lines: Lines, proof: Any) -> str:
+    lines[proof.index("exclude")]["weights"]["cubes"] = []
+    return "exclude"
+
+
+@forgery("network")
+def unknown_key_in_a_constraint(lines: Lines, proof: Any) -> int:
+    lines[1]["note"] = ""
     return 1
 
 
-@forgery
-def claims_first(lines: Lines) -> int:
-    lines[:2] = lines[1], lines[0]
-    return 0
+@forgery()
+def claim_missing(lines: Lines, proof: Any) -> str:
+    del lines[proof.head]["enclosure"]
+    return "claims"
 
 
-@forgery
-def split_dropped(lines: Lines) -> int:
-    del lines[SPLIT]
-    return SPLIT
+@forgery()
+def claims_of_the_former_format(lines: Lines, proof: Any) -> str:
+    old = lines[proof.head]
+    new = {"cap": old["cap"], "eps_lo": old["epsilon"]["lo"], "enclosure": old["enclosure"], "eps_hi": old["cap"]}
+    lines[proof.head] = new
+    return "claims"
 
 
-@forgery
-def split_twice(lines: Lines) -> int:
-    lines.insert(SPLIT, lines[SPLIT])
-    return SPLIT + 1
+@forgery()
+def pass_and_exclude_in_one(lines: Lines, proof: Any) -> str:
+    lines[proof.index("pass")]["exclude"] = 2
+    return "pass"
 
 
-@forgery
-def exclusion_dropped(lines: Lines) -> int:
-    del lines[EXCLUDE]
-    return len(lines) - 1
+@forgery()
+def no_step_at_all(lines: Lines, proof: Any) -> str:
+    lines[proof.index("pass")] = {"because": "I say so"}
+    return "pass"
 
 
-@forgery
-def exclusion_twice(lines: Lines) -> int:
-    lines.insert(EXCLUDE, lines[EXCLUDE])
-    return EXCLUDE + 1
+@forgery()
+def point_as_a_last_step(lines: Lines, proof: Any) -> str:
+    lines.append({"point": lines[proof.head]["point"]["at"]})
+    return "last"
 
 
-@forgery
-def pass_dropped(lines: Lines) -> int:
-    del lines[PASS]
-    return len(lines) - 1
+@forgery()
+def claims_twice(lines: Lines, proof: Any) -> str:
+    lines.insert(proof.head, lines[proof.head])
+    return "split"
 
 
-@forgery
-def witness_dropped(lines: Lines) -> int:
-    del lines[WITNESS]
-    return len(lines) - 1
-
-
-@forgery
-def witness_twice(lines: Lines) -> int:
-    lines.append(lines[WITNESS])
-    return len(lines) - 1
-
-
-@forgery
-def step_after_the_witness(lines: Lines) -> int:
-    lines.append({"split": 3, "unknown": 0, "at": lines[WITNESS]["point"][0], "into": [5, 6]})
-    return len(lines) - 1
-
-
-@forgery
-def header_only(lines: Lines) -> int:
-    del lines[1:]
+@forgery()
+def header_twice(lines: Lines, proof: Any) -> int:
+    lines.insert(1, lines[0])
     return 1
 
 
-@forgery
-def no_steps(lines: Lines) -> int:
-    del lines[2:WITNESS]
-    return len(lines) - 1
+@forgery()
+def claims_first(lines: Lines, proof: Any) -> str:
+    lines.insert(0, lines.pop(proof.head))
+    return "header"
 
 
-@pytest.mark.parametrize("name", FORGERIES)
-def test_forgeries_are_refused_at_their_line(name: str, verdict: Any, split_proof: Any) -> None:
-    lines = split_proof.copy()
-    expected = FORGERIES[name](lines) + 1
-    assert json.dumps(lines) != json.dumps(split_proof.lines)
+@forgery()
+def split_dropped(lines: Lines, proof: Any) -> str:
+    del lines[proof.index("split")]
+    return "split"
+
+
+@forgery()
+def split_twice(lines: Lines, proof: Any) -> str:
+    lines.insert(proof.index("split"), lines[proof.index("split")])
+    return "exclude"
+
+
+@forgery()
+def leaf_dropped(lines: Lines, proof: Any) -> str:
+    del lines[proof.index("exclude")]
+    return "last"
+
+
+@forgery()
+def exclusion_twice(lines: Lines, proof: Any) -> str:
+    lines.insert(proof.index("exclude"), lines[proof.index("exclude")])
+    return "pass"
+
+
+@forgery()
+def pass_dropped(lines: Lines, proof: Any) -> str:
+    del lines[proof.index("pass")]
+    return "last"
+
+
+@forgery()
+def no_claims(lines: Lines, proof: Any) -> str:
+    del lines[proof.head :]
+    return "claims"
+
+
+@forgery()
+def no_steps(lines: Lines, proof: Any) -> str:
+    del lines[proof.head + 1 :]
+    return "last"
+
+
+CASES = [(name, kind) for name, (_, kinds) in FORGERIES.items() for kind in kinds]
+
+
+@pytest.mark.parametrize(("name", "kind"), CASES)
+def test_forgeries_are_refused_at_their_line(
+    name: str, kind: str, request: pytest.FixtureRequest, verdict: Any
+) -> None:
+    proof = request.getfixturevalue(PROOFS[kind])
+    lines = proof.copy()
+    where = FORGERIES[name][0](lines, proof)
+    assert json.dumps(lines) != json.dumps(proof.lines)
+    expected = 1 + (where if isinstance(where, int) else len(lines) - 1 if where == "last" else proof.index(where))
+    if where == "constraint":
+        expected = 2
     with pytest.raises(Refused) as caught:
-        verdict(lines, split_proof.folder)
+        verdict(lines, proof.folder)
     assert caught.value.line == expected, str(caught.value)
     assert str(caught.value).startswith(f"line {expected}: ")
     assert str(caught.value).isascii()
     assert str(caught.value).isprintable()
 
 
-def test_bounds_one_ulp_beyond_the_proof(verdict: Any, exact_proof: Any, uncertain_proof: Any) -> None:
-    """The bound that is written is the last float64 that is proved; the next one is refused."""
-    for proof in (exact_proof, uncertain_proof):
-        count = len(proof.lines[2]["bounds"])
-        assert count >= 2
-        for n in range(count):
-            lines = proof.copy()
-            entry = lines[2]["bounds"][n]
-            entry[2] = moved(entry[2], UP if entry[1] == "lo" else DOWN)
-            with pytest.raises(Refused, match="prove less") as caught:
-                verdict(lines, proof.folder)
-            assert caught.value.line == 3
-
-
-def test_eps_hi_one_ulp_below_the_least_that_the_witness_shows(verdict: Any, exact_proof: Any) -> None:
-    """For exact readings that is the largest | ||v|| - (L + l) |; here it is found in decimals and by bisection."""
-    exact, x = exact_proof.exact, [F(v) for v in exact_proof.point]
-
-    def shown(eps: float) -> bool:
-        for k in range(len(exact)):
-            m = exact.measurement(k)
-            w, *q = m.quaternion
-            scale = w * w + sum((c * c for c in q), F(0))
-            b = x[3:6]
-            t = [2 * (q[1] * b[2] - q[2] * b[1]), 2 * (q[2] * b[0] - q[0] * b[2]), 2 * (q[0] * b[1] - q[1] * b[0])]
-            u = [q[1] * t[2] - q[2] * t[1], q[2] * t[0] - q[0] * t[2], q[0] * t[1] - q[1] * t[0]]
-            v = [m.position[i] + b[i] + (w * t[i] + u[i]) / scale - x[i] for i in range(3)]
-            length = sum((c * c for c in v), F(0))
-            base = m.length + x[6]
-            if not (base - F(eps)) ** 2 <= length <= (base + F(eps)) ** 2:
-                return False
-        return True
-
-    low, high = 0.9 * exact_proof.eps_hi, 1.1 * exact_proof.eps_hi
-    while math.nextafter(low, UP) < high:
-        middle = (low + high) / 2
-        low, high = (low, middle) if shown(middle) else (middle, high)
-    assert exact_proof.eps_lo <= low
-    lines = exact_proof.copy()
-    lines[1]["eps_hi"] = high.hex()
-    assert verdict(lines, exact_proof.folder).eps_hi == F(high)
-    lines[1]["eps_hi"] = low.hex()
-    with pytest.raises(Refused, match="enough") as caught:
-        verdict(lines, exact_proof.folder)
-    assert caught.value.line == 4
-
-
-def test_uncertain_witness_with_less_eps(verdict: Any, uncertain_proof: Any) -> None:
-    lines = uncertain_proof.copy()
-    lines[1].update(eps_hi=(0.99 * uncertain_proof.eps_hi).hex(), eps_lo="0x0p+0")
-    with pytest.raises(Refused, match="enough") as caught:
-        verdict(lines, uncertain_proof.folder)
-    assert caught.value.line == 4
-
-
-def test_a_leg_shorter_than_eps(verdict: Any, exact_proof: Any) -> None:
-    lines = exact_proof.copy()
-    lines[1]["eps_hi"] = "0x1p+20"
-    with pytest.raises(Refused, match="not longer than eps_hi"):
-        verdict(lines, exact_proof.folder)
-
-
-# the campaign ---------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def moved_campaign(tmp_path: Path, exact_proof: Any) -> Path:
-    folder = tmp_path / "other"
-    shutil.copytree(exact_proof.folder, folder)
-    return folder
-
-
-@pytest.mark.parametrize("name", ["campaign.toml", "measurements.csv"])
-def test_a_campaign_changed_after_the_fact(name: str, verdict: Any, exact_proof: Any, moved_campaign: Path) -> None:
-    file = moved_campaign / name
-    content = file.read_bytes()
-    file.write_bytes(content + b"\n")
-    with pytest.raises(Refused, match="SHA-256") as caught:
-        verdict(exact_proof.lines, moved_campaign)
-    assert caught.value.line == 1
-    digit = max(content.rfind(d) for d in b"123456789")
-    file.write_bytes(content[:digit] + b"0" + content[digit + 1 :])
-    with pytest.raises(Refused, match="SHA-256"):
-        verdict(exact_proof.lines, moved_campaign)
-
-
-def test_another_campaign_with_its_own_digest(verdict: Any, exact_proof: Any, moved_campaign: Path) -> None:
-    """The digest is put right again; the proof is not."""
-    from cpcal.proof.campaign import ExactCampaign
-
-    file = moved_campaign / "measurements.csv"
-    rows = file.read_text().splitlines()
-    names, cells = rows[0].split(","), rows[1].split(",")
-    at = names.index("L1")
-    cells[at] = repr(float(cells[at]) + 0.5)
-    file.write_text("\n".join([rows[0], ",".join(cells), *rows[2:]]) + "\n")
-    lines = exact_proof.copy()
-    lines[0]["campaign"] = ExactCampaign(moved_campaign, 1).sha256
-    with pytest.raises(Refused):
-        verdict(lines, moved_campaign)
-
-
-def test_a_rotation_that_is_none(verdict: Any, exact_proof: Any, moved_campaign: Path) -> None:
-    from cpcal.proof.campaign import ExactCampaign
-
-    file = moved_campaign / "measurements.csv"
-    rows = [row.split(",") for row in file.read_text().splitlines()]
-    for row in rows[1:]:
-        for name in ("qw", "qx", "qy", "qz"):
-            row[rows[0].index(name)] = "0"
-    file.write_text("\n".join(",".join(row) for row in rows) + "\n")
-    lines = exact_proof.copy()
-    lines[0]["campaign"] = ExactCampaign(moved_campaign, 1).sha256
-    with pytest.raises(Refused, match="no rotation") as caught:
-        verdict(lines, moved_campaign)
-    assert caught.value.line == 0
-
-
-def test_no_campaign(verdict: Any, exact_proof: Any, tmp_path: Path) -> None:
-    with pytest.raises(Refused, match="cannot be read"):
-        verdict(exact_proof.lines, tmp_path / "nowhere")
-
-
-# bytes ------------------------------------------------------------------------------------------------------------
-
-
-def refused(tmp_path: Path, content: bytes, folder: Path) -> Refused:
-    path = tmp_path / "certificate.jsonl"
-    path.write_bytes(content)
-    with pytest.raises(Refused) as caught:
-        check(path, folder)
-    return caught.value
-
-
-def encoded(lines: Lines) -> list[bytes]:
-    return [json.dumps(line).encode() + b"\n" for line in lines]
-
-
-def test_every_truncation_is_refused(tmp_path: Path, exact_proof: Any) -> None:
-    content = b"".join(encoded(exact_proof.lines))
-    sizes = [*range(40), *range(40, len(content) - 2, 97), len(content) - 2]
-    for size in sizes:
-        caught = refused(tmp_path, content[:size], exact_proof.folder)
-        whole = content[:size].count(b"\n")
-        assert caught.line in (whole, whole + 1, max(2, whole))
-
-
-@pytest.mark.parametrize(
-    ("content", "line"),
-    [
-        (b"", 1),
-        (b"\n", 1),
-        (b"{}\n", 1),
-        (b"[]\n", 1),
-        (b"null\n", 1),
-        (b"\xff\xfe{\n", 1),
-        (b"\xef\xbb\xbf{}\n", 1),
-        (b"\x00" * 100, 1),
-        (b'{"format": NaN}\n', 1),
-        (b'{"format": Infinity}\n', 1),
-        (b'{"leg": ' + b"9" * 5000 + b"}\n", 1),
-        (b'{"\\ud800": "\\ud800"}\n', 1),
-        (b"[" * 100_000 + b"]" * 100_000, 1),
-        (b'{"a":' * 100_000 + b"1" + b"}" * 100_000, 1),
-        (b"{" + b" " * (5 << 20) + b"}\n", 1),
-    ],
-)
-def test_files_that_are_none(tmp_path: Path, exact_proof: Any, content: bytes, line: int) -> None:
-    assert refused(tmp_path, content, exact_proof.folder).line == line
-
-
-def test_not_utf8_in_the_middle(tmp_path: Path, exact_proof: Any) -> None:
-    lines = encoded(exact_proof.lines)
-    lines[2] = lines[2].replace(b"lo", b"l\xff", 1)
-    assert refused(tmp_path, b"".join(lines), exact_proof.folder).line == 3
-
-
-def test_a_key_twice(tmp_path: Path, exact_proof: Any) -> None:
-    lines = encoded(exact_proof.lines)
-    lines[1] = lines[1].replace(b'{"cap"', b'{"eps_lo": "0x0p+0", "cap"', 1)
-    caught = refused(tmp_path, b"".join(lines), exact_proof.folder)
-    assert caught.line == 2
-    assert "twice" in caught.reason
-
-
-def test_an_empty_line_between(tmp_path: Path, exact_proof: Any) -> None:
-    lines = encoded(exact_proof.lines)
-    lines.insert(2, b"\n")
-    assert refused(tmp_path, b"".join(lines), exact_proof.folder).line == 3
-
-
-@pytest.mark.parametrize("text", ["\ud800", "\x1b[2J", "\u202e", "\n", "x" * 100_000])
-def test_hostile_texts_do_not_reach_the_terminal(text: str, verdict: Any, exact_proof: Any) -> None:
-    for index, path in ((2, ("pass",)), (2, ("cap",)), (2, ("bounds", 0, 0)), (2, ("bounds", 0, 3, "rows", 0, 0))):
-        lines = exact_proof.copy()
-        target: Any = lines[index]
-        for key in path[:-1]:
-            target = target[key]
-        target[path[-1]] = text
-        with pytest.raises(Refused) as caught:
-            verdict(lines, exact_proof.folder)
-        assert str(caught.value).isascii()
-        assert str(caught.value).isprintable()
-        assert len(str(caught.value)) < 300
-
-
-@pytest.mark.parametrize("depth", [100, 900, 940, 960, 980, 990, 1000])
-def test_deep_values_where_numbers_are_needed(depth: int, verdict: Any, tmp_path: Path, exact_proof: Any) -> None:
-    deep = b"[" * depth + b"]" * depth
-    for key in (b'"eps_lo"', b'"cap"', b'"eps_hi"'):
-        first, _ = encoded(exact_proof.lines)[:2]
-        claims = b'{"cap": 1, "eps_lo": 1, "enclosure": null, "eps_hi": 1}\n'.replace(key + b": 1", key + b": " + deep)
-        assert refused(tmp_path, first + claims, exact_proof.folder).line == 2
-
-
-def test_a_huge_line_takes_little_memory(tmp_path: Path, exact_proof: Any) -> None:
-    path = tmp_path / "huge.jsonl"
-    with path.open("wb") as out:
-        for _ in range(64):
-            out.write(b"[" + b"0," * (1 << 19))
-    tracemalloc.start()
-    try:
-        with pytest.raises(Refused, match="4 MiB") as caught:
-            check(path, exact_proof.folder)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert caught.value.line == 1
-    assert peak < 32 << 20
-
-
-def test_a_directory_and_a_missing_file(tmp_path: Path, exact_proof: Any) -> None:
-    for path in (tmp_path, tmp_path / "missing"):
-        with pytest.raises(Refused) as caught:
-            check(path, exact_proof.folder)
-        assert caught.value.line == 0
-
-
 def test_there_are_enough() -> None:
-    assert len(FORGERIES) >= 100
+    assert sum(kind == "leg" for _, kind in CASES) >= 100
+    assert sum(kind == "network" for _, kind in CASES) >= 100

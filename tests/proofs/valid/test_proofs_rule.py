@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import random
 from fractions import Fraction as F
-from typing import Any
 
 import pytest
 
-from cpcal.proof.bounds import ExactBox, largest_sizes, least, reference, shifted
+from cpcal.proof.leg import largest_sizes, reference
 from cpcal.proof.measurement import Measurement, bends, inequality, slopes
+from cpcal.proof.polynomial import ExactBox
+from cpcal.proof.rule import Weights
 
 Vector = list[F]
 SIDES = ("upper", "lower")
@@ -95,7 +96,7 @@ def derivative(m: Measurement, side: str, x: Vector, reading: Vector, j: int) ->
 @pytest.mark.parametrize("factor", [1, 100])
 def test_rows_slopes_bends_and_penalties(side: str, factor: int) -> None:
     rng = random.Random(f"{side}{factor}")
-    for _ in range(12):
+    for _ in range(7):
         m, box = some(rng, factor)
         radii = radii_of(m)
         loose = bends(m, largest_sizes(m, box))
@@ -103,7 +104,7 @@ def test_rows_slopes_bends_and_penalties(side: str, factor: int) -> None:
         assert all(abs(c) <= r for c, r in zip(chosen, radii, strict=True))
         assert penalty >= 0
         best = inequality(m, side, chosen)
-        for _ in range(8):
+        for _ in range(5):
             x, reading = point_of(rng, box), [within(rng, r) for r in radii]
             here = left_side(m, side, x, reading)
             assert value(inequality(m, side, tuple(reading)), x) == here
@@ -127,40 +128,33 @@ def test_length_rows() -> None:
     assert value(inequality(m, "length", (F(0),) * 7), x) == x[7] - x[6] - (m.length - m.length_radius)
 
 
-def test_least_and_shifted() -> None:
-    rng = random.Random(7)
-    for _ in range(60):
-        p: dict[tuple[int, ...], F] = {(): rational(rng, 9)}
-        for _ in range(12):
-            p[tuple(sorted(rng.choices(range(8), k=rng.randint(1, 2))))] = rational(rng, 9)
-        _, box = some(rng, 1)
-        moved, bound = shifted(p, box.center, box.radius), least(p)
-        for _ in range(10):
-            u = [within(rng, F(1)) for _ in range(8)]
-            x = [c + r * t for c, r, t in zip(box.center, box.radius, u, strict=True)]
-            assert value(p, u) >= bound
-            assert value(moved, u) == value(p, x)
-            assert value(moved, u) >= least(moved)
-
-
-def test_no_solution_lies_beyond_a_bound(uncertain_proof: Any) -> None:
-    """The rule's sum is at most zero at the known best point, whatever the weights: here those of the proof."""
-    from cpcal.proof.bounds import Weights
-
-    rng = random.Random(8)
-    header, point = uncertain_proof.lines[0], uncertain_proof.point
-    lo = [*(float.fromhex(v) for v in header["lo"]), 0.0]
-    hi = [*(float.fromhex(v) for v in header["hi"]), uncertain_proof.eps_hi]
-    bounder, count = uncertain_proof.bounder(lo, hi), header["measurements"]
-    x = [*(F(v) for v in point), F(uncertain_proof.eps_hi)]
-    box = bounder.box
+@pytest.mark.parametrize("name", ["exact_proof", "uncertain_proof", "network_proof"])
+def test_no_solution_lies_beyond_a_bound(name: str, request: pytest.FixtureRequest) -> None:
+    """The rule's sum is at most zero at the known best point, whatever the weights."""
+    proof, rng = request.getfixturevalue(name), random.Random(8)
+    rule, problem = proof.rule(*proof.bounds()), proof.problem
+    x, box, n = [F(v) for v in proof.point], rule.box, len(problem.unknowns)
     u = [(v - c) / r for v, c, r in zip(x, box.center, box.radius, strict=True)]
-    for _ in range(15):
-        rows = [(rng.choice(("upper", "lower", "length")), rng.randrange(count), F(rng.random())) for _ in range(9)]
-        pairs = [(rng.randrange(8), rng.randrange(8), F(rng.choice([-1, 1])), F(1), F(rng.random())) for _ in range(5)]
-        squares = [(rng.randrange(8), F(rng.uniform(-1, 1)), F(rng.random())) for _ in range(3)]
-        weights = Weights(tuple(rows), tuple(pairs), tuple(squares))
-        assert value(bounder.aggregate(weights), u) <= 0
-        assert not bounder.excludes(weights)
-        for i in range(8):
-            assert bounder.improved(i, "lo", weights) <= x[i] <= bounder.improved(i, "hi", weights)
+    assert all(abs(v) <= 1 for v in u)
+
+    def weight() -> int:
+        return rng.randrange(1 << rng.randint(1, 60))
+
+    for _ in range(6):
+        rows = [(rng.choice(problem.sides), rng.randrange(problem.count), weight()) for _ in range(9)]
+        pairs = [
+            (rng.randrange(n), rng.randrange(n), rng.choice([-1, 1]), rng.choice([-1, 1]), weight()) for _ in "12345"
+        ]
+        squares = [(rng.randrange(n), F(rng.uniform(-1, 1)), weight()) for _ in range(3)]
+        exponents = rng.randint(-70, 5), rng.randint(-70, 5), rng.randint(-70, 5)
+        weights = Weights(tuple(rows), tuple(pairs), tuple(squares), exponents)
+        aggregate, factor = rule.aggregate(weights)
+        assert factor > 0
+        assert value(aggregate, u) <= 0
+        direct = sum((w * value(rule.row(side, k), u) * F(2) ** exponents[0] for side, k, w in rows), F(0))
+        direct -= sum((w * (1 + p * u[i]) * (1 + q * u[j]) * F(2) ** exponents[1] for i, j, p, q, w in pairs), F(0))
+        direct -= sum((w * (u[i] - t) ** 2 * F(2) ** exponents[2] for i, t, w in squares), F(0))
+        assert value(aggregate, u) == factor * direct
+        assert not rule.excludes(weights)
+        for i in range(n):
+            assert rule.bound(i, "lo", weights) <= x[i] <= rule.bound(i, "hi", weights)

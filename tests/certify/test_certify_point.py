@@ -1,0 +1,90 @@
+"""Certification of given points: what is proved of each measurement, against exact arithmetic and sampled readings."""
+
+from __future__ import annotations
+
+from fractions import Fraction as F
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.calibration import least_squares, leg_statement
+from cpcal.calibration.leg import residuals
+from cpcal.proof.checker import check
+
+SMALL = {"extremal": False, "random_poses": 24}
+
+
+@pytest.mark.parametrize("arithmetic", ["float64", "arb"])
+@pytest.mark.parametrize("eps", [0.0, 0.5])
+@pytest.mark.parametrize("factor", [0.0, 3.0])
+def test_judgements_agree_with_exact_fractions(factor: float, eps: float, arithmetic: str) -> None:
+    campaign = cpcal.simulate(seed=2, joint_error=10.0, factor=factor, **SMALL)
+    x = least_squares(campaign, 3)
+    found = cpcal.certify_point(campaign, 3, x, eps=eps, arithmetic=arithmetic)
+    problem, at = leg_statement(campaign, 3).problem, tuple(F(float(v)) for v in [*x, eps])
+    for k, name in enumerate(campaign.measurement_ids):
+        assert problem.holds(k, at) == (name in found.holds)
+        assert problem.fails(k, at) == (name in found.fails)
+    assert found.judged.fails > 0
+
+
+def test_exact_readings_are_judged_by_the_residual() -> None:
+    campaign = cpcal.simulate(seed=5, joint_error=1.0, factor=0.0)
+    x = least_squares(campaign, 1)
+    size = np.abs(residuals(campaign, 1, x))
+    eps = float(np.median(size))
+    found = cpcal.certify_point(campaign, 1, x, eps=eps)
+    names = np.array(campaign.measurement_ids)
+    assert set(found.holds) >= set(names[size < eps - 1e-9])
+    assert set(found.fails) >= set(names[size > eps + 1e-9])
+    assert found.judged.verdict is cpcal.Verdict.REFUTED
+
+
+def test_the_true_leg_is_a_solution_of_a_perfect_robot() -> None:
+    campaign = cpcal.simulate(seed=3, joint_error=0.0, factor=3.0, truncate=2.9)
+    leg = cpcal.certify(campaign, legs=[1]).legs[0]
+    assert leg.point is not None
+    found = cpcal.certify_point(campaign, 1, leg.point)
+    assert found.judged.verdict is cpcal.Verdict.PROVED
+    assert len(found.holds) == len(campaign)
+    assert "satisfies all 64 equations exactly" in found.judged.sentence("It")
+
+
+@pytest.mark.parametrize("factor", [0.0, 3.0])
+def test_the_certificate_says_the_same(factor: float, tmp_path: Path) -> None:
+    cpcal.save_campaign(cpcal.simulate(seed=2, joint_error=10.0, factor=factor, **SMALL), tmp_path)
+    campaign = cpcal.load_campaign(tmp_path)
+    path = tmp_path / "point.cert.jsonl"
+    found = cpcal.certify_point(campaign, 2, least_squares(campaign, 2), eps=0.5, certificate=path)
+    accepted = check(path, tmp_path)
+    assert accepted.claims.point is not None
+    ids = campaign.measurement_ids
+    assert tuple(ids[k] for k in accepted.claims.point.holds) == found.holds
+    assert tuple(ids[k] for k in accepted.claims.point.fails) == found.fails
+    assert found.holds
+    assert found.fails
+
+
+def test_results_judge_the_center_and_keep_it(tmp_path: Path) -> None:
+    campaign = cpcal.simulate(seed=2, joint_error=1.0, factor=3.0, **SMALL)
+    result = cpcal.certify(campaign, legs=[2])
+    judged = result.legs[0].judged
+    assert judged == cpcal.certify_point(campaign, 2, result.legs[0].center).judged
+    cpcal.save_result(result, tmp_path)
+    assert cpcal.load_result(tmp_path).legs[0].judged == judged
+
+
+def test_unknown_is_neither() -> None:
+    undecided = cpcal.Judged(0.0, 3, 0, 5)
+    assert undecided.verdict is cpcal.Verdict.UNKNOWN
+    assert "2 are undecided" in undecided.sentence("It")
+
+
+@pytest.mark.parametrize(
+    ("leg", "point", "eps"), [(7, np.zeros(7), 0.0), (1, np.zeros(6), 0.0), (1, np.zeros(7), -1.0)]
+)
+def test_bad_questions(leg: int, point: np.ndarray, eps: float) -> None:
+    with pytest.raises(cpcal.InputError):
+        cpcal.certify_point(cpcal.simulate(seed=1, **SMALL), leg, point, eps=eps)
