@@ -6,9 +6,9 @@ result = cpcal.certify(campaign, delta=100.0)
 
 from cpcal.certify import certify
 from cpcal.errors import CpcalError, InputError, ModelError, PluginError
-from cpcal.interfaces import Contraction, Contractor, Limits, Step, Strategy, Verdict
+from cpcal.interfaces import Contraction, Contractor, Limits, Polyhedron, Step, Strategy, Verdict
 from cpcal.interval import Box, Interval
-from cpcal.network import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
+from cpcal.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
 from cpcal.result import LegResult, Result, load_result, save_result
 from cpcal.robot import Campaign, Robot, load_campaign, save_campaign, simulate
 from cpcal.solver import Network
@@ -29,6 +29,7 @@ __all__ = [
     "ModelError",
     "Network",
     "PluginError",
+    "Polyhedron",
     "Result",
     "Robot",
     "Step",
@@ -36,6 +37,7 @@ __all__ = [
     "Verdict",
     "__version__",
     "certify",
+    "evaluate",
     "load_campaign",
     "load_result",
     "maximum",
