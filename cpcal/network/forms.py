@@ -20,7 +20,7 @@ import numpy.typing as npt
 from cpcal.errors import ModelError
 from cpcal.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.network.expression import Expr
-from cpcal.network.network import ConstraintNetwork
+from cpcal.network.network import ConstraintNetwork, leaves
 from cpcal.network.operations import TABLE, Values
 from cpcal.network.reverse import Partials, Reverse
 from cpcal.network.slopes import Pair, slope
@@ -41,13 +41,16 @@ def evaluate(
     centred    eq. 7 with derivatives (mean value form); abs, min and max with their generalised derivatives
     slope      eq. 7 with slopes from the centre (Krawczyk and Neumaier), about half as wide as derivatives
     tightest   the intersection of all three
-    An element for which a form is not valid, undefined somewhere in the box or unbounded, gets its natural form.
-    Raises ModelError for an unknown form and for a box of other variables.
+    An element for which a form is not valid gets its natural form: undefined somewhere in the box (for slopes: at its
+    centre), or unbounded. Raises ModelError for an unknown form and for a box or an expression of other variables.
     """
     if form not in get_args(FormName):
         raise ModelError(f"{form!r} is no form of evaluation: {', '.join(get_args(FormName))}")
     if box.names != network.names:
         raise ModelError(f"the box names {', '.join(box.names)}, the network {', '.join(network.names)}")
+    for leaf in leaves((expr,)):
+        if leaf.op == "variable" and not any(leaf is own for own in network.variables):
+            raise ModelError(f"variable {leaf.name!r} belongs to another network")
     plan = CentredForm(network, expr, get_arithmetic(arithmetic))
     natural = plan.natural(box)
     if form == "natural" or box.is_empty or not box.is_bounded:
