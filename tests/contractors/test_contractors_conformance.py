@@ -40,13 +40,19 @@ VARIANTS = {
     "gauss": partial(LinearSystem, method="gauss"),
     "rump": partial(LinearSystem, method="rump"),
 }
-FACTORIES = {name: plugins.load(name) for name in plugins.found()} | ALGEBRA | VARIANTS
+FACTORIES = {name: plugins.load(name) for name in plugins.found()} | ALGEBRA
 
 
 @pytest.mark.parametrize("check", CONFORMANCE)
 @pytest.mark.parametrize("name", FACTORIES)
 def test_conformance(name: str, check: str) -> None:
     CONFORMANCE[check](FACTORIES[name])
+
+
+@pytest.mark.parametrize("check", ["keeps_solutions", "never_widens", "steps_agree"])
+@pytest.mark.parametrize("name", VARIANTS)
+def test_conformance_of_variants(name: str, check: str) -> None:
+    CONFORMANCE[check](VARIANTS[name])
 
 
 def test_ours_are_found_by_entry_point() -> None:
