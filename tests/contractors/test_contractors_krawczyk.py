@@ -15,7 +15,7 @@ from contractors.interval_rows import IntervalRows, beaumont, inequalities, kraw
 from cpcal.calibration import leg_box, leg_network
 from cpcal.interfaces import Contraction
 from cpcal.interval import Box, IntervalArray, get_arithmetic
-from cpcal.network import ConstraintNetwork, sqr, sqrt
+from cpcal.network import ConstraintNetwork, evaluate, maximum, minimum, sqr, sqrt
 from cpcal.robot import Campaign, simulate
 from cpcal.robot.simulate import true_robot
 
@@ -154,6 +154,14 @@ def test_inequalities_hold_for_all_solutions_of_the_interval_rows(
     assert x in inequalities(get_arithmetic(engine), rows, box, choice)
 
 
+def test_both_engines_give_the_same_boxes() -> None:
+    net = brown(0.8, 1.3)
+    for make in KINDS.values():
+        fast, tight = (make(net, arithmetic=name, most=2).contract(net.domain).box for name in ("float64", "arb"))
+        np.testing.assert_allclose(fast.lo, tight.lo, atol=1e-9)
+        np.testing.assert_allclose(fast.hi, tight.hi, atol=1e-9)
+
+
 # nonlinear networks -----------------------------------------------------------------------------------------
 
 
@@ -174,6 +182,32 @@ def test_never_loses_the_true_leg_within_its_reading_sets(kind: str, seed: int) 
         for eps in (0.0, 10.0):
             assert np.append(x, eps) in found.box
             assert found.polyhedron is None or np.append(x, eps) in found.polyhedron
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS)
+def test_never_loses_a_point_that_touches_its_constraints(kind: str, seed: int) -> None:
+    """Kinks, poles, shared and own readings; the point lies on faces of the box and on the constraint's bound."""
+    rng = np.random.default_rng(seed)
+    point, slack = rng.normal(0, 2, 3), rng.normal(0, 1, 4)
+    net = ConstraintNetwork()
+    size = 10.0 ** rng.uniform(-4, 1) * rng.random((2, 3)) * rng.integers(0, 2, (2, 3))
+    x = net.variable("x", 3, (point - size[0], point + size[1]))
+    m, s = net.reading(slack, 0.1), net.reading(1.0, 0.2)
+    exprs = [
+        abs(m - x[0]) * s - maximum(m, x[1]) * x[2],
+        m / (sqr(x[0]) + 0.5) + sqrt(sqr(x[1] - m) + sqr(x[2])),
+        x[0] / x[1] + m * x[2] - minimum(m, x[0]) ** 3,
+        (m + s) * x[0] - s * x[1] + 2.0 * m,
+    ]
+    expr = exprs[rng.integers(len(exprs))]
+    here = evaluate(net, expr, net.domain.with_bounds(point, point), "natural", "arb")
+    net.add(expr.within((-np.inf, here.hi) if rng.random() < 0.5 else (here.lo, here.hi)))
+    for slopes in (False, True):
+        found = KINDS[kind](net, slopes=slopes).contract(net.domain)
+        assert point in found.box
+        assert found.polyhedron is None or point in found.polyhedron
 
 
 @pytest.fixture(scope="module")
