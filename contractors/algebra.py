@@ -42,11 +42,7 @@ class Then(Composable):
 
     def contract(self, box: Box) -> Contraction:
         one = self._first.contract(box)
-        if one.box.is_empty:
-            return one
-        two = self._second.contract(one.box)
-        point = two.point if two.point is not None else one.point
-        return Contraction(two.box, one.steps + two.steps, point, one.programs + two.programs)
+        return one if one.box.is_empty else followed(one, self._second.contract(one.box))
 
 
 class Union(Composable):
@@ -77,11 +73,21 @@ class Fixpoint(Composable):
         for _ in range(self._most):
             step = self._inner.contract(total.box)
             before, after = total.box, step.box
-            point = step.point if step.point is not None else total.point
-            total = Contraction(after, total.steps + step.steps, point, total.programs + step.programs)
+            total = followed(total, step)
             if after.is_empty or not shrunk(before, after, self._ratio):
                 break
         return total
+
+
+def followed(one: Contraction, two: Contraction) -> Contraction:
+    """Two contractions in sequence as one: what holds in the second's box holds for all solutions in the first's."""
+    return Contraction(
+        box=two.box,
+        steps=one.steps + two.steps,
+        point=two.point if two.point is not None else one.point,
+        programs=one.programs + two.programs,
+        polyhedron=two.polyhedron or one.polyhedron,
+    )
 
 
 def _tolerance(contractor: Contractor) -> float:

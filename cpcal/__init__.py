@@ -6,10 +6,10 @@ result = cpcal.certify(campaign, delta=100.0)
 
 from cpcal.certify import PointResult, certify, certify_point
 from cpcal.errors import CpcalError, InputError, ModelError, PluginError
-from cpcal.interfaces import Contraction, Contractor, Limits, Step, Strategy, Verdict
+from cpcal.interfaces import Contraction, Contractor, Limits, Polyhedron, Step, Strategy, Verdict
 from cpcal.interval import Box, Interval
 from cpcal.judged import Judged
-from cpcal.network import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
+from cpcal.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
 from cpcal.result import LegResult, Result, load_result, save_result
 from cpcal.robot import Campaign, Robot, load_campaign, save_campaign, simulate
 from cpcal.solver import Network
@@ -32,6 +32,7 @@ __all__ = [
     "Network",
     "PluginError",
     "PointResult",
+    "Polyhedron",
     "Result",
     "Robot",
     "Step",
@@ -40,6 +41,7 @@ __all__ = [
     "__version__",
     "certify",
     "certify_point",
+    "evaluate",
     "load_campaign",
     "load_result",
     "maximum",

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
@@ -54,16 +56,36 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Polyhedron:
+    """Every solution in the box that was contracted satisfies `matrix @ x <= rhs`.
+
+    In exact arithmetic on these float64 numbers: matrix (m, n), rhs (m,), x in the order of `names`.
+    """
+
+    names: tuple[str, ...]
+    matrix: npt.NDArray[np.float64]
+    rhs: npt.NDArray[np.float64]
+
+    def __contains__(self, point: Iterable[float]) -> bool:
+        """Whether a point satisfies every row, decided in exact fractions."""
+        x = [Fraction(v) for v in point]
+        rows = zip(self.matrix.tolist(), self.rhs.tolist(), strict=True)
+        return all(sum((Fraction(a) * v for a, v in zip(row, x, strict=True) if a), Fraction()) <= b for row, b in rows)
+
+
+@dataclass(frozen=True)
 class Contraction:
     """What a contractor made of a box: a subset that holds all its solutions, and why.
 
-    `point` is a promising point of the new box (one value per component), proposed without proof.
+    `point` is a promising point of the new box (one value per component), proposed without proof. Some
+    contractors enclose the solutions by a polyhedron too: they lie in `box` and in `polyhedron`.
     """
 
     box: Box
     steps: tuple[Step, ...] = ()
     point: npt.NDArray[np.float64] | None = None
     programs: int = 0  # linear programs solved on the way
+    polyhedron: Polyhedron | None = None
 
 
 class Contractor(Protocol):

@@ -174,12 +174,16 @@ def keeps_solutions(factory: ContractorFactory, seed: int = 0) -> None:
         for point in case.solutions:
             if point in box:
                 assert point in result.box, f"the solution {point.tolist()} is lost {where}: {result.box!r}"
+                outside = result.polyhedron is not None and point not in result.polyhedron
+                assert not outside, f"the solution {point.tolist()} lies outside of the polyhedron {where}"
 
 
 def never_widens(factory: ContractorFactory, seed: int = 0) -> None:
-    """The result is a subset of the box, with the same names."""
+    """The result is a subset of the box, with the same names (and so has a polyhedron, if any)."""
     for _, _, box, result, where in _trials(factory, seed):
         assert result.box.names == box.names, f"the names changed to {result.box.names} {where}"
+        others = result.polyhedron is not None and result.polyhedron.names != box.names
+        assert not others, f"the polyhedron has other names {where}"
         assert result.box.subset(box), f"the result is no subset {where}: {result.box!r}"
 
 
@@ -271,11 +275,13 @@ def steps_agree(factory: ContractorFactory, seed: int = 0) -> None:
 
 
 def _same(one: Contraction, two: Contraction, message: str) -> None:
-    points = [b"" if c.point is None else c.point.tobytes() for c in (one, two)]
-    # repr, because the bound of a step that empties the box is NaN, which does not equal itself
-    steps = [repr(c.steps) for c in (one, two)]
-    same = one.box == two.box and one.programs == two.programs and points[0] == points[1] and steps[0] == steps[1]
-    assert same, f"{message}: {one} and {two}"
+    assert _content(one) == _content(two), f"{message}: {one} and {two}"
+
+
+def _content(c: Contraction) -> tuple[object, ...]:
+    """What is compared; of steps the repr, because NaN, the bound of one that empties the box, equals nothing."""
+    rows = () if c.polyhedron is None else (c.polyhedron.matrix.tobytes(), c.polyhedron.rhs.tobytes())
+    return c.box, repr(c.steps), None if c.point is None else c.point.tobytes(), c.programs, rows
 
 
 Check = Callable[..., None]  # (factory) or (factory, seed)

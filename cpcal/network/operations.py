@@ -1,4 +1,4 @@
-"""The operation table: one row per operation (forward, backward, derivative), on any engine.
+"""The operation table: one row per operation (forward, backward, derivative, adjoint), on any engine.
 
 Arrays carry a leading batch axis: a node of shape S is evaluated as an array of shape (B, *S), B boxes
 at once. Operands of unequal rank are aligned behind the batch axis (`align`).
@@ -18,6 +18,9 @@ Values = tuple[IntervalArray, ...]
 Forward = Callable[[Arithmetic, Expr, Values], IntervalArray]
 # (engine, node, value of the node, values of its arguments) -> one array per argument
 Backward = Callable[[Arithmetic, Expr, IntervalArray, Values], Values]
+# (engine, node, adjoint of the node) -> what it adds to the adjoint of each argument
+Adjoint = Callable[[Arithmetic, Expr, IntervalArray], Values]
+Positions = np.ndarray[tuple[int, ...], np.dtype[np.intp]]
 
 
 @dataclass(frozen=True)
@@ -26,12 +29,15 @@ class Operation:
 
     `forward` evaluates; `backward` narrows the arguments (in the node's shape, before intersection
     with what was known); `derivative` gives the partial derivatives for the chain rule, or is None for
-    an operation that is linear and structural: its tangent is `forward` of the tangent.
+    an operation that is linear and structural: its tangent is `forward` of the tangent. `adjoint` is the
+    transpose of a linear operation (in the node's shape before sums over broadcast axes, or the argument's);
+    None for the others, which multiply by their derivative.
     """
 
     forward: Forward
     backward: Backward
     derivative: Backward | None = None
+    adjoint: Adjoint | None = None
 
 
 def align(x: IntervalArray, rank: int) -> IntervalArray:
@@ -75,7 +81,27 @@ def _index_backward(e: Arithmetic, node: Expr, out: IntervalArray, xs: Values) -
     return (IntervalArray(lo, hi).reshape((batch, *xs[0].shape[1:])),)
 
 
-def _positions(node: Expr) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
+def _index_adjoint(e: Arithmetic, node: Expr, g: IntervalArray) -> Values:
+    shape = node.args[0].shape
+    return (scatter(e, _flat(g), _positions(node).ravel(), int(np.prod(shape))).reshape((g.shape[0], *shape)),)
+
+
+def scatter(e: Arithmetic, values: IntervalArray, positions: Positions, size: int) -> IntervalArray:
+    """Columns of `values` (B, M) added up at their `positions` (M,): the transpose of a gather, (B, size)."""
+    count = np.bincount(positions, minlength=size)
+    most = int(count.max(initial=0))
+    batch, many = values.shape
+    padded = [np.concatenate([bound, np.zeros((batch, 1))], axis=1) for bound in (values.lo, values.hi)]
+    order = np.argsort(positions, kind="stable")
+    first = np.repeat(np.cumsum(count) - count, count)
+    sources = np.full((size, most), many)  # the column of zeros, where fewer than `most` meet
+    sources[positions[order], np.arange(many) - first] = order
+    if most == 1:
+        return IntervalArray(padded[0][:, sources[:, 0]], padded[1][:, sources[:, 0]])
+    return e.sum(IntervalArray(padded[0][:, sources], padded[1][:, sources]), 2)
+
+
+def _positions(node: Expr) -> Positions:
     assert isinstance(node.data, np.ndarray)
     return node.data
 
@@ -89,6 +115,11 @@ def _sum_backward(e: Arithmetic, node: Expr, out: IntervalArray, xs: Values) -> 
     others = _sum_of_others(e, terms)
     left = e.sub(out[None], others)
     return (IntervalArray(np.moveaxis(left.lo, 0, axis), np.moveaxis(left.hi, 0, axis)),)
+
+
+def _sum_adjoint(e: Arithmetic, node: Expr, g: IntervalArray) -> Values:
+    axis, shape = node.parameter + 1, (g.shape[0], *node.args[0].shape)
+    return (IntervalArray(np.expand_dims(g.lo, axis), np.expand_dims(g.hi, axis)).broadcast_to(shape),)
 
 
 def _sum_of_others(e: Arithmetic, terms: IntervalArray) -> IntervalArray:
@@ -185,18 +216,22 @@ def _div_derivative(e: Arithmetic, node: Expr, out: IntervalArray, xs: Values) -
 
 
 TABLE: dict[str, Operation] = {
-    "neg": Operation(lambda e, n, xs: e.neg(xs[0]), lambda e, n, out, xs: (e.neg(out),)),
-    "index": Operation(_index_forward, _index_backward),
-    "sum": Operation(lambda e, n, xs: e.sum(xs[0], n.parameter + 1), _sum_backward),
+    "neg": Operation(
+        lambda e, n, xs: e.neg(xs[0]), lambda e, n, out, xs: (e.neg(out),), adjoint=lambda e, n, g: (_negated(e, g),)
+    ),
+    "index": Operation(_index_forward, _index_backward, adjoint=_index_adjoint),
+    "sum": Operation(lambda e, n, xs: e.sum(xs[0], n.parameter + 1), _sum_backward, adjoint=_sum_adjoint),
     "add": Operation(
         lambda e, n, xs: e.add(*_aligned(n, xs)),
         lambda e, n, out, xs: (e.sub(out, align(xs[1], n.ndim)), e.sub(out, align(xs[0], n.ndim))),
         lambda e, n, out, xs: (_one(), _one()),
+        lambda e, n, g: (g, g),
     ),
     "sub": Operation(
         lambda e, n, xs: e.sub(*_aligned(n, xs)),
         lambda e, n, out, xs: (e.add(out, align(xs[1], n.ndim)), e.sub(align(xs[0], n.ndim), out)),
         lambda e, n, out, xs: (_one(), _one(-1.0)),
+        lambda e, n, g: (g, _negated(e, g)),
     ),
     "mul": Operation(
         lambda e, n, xs: e.mul(*_aligned(n, xs)),

@@ -51,11 +51,11 @@ def _wanted(root: Expr) -> set[bytes]:
     wanted = {root.digest}
     for node in reversed(topological((root,))):
         if node.digest in wanted:
-            wanted.update(arg.digest for arg in node.args if _passes_down(node, arg))
+            wanted.update(arg.digest for arg in node.args if passes_down(node, arg))
     return wanted
 
 
-def _passes_down(node: Expr, arg: Expr) -> bool:
+def passes_down(node: Expr, arg: Expr) -> bool:
     """Whether element k of the node is computed from row k of the argument alone."""
     if not arg.shape or not node.shape or arg.shape[0] != node.shape[0]:
         return False
@@ -79,12 +79,12 @@ def _selected(node: Expr, rows: Rows, done: dict[bytes, Expr]) -> Expr:
         return replace(node, shape=shape, data=node.data[rows])
     if not node.args or (node.op == "sum" and node.parameter == 0):  # of all rows: select from the result
         return node[rows]
-    below = tuple(done[arg.digest] if _passes_down(node, arg) else arg for arg in node.args)
+    below = tuple(done[arg.digest] if passes_down(node, arg) else arg for arg in node.args)
     if node.op != "index":
         return replace(node, args=below, shape=shape)
     assert isinstance(node.data, np.ndarray)
     chosen = node.data.reshape((node.shape[0], -1))[rows]
-    if _passes_down(node, node.args[0]):
+    if passes_down(node, node.args[0]):
         width = max(int(np.prod(node.args[0].shape[1:])), 1)
         chosen = np.arange(len(rows))[:, None] * width + chosen % width
     return replace(node, args=below, shape=shape, data=chosen.reshape(shape))

@@ -38,6 +38,15 @@ class Tape:
     def slot(self, expr: Expr) -> int:
         return self._slot[expr.digest]
 
+    def arguments(self, k: int) -> tuple[int, ...]:
+        """Slots of the arguments of the node in slot k."""
+        return self._args[k]
+
+    @property
+    def variables(self) -> dict[int, slice]:
+        """Slots of the variables, and where each stands in a flat box."""
+        return self._position
+
     @property
     def readings(self) -> list[int]:
         """Slots of the readings, in order."""

@@ -242,7 +242,7 @@ def test_bad_options_are_reported_together(bent: Campaign) -> None:
     with pytest.raises(InputError) as error:
         certify(bent, legs=[0, 1, 1], delta=-1.0, center="mean", gap=1.0, time_limit=0.0, eps=float("nan"))
     assert len(error.value.problems) == 7
-    with pytest.raises(PluginError, match="hc4, lifted"):
+    with pytest.raises(PluginError, match=r"hc4, .*lifted"):
         certify(bent, contractors=["none"])
     with pytest.raises(InputError, match="float64"):
         certify(bent, arithmetic="float32")

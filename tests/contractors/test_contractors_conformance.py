@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
-from contractors import HC4, Fixpoint, Lifted, Then, Union, fixpoint
+from contractors import HC4, Beaumont, Fixpoint, Krawczyk, Lifted, LinearSystem, Then, Union, fixpoint
 from cpcal import plugins
 from cpcal.errors import PluginError
-from cpcal.interfaces import Contraction, Contractor, Step
+from cpcal.interfaces import Contraction, Contractor, Polyhedron, Step
 from cpcal.interval import Box
 from cpcal.network import ConstraintNetwork
 from cpcal.plugins import ContractorFactory
@@ -32,6 +34,12 @@ def repeated(network: ConstraintNetwork, **options: Any) -> Contractor:
 
 
 ALGEBRA = {"then": then, "union": union, "fixpoint": repeated}
+VARIANTS = {
+    "krawczyk with slopes": partial(Krawczyk, slopes=True),
+    "beaumont with slopes": partial(Beaumont, slopes=True, most=3),
+    "gauss": partial(LinearSystem, method="gauss"),
+    "rump": partial(LinearSystem, method="rump"),
+}
 FACTORIES = {name: plugins.load(name) for name in plugins.found()} | ALGEBRA
 
 
@@ -41,8 +49,14 @@ def test_conformance(name: str, check: str) -> None:
     CONFORMANCE[check](FACTORIES[name])
 
 
+@pytest.mark.parametrize("check", ["keeps_solutions", "never_widens", "steps_agree"])
+@pytest.mark.parametrize("name", VARIANTS)
+def test_conformance_of_variants(name: str, check: str) -> None:
+    CONFORMANCE[check](VARIANTS[name])
+
+
 def test_ours_are_found_by_entry_point() -> None:
-    assert {"hc4", "lifted"} <= set(plugins.found())
+    assert {"hc4", "lifted", "krawczyk", "beaumont", "linear_system"} <= set(plugins.found())
 
 
 @pytest.mark.parametrize("seed", [0, 7])
@@ -133,6 +147,21 @@ def claim_empty(box: Box, result: Contraction) -> Contraction:
     return Contraction(box, (Step("x", None, "", np.nan),))
 
 
+def halve_by_polyhedron(box: Box, result: Contraction) -> Contraction:
+    row = np.eye(len(box))[:1]
+    return replace(result, polyhedron=Polyhedron(box.names, row, row @ np.nan_to_num(box.mid)))
+
+
+def rename_polyhedron(box: Box, result: Contraction) -> Contraction:
+    row = np.zeros((1, len(box)))
+    return replace(result, polyhedron=Polyhedron(("nobody",) * len(box), row, np.ones(1)))
+
+
+def waver_in_polyhedron(box: Box, result: Contraction) -> Contraction:
+    row = np.zeros((1, len(box)))
+    return replace(result, polyhedron=Polyhedron(box.names, row, np.array([float(next(_COUNTER))])))
+
+
 def scribble(box: Box, result: Contraction) -> Contraction:
     if not box.is_empty:
         object.__setattr__(box, "lo", np.nextafter(box.lo, -np.inf))
@@ -150,6 +179,9 @@ BROKEN = {
     "no promise": (spoilt(lambda box, result: result, idempotent=None), "is_idempotent_if_promised"),
     "waver": (spoilt(waver), "is_deterministic"),
     "waver in steps": (spoilt(waver_in_steps), "is_deterministic"),
+    "polyhedron": (spoilt(halve_by_polyhedron), "keeps_solutions"),
+    "waver in rows": (spoilt(waver_in_polyhedron), "is_deterministic"),
+    "rename rows": (spoilt(rename_polyhedron), "never_widens"),
     "lambda": (spoilt(lambda box, result: result), "pickles"),
     "scribble": (spoilt(scribble), "leaves_input_alone"),
     "invent": (spoilt(invent_variable), "steps_agree"),
@@ -246,7 +278,7 @@ def test_fixpoint_stops_on_empty_and_refuses_a_senseless_ratio(network: Constrai
 
 
 def test_unknown_contractor_is_an_error_that_lists_those_found(network: ConstraintNetwork) -> None:
-    with pytest.raises(PluginError, match=r"hc4, lifted.*cpcal\.contractors"):
+    with pytest.raises(PluginError, match=r"hc4, .*lifted.*cpcal\.contractors"):
         plugins.build(network, ["hc5"])
     with pytest.raises(PluginError, match="at least one"):
         plugins.build(network, [])

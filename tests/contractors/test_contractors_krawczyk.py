@@ -1,0 +1,287 @@
+"""krawczyk and beaumont: examples from the literature, and what no polyhedron may lose."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contractors import HC4, Beaumont, Krawczyk, fixpoint
+from contractors.interval_rows import IntervalRows, beaumont, inequalities, krawczyk
+from cpcal.calibration import leg_box, leg_network
+from cpcal.interfaces import Contraction
+from cpcal.interval import Box, IntervalArray, get_arithmetic
+from cpcal.network import ConstraintNetwork, evaluate, maximum, minimum, sqr, sqrt
+from cpcal.robot import Campaign, simulate
+from cpcal.robot.simulate import true_robot
+
+Floats = npt.NDArray[np.float64]
+SEEDS = st.integers(0, 2**32 - 1)
+KINDS = {"krawczyk": Krawczyk, "beaumont": Beaumont}
+
+
+def brown(lo: float, hi: float, n: int = 5) -> ConstraintNetwork:
+    """Brown's almost linear system: x_i + sum x = n + 1, the last equation prod x = 1; a root is (1, ..., 1)."""
+    net = ConstraintNetwork()
+    x = net.variable("x", n, (lo, hi))
+    product = x[0]
+    for k in range(1, n):
+        product = product * x[k]
+    net.add([(x + x.sum(0))[:-1] == n + 1.0, product == 1.0])
+    return net
+
+
+@pytest.mark.parametrize(
+    ("kind", "lo", "hi"), [("krawczyk", 0.95, 1.07), ("beaumont", 0.95, 1.07), ("beaumont", 0.8, 1.3)]
+)
+@pytest.mark.parametrize("slopes", [False, True])
+def test_solves_browns_almost_linear_system_where_hc4_contracts_nothing(
+    kind: str, lo: float, hi: float, slopes: bool
+) -> None:
+    net = brown(lo, hi)
+    assert fixpoint(HC4(net)).contract(net.domain).box == net.domain
+    found = KINDS[kind](net, slopes=slopes).contract(net.domain)
+    assert np.ones(5) in found.box
+    assert found.box.width.max() < 1e-9
+    assert found.polyhedron is not None
+    assert [1.0] * 5 in found.polyhedron
+
+
+def test_the_corners_of_beaumont_see_what_krawczyk_does_not() -> None:
+    net = brown(0.8, 1.3)
+    assert Krawczyk(net).contract(net.domain).box["x[4]"].width > 0.49
+
+
+def test_slopes_contract_more_than_derivatives() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (1.5, 2.6)), net.variable("y", (), (0.6, 1.5))
+    net.add([sqr(x) + sqr(y) == 5, x * y == 2, x - y <= 1.1])
+    widths = [Krawczyk(net, slopes=slopes, most=1).contract(net.domain).box.width.sum() for slopes in (True, False)]
+    assert widths[0] < 0.8 * widths[1]
+    assert widths[1] <= net.domain.width.sum()
+
+
+# interval linear systems ------------------------------------------------------------------------------------
+
+
+def linear(matrix: tuple[Floats, Floats], right: tuple[Floats, Floats], lo: Floats, hi: Floats) -> ConstraintNetwork:
+    """A x = b for SOME A and b in their sets."""
+    net = ConstraintNetwork()
+    x = net.variable("x", len(lo), (lo, hi))
+    A, b = (net.reading((u + v) / 2, (v - u) / 2) for u, v in (matrix, right))
+    net.add((A * x).sum(-1) == b)
+    return net
+
+
+BARTH_NUDING = (
+    (np.array([[2.0, -2], [-1, 2]]), np.array([[4.0, 1], [2, 4]])),
+    (np.full(2, -2.0), np.full(2, 2.0)),
+)
+HANSEN = ((np.array([[2.0, 0], [1, 2]]), np.array([[3.0, 1], [2, 3]])), (np.array([0.0, 60]), np.array([120.0, 240])))
+NEUMAIER = (  # 3.5 on the diagonal, [0, 2] elsewhere
+    (3.5 * np.eye(3), 3.5 * np.eye(3) + 2 * (1 - np.eye(3))),
+    (np.full(3, -1.0), np.full(3, 1.0)),
+)
+HULLS = {  # checked below against the vertices of the sign pieces
+    "barth-nuding": (BARTH_NUDING, [-4, -4], [4, 4]),
+    "hansen": (HANSEN, [-120, -60], [90, 240]),
+    "neumaier": (NEUMAIER, [-30 / 17] * 3, [30 / 17] * 3),
+}
+
+
+@pytest.mark.parametrize("name", HULLS)
+def test_beaumont_gives_the_exact_hull_where_the_signs_are_known(name: str) -> None:
+    """Orthant by orthant the inequalities of Oettli and Prager are linear; krawczyk's polyhedron is wider."""
+    (matrix, right), lo, hi = HULLS[name]
+    n = len(lo)
+    hulls: dict[str, list[Box]] = {kind: [] for kind in KINDS}
+    for signs in itertools.product([-1.0, 1.0], repeat=n):
+        ends = np.sort([np.zeros(n), 300.0 * np.array(signs)], axis=0)
+        net = linear(matrix, right, *ends)
+        for kind, make in KINDS.items():
+            hulls[kind].append(make(net).contract(net.domain).box)
+    bounds = {kind: ([b.lo for b in boxes], [b.hi for b in boxes]) for kind, boxes in hulls.items()}
+    assert np.nanmin(bounds["beaumont"][0], axis=0) == pytest.approx(lo)
+    assert np.nanmax(bounds["beaumont"][1], axis=0) == pytest.approx(hi)
+    wider = np.nanmax(bounds["krawczyk"][1], axis=0) - np.nanmin(bounds["krawczyk"][0], axis=0)
+    assert (wider > 1.2 * (np.array(hi) - lo)).all()
+
+
+def test_beaumont_beats_krawczyk_and_hc4_in_one_orthant() -> None:
+    net = linear(*BARTH_NUDING, np.zeros(2), np.full(2, 300.0))
+    exact = Beaumont(net, most=1).contract(net.domain).box
+    assert exact.hi == pytest.approx([4, 3])
+    for other in (Krawczyk(net), HC4(net), fixpoint(HC4(net))):  # hc4 gets there in many sweeps
+        assert (other.contract(net.domain).box.hi > [4.2, 3.1]).all()
+
+
+def test_about_the_midpoint_both_decompositions_are_one() -> None:
+    rng = np.random.default_rng(0)
+    rows = IntervalRows(
+        np.zeros(3),
+        IntervalArray.around(rng.normal(size=5), 0.1),
+        IntervalArray.around(rng.normal(size=(5, 3)), rng.random((5, 3))),
+        np.zeros((5, 2), dtype=np.intp),
+    )
+    box = Box(["x", "y", "z"], [-1.0, -2, -3], [1.0, 2, 3])
+    np.testing.assert_array_equal(krawczyk(rows, box), beaumont(rows, box))
+    inside = Box(["x", "y", "z"], [0.0, 0, -3], [1.0, 2, 0])
+    sharp = beaumont(rows, inside)
+    np.testing.assert_allclose(sharp[:, :2], rows.matrix.lo[:, :2])
+    np.testing.assert_allclose(sharp[:, 2], rows.matrix.hi[:, 2])
+
+
+@pytest.mark.parametrize("engine", ["float64", "arb"])
+@pytest.mark.parametrize("decomposition", [krawczyk, beaumont, "any"])
+@settings(max_examples=30, deadline=None)
+@given(seed=SEEDS)
+def test_inequalities_hold_for_all_solutions_of_the_interval_rows(
+    decomposition: object, engine: str, seed: int
+) -> None:
+    """`v + A (x - c) <= 0` for one A and v in their sets: x, rounded to float64, is moved inside by a hair."""
+    rng = np.random.default_rng(seed)
+    c, x = rng.normal(0, 100, 3), rng.normal(0, 100, 3)
+    matrix = IntervalArray.around(rng.normal(size=(6, 3)), 10.0 ** rng.uniform(-6, 0) * rng.random((6, 3)))
+    some = rng.uniform(matrix.lo, matrix.hi)
+    value = -some @ (x - c) - 1e-9
+    rows = IntervalRows(c, IntervalArray.around(value, rng.random(6)), matrix, np.zeros((6, 2), dtype=np.intp))
+    box = Box(["x", "y", "z"], x - rng.uniform(0, 9, 3), x + rng.uniform(0, 9, 3))
+    choice = decomposition if callable(decomposition) else lambda rows, box: rng.normal(size=rows.matrix.shape)
+    assert x in inequalities(get_arithmetic(engine), rows, box, choice)
+
+
+def test_both_engines_give_the_same_boxes() -> None:
+    net = brown(0.8, 1.3)
+    for make in KINDS.values():
+        fast, tight = (make(net, arithmetic=name, most=2).contract(net.domain).box for name in ("float64", "arb"))
+        np.testing.assert_allclose(fast.lo, tight.lo, atol=1e-9)
+        np.testing.assert_allclose(fast.hi, tight.hi, atol=1e-9)
+
+
+# nonlinear networks -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_never_loses_the_true_leg_within_its_reading_sets(kind: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    campaign = simulate(seed=seed, truncate=3.0, noise=float(10 ** rng.uniform(-2, 1)), random_poses=12, extremal=False)
+    truth = true_robot(campaign)
+    assert truth is not None
+    leg = int(rng.integers(1, 7))
+    x = truth.parameters[leg - 1]
+    center = x + rng.uniform(-1, 1, 7) * (delta := 10.0 ** rng.uniform(-3, 2))
+    net = leg_network(campaign, leg, leg_box(center, delta), engine=get_arithmetic("float64"), eps=(0.0, 10.0))
+    for slopes in (False, True):
+        found = KINDS[kind](net, objective="eps", slopes=slopes).contract(net.domain)
+        for eps in (0.0, 10.0):
+            assert np.append(x, eps) in found.box
+            assert found.polyhedron is None or np.append(x, eps) in found.polyhedron
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=25, deadline=None)
+@given(seed=SEEDS)
+def test_never_loses_a_point_that_touches_its_constraints(kind: str, seed: int) -> None:
+    """Kinks, poles, shared and own readings; the point lies on faces of the box and on the constraint's bound."""
+    rng = np.random.default_rng(seed)
+    point, slack = rng.normal(0, 2, 3), rng.normal(0, 1, 4)
+    net = ConstraintNetwork()
+    size = 10.0 ** rng.uniform(-4, 1) * rng.random((2, 3)) * rng.integers(0, 2, (2, 3))
+    x = net.variable("x", 3, (point - size[0], point + size[1]))
+    m, s = net.reading(slack, 0.1), net.reading(1.0, 0.2)
+    exprs = [
+        abs(m - x[0]) * s - maximum(m, x[1]) * x[2],
+        m / (sqr(x[0]) + 0.5) + sqrt(sqr(x[1] - m) + sqr(x[2])),
+        x[0] / x[1] + m * x[2] - minimum(m, x[0]) ** 3,
+        (m + s) * x[0] - s * x[1] + 2.0 * m,
+    ]
+    expr = exprs[rng.integers(len(exprs))]
+    here = evaluate(net, expr, net.domain.with_bounds(point, point), "natural", "arb")
+    net.add(expr.within((-np.inf, here.hi) if rng.random() < 0.5 else (here.lo, here.hi)))
+    for slopes in (False, True):
+        found = KINDS[kind](net, slopes=slopes).contract(net.domain)
+        assert point in found.box
+        assert found.polyhedron is None or point in found.polyhedron
+
+
+@pytest.fixture(scope="module")
+def exact_leg() -> ConstraintNetwork:
+    """Leg 1 of a noiseless DeltaLab platform, within 1 mm of a point 0.5 mm off."""
+    campaign = simulate(seed=1, noise=0.0)
+    truth = true_robot(campaign)
+    assert truth is not None
+    exact = Campaign.from_arrays(campaign.robot, campaign.position, campaign.quaternion, campaign.length)
+    center = truth.parameters[0] + 0.5 * np.array([1, -1, 1, 1, -1, 1, -1])
+    return leg_network(exact, 1, leg_box(center, 1.0), engine=get_arithmetic("float64"), eps=(0.0, 1e-3))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_contracts_a_leg_at_1_mm_where_hc4_contracts_nothing(kind: str, exact_leg: ConstraintNetwork) -> None:
+    net = exact_leg
+    by_hc4 = HC4(net).contract(net.domain).box
+    assert (by_hc4.width[:7] > 1.99).all()
+    found = KINDS[kind](net).contract(net.domain)
+    assert (found.box.width[:7] < 0.2).all()
+    assert all(step.rows for step in found.steps)
+
+
+def test_proves_emptiness_and_says_which_rows_did() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([x + y <= 1, x + y + 0.01 * sqr(x) >= 1.6, x - y <= 3])
+    for make in KINDS.values():
+        found = make(net).contract(net.domain)
+        assert found.box.is_empty
+        assert {row for step in found.steps for row in step.rows} == {(0, 0), (1, 0)}
+
+
+def test_point_is_the_optimum_of_the_objective() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([x + y >= 1, x - 2 * y <= 0.5])
+    found = Krawczyk(net, objective="x").contract(net.domain)
+    assert found.point is not None
+    assert found.point[0] == pytest.approx(-1.0)
+    assert found.box["x"].lo == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_round_is_monotone(kind: str) -> None:
+    """The loop is not, for it may stop earlier on a part; a round is, up to bounds that are met to 1e-3."""
+    rng = np.random.default_rng(4)
+    net = brown(0.2, 2.0, 4)
+    contractor = KINDS[kind](net, most=1)
+    for _ in range(20):
+        ends = np.sort(rng.uniform(0.2, 2.0, (4, 4)), axis=0)
+        big, small = net.domain.with_bounds(ends[0], ends[3]), net.domain.with_bounds(ends[1], ends[2])
+        outer, inner = contractor.contract(big).box, contractor.contract(small).box
+        room = 2e-3 * big.width
+        assert inner.is_empty or (inner.lo >= outer.lo - room).all()
+        assert inner.is_empty or (inner.hi <= outer.hi + room).all()
+
+
+@pytest.mark.parametrize("bounds", [(-np.inf, np.inf), (-1e200, 1e200), (0.0, 0.0), (-1.0, 4.0)])
+@pytest.mark.parametrize("kind", KINDS)
+def test_boxes_it_cannot_use_come_back_unharmed(kind: str, bounds: tuple[float, float]) -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), bounds), net.variable("y", (), (-3, 3))
+    net.add([(x * x * sqrt(x) + y * y * y).within((0, 1)), 1 / x <= 1e9])
+    found = KINDS[kind](net).contract(net.domain)
+    assert found.box.subset(net.domain)
+    if bounds[0] <= 0.5 <= bounds[1]:
+        assert (0.5, 0.5) in found.box
+
+
+def test_the_algebra_hands_the_polyhedron_on() -> None:
+    net = brown(0.8, 1.3)
+    parts: list[Contraction] = [
+        c.contract(net.domain) for c in (HC4(net) >> Krawczyk(net), Krawczyk(net) >> HC4(net), fixpoint(Krawczyk(net)))
+    ]
+    assert all(part.polyhedron is not None for part in parts)
+    assert (Krawczyk(net) | HC4(net)).contract(net.domain).polyhedron is None
