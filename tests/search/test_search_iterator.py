@@ -12,10 +12,8 @@ from cpcal import Interval, Limits, Network, Verdict
 from cpcal.interfaces import Contraction
 from cpcal.interval import Box
 from cpcal.network import ConstraintNetwork
-from cpcal.search import EventKind, LargestFirst, Search, Smear
-from cpcal.search.search import breadth_first
+from cpcal.search import EventKind, LargestFirst, Paving, Search, Smear, breadth_first
 from cpcal.search.strategies import bisect
-from cpcal.solver import Paving
 
 
 def ring() -> ConstraintNetwork:
