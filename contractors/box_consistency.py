@@ -124,7 +124,8 @@ class BoxConsistency(Composable):
 def _graded(lo: float, hi: float, tolerance: float) -> list[tuple[float, float]]:
     """A cover of an interval by pieces that are finest, of size `tolerance`, at both ends and double inwards."""
     half = 0.5 * hi - 0.5 * lo
-    steps = tolerance * (2.0 ** np.arange(1, 64) - 1.0)
+    with np.errstate(over="ignore"):
+        steps = tolerance * (2.0 ** np.arange(1, 64) - 1.0)
     steps = steps[steps < half]
     ends = np.unique(np.clip(np.concatenate([[lo, hi], lo + steps, hi - steps]), lo, hi))
     return [(float(a), float(b)) for a, b in itertools.pairwise(ends)]

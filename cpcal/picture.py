@@ -58,8 +58,6 @@ def _fill(axes: Axes, boxes: Sequence[Box], pair: tuple[int, int], colour: str) 
     """The projections of boxes as rectangles, one path each."""
     if not boxes:
         return
-    lo, hi = (
-        np.stack([bound[list(pair)] for bound in bounds]) for bounds in zip(*((b.lo, b.hi) for b in boxes), strict=True)
-    )
+    lo, hi = np.stack([box.lo[list(pair)] for box in boxes]), np.stack([box.hi[list(pair)] for box in boxes])
     corners = np.stack([lo, np.stack([hi[:, 0], lo[:, 1]], 1), hi, np.stack([lo[:, 0], hi[:, 1]], 1)], axis=1)
     axes.add_collection(PolyCollection(list(corners), facecolors=colour, edgecolors=_LINE, linewidths=0.2))

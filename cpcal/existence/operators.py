@@ -87,7 +87,8 @@ def unknowns(linear: Linearization, box: IntervalArray) -> tuple[Indices, Indice
     m, size = linear.jacobian.shape[0], min(linear.jacobian.shape[0], len(free))
     if size == 0:
         return None
-    scaled = (linear.jacobian.mid * (box.hi - box.lo))[:, free]
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = (linear.jacobian.mid * (box.hi - box.lo))[:, free]
     if not np.isfinite(scaled).all():
         return None
     rows, columns = np.arange(m), free

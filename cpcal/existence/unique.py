@@ -11,18 +11,19 @@ import numpy.typing as npt
 from cpcal.errors import ModelError
 from cpcal.existence.equalities import Equalities
 from cpcal.existence.inside import Inside
-from cpcal.existence.operators import Operator, hansen_sengupta, inside
+from cpcal.existence.operators import Operator, hansen_sengupta, inside, krawczyk
 from cpcal.interval import Arithmetic, Box, IntervalArray
 from cpcal.network import ConstraintNetwork
 
 Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 
 _POLISH = 12  # Newton steps in floating point before anything is proved
-_INFLATIONS = 8
+_AROUND = 4  # inflations of a box
+_FROM_POINT = 10  # and of a point
 _REFINEMENTS = 20
-_INFLATE = 0.1  # of the radius
+_INFLATE = 0.1  # of the width, on both sides
 _FLOATS = 32  # units in the last place that are added as well
+_LEAST = 1e-16  # of the domain, so that a zero at 0 gets some room
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,10 @@ class UniquenessProver:
         self._equalities = Equalities(network)
         self._rest = Inside(self._equalities.rest, engine)
         self._columns = np.flatnonzero(self._domain.hi > self._domain.lo)
-        self._rows = np.arange(self._equalities.count)
+        self._free = np.zeros(len(self._domain))
+        self._free[self._columns] = 1.0
+        width = self._domain.width
+        self._least = np.where(np.isfinite(width), _LEAST * width, 0.0)
 
     @property
     def applies(self) -> bool:
@@ -65,9 +69,8 @@ class UniquenessProver:
         center = None if box.is_empty else self._polished(box)
         if center is None:
             return None
-        # some slack, so that a zero on a face of the box is no obstacle
-        wide = self._inflated(IntervalArray(np.minimum(box.lo, center), np.maximum(box.hi, center)))
-        return self._attempt(wide, center) or self._grown(center)
+        around = IntervalArray(np.minimum(box.lo, center), np.maximum(box.hi, center))
+        return self._grown(around, center, _AROUND) or self._grown(IntervalArray.point(center), center, _FROM_POINT)
 
     def _polished(self, box: Box) -> Floats | None:
         """An approximate zero near the box, by Newton's method in floating point."""
@@ -90,19 +93,34 @@ class UniquenessProver:
                 break
         return point
 
-    def _attempt(self, region: IntervalArray, center: Floats) -> Unique | None:
-        """Strict inclusion on a region, then the zero narrowed down and the other constraints checked."""
-        found = self._image(region, center)
-        if found is None or not inside(found, region, self._columns):
-            return None
-        narrow = found
-        for _ in range(_REFINEMENTS):
-            image = self._image(narrow, narrow.mid)
+    def _grown(self, start: IntervalArray, center: Floats, tries: int) -> Unique | None:
+        """Epsilon-inflation: a region that grows by its own image until N(region) lies in its interior."""
+        region = self._inflated(start)
+        for _ in range(tries):
+            image = self._image(self._operator, region, center)
             if image is None or bool(image.empty.any()):
+                return None
+            if inside(image, region, self._columns):
+                return self._checked(image, region)
+            larger = self._image(krawczyk, region, center)
+            if larger is None:
+                return None
+            # only where it has to be: what one component gains makes the image of the others larger
+            tight = (larger.lo <= region.lo) | (larger.hi >= region.hi)
+            grown = self._inflated(region.hull(larger))
+            region = IntervalArray(np.where(tight, grown.lo, region.lo), np.where(tight, grown.hi, region.hi))
+        return None
+
+    def _checked(self, image: IntervalArray, region: IntervalArray) -> Unique | None:
+        """The zero in `image` narrowed down, if the other constraints hold where it is."""
+        narrow = image
+        for _ in range(_REFINEMENTS):
+            new = self._image(self._operator, narrow, narrow.mid)
+            if new is None or bool(new.empty.any()):
                 break
-            image = image.intersect(narrow)
-            progress = bool(((image.hi - image.lo) < 0.5 * (narrow.hi - narrow.lo)).any())
-            narrow = image
+            new = new.intersect(narrow)
+            progress = bool(((new.hi - new.lo) < 0.5 * (narrow.hi - narrow.lo)).any())
+            narrow = new
             if not progress:
                 break
         tight = self._domain.with_bounds(narrow.lo, narrow.hi)
@@ -110,36 +128,20 @@ class UniquenessProver:
             return None
         return Unique(tight, self._domain.with_bounds(region.lo, region.hi))
 
-    def _grown(self, center: Floats) -> Unique | None:
-        """Epsilon-inflation: the image of a small box, made a little larger, until it maps into itself."""
-        region = self._inflated(IntervalArray.point(center))
-        for _ in range(_INFLATIONS):
-            found = self._attempt(region, center)
-            if found is not None:
-                return found
-            rad = 4.0 * (region.hi - region.lo)
-            region = self._inflated(IntervalArray(center - rad * self._free, center + rad * self._free))
-        return None
-
-    @property
-    def _free(self) -> Floats:
-        free = np.zeros(len(self._domain))
-        free[self._columns] = 1.0
-        return free
-
-    def _image(self, region: IntervalArray, center: Floats) -> IntervalArray | None:
+    def _image(self, operator: Operator, region: IntervalArray, center: Floats) -> IntervalArray | None:
         """N(region); None where it is not defined or not bounded."""
         box = self._domain.with_bounds(region.lo, region.hi)
-        linear = self._equalities.linearize(self._engine, box, center)
+        linear = self._equalities.linearize(self._engine, box, center) if box.is_bounded else None
         if linear is None:
             return None
         with np.errstate(all="ignore"):
-            return self._operator(self._engine, linear, self._columns, box.array)
+            return operator(self._engine, linear, self._columns, box.array)
 
     def _inflated(self, x: IntervalArray) -> IntervalArray:
         """A little larger in every unknown."""
-        more = (_INFLATE * (x.hi - x.lo) + _FLOATS * np.spacing(x.mag)) * self._free
-        return IntervalArray(x.lo - more, x.hi + more)
+        with np.errstate(over="ignore"):
+            more = _INFLATE * (x.hi - x.lo) + _FLOATS * np.spacing(x.mag) + self._least
+            return IntervalArray(x.lo - more * self._free, x.hi + more * self._free)
 
 
 def prove_unique(network: ConstraintNetwork, where: Box | Sequence[float] | Floats, engine: Arithmetic) -> Box | None:

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contractors import HC4, Fixpoint, Lifted, Then, Union, fixpoint
+from contractors import HC4, Cid, Fixpoint, Lifted, Newton, Shaving, Then, Union, fixpoint
 from cpcal import plugins
 from cpcal.errors import PluginError
+from cpcal.existence import krawczyk
 from cpcal.interfaces import Contraction, Contractor, Step
 from cpcal.interval import Box
 from cpcal.network import ConstraintNetwork
@@ -31,8 +32,21 @@ def repeated(network: ConstraintNetwork, **options: Any) -> Contractor:
     return fixpoint(HC4(network, **options), ratio=0.99)
 
 
+def shaved(network: ConstraintNetwork, **options: Any) -> Contractor:
+    return Shaving(HC4(network, **options) >> Newton(network, **options), adaptive=False, most=3)
+
+
+def sliced(network: ConstraintNetwork, **options: Any) -> Contractor:
+    return Cid(fixpoint(HC4(network, **options)), slices=2)
+
+
+def krawczyk_only(network: ConstraintNetwork, **options: Any) -> Contractor:
+    return Newton(network, operator=krawczyk, **options)
+
+
 ALGEBRA = {"then": then, "union": union, "fixpoint": repeated}
-FACTORIES = {name: plugins.load(name) for name in plugins.found()} | ALGEBRA
+VARIANTS = {"shaving fixed": shaved, "cid once": sliced, "newton krawczyk": krawczyk_only}
+FACTORIES = {name: plugins.load(name) for name in plugins.found()} | ALGEBRA | VARIANTS
 
 
 @pytest.mark.parametrize("check", CONFORMANCE)
@@ -42,7 +56,9 @@ def test_conformance(name: str, check: str) -> None:
 
 
 def test_ours_are_found_by_entry_point() -> None:
-    assert {"hc4", "lifted"} <= set(plugins.found())
+    ours = {"box", "cid", "hc4", "lifted", "newton", "qinter", "shaving"}
+    assert ours <= set(plugins.found())
+    assert "lp" in plugins.found(plugins.STRATEGY_GROUP)
 
 
 @pytest.mark.parametrize("seed", [0, 7])

@@ -184,15 +184,15 @@ def solution_boxes(paving: Paving) -> list[Box]:
     return [solution.box for solution in paving.solutions]
 
 
-def test_solve_encloses_all_solutions_and_proves_nothing_more() -> None:
+def test_solve_encloses_all_solutions_and_proves_each() -> None:
     paving = two_roots().solve(width=1e-6)
     assert paving.complete
     found = solution_boxes(paving)
     assert any((4, 3) in box for box in found)
     assert any((-3, -4) in box for box in found)
     assert all(box.width.max() <= 1e-6 for box in found)
-    assert {solution.verdict for solution in paving.solutions} == {Verdict.UNKNOWN}
-    assert "not proved" in paving.status
+    assert [solution.verdict for solution in paving.solutions] == [Verdict.PROVED, Verdict.PROVED]
+    assert paving.status == "2 boxes hold exactly one solution each, and there are no others: proved."
 
 
 def test_solve_proves_that_there_is_none() -> None:
