@@ -17,7 +17,7 @@ from cpcal.network import ConstraintNetwork
 
 
 class Newton(Composable):
-    """Repeats the operator (`hansen_sengupta` or `krawczyk`) as long as it pays. Bounded boxes only.
+    """Repeats the operator (`hansen_sengupta` or `krawczyk`) while it halves some width. Bounded boxes only.
 
     With more equations than unknowns the best conditioned ones are taken; with fewer, some components stay as they
     are and count as parameters. Inequalities are ignored.
@@ -43,7 +43,7 @@ class Newton(Composable):
         after = box
         for _ in range(self._most):
             before, after = after, self._pass(after)
-            if after.is_empty or not shrunk(before, after, 0.9):
+            if after.is_empty or not shrunk(before, after, 0.5):
                 break
         if after.is_empty and not box.is_empty:
             return Contraction(after, (Step("newton", None, "", np.nan),))

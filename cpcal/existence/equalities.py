@@ -54,14 +54,15 @@ class Equalities:
         The Jacobian encloses the derivatives (where they exist) at all points of the box, so that it encloses all
         slopes (F(x) - F(y)) between two of its points.
         """
+        both = IntervalArray(np.stack([box.lo, center]), np.stack([box.hi, center]))
         with np.errstate(all="ignore"):
-            slots = self._tape.forward(engine, IntervalArray(box.lo[None], box.hi[None]))
+            slots = self._tape.forward(engine, both)
             if not self._tape.defined(slots):
                 return None
+            value = self._values([slots[self._tape.slot(root)][-1:] for root in self._tape.roots])
+            slots = [slot[:1] for slot in slots]
             tangents = self._tape.tangents(engine, slots, self._seeds)
             jacobian = self._stacked([tangents[self._tape.slot(root)] for root in self._tape.roots])
-            at = self._tape.forward(engine, IntervalArray.point(center[None]))
-            value = self._values([at[self._tape.slot(root)] for root in self._tape.roots])
         bounds = (jacobian.lo, jacobian.hi, value.lo, value.hi)
         if not all(bool(np.isfinite(bound).all()) for bound in bounds):
             return None

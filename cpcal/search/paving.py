@@ -26,8 +26,8 @@ class Paving:
     """Every solution in the domain lies in one of `solutions` or of `inside`; `complete` is False when a limit came
     first. `status` says it in a sentence.
 
-    `inside` (all points are solutions) and `outside` (none is) are filled by `solve(inner=True)`; with the boxes of
-    `solutions` they cover the domain.
+    `inside` (all points are solutions) and `outside` (none is, but on faces shared with other boxes) are filled by
+    `solve(inner=True)`; with the boxes of `solutions` they cover the domain.
     """
 
     complete: bool

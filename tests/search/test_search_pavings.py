@@ -120,9 +120,9 @@ def within(points: np.ndarray[Any, Any], boxes: tuple[Box, ...]) -> np.ndarray[A
 @pytest.mark.parametrize("order", ORDERS)
 def test_every_strategy_and_order_gives_a_correct_paving(strategy: str, order: str) -> None:
     net = annulus()
-    paving = net.solve(width=0.4, contractors=("hc4",), strategy=strategy, order=order, inner=True)
+    paving = net.solve(width=0.6, contractors=("hc4",), strategy=strategy, order=order, inner=True)
     assert paving.complete
-    assert net.solve(width=0.4, contractors=("hc4",), strategy=strategy, order=order, inner=True) == paving
+    assert net.solve(width=0.6, contractors=("hc4",), strategy=strategy, order=order, inner=True) == paving
     assert Interval(3 * np.pi).subset(paving.volume)
     points = np.random.default_rng(1).uniform(-3, 3, (2000, 2))
     square = (points**2).sum(axis=1)
@@ -218,7 +218,7 @@ def test_readings_have_inner_boxes_only_where_that_is_proved() -> None:
     net = Network()
     p = net.variable("p", 2, (-2, 2))
     net.add(norm(p) == net.reading(1.0, 0.25))
-    paving = net.solve(width=0.1, contractors=("hc4",), inner=True)
+    paving = net.solve(width=0.2, contractors=("hc4",), inner=True)
     assert paving.inside
     for box in paving.inside:
         corners = np.array(list(itertools.product(*zip(box.lo, box.hi, strict=True))))
