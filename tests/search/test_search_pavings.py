@@ -90,7 +90,7 @@ def test_a_limit_or_ctrl_c_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
     def covers(paving: Paving) -> bool:
         return all(any(point in s.box for s in paving.solutions) for point in points)
 
-    for nodes in range(1, 20):
+    for nodes in range(1, 20, 4):
         paving = net.solve(contractors=("hc4",), limits=Limits(nodes=nodes), inner=True)
         assert covers(paving)
     assert covers(net.solve(contractors=("hc4",)))
