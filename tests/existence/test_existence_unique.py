@@ -103,6 +103,34 @@ def test_the_known_solution_of_a_random_system_is_in_the_box(seed: int, engine: 
         assert solution in found.box
 
 
+@settings(max_examples=120, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), operator=st.sampled_from(sorted(OPERATORS)))
+def test_a_region_holds_exactly_one_of_all_the_known_zeros(seed: int, operator: str) -> None:
+    """A (p(x_1), ..., p(x_n)) = 0 for a regular A and a cubic p with known, sometimes close, zeros: 3^n of them."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 4))
+    roots = rng.integers(-8, 9, (n, 3)) / 4.0
+    roots[:, 1] = np.where(rng.random(n) < 0.5, roots[:, 0] + 2.0 ** -rng.integers(1, 30, n), roots[:, 1])
+    mixing = np.eye(n) + rng.integers(-1, 2, (n, n)) / 4.0
+    net = ConstraintNetwork()
+    x = net.variable("x", n, (-10, 10))
+    cubic = (x - roots[:, 0]) * (x - roots[:, 1]) * (x - roots[:, 2])
+    net.add(mixing @ cubic == 0)
+    middle = roots[np.arange(n), rng.integers(0, 3, n)] + rng.uniform(-1, 1, n) * 10.0 ** -rng.uniform(0, 9)
+    reach = 10.0 ** -rng.uniform(0, 9) * rng.random(n)
+    found = UniquenessProver(net, get_arithmetic("float64"), OPERATORS[operator]).prove(
+        Box(net.names, middle - reach, middle + reach)
+    )
+    if found is None or abs(np.linalg.det(mixing)) < 0.05:
+        return
+    for k in range(n):  # a double zero can be in no region
+        zeros, counts = np.unique(roots[k], return_counts=True)
+        held = (zeros >= found.region.lo[k]) & (zeros <= found.region.hi[k])
+        assert held.sum() == 1
+        assert counts[held].tolist() == [1]
+        assert found.box.lo[k] <= zeros[held][0] <= found.box.hi[k]
+
+
 def refused(build: Callable[[ConstraintNetwork, Expr, Expr], object], at: tuple[float, float]) -> None:
     net = ConstraintNetwork()
     x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
