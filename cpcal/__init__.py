@@ -11,7 +11,7 @@ from cpcal.interval import Box, Interval
 from cpcal.network import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
 from cpcal.result import LegResult, Result, load_result, save_result
 from cpcal.robot import Campaign, Robot, load_campaign, save_campaign, simulate
-from cpcal.solver import Network
+from cpcal.solver import Network, Paving, Solution
 from cpcal.version import __version__
 
 __all__ = [
@@ -28,9 +28,11 @@ __all__ = [
     "Limits",
     "ModelError",
     "Network",
+    "Paving",
     "PluginError",
     "Result",
     "Robot",
+    "Solution",
     "Step",
     "Strategy",
     "Verdict",

@@ -32,16 +32,17 @@ def difference(box: Box, part: Box) -> tuple[Box, ...]:
 def clusters(boxes: Sequence[Box]) -> npt.NDArray[np.intp]:
     """For each box the number of its cluster: boxes that touch, and those that touch them, are one cluster.
 
-    Clusters are numbered in the order of their first box. Sorted by the first component, boxes are compared only
-    with those that begin before they end.
+    Clusters are numbered in the order of their first box. Sorted by one component (of the most different ends), boxes
+    are compared only with those that begin before they end.
     """
     count = len(boxes)
-    if count == 0:
-        return np.zeros(0, dtype=np.intp)
+    if count == 0 or len(boxes[0]) == 0:
+        return np.zeros(count, dtype=np.intp)
     lo, hi = np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes])
-    order = np.argsort(lo[:, 0], kind="stable")
+    by = int(np.argmax([len(np.unique(column)) for column in lo.T]))
+    order = np.argsort(lo[:, by], kind="stable")
     lo, hi = lo[order], hi[order]
-    ends = np.searchsorted(lo[:, 0], hi[:, 0], side="right")
+    ends = np.searchsorted(lo[:, by], hi[:, by], side="right")
     first, second = [], []
     for i in range(count):
         others = np.arange(i + 1, ends[i])
