@@ -72,6 +72,26 @@ class UniquenessProver:
         around = IntervalArray(np.minimum(box.lo, center), np.maximum(box.hi, center))
         return self._grown(around, center, _AROUND) or self._grown(IntervalArray.point(center), center, _FROM_POINT)
 
+    def narrowed(self, box: Box) -> Box:
+        """The part of a bounded box that the operator leaves: it holds all its solutions, and may be empty."""
+        if not self.applies or box.is_empty or not box.is_bounded:
+            return box
+        left = self._narrowed(box.array)
+        return box.intersect(box.with_bounds(left.lo, left.hi))
+
+    def _narrowed(self, x: IntervalArray) -> IntervalArray:
+        """N(X) again and again, as long as it halves some width; NaN where X holds no zero."""
+        for _ in range(_REFINEMENTS):
+            image = self._image(self._operator, x, x.mid)
+            if image is None:
+                break
+            image = image.intersect(x)
+            halved = bool(((image.hi - image.lo) < 0.5 * (x.hi - x.lo)).any())
+            x = image
+            if not halved or bool(x.empty.any()):
+                break
+        return x
+
     def _polished(self, box: Box) -> Floats | None:
         """An approximate zero near the box, by Newton's method in floating point."""
         point, columns = box.mid, self._columns
@@ -113,18 +133,9 @@ class UniquenessProver:
 
     def _checked(self, image: IntervalArray, region: IntervalArray) -> Unique | None:
         """The zero in `image` narrowed down, if the other constraints hold where it is."""
-        narrow = image
-        for _ in range(_REFINEMENTS):
-            new = self._image(self._operator, narrow, narrow.mid)
-            if new is None or bool(new.empty.any()):
-                break
-            new = new.intersect(narrow)
-            progress = bool(((new.hi - new.lo) < 0.5 * (narrow.hi - narrow.lo)).any())
-            narrow = new
-            if not progress:
-                break
+        narrow = self._narrowed(image)
         tight = self._domain.with_bounds(narrow.lo, narrow.hi)
-        if not tight.subset(self._domain) or not self._rest(tight):
+        if tight.is_empty or not tight.subset(self._domain) or not self._rest(tight):
             return None
         return Unique(tight, self._domain.with_bounds(region.lo, region.hi))
 

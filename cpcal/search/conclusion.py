@@ -37,23 +37,32 @@ def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tupl
     if not prover.applies:
         return [], list(kept)
     found: list[Unique] = []
+    left = dict(enumerate(kept))
     labels = clusters(kept)
     try:
         for label in range(int(labels.max(initial=-1)) + 1):
-            members = [kept[int(k)] for k in np.flatnonzero(labels == label)]
-            for box in [hull(members), *(members if 1 < len(members) <= _SEVERAL else [])]:
-                if clock.over() or _covered(box, found):
-                    continue
-                proof = prover.prove(box)
-                if proof is not None:
-                    found.append(proof)
+            members = [int(k) for k in np.flatnonzero(labels == label)]
+            _try(prover, clock, hull([kept[k] for k in members]), found)
+            for k in members if len(members) <= _SEVERAL else []:
+                if len(members) > 1:
+                    _try(prover, clock, kept[k], found)
+                if not clock.over() and not _covered(kept[k], found):
+                    left[k] = prover.narrowed(kept[k])
     except KeyboardInterrupt:
         pass
     boxes: list[Box] = []
     for k, proof in enumerate(found):
         if not _covered(proof.box, found[:k]):  # else it is a solution that is known already
             boxes.append(proof.box)
-    return boxes, [box for box in kept if not _covered(box, found)]
+    return boxes, [box for box in left.values() if not box.is_empty and not _covered(box, found)]
+
+
+def _try(prover: UniquenessProver, clock: Clock, box: Box, found: list[Unique]) -> None:
+    """Add what can be proved about a box to what was found."""
+    if not clock.over() and not _covered(box, found):
+        proof = prover.prove(box)
+        if proof is not None:
+            found.append(proof)
 
 
 def _covered(box: Box, found: Sequence[Unique]) -> bool:
