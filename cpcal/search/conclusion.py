@@ -10,7 +10,7 @@ from cpcal.existence import Unique, UniquenessProver
 from cpcal.interfaces import Clock, Verdict
 from cpcal.interval import Box
 from cpcal.search.paving import Paving, Solution
-from cpcal.search.regions import clusters, hull
+from cpcal.search.regions import clusters, difference, hull
 from cpcal.search.search import Search
 
 _SEVERAL = 64  # boxes of a cluster that are tried one by one where its hull is not proved to hold one solution
@@ -25,7 +25,10 @@ def conclusion(search: Search, prover: UniquenessProver, clock: Clock, nodes: in
     labels = clusters([box for _, box in boxes])
     solutions = tuple(Solution(verdict, box, int(k)) for (verdict, box), k in zip(boxes, labels, strict=True))
     status = _sentence(len(proved), len(open_boxes), len(pending), len(search.inside))
-    return Paving(not pending, status, solutions, nodes, tuple(search.inside), tuple(search.outside))
+    outside = list(search.outside)
+    if search.wants_outside and prover.applies:
+        outside += _without(search.kept, proved + open_boxes)
+    return Paving(not pending, status, solutions, nodes, tuple(search.inside), tuple(outside))
 
 
 def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tuple[list[Box], list[Box]]:
@@ -68,6 +71,14 @@ def _try(prover: UniquenessProver, clock: Clock, box: Box, found: list[Unique]) 
 def _covered(box: Box, found: Sequence[Unique]) -> bool:
     """Whether a box can hold no solutions but those found."""
     return any(box.subset(proof.region) for proof in found)
+
+
+def _without(boxes: Sequence[Box], parts: Sequence[Box]) -> list[Box]:
+    """What is left of some boxes without others."""
+    pieces = list(boxes)
+    for part in parts:
+        pieces = [rest for piece in pieces for rest in difference(piece, piece.intersect(part))]
+    return pieces
 
 
 def _sentence(proved: int, unknown: int, pending: int, inside: int) -> str:

@@ -64,7 +64,7 @@ class Search(Iterator[Event]):
         outside: bool = False,
     ) -> None:
         self._contractor, self._strategy, self._priority = contractor, strategy, priority
-        self._is_inside, self._wants_outside = inside, outside
+        self._is_inside, self.wants_outside = inside, outside
         self._heap: list[tuple[float, int, Node]] = []
         self._current: Node | None = None
         self._created = 0
@@ -93,7 +93,7 @@ class Search(Iterator[Event]):
         box = contraction.box
         is_inside = not box.is_empty and self._is_inside is not None and self._is_inside(box)
         pieces = () if box.is_empty or is_inside else self._pieces(box, node.depth)
-        removed = difference(node.box, box) if self._wants_outside else ()
+        removed = difference(node.box, box) if self.wants_outside else ()
         children = tuple(self._push(piece, node.depth + (len(pieces) > 1)) for piece in pieces)
         if is_inside:
             self.inside.append(box)

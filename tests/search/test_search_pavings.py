@@ -73,6 +73,20 @@ def test_whatever_contracts_the_solutions_are_the_same(contractors: tuple[str, .
     assert len(paving.clusters) == 4
 
 
+def test_inside_outside_and_single_solutions_cover_the_domain() -> None:
+    net = Network()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([sqr(x) + sqr(y) == 2, sqr(x - 1) * (x + 1) == y - x])
+    paving = net.solve(width=0.05, contractors=("hc4",), inner=True)
+    assert proved(paving)
+    everything = (*paving.outside, *(s.box for s in paving.solutions))
+    points = np.random.default_rng(2).uniform(-2, 2, (2000, 2))
+    assert within(points, everything).all()
+    assert volume(everything).lo <= 16.0 <= volume(everything).hi + 1e-9
+    for box in proved(paving):
+        assert not within(box.mid[None], paving.outside).any()
+
+
 def test_a_double_solution_stays_unknown_next_to_a_proved_one() -> None:
     net = Network()
     x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
