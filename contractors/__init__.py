@@ -2,20 +2,36 @@
 
 from contractors.algebra import Composable, Fixpoint, Then, Union, fixpoint
 from contractors.beaumont import Beaumont
+from contractors.box_consistency import BoxConsistency
+from contractors.cid import Cid
 from contractors.hc4 import HC4
 from contractors.krawczyk import Krawczyk
 from contractors.lifted import Lifted
 from contractors.linear_system import LinearSystem
+from contractors.newton import Newton
+from contractors.qinter import QInter, qinter
+from contractors.separators import Separator, Violating
+from contractors.shaving import Shaving
+from contractors.violation import MostViolated
 
 __all__ = [
     "HC4",
     "Beaumont",
+    "BoxConsistency",
+    "Cid",
     "Composable",
     "Fixpoint",
     "Krawczyk",
     "Lifted",
     "LinearSystem",
+    "MostViolated",
+    "Newton",
+    "QInter",
+    "Separator",
+    "Shaving",
     "Then",
     "Union",
+    "Violating",
     "fixpoint",
+    "qinter",
 ]

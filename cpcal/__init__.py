@@ -12,7 +12,7 @@ from cpcal.judged import Judged
 from cpcal.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
 from cpcal.result import LegResult, Result, load_result, save_result
 from cpcal.robot import Campaign, Robot, load_campaign, save_campaign, simulate
-from cpcal.solver import Network
+from cpcal.solver import Network, Paving, Solution
 from cpcal.version import __version__
 
 __all__ = [
@@ -30,11 +30,13 @@ __all__ = [
     "Limits",
     "ModelError",
     "Network",
+    "Paving",
     "PluginError",
     "PointResult",
     "Polyhedron",
     "Result",
     "Robot",
+    "Solution",
     "Step",
     "Strategy",
     "Verdict",

@@ -1,18 +1,19 @@
-"""Contractors found by entry point: the one door for ours and for a third party's."""
+"""Contractors and strategies found by entry point: the one door for ours and for a third party's."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import reduce
 from importlib.metadata import EntryPoint, entry_points
 from operator import rshift
-from typing import Protocol
+from typing import Any, Protocol
 
 from cpcal.errors import PluginError
-from cpcal.interfaces import Contractor
+from cpcal.interfaces import Contractor, Strategy
 from cpcal.network import ConstraintNetwork
 
 GROUP = "cpcal.contractors"
+STRATEGY_GROUP = "cpcal.strategies"
 
 
 class ContractorFactory(Protocol):
@@ -21,9 +22,15 @@ class ContractorFactory(Protocol):
     def __call__(self, network: ConstraintNetwork, *, objective: str | None, arithmetic: str) -> Contractor: ...
 
 
-def found() -> dict[str, EntryPoint]:
-    """The registered contractors by name, in order of name."""
-    return {point.name: point for point in sorted(entry_points(group=GROUP), key=lambda p: p.name)}
+class StrategyFactory(Protocol):
+    """What an entry point of the strategies' group names: usually the strategy's class."""
+
+    def __call__(self, network: ConstraintNetwork, width: float, *, arithmetic: str) -> Strategy: ...
+
+
+def found(group: str = GROUP) -> dict[str, EntryPoint]:
+    """The registered contractors (or members of another group) by name, in order of name."""
+    return {point.name: point for point in sorted(entry_points(group=group), key=lambda p: p.name)}
 
 
 def load(name: str) -> ContractorFactory:
@@ -34,45 +41,69 @@ def load(name: str) -> ContractorFactory:
             f"no contractor is called {name!r}; found: {', '.join(points) or 'none'}. To register one, name its "
             f'factory in your package\'s pyproject.toml under [project.entry-points."{GROUP}"] and install it'
         )
-    try:
-        factory: ContractorFactory = points[name].load()
-    except Exception as error:
-        raise PluginError(f"contractor {name!r} ({points[name].value}) does not load: {error!r}") from error
+    factory: ContractorFactory = _loaded(points[name], "contractor")
     return factory
 
 
-def load_all(names: Sequence[str]) -> list[ContractorFactory]:
-    """The factories of at least one name. Raises PluginError."""
+def load_strategy(name: str, ours: Iterable[str] = ()) -> StrategyFactory:
+    """The strategy registered under `name`. Raises PluginError for an unknown one, listing them and those of `ours`."""
+    points = found(STRATEGY_GROUP)
+    if name not in points:
+        raise PluginError(
+            f"no strategy is called {name!r}; there are: {', '.join([*ours, *points])}. To register one, name its "
+            f'factory in your package\'s pyproject.toml under [project.entry-points."{STRATEGY_GROUP}"] and install it'
+        )
+    factory: StrategyFactory = _loaded(points[name], "strategy")
+    return factory
+
+
+def _loaded(point: EntryPoint, what: str) -> Any:
+    try:
+        return point.load()
+    except Exception as error:
+        raise PluginError(f"{what} {point.name!r} ({point.value}) does not load: {error!r}") from error
+
+
+def check_names(names: Sequence[str | Contractor]) -> None:
+    """Raises PluginError where there is no name, or no such contractor."""
     if not names:
         raise PluginError(f"name at least one contractor; found: {', '.join(found()) or 'none'}")
-    return [load(name) for name in names]
+    for name in names:
+        if isinstance(name, str):
+            load(name)
 
 
 def build_each(
     network: ConstraintNetwork,
-    names: Sequence[str],
+    names: Sequence[str | Contractor],
     *,
     objective: str | None = None,
     arithmetic: str = "float64",
 ) -> list[Contractor]:
-    """The named contractors for a network, at least one. Raises PluginError."""
-    return [factory(network, objective=objective, arithmetic=arithmetic) for factory in load_all(names)]
+    """The named contractors (or those given) for a network, at least one. Raises PluginError."""
+    check_names(names)
+    return [
+        load(name)(network, objective=objective, arithmetic=arithmetic) if isinstance(name, str) else name
+        for name in names
+    ]
 
 
 def build(
     network: ConstraintNetwork,
-    names: Sequence[str],
+    names: Sequence[str | Contractor],
     *,
     objective: str | None = None,
     arithmetic: str = "float64",
 ) -> Contractor:
-    """The named contractors, one after the other, for a network. Raises PluginError."""
+    """The named contractors (or those given), one after the other, for a network. Raises PluginError."""
     return composed(build_each(network, names, objective=objective, arithmetic=arithmetic), names)
 
 
-def composed(parts: Sequence[Contractor], names: Sequence[str]) -> Contractor:
+def composed(parts: Sequence[Contractor], names: Sequence[str | Contractor]) -> Contractor:
     """Contractors of those names, one after the other. Raises PluginError."""
     try:
         return reduce(rshift, parts)
     except TypeError as error:
-        raise PluginError(f"{', '.join(names)} do not compose: contractors need the operator >> ({error})") from error
+        raise PluginError(
+            f"{', '.join(map(str, names))} do not compose: contractors need the operator >> ({error})"
+        ) from error

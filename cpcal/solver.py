@@ -4,43 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal import plugins
 from cpcal.errors import ModelError
-from cpcal.interfaces import Contraction, Contractor, Limits, Verdict
+from cpcal.existence import Inside, UniquenessProver
+from cpcal.interfaces import Contraction, Contractor, Limits, Strategy
 from cpcal.interval import Box, get_arithmetic
 from cpcal.network import ConstraintNetwork, Expr
 from cpcal.optimize import Bracket, Minimum, minimize, run
 from cpcal.proof.exact_network import network_statement
 from cpcal.prove import Recording, certifying, claims_of
-from cpcal.search import Event, LargestFirst, Search
+from cpcal.search import ORDERS, STRATEGIES, Event, Paving, Priority, Search, Solution, conclusion
+
+__all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
 
 DEFAULT_CONTRACTORS = ("hc4", "lifted")
-
-
-@dataclass(frozen=True)
-class Solution:
-    """A box of a `Paving`: its verdict says what is known of it (UNKNOWN: it may hold solutions)."""
-
-    verdict: Verdict
-    box: Box
-
-
-@dataclass(frozen=True)
-class Paving:
-    """Every solution in the domain lies in one of `solutions`; `complete` is False when a limit came first.
-
-    `status` says it in a sentence.
-    """
-
-    complete: bool
-    status: str
-    solutions: tuple[Solution, ...]
-    nodes: int
 
 
 class Network(ConstraintNetwork):
@@ -53,7 +34,7 @@ class Network(ConstraintNetwork):
         self,
         box: Box | None = None,
         *,
-        contractors: Sequence[str] = DEFAULT_CONTRACTORS,
+        contractors: Sequence[str | Contractor] = DEFAULT_CONTRACTORS,
         arithmetic: str = "float64",
     ) -> Contraction:
         """One pass of the named contractors over `box` (default: the domain). Loses no solution."""
@@ -63,15 +44,32 @@ class Network(ConstraintNetwork):
         self,
         *,
         width: float = 1e-6,
-        contractors: Sequence[str] = DEFAULT_CONTRACTORS,
+        contractors: Sequence[str | Contractor] = DEFAULT_CONTRACTORS,
         arithmetic: str = "float64",
         limits: Limits | None = None,
         progress: Callable[[Event], None] | None = None,
+        strategy: str | Strategy = "largest",
+        order: str = "depth",
+        inner: bool = False,
     ) -> Paving:
-        """Boxes, of components no wider than `width`, that hold all solutions. Ctrl-C ends it early, cleanly."""
+        """Boxes, of components no wider than `width`, that hold all solutions. Ctrl-C ends it early, cleanly.
+
+        Where there are as many equations as unknowns, boxes are proved to hold exactly one solution if they do.
+        `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative", "smear-max" or
+        "lp" (or an object); `order` which box is next: "depth", "breadth" or "best". `inner=True` looks for boxes that
+        hold nothing but solutions, which are not divided, and lists what was proved to hold none: see `Paving`.
+        Raises PluginError for a contractor or strategy that is not there, ModelError for an order.
+        """
         limits = limits or Limits()
-        contractor = plugins.build(self, contractors, arithmetic=arithmetic)
-        search = Search([self.domain], contractor, LargestFirst(width))
+        engine = get_arithmetic(arithmetic)
+        search = Search(
+            [self.domain],
+            plugins.build(self, contractors, arithmetic=arithmetic),
+            _strategy(self, strategy, width, arithmetic),
+            _order(self, order),
+            inside=Inside(self, engine) if inner else None,
+            outside=inner,
+        )
         nodes = 0
         clock = limits.clock()
         try:
@@ -83,18 +81,7 @@ class Network(ConstraintNetwork):
                     break
         except KeyboardInterrupt:
             pass
-        pending = [node.box for node in search.pending]
-        boxes = tuple(Solution(Verdict.UNKNOWN, box) for box in search.kept + pending)
-        if not boxes:
-            return Paving(True, "The constraints have no common solution in the domain: proved.", (), nodes)
-        if pending:
-            return Paving(
-                False,
-                f"Stopped with {len(pending)} boxes undivided; the boxes hold all solutions.",
-                boxes,
-                nodes,
-            )
-        return Paving(True, "All solutions lie in the boxes; whether each box holds one is not proved.", boxes, nodes)
+        return conclusion(search, UniquenessProver(self, engine), clock, nodes)
 
     def minimize(
         self,
@@ -142,3 +129,17 @@ class Network(ConstraintNetwork):
             found = bracketed(recording.contractor(useful), recording.event)
             recording.write(certificate, claims_of(found, self.domain, name))
         return found
+
+
+def _strategy(network: ConstraintNetwork, strategy: str | Strategy, width: float, arithmetic: str) -> Strategy:
+    if not isinstance(strategy, str):
+        return strategy
+    if strategy in STRATEGIES:
+        return STRATEGIES[strategy](network, width)
+    return plugins.load_strategy(strategy, STRATEGIES)(network, width, arithmetic=arithmetic)
+
+
+def _order(network: ConstraintNetwork, order: str) -> Priority:
+    if order not in ORDERS:
+        raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
+    return ORDERS[order](network)

@@ -55,7 +55,7 @@ def certify(
     Ctrl-C ends it with what is proved so far. Raises InputError, PluginError.
     """
     check(campaign, legs, delta, center, gap, time_limit, eps, support, method)
-    plugins.load_all(contractors)
+    plugins.check_names(contractors)
     limits = Limits(seconds=time_limit, gap=gap)
     folder = None if certificates is None else _emptied(Path(certificates))
     engine = get_arithmetic(arithmetic)

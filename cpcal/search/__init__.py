@@ -1,6 +1,33 @@
-"""Branch and prune as an iterator, and the strategies that it splits boxes by."""
+"""Branch and prune as an iterator, the strategies that it splits boxes by, and what it finds."""
 
-from cpcal.search.search import Event, EventKind, Node, Search
-from cpcal.search.strategies import LargestFirst, Smear, bisect
+from cpcal.search.conclusion import conclusion
+from cpcal.search.orders import ORDERS, BestFirst, Node, Priority, breadth_first, depth_first
+from cpcal.search.paving import Paving, Solution
+from cpcal.search.regions import clusters, difference, hull, volume
+from cpcal.search.search import DepthStrategy, Event, EventKind, Search
+from cpcal.search.strategies import STRATEGIES, LargestFirst, RoundRobin, Smear, bisect
 
-__all__ = ["Event", "EventKind", "LargestFirst", "Node", "Search", "Smear", "bisect"]
+__all__ = [
+    "ORDERS",
+    "STRATEGIES",
+    "BestFirst",
+    "DepthStrategy",
+    "Event",
+    "EventKind",
+    "LargestFirst",
+    "Node",
+    "Paving",
+    "Priority",
+    "RoundRobin",
+    "Search",
+    "Smear",
+    "Solution",
+    "bisect",
+    "breadth_first",
+    "clusters",
+    "conclusion",
+    "depth_first",
+    "difference",
+    "hull",
+    "volume",
+]

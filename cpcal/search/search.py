@@ -10,9 +10,12 @@ import heapq
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
+from typing import Protocol, runtime_checkable
 
 from cpcal.interfaces import Contraction, Contractor, Strategy
 from cpcal.interval import Box
+from cpcal.search.orders import Node, Priority, depth_first
+from cpcal.search.regions import difference
 
 
 class EventKind(Enum):
@@ -22,15 +25,7 @@ class EventKind(Enum):
     SPLIT = "divided"
     CONTRACTED = "contracted, and worth another pass"
     KEPT = "fine enough to keep"
-
-
-@dataclass(frozen=True)
-class Node:
-    """An undecided box; `serial` counts nodes in order of creation."""
-
-    box: Box
-    depth: int
-    serial: int
+    INSIDE = "proved to hold nothing but solutions"
 
 
 @dataclass(frozen=True)
@@ -43,21 +38,19 @@ class Event:
     children: tuple[Node, ...] = ()
 
 
-Priority = Callable[[Node], float]
+@runtime_checkable
+class DepthStrategy(Protocol):
+    """A strategy that wants to know how many divisions led to a box."""
 
-
-def depth_first(node: Node) -> float:
-    return -float(node.serial)
-
-
-def breadth_first(node: Node) -> float:
-    return float(node.depth)
+    def split_at(self, box: Box, depth: int) -> tuple[Box, ...]: ...
 
 
 class Search(Iterator[Event]):
     """Contract the most urgent box, then prune, keep or split it. Lower priority goes first, then age.
 
-    A strategy that returns one piece asks for another pass over it. `kept` holds the boxes that were fine enough.
+    A strategy that returns one piece asks for another pass over it. `kept` holds the boxes that were fine enough and
+    `inside` those of which the test of that name proved that they hold nothing but solutions; `outside`, if wanted,
+    what was proved to hold none. At every moment these three and `pending` cover the roots.
     """
 
     def __init__(
@@ -66,12 +59,18 @@ class Search(Iterator[Event]):
         contractor: Contractor,
         strategy: Strategy,
         priority: Priority = depth_first,
+        *,
+        inside: Callable[[Box], bool] | None = None,
+        outside: bool = False,
     ) -> None:
         self._contractor, self._strategy, self._priority = contractor, strategy, priority
+        self._is_inside, self.wants_outside = inside, outside
         self._heap: list[tuple[float, int, Node]] = []
         self._current: Node | None = None
         self._created = 0
         self.kept: list[Box] = []
+        self.inside: list[Box] = []
+        self.outside: list[Box] = []
         for box in roots:
             self._push(box, 0)
 
@@ -91,12 +90,23 @@ class Search(Iterator[Event]):
             heapq.heappop(self._heap)
         node = self._current
         contraction = self._contractor.contract(node.box)
-        pieces = () if contraction.box.is_empty else self._strategy.split(contraction.box)
+        box = contraction.box
+        is_inside = not box.is_empty and self._is_inside is not None and self._is_inside(box)
+        pieces = () if box.is_empty or is_inside else self._pieces(box, node.depth)
+        removed = difference(node.box, box) if self.wants_outside else ()
         children = tuple(self._push(piece, node.depth + (len(pieces) > 1)) for piece in pieces)
-        if not pieces and not contraction.box.is_empty:
-            self.kept.append(contraction.box)
+        if is_inside:
+            self.inside.append(box)
+        elif not pieces and not box.is_empty:
+            self.kept.append(box)
+        self.outside.extend(removed)
         self._current = None
-        return Event(_kind(contraction.box, len(pieces)), node, contraction, children)
+        return Event(_kind(box, len(pieces), is_inside), node, contraction, children)
+
+    def _pieces(self, box: Box, depth: int) -> tuple[Box, ...]:
+        if isinstance(self._strategy, DepthStrategy):
+            return self._strategy.split_at(box, depth)
+        return self._strategy.split(box)
 
     def _push(self, box: Box, depth: int) -> Node:
         node = Node(box, depth, self._created)
@@ -105,9 +115,11 @@ class Search(Iterator[Event]):
         return node
 
 
-def _kind(box: Box, pieces: int) -> EventKind:
+def _kind(box: Box, pieces: int, is_inside: bool) -> EventKind:
     if box.is_empty:
         return EventKind.PRUNED
+    if is_inside:
+        return EventKind.INSIDE
     if pieces == 1:
         return EventKind.CONTRACTED
     return EventKind.SPLIT if pieces else EventKind.KEPT

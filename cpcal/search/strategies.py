@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import numpy.typing as npt
@@ -56,8 +56,34 @@ class LargestFirst:
         return ()
 
 
+class RoundRobin(LargestFirst):
+    """Bisect one component after the other: number `depth` (modulo their number), or the next one that is wide."""
+
+    def split(self, box: Box) -> tuple[Box, ...]:
+        return self.split_at(box, 0)
+
+    def split_at(self, box: Box, depth: int) -> tuple[Box, ...]:
+        """The pieces of a box that `depth` divisions led to."""
+        turn = (np.arange(len(box)) - depth) % max(len(box), 1)
+        return self._cut(box, -turn.astype(np.float64))
+
+
+_TINY = float(np.finfo(np.float64).tiny)
+
+# |derivative| times width, shape (rows, components) -> score of each component
+SMEARS: dict[str, Callable[[Floats], Floats]] = {
+    "sum": lambda smear: np.asarray(smear.sum(axis=0)),
+    "relative": lambda smear: np.asarray((smear / np.maximum(smear.sum(axis=1, keepdims=True), _TINY)).sum(axis=0)),
+    "max": lambda smear: np.asarray(smear.max(axis=0, initial=0.0)),
+}
+
+
 class Smear(LargestFirst):
-    """Bisect where the constraints vary most: the largest sum over rows of |derivative| times width."""
+    """Bisect where the constraints vary most, by |derivative| times width at the midpoint of a box.
+
+    Over the rows it is combined by `how`: their "sum", the sum "relative" to each row's total (so that no row counts
+    more than another), or the "max".
+    """
 
     def __init__(
         self,
@@ -65,13 +91,24 @@ class Smear(LargestFirst):
         width: float = 0.0,
         scale: npt.ArrayLike = 1.0,
         skip: Iterable[str] = (),
+        how: str = "sum",
     ) -> None:
         super().__init__(width, scale, skip)
-        self._rows = Rows(network)
+        self._rows, self._how = Rows(network), how
 
     def split(self, box: Box) -> tuple[Box, ...]:
         if not box.is_bounded:
             return super().split(box)
         jacobian = np.abs(self._rows.linearize(box.mid).jacobian)
-        score = np.nan_to_num(jacobian).sum(axis=0) * box.width
+        with np.errstate(over="ignore"):
+            score = np.nan_to_num(SMEARS[self._how](jacobian * box.width))
         return self._cut(box, score) if score.any() else super().split(box)
+
+
+STRATEGIES: dict[str, Callable[[ConstraintNetwork, float], LargestFirst]] = {
+    "largest": lambda network, width: LargestFirst(width),
+    "round-robin": lambda network, width: RoundRobin(width),
+    "smear": lambda network, width: Smear(network, width),
+    "smear-relative": lambda network, width: Smear(network, width, how="relative"),
+    "smear-max": lambda network, width: Smear(network, width, how="max"),
+}

@@ -159,7 +159,7 @@ def test_a_limit_makes_a_leg_unknown(campaign, tmp_path):
     [
         (["--legs", "0,9", "--delta", "nan", "--gap", "2"], ["4 problems", "leg 0", "leg 9", "delta", "gap"]),
         (["--legs", "one"], ["--legs"]),
-        (["--contractors", "magic"], ["'magic'", "found: beaumont, hc4"]),
+        (["--contractors", "magic"], ["'magic'", "found: ", "hc4"]),
         (["--contractors", ","], ["at least one contractor"]),
         (["--center", "left"], ["--center"]),
         (["--arithmetic", "float32"], ["--arithmetic"]),

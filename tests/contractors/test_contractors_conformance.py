@@ -11,9 +11,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contractors import HC4, Beaumont, Fixpoint, Krawczyk, Lifted, LinearSystem, Then, Union, fixpoint
+from contractors import (
+    HC4,
+    Beaumont,
+    Cid,
+    Fixpoint,
+    Krawczyk,
+    Lifted,
+    LinearSystem,
+    Newton,
+    Shaving,
+    Then,
+    Union,
+    fixpoint,
+)
 from cpcal import plugins
 from cpcal.errors import PluginError
+from cpcal.existence import krawczyk
 from cpcal.interfaces import Contraction, Contractor, Polyhedron, Step
 from cpcal.interval import Box
 from cpcal.network import ConstraintNetwork
@@ -33,12 +47,27 @@ def repeated(network: ConstraintNetwork, **options: Any) -> Contractor:
     return fixpoint(HC4(network, **options), ratio=0.99)
 
 
+def shaved(network: ConstraintNetwork, **options: Any) -> Contractor:
+    return Shaving(HC4(network, **options) >> Newton(network, **options), adaptive=False, most=3)
+
+
+def sliced(network: ConstraintNetwork, **options: Any) -> Contractor:
+    return Cid(fixpoint(HC4(network, **options)), slices=2)
+
+
+def krawczyk_only(network: ConstraintNetwork, **options: Any) -> Contractor:
+    return Newton(network, operator=krawczyk, **options)
+
+
 ALGEBRA = {"then": then, "union": union, "fixpoint": repeated}
 VARIANTS = {
     "krawczyk with slopes": partial(Krawczyk, slopes=True),
     "beaumont with slopes": partial(Beaumont, slopes=True, most=3),
     "gauss": partial(LinearSystem, method="gauss"),
     "rump": partial(LinearSystem, method="rump"),
+    "shaving fixed": shaved,
+    "cid once": sliced,
+    "newton krawczyk": krawczyk_only,
 }
 FACTORIES = {name: plugins.load(name) for name in plugins.found()} | ALGEBRA
 
@@ -57,6 +86,9 @@ def test_conformance_of_variants(name: str, check: str) -> None:
 
 def test_ours_are_found_by_entry_point() -> None:
     assert {"hc4", "lifted", "krawczyk", "beaumont", "linear_system"} <= set(plugins.found())
+    ours = {"box", "cid", "hc4", "lifted", "newton", "qinter", "shaving"}
+    assert ours <= set(plugins.found())
+    assert "lp" in plugins.found(plugins.STRATEGY_GROUP)
 
 
 @pytest.mark.parametrize("seed", [0, 7])
@@ -278,7 +310,7 @@ def test_fixpoint_stops_on_empty_and_refuses_a_senseless_ratio(network: Constrai
 
 
 def test_unknown_contractor_is_an_error_that_lists_those_found(network: ConstraintNetwork) -> None:
-    with pytest.raises(PluginError, match=r"hc4, .*lifted.*cpcal\.contractors"):
+    with pytest.raises(PluginError, match=r"hc4.*lifted.*cpcal\.contractors"):
         plugins.build(network, ["hc5"])
     with pytest.raises(PluginError, match="at least one"):
         plugins.build(network, [])

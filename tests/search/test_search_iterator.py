@@ -12,10 +12,8 @@ from cpcal import Interval, Limits, Network, Verdict
 from cpcal.interfaces import Contraction
 from cpcal.interval import Box
 from cpcal.network import ConstraintNetwork
-from cpcal.search import EventKind, LargestFirst, Search, Smear
-from cpcal.search.search import breadth_first
+from cpcal.search import EventKind, LargestFirst, Paving, Search, Smear, breadth_first
 from cpcal.search.strategies import bisect
-from cpcal.solver import Paving
 
 
 def ring() -> ConstraintNetwork:
@@ -186,15 +184,15 @@ def solution_boxes(paving: Paving) -> list[Box]:
     return [solution.box for solution in paving.solutions]
 
 
-def test_solve_encloses_all_solutions_and_proves_nothing_more() -> None:
+def test_solve_encloses_all_solutions_and_proves_each() -> None:
     paving = two_roots().solve(width=1e-6)
     assert paving.complete
     found = solution_boxes(paving)
     assert any((4, 3) in box for box in found)
     assert any((-3, -4) in box for box in found)
     assert all(box.width.max() <= 1e-6 for box in found)
-    assert {solution.verdict for solution in paving.solutions} == {Verdict.UNKNOWN}
-    assert "not proved" in paving.status
+    assert [solution.verdict for solution in paving.solutions] == [Verdict.PROVED, Verdict.PROVED]
+    assert paving.status == "2 boxes hold exactly one solution each, and there are no others: proved."
 
 
 def test_solve_proves_that_there_is_none() -> None:

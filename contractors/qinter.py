@@ -1,0 +1,131 @@
+"""qinter: all but q of the constraints hold. The hull of the points that lie in at least N - q of N boxes, exactly.
+
+Each constraint contracts the box by itself; a point that satisfies N - q of them lies in N - q of the results. (After
+Carbonnel, Trombettoni, Vismara and Chabert, Q-intersection algorithms for constraint-based robust parameter
+estimation, AAAI 2014.)
+
+Why the hull can be had exactly. Boxes that meet pairwise have a common point (Helly's theorem for boxes). So N - q
+of them have one exactly if leaving out at most q makes the others meet pairwise: if the graph of the pairs that do not
+meet has a vertex cover of at most q. The smallest value of a component over all such points is the lower end of one
+of the boxes, namely one of the q + 1 greatest such ends, since N - q boxes must begin before it; each is tried on the
+boxes that contain it. In n dimensions that is 2 n (q + 1) graphs of O(n N^2) each and a search of O(2^q N) in each
+graph, where a box that does not meet more than q others is left out at once. In one dimension it is the sweep over
+sorted ends; intersecting those sweeps over all dimensions (the usual relaxation) can be much wider.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from contractors.algebra import Composable
+from contractors.hc4 import HC4, moved_bounds
+from cpcal.errors import ModelError
+from cpcal.interfaces import Contraction, Contractor, Step
+from cpcal.interval import Box, IntervalArray
+from cpcal.network import ConstraintNetwork
+from cpcal.network.restrict import restricted
+
+Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+
+class QInter(Composable):
+    """The exact q-intersection of what N contractors make of a box: keeps all points that N - q of them keep."""
+
+    idempotent = False
+    monotone_tolerance = 1e-9
+
+    def __init__(self, parts: Sequence[Contractor], q: int) -> None:
+        if not 0 <= q < len(parts):
+            raise ModelError(f"q = {q} of {len(parts)} constraints: q is at least 0 and less than their number")
+        self._parts, self._q = tuple(parts), q
+        self.monotone_tolerance = max(float(getattr(part, "monotone_tolerance", 1e-9)) for part in parts)
+
+    def contract(self, box: Box) -> Contraction:
+        if box.is_empty:
+            return Contraction(box)
+        results = [part.contract(box).box for part in self._parts]
+        boxes = IntervalArray(np.stack([b.lo for b in results]), np.stack([b.hi for b in results]))
+        hull = q_intersection(boxes, self._q)
+        if hull is None:
+            return Contraction(Box.empty(box.names), (Step("qinter", None, "", np.nan),))
+        after = box.intersect(box.with_bounds(hull.lo, hull.hi))
+        return Contraction(after, moved_bounds("qinter", box, after))
+
+
+def qinter(
+    network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64", q: int = 0
+) -> Contractor:
+    """hc4 on each measurement (element along the leading axis) of each constraint, all but q of which must hold."""
+    parts = [HC4(part, objective=objective, arithmetic=arithmetic) for part in one_by_one(network)]
+    return QInter(parts, q) if parts else HC4(network, objective=objective, arithmetic=arithmetic)
+
+
+def one_by_one(network: ConstraintNetwork) -> list[ConstraintNetwork]:
+    """A network for each measurement of each constraint."""
+    out = []
+    for constraint in network.constraints:
+        count = constraint.body.shape[0] if constraint.body.shape else 1
+        alone = network.without_constraints()
+        alone.add(constraint)
+        for k in range(count):
+            out.append(restricted(alone, [np.array([k])]) if constraint.body.shape else alone)
+    return out
+
+
+def q_intersection(boxes: IntervalArray, q: int) -> IntervalArray | None:
+    """The hull (n,) of all points in at least N - q of N boxes (N, n), or None when there is none.
+
+    Boxes with NaN hold no point; bounds may be infinite.
+    """
+    alive = ~boxes.empty.any(axis=1)
+    q -= int(np.count_nonzero(~alive))
+    if q < 0:
+        return None
+    lo, hi = boxes.lo[alive], boxes.hi[alive]
+    if not _coverable(_apart(lo, hi), q):
+        return None
+    below = [_least(lo, hi, k, q) for k in range(lo.shape[1])]
+    above = [-_least(-hi, -lo, k, q) for k in range(lo.shape[1])]
+    return IntervalArray(np.array(below), np.array(above))
+
+
+def _least(lo: Floats, hi: Floats, k: int, q: int) -> float:
+    """The smallest k-th component of the points in all but q of the boxes, some such point being known to exist."""
+    candidates = np.sort(lo[:, k])[-(q + 1) :]
+    for value in candidates[:-1]:
+        through = (lo[:, k] <= value) & (value <= hi[:, k])
+        left = q - int(np.count_nonzero(~through))
+        if left >= 0 and _coverable(_apart(lo[through], hi[through]), left):
+            return float(value)
+    return float(candidates[-1])
+
+
+def _apart(lo: Floats, hi: Floats) -> Bools:
+    """Which pairs of boxes have no common point."""
+    apart = np.zeros((len(lo), len(lo)), dtype=bool)
+    for k in range(lo.shape[1]):
+        apart |= lo[:, k][:, None] > hi[:, k][None, :]
+    return apart | apart.T
+
+
+def _coverable(graph: Bools, budget: int) -> bool:
+    """Whether at most `budget` vertices touch all edges: the vertex of most edges is taken, or all its neighbours."""
+    degree = graph.sum(axis=1)
+    edges = int(degree.sum()) // 2
+    if edges == 0:
+        return True
+    vertex = int(np.argmax(degree))
+    most = int(degree[vertex])
+    if edges > budget * most:
+        return False
+    without = np.delete(np.delete(graph, vertex, 0), vertex, 1)
+    if _coverable(without, budget - 1):
+        return True
+    if most == 1 or most > budget:  # single edges: one end is as good as the other
+        return False
+    rest = np.flatnonzero(~graph[vertex])
+    return _coverable(graph[np.ix_(rest, rest)], budget - most)

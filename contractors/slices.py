@@ -1,0 +1,54 @@
+"""Boxes cut into slices along one variable, and all slices contracted: what shaving and CID have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.interfaces import Contractor
+from cpcal.interval import Box, IntervalArray
+
+Floats = npt.NDArray[np.float64]
+
+
+@runtime_checkable
+class Batch(Protocol):
+    """A contractor that takes many boxes at once, as hc4 does: shape (B, n), NaN where a box holds no solution."""
+
+    def contract_batch(self, boxes: IntervalArray) -> IntervalArray: ...
+
+
+def slice_of(box: Box, component: int, lo: float, hi: float) -> Box:
+    """The part of a box between two values of one component."""
+    return box.replace(component, lo=lo, hi=hi)
+
+
+def cuts(lo: float, hi: float, pieces: int) -> Floats:
+    """`pieces + 1` numbers from lo to hi (finite), increasing, the ends exact."""
+    inner = lo + (hi - lo) * (np.arange(1, pieces) / pieces) if hi - lo < np.inf else np.zeros(pieces - 1)
+    return np.unique(np.concatenate([[lo], np.clip(inner, lo, hi), [hi]]))
+
+
+def contract_all(inner: Contractor, boxes: Sequence[Box], passes: int) -> list[Box]:
+    """Each box contracted by `inner`; all at once, `passes` times, where it can do that."""
+    if not boxes:
+        return []
+    if not isinstance(inner, Batch):
+        return [inner.contract(box).box for box in boxes]
+    array = IntervalArray(np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes]))
+    for _ in range(passes):
+        alive = np.flatnonzero(~array.empty.any(axis=1))
+        if not alive.size:
+            break
+        lo, hi = array.lo.copy(), array.hi.copy()
+        narrowed = inner.contract_batch(array[alive])
+        lo[alive], hi[alive] = narrowed.lo, narrowed.hi
+        with np.errstate(all="ignore"):
+            still = (hi - lo)[alive] < 0.9 * (array.hi - array.lo)[alive]
+        array = IntervalArray(lo, hi)
+        if not still.any():
+            break
+    return [box.with_bounds(lo, hi) for box, lo, hi in zip(boxes, array.lo, array.hi, strict=True)]

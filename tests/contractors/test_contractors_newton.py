@@ -1,0 +1,66 @@
+"""The Newton contractor: quadratic near a zero, refuting far from one, on square parts of any network."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from contractors import HC4, Newton, fixpoint
+from cpcal.existence import hansen_sengupta, krawczyk
+from cpcal.interval import Box
+from cpcal.network import ConstraintNetwork, norm, sqr
+
+OPERATORS = {"hansen-sengupta": hansen_sengupta, "krawczyk": krawczyk}
+
+
+def circle_and_parabola() -> ConstraintNetwork:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-3, 3)), net.variable("y", (), (-3, 3))
+    net.add([sqr(x) + sqr(y) == 4, y == sqr(x) - 1])
+    return net
+
+
+@pytest.mark.parametrize("engine", ["float64", "arb"])
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_a_zero_in_one_call_where_hc4_is_stuck(operator: str, engine: str) -> None:
+    """Two curves that cross at right angles, neither along an axis, at (1, 1)."""
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (0.5, 1.5)), net.variable("y", (), (0.5, 1.5))
+    net.add([10 * x + 10 * y + x * y == 21, 10 * x - 10 * y + sqr(x) - sqr(y) == 0])
+    assert fixpoint(HC4(net), 0.999).contract(net.domain).box.width.min() > 0.9
+    box = Newton(net, operator=OPERATORS[operator], arithmetic=engine).contract(net.domain).box
+    assert (1.0, 1.0) in box
+    assert box.width.max() < 1e-14
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_a_box_without_a_zero_is_refuted(operator: str) -> None:
+    net = circle_and_parabola()
+    far = Box(net.names, [0.9, 1.0], [1.3, 1.2])
+    result = Newton(net, operator=OPERATORS[operator]).contract(far)
+    assert result.box.is_empty
+    assert result.steps[0].variable is None
+
+
+def test_more_equations_than_unknowns_and_fewer() -> None:
+    rng = np.random.default_rng(5)
+    beacons, truth = rng.uniform(-5, 5, (7, 2)), np.array([0.5, -0.25])
+    net = ConstraintNetwork()
+    p = net.variable("p", 2, (-1, 1))
+    net.add((sqr(beacons - p)).sum(1) == net.constant(sqr(net.constant(beacons - truth)).sum(1)))
+    box = Newton(net).contract(net.domain).box
+    assert box.width.max() < 1e-12
+    assert box.mid == pytest.approx(truth)
+    curve = ConstraintNetwork()
+    x, y = curve.variable("x", (), (0.9, 1.1)), curve.variable("y", (), (-5, 5))
+    curve.add(y - sqr(x) == 0.01 * y)
+    assert Newton(curve).contract(curve.domain).box["y"].width < 0.5
+
+
+def test_without_equations_or_derivatives_nothing_happens() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 2, (-1, 1))
+    net.add(norm(x) <= 0.5)
+    assert Newton(net).contract(net.domain).box == net.domain
+    net.add(norm(x) == x[0])  # no derivative at zero
+    assert Newton(net).contract(net.domain).box == net.domain

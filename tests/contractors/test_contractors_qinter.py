@@ -1,0 +1,151 @@
+"""All but q constraints: the exact q-intersection against brute force, and ranges of which one is false."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contractors import HC4, Separator, Violating, fixpoint, qinter
+from contractors.qinter import one_by_one, q_intersection
+from cpcal import Network
+from cpcal.errors import ModelError
+from cpcal.existence import Inside
+from cpcal.interval import Box, IntervalArray, get_arithmetic
+from cpcal.network import ConstraintNetwork, Expr, norm, sqr, sqrt
+
+
+def brute_force(boxes: IntervalArray, q: int) -> IntervalArray | None:
+    """The hull over all choices of N - q boxes."""
+    lo, hi, count = boxes.lo, boxes.hi, len(boxes.lo)
+    found = []
+    for chosen in itertools.combinations(range(count), count - q):
+        low, high = lo[list(chosen)].max(axis=0), hi[list(chosen)].min(axis=0)
+        if (low <= high).all():  # NaN, an empty box, is not
+            found.append((low, high))
+    if not found:
+        return None
+    return IntervalArray(np.min([f[0] for f in found], axis=0), np.max([f[1] for f in found], axis=0))
+
+
+@settings(max_examples=300, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_q_intersection_is_exact(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count, n = int(rng.integers(1, 8)), int(rng.integers(1, 4))
+    ends = np.sort(rng.integers(0, int(rng.integers(4, 12)), (2, count, n)), axis=0).astype(float)
+    ends[:, rng.random(count) < 0.1] = np.nan
+    lo, hi = ends
+    lo[rng.random((count, n)) < 0.05] -= np.inf  # NaN stays
+    boxes = IntervalArray(lo, hi)
+    for q in range(count):
+        exact, found = brute_force(boxes, q), q_intersection(boxes, q)
+        assert (exact is None) == (found is None)
+        if exact is not None and found is not None:
+            assert (exact.lo == found.lo).all()
+            assert (exact.hi == found.hi).all()
+
+
+def test_projections_alone_are_wider() -> None:
+    """Three squares of which each two meet in each projection, but only the first two in the plane; q = 1."""
+    boxes = IntervalArray(
+        np.array([[0.0, 0.0], [1.0, 1.0], [0.5, 4.0]]), np.array([[2.0, 2.0], [3.0, 3.0], [2.5, 5.0]])
+    )
+    hull = q_intersection(boxes, 1)
+    assert hull is not None
+    assert hull.lo.tolist() == [1.0, 1.0]
+    assert hull.hi.tolist() == [2.0, 2.0]
+    by_projection = [q_intersection(boxes[:, [k]], 1) for k in range(2)]
+    assert [p.lo.tolist() for p in by_projection if p is not None] == [[0.5], [1.0]]
+
+
+def test_many_boxes_with_few_outliers_take_no_time() -> None:
+    rng = np.random.default_rng(3)
+    center = np.concatenate([rng.uniform(-1, 1, (190, 5)), rng.uniform(50, 100, (10, 5))])
+    boxes = IntervalArray(center - 2.0, center + 2.0)
+    hull = q_intersection(boxes, 10)
+    assert hull is not None
+    assert (hull.lo == np.max(boxes.lo[:190], axis=0)).all()
+    assert q_intersection(boxes, 9) is None
+
+
+BEACONS = np.array([[0.0, 0], [10, 0], [10, 10], [0, 10], [5, -3], [-3, 5], [13, 5], [5, 13]])
+TRUTH = np.array([3.0, 4.0])
+
+
+def ranging(wrong: int | None) -> Network:
+    """Eight distances to within 0.05, of which one may be 4 too long."""
+    distance = np.linalg.norm(BEACONS - TRUTH, axis=1)
+    if wrong is not None:
+        distance[wrong] += 4.0
+    net = Network()
+    p = net.variable("p", 2, (-20, 20))
+    net.add((norm(BEACONS - p) - distance).within((-0.05, 0.05)))
+    return net
+
+
+@pytest.mark.parametrize("wrong", range(8))
+def test_a_false_range_is_tolerated(wrong: int) -> None:
+    net = ranging(wrong)
+    assert fixpoint(HC4(net)).contract(net.domain).box.is_empty  # all together they contradict each other
+    assert fixpoint(qinter(net, q=0)).contract(net.domain).box.is_empty
+    box = fixpoint(qinter(net, q=1)).contract(net.domain).box
+    assert TRUTH in box
+    paving = net.solve(width=0.2, contractors=[qinter(net, q=1)])
+    assert paving.complete
+    assert len(paving.clusters) == 1
+    assert TRUTH in paving.clusters[0]
+    assert paving.clusters[0].width.max() < 0.5
+
+
+def test_measurements_are_taken_apart_and_q_is_checked() -> None:
+    net = ranging(None)
+    net.add(net.variables[0][0] >= 0)
+    assert len(one_by_one(net)) == 9
+    for q in (-1, 9):
+        with pytest.raises(ModelError, match="q ="):
+            qinter(net, q=q)
+    empty = ConstraintNetwork()
+    empty.variable("x", (), (0, 1))
+    assert qinter(empty).contract(empty.domain).box == empty.domain
+
+
+# separators -------------------------------------------------------------------------------------------------
+
+
+def disc(center: float, radius: float) -> tuple[ConstraintNetwork, Expr]:
+    net = ConstraintNetwork()
+    x = net.variable("x", 2, (-4, 4))
+    net.add(sqr(x[0] - center) + sqr(x[1]) <= radius**2)
+    return net, x
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_separators_lose_no_point_on_either_side(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    one, two = Separator.of(disc(-1, 2)[0]), Separator.of(disc(1, 2)[0])
+    middle, reach = rng.uniform(-3, 3, 2), 10.0 ** rng.uniform(-2, 0)
+    box = Box(disc(0, 1)[0].names, middle - reach, middle + reach)
+    points = rng.uniform(np.maximum(box.lo, -4), np.minimum(box.hi, 4), (60, 2))
+    left, right = (((points - [c, 0]) ** 2).sum(axis=1) <= 4 for c in (-1, 1))
+    for separator, member in ((one, left), (one & two, left & right), (one | two, left | right), (~one, ~left)):
+        found = separator.separate(box)
+        for point, inside in zip(points, member, strict=True):
+            if point in box:
+                assert point in (found.outer if inside else found.inner)
+        assert found.undecided.subset(box)
+
+
+def test_the_inner_contractor_removes_solutions_only_where_rows_are_defined() -> None:
+    net, x = disc(0, 2)
+    assert Violating(net).contract(Box(net.names, [-1, -1], [1, 1])).box.is_empty
+    cut = Violating(net).contract(Box(net.names, [-1, 0], [1, 3])).box
+    assert cut["x[1]"].lo == pytest.approx(np.sqrt(3))
+    net.add(sqrt(x[0]) <= 2)
+    undefined = Box(net.names, [-1, -1], [1, 1])
+    assert Violating(net).contract(undefined).box == undefined
+    assert not Inside(net, get_arithmetic("float64"))(undefined)

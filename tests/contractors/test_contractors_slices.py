@@ -1,0 +1,155 @@
+"""What hc4 alone can not do: shaving, constructive disjunction and box consistency go beyond its fixpoint."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contractors import HC4, BoxConsistency, Cid, Newton, Shaving, fixpoint
+from contractors.slices import contract_all, cuts
+from cpcal.interfaces import Contraction, Contractor
+from cpcal.interval import Box
+from cpcal.network import ConstraintNetwork, sqr
+
+ENGINES = ["float64", "arb"]
+
+
+def crossing(half: float = 3.0) -> ConstraintNetwork:
+    """x + y = 0 and x - y = 0: the smallest system at which hc4 stands still (Lhomme 1993)."""
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-half, half)), net.variable("y", (), (-half, half))
+    net.add([x + y == 0, x - y == 0])
+    return net
+
+
+def stuck(net: ConstraintNetwork) -> bool:
+    return fixpoint(HC4(net), 0.999).contract(net.domain).box == net.domain
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("adaptive", [True, False])
+def test_shaving_where_hc4_is_stuck(engine: str, adaptive: bool) -> None:
+    net = crossing()
+    assert stuck(net)
+    result = Shaving(HC4(net, arithmetic=engine), adaptive=adaptive).contract(net.domain)
+    assert result.box.width.max() < (1e-9 if adaptive else 1e-2)
+    assert (0.0, 0.0) in result.box
+    assert {(step.variable, step.side) for step in result.steps} == {(n, s) for n in "xy" for s in ("lo", "hi")}
+
+
+def test_cid_keeps_what_all_slices_agree_on() -> None:
+    """x^2 = 1 leaves x = -1 or 1, and x * x = z in both: hc4 and shaving know only that z is between -1 and 1."""
+    net = ConstraintNetwork()
+    x, z = net.variable("x", (), (-1, 1)), net.variable("z", (), (-1, 1))
+    net.add([sqr(x) == 1, z == x * x])
+    assert stuck(net)
+    assert Shaving(HC4(net)).contract(net.domain).box == net.domain
+    for adaptive in (False, True):
+        box = Cid(HC4(net), adaptive=adaptive).contract(net.domain).box
+        assert box["z"].lo == pytest.approx(1.0, abs=1e-9)
+        assert (1.0, 1.0) in box
+        assert (-1.0, 1.0) in box
+
+
+def test_adaptive_cid_goes_on_where_it_pays() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-10, 10)), net.variable("y", (), (-10, 10))
+    net.add([sqr(x) + sqr(y) == 1, x * y >= 0.4])
+    once = Cid(HC4(net)).contract(net.domain).box
+    again = Cid(HC4(net), adaptive=True).contract(net.domain).box
+    assert again.subset(once)
+    assert again.width.max() < once.width.max()
+    assert (np.sqrt(0.5), np.sqrt(0.5)) in again
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_box_consistency_sees_all_occurrences_of_a_variable(engine: str) -> None:
+    """x * x = x on [0.6, 2]: hc4 computes x = x / x and keeps everything; one variable at a time leaves x = 1."""
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (0.6, 2))
+    net.add(x * x == x)
+    assert stuck(net)
+    box = BoxConsistency(net, arithmetic=engine).contract(net.domain).box
+    assert [1.0] in box
+    assert box.width.max() < 1e-12
+
+
+@pytest.mark.parametrize("least", [0.0, -1e-6])
+def test_box_consistency_on_a_double_root_and_next_to_it(least: float) -> None:
+    """x^2 - 2 x + 1 = (x - 1)^2 written out: it touches zero at 1, and never goes below."""
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (-4, 5))
+    net.add(x * x - 2 * x + 1 <= least)
+    box = fixpoint(BoxConsistency(net)).contract(net.domain).box
+    if least < 0.0:
+        assert box.is_empty
+    else:
+        assert [1.0] in box
+        assert box.width.max() < 1e-3
+
+
+def test_box_consistency_finds_the_outer_roots_of_a_polynomial() -> None:
+    """x (x - 3) (x - 4) (x - 5), multiplied out."""
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (-10, 10))
+    net.add(x * x * x * x - 12 * x * x * x + 47 * x * x - 60 * x == 0)
+    assert stuck(net)
+    box = fixpoint(BoxConsistency(net, precision=1e-3)).contract(net.domain).box
+    assert all([root] in box for root in (0.0, 3.0, 4.0, 5.0))
+    assert box["x"].lo > -1e-9
+    assert box["x"].hi < 5.01
+
+
+@pytest.mark.parametrize("make", [lambda n: Shaving(HC4(n)), lambda n: Cid(HC4(n)), BoxConsistency, Newton])
+def test_unbounded_and_single_boxes_are_no_obstacle(make: type[Newton]) -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x"), net.variable("y", (), (1, 1))
+    net.add([sqr(x) >= y, x + y == 3])
+    box = make(net).contract(net.domain).box
+    assert (2.0, 1.0) in box
+    net.add(x <= -5)
+    huge = Box(net.names, [-8e307, 1.0], [8e307, 1.0])
+    assert make(net).contract(huge).box.is_empty or make is Newton
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_no_solution_of_a_random_system_is_lost(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 4))
+    solution = rng.integers(-8, 9, n) / 4.0
+    a, b = rng.integers(-4, 5, (2, n, n)) / 2.0
+    net = ConstraintNetwork()
+    x = net.variable("x", n, (-10, 10))
+    net.add(a @ x + b @ (x * x) == a @ solution + b @ solution**2)
+    many: list[Contractor] = [Shaving(HC4(net)), Cid(HC4(net), adaptive=True), BoxConsistency(net), Newton(net)]
+    for contractor in many:
+        assert solution in contractor.contract(net.domain).box
+
+
+def test_cuts_cover_and_batches_agree_with_single_boxes() -> None:
+    for lo, hi in ((0.0, 1.0), (-1.7e308, 1.7e308), (1.0, np.nextafter(1.0, 2.0))):
+        ends = cuts(lo, hi, 4)
+        assert ends[0] == lo
+        assert ends[-1] == hi
+        assert (np.diff(ends / 4) > 0).all()
+
+    class Single:
+        idempotent = False
+
+        def contract(self, box: Box) -> Contraction:
+            return HC4(net).contract(box)
+
+    net = crossing()
+    boxes = [Box(net.names, [-3, -3], [-1, 3]), Box(net.names, [-1, -3], [1, 3]), Box(net.names, [2, -3], [3, -2.5])]
+    assert contract_all(HC4(net), boxes, 1) == contract_all(Single(), boxes, 1)
+    assert contract_all(HC4(net), [], 1) == []
+
+
+def test_senseless_settings_are_refused() -> None:
+    with pytest.raises(ValueError, match="slices"):
+        Cid(HC4(crossing()), slices=1)
+    with pytest.raises(ValueError, match="fraction"):
+        Shaving(HC4(crossing()), fraction=0.6)
