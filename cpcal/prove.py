@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,8 +56,7 @@ class Recording:
         if event.kind is EventKind.PRUNED and not self._records:  # cut away by the incumbent
             self._records.append({"pass": name, "cap": self._cap(event.node.box), "bounds": []})
         for record in self._records:
-            record["exclude" if "weights" in record else "pass"] = name
-            self._steps.write(line(record))
+            self._put(event.node.box, record | {"exclude" if "weights" in record else "pass": name})
         self._records.clear()
         if event.kind is EventKind.CONTRACTED:
             self._names[event.children[0].serial] = name
@@ -64,9 +64,31 @@ class Recording:
             first, second = event.children
             i = int(np.flatnonzero(first.box.hi != second.box.hi)[0])
             into = [self._fresh, self._fresh + 1]
-            self._steps.write(line({"split": name, "unknown": i, "at": number(first.box.hi[i]), "into": into}))
+            split = {"split": name, "unknown": i, "at": number(first.box.hi[i]), "into": into}
+            self._put(event.contraction.box, split)
             self._names[first.serial], self._names[second.serial] = into
             self._fresh += 2
+
+    def _put(self, box: Box, step: dict[str, Any]) -> None:
+        """Keep a step with the least objective of its box, for one that turns out worse than the claim is left out."""
+        lowest = None if self._objective is None else float(box.lo[self._objective])
+        self._steps.write(line([lowest, step]))
+
+    def _useful_steps(self, cap: float | None) -> Iterator[dict[str, Any]]:
+        """The steps on boxes that reach down to `cap`, their boxes named in order."""
+        names, fresh = {0: 0}, 1
+        self._steps.seek(0)
+        for text in self._steps:
+            lowest, step = json.loads(text)
+            kind = next(word for word in ("pass", "exclude", "split") if word in step)
+            old = step[kind]
+            if old not in names or (cap is not None and lowest > cap):
+                continue
+            step[kind] = names[old] if kind == "pass" else names.pop(old)
+            if kind == "split":
+                names |= dict(zip(step["into"], (fresh, fresh + 1), strict=True))
+                step["into"], fresh = [fresh, fresh + 1], fresh + 2
+            yield step
 
     def _cap(self, box: Box) -> str | None:
         """Just below the objective of a box that is worse than what is known."""
@@ -81,8 +103,8 @@ class Recording:
             with partial.open("w", encoding="utf-8") as out:
                 out.writelines(line(first) for first in self._statement.header(self._domain))
                 out.write(line(claims))
-                self._steps.seek(0)
-                out.writelines(self._steps)
+                cap = None if claims["cap"] is None else float.fromhex(claims["cap"])
+                out.writelines(line(step) for step in self._useful_steps(cap))
             partial.replace(target)
         finally:
             partial.unlink(missing_ok=True)

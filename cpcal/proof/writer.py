@@ -147,5 +147,5 @@ def _fractions(values: np.ndarray[Any, Any]) -> tuple[F, ...]:
     return tuple(F(float(v)) for v in values)
 
 
-def line(value: dict[str, Any]) -> str:
+def line(value: Any) -> str:
     return json.dumps(value, separators=(",", ":"), allow_nan=False) + "\n"
