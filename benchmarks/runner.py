@@ -1,0 +1,81 @@
+"""Runs a suite: repetitions interleaved, so that what slows the machine down slows all methods down alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from datetime import date
+from functools import cache
+
+from benchmarks.isolation import Job, perform
+from benchmarks.machine import machine
+from benchmarks.records import ANSWERED, SKIPPED, UNDECIDED, Results, Run
+from benchmarks.suites import MINIMISE, Entry
+from benchmarks.tasks import WITH_EPS, Task
+
+REFERENCE = "lifted"  # brackets eps* where a task needs to know it
+_REFERENCE_LIMIT = 300.0
+
+Tell = Callable[[Run], None]
+Bracket = tuple[float, float]
+
+
+def execute(
+    name: str,
+    entries: Iterable[Entry],
+    *,
+    limit: float,
+    repeat: int,
+    data: str | None = None,
+    tell: Tell = lambda run: None,
+) -> Results:
+    """Every entry `repeat` times. A method that did not answer is not asked the same again."""
+
+    @cache
+    def reference(problem: str) -> Bracket | None:
+        run = perform(Job(problem, MINIMISE, REFERENCE, _REFERENCE_LIMIT, data=data))
+        return (run.figures["lo"], run.figures["hi"]) if run.status == ANSWERED else None
+
+    runs: list[Run] = []
+    for problem, task, methods in entries:
+        known = reference(problem) if Task.named(task).kind in WITH_EPS else None
+        silent: set[str] = set()
+        for _ in range(repeat):
+            for method in methods:
+                if method in silent:
+                    continue
+                run = _asked(Job(problem, task, method, limit, data=data), known)
+                if run.status != ANSWERED:
+                    silent.add(method)
+                runs.append(run)
+                tell(run)
+    runs = contradictions(runs)
+    return Results(name, date.today().isoformat(), limit, repeat, machine(), tuple(runs))
+
+
+def _asked(job: Job, known: Bracket | None) -> Run:
+    task = Task.named(job.task)
+    if task.kind not in WITH_EPS:
+        return perform(job)
+    if known is None:
+        return Run(job.problem, job.task, job.method, SKIPPED, note=f"{REFERENCE} could not bracket eps* in time")
+    eps = task.eps(*known)
+    run = perform(replace(job, eps=eps))
+    return replace(run, figures={**run.figures, "eps": eps})
+
+
+def contradictions(runs: list[Run]) -> list[Run]:
+    """A lower bound of eps* above a point that cpcal proved is wrong, and said to be."""
+    proved: dict[str, float] = {}
+    for run in runs:
+        if run.method == REFERENCE and "hi" in run.figures:
+            proved[run.problem] = min(proved.get(run.problem, math.inf), run.figures["hi"])
+
+    def examined(run: Run) -> Run:
+        over = run.figures.get("lo", -math.inf) / proved.get(run.problem, math.inf) - 1.0
+        if run.status not in (ANSWERED, UNDECIDED) or not over > 0.0:
+            return run
+        return replace(run, note=f"lower bound wrong by {over:.0e} (relative); {run.note}")
+
+    return [examined(run) for run in runs]
