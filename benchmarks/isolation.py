@@ -39,13 +39,14 @@ def perform(job: Job, setup: float = _SETUP) -> Run:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with tempfile.TemporaryFile("w+", encoding="utf-8") as errors:
         process = _started(job, errors)
-        lines = _lines(process)
+        said, reader = _lines(process)
         try:
-            run = _followed(job, lines, setup)
+            run = _followed(job, said, setup)
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+            reader.join(timeout=5.0)
         if run is not None:
             return run
         errors.seek(0)
@@ -76,18 +77,20 @@ def _started(job: Job, errors: IO[str]) -> subprocess.Popen[str]:
     return process
 
 
-def _lines(process: subprocess.Popen[str]) -> queue.Queue[Any]:
-    """What the worker says, as it says it; None at the end."""
+def _lines(process: subprocess.Popen[str]) -> tuple[queue.Queue[Any], threading.Thread]:
+    """What the worker says, as it says it; None at the end. And who listens."""
     said: queue.Queue[Any] = queue.Queue()
 
     def read() -> None:
         assert process.stdout is not None
-        for line in process.stdout:
-            said.put(json.loads(line))
+        with process.stdout:
+            for line in process.stdout:
+                said.put(json.loads(line))
         said.put(None)
 
-    threading.Thread(target=read, daemon=True).start()
-    return said
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    return said, reader
 
 
 def _followed(job: Job, said: queue.Queue[Any], setup: float) -> Run | None:

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 import cpcal
-from cpcal.calibration import leg_box, leg_network, least_squares
+from cpcal.calibration import least_squares, leg_box, leg_network
 from cpcal.interval import Box, get_arithmetic
 from cpcal.network import ConstraintNetwork
 from cpcal.robot import Campaign
@@ -37,8 +37,6 @@ _EXAMPLE = Path(__file__).parents[1] / "docs" / "examples" / "hangprinter.py"
 
 class Problem(Protocol):
     """A constraint set whose smallest `eps` is sought; `start` is where a first fit may begin."""
-
-    name: str
 
     @property
     def measurements(self) -> int: ...

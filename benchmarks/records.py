@@ -19,7 +19,7 @@ Key = tuple[str, str, str]  # problem, task, method
 class Answer:
     """What a method says: `answered` means that it claims to have done all of the task.
 
-    `figures`: "lo" and "hi" of eps in mm, "nodes", "programs", "width" (largest, mm), "steps", ..., where there are such.
+    `figures`: "lo" and "hi" of eps in mm, "nodes", "programs", "width" (largest, mm), "steps", where there are such.
     """
 
     answered: bool
@@ -105,11 +105,14 @@ def load(path: Path) -> Results:
 
 
 def _compact(run: dict[str, Any]) -> dict[str, Any]:
-    """JSON knows no infinities and no NaN: the former are strings, the latter left out; times to 0.1 ms."""
+    """JSON knows no infinities and no NaN: the former are strings, the latter left out; times to the microsecond."""
     figures = {k: v if math.isfinite(v) else str(v) for k, v in run["figures"].items() if not math.isnan(v)}
-    times = {k: round(run[k], 4) for k in ("seconds", "cpu") if not math.isnan(run[k])}
-    return {k: run[k] for k in ("problem", "task", "method", "status")} | times | {"figures": figures} | (
-        {"note": run["note"]} if run["note"] else {}
+    times = {k: round(run[k], 6) for k in ("seconds", "cpu") if not math.isnan(run[k])}
+    return (
+        {k: run[k] for k in ("problem", "task", "method", "status")}
+        | times
+        | {"figures": figures}
+        | ({"note": run["note"]} if run["note"] else {})
     )
 
 

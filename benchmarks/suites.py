@@ -11,7 +11,7 @@ MINIMISE = "minimise-1e-06"
 PAPER = ("refute-0.5", "refute-0.9", "hull-1.1", "minimise-0.001", MINIMISE)
 OURS = ("lifted", "hc4,lifted")
 ABLATION = ("hc4", "krawczyk", "hc4,krawczyk", "hc4,beaumont", "hc4,krawczyk,beaumont", "hc4,shaving", *OURS)
-SWEEPS = ("hc4", "codac", "codac-fwdbwd", "codac-vector")
+SWEEPS = ("hc4", "codac", "codac-fwdbwd")
 SIZES = (64, 704, 7744)
 
 Entry = tuple[str, str, tuple[str, ...]]
@@ -75,7 +75,13 @@ SUITES = {
         Suite("ablation", "what each contractor adds, from boxes of three sizes", 60.0, 1, _ablation()),
         Suite("peers", "four tasks on everything that can be asked", 60.0, 3, _peers()),
         Suite("scaling", "64 to 7,744 measurements, joint errors of 0 to 10 mm", 120.0, 3, _scaling()),
-        Suite("spine", "the main job: legs, readings exact and uncertain; cables", 120.0, 3, (*_legs("certify-1e-06"), *_CABLES)),
+        Suite(
+            "spine",
+            "the main job: legs, readings exact and uncertain; cables",
+            120.0,
+            3,
+            (*_legs("certify-1e-06"), *_CABLES),
+        ),
         Suite("proofs", "certificates written and checked", 300.0, 1, tuple(_legs("prove-1e-06"))),
         Suite("micro", "one sweep over every equation, boxes alone and in batches", 120.0, 3, _micro()),
     )

@@ -11,7 +11,6 @@ PEERS = {
     "gurobi": "benchmarks.methods.gurobi:Gurobi",
     "codac": "benchmarks.methods.codac:Codac",
     "codac-fwdbwd": "benchmarks.methods.codac:CodacFwdBwd",
-    "codac-vector": "benchmarks.methods.codac:CodacVector",
     "least-squares": "benchmarks.methods.fit:LeastSquares",
 }
 

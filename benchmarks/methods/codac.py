@@ -69,39 +69,20 @@ class CodacFwdBwd(Codac):
         return [codac.CtcInverse(f, codac.Interval(-eps, eps), False) for f in _functions(leg, 0.0)]
 
 
-class CodacVector(Codac):
-    """One function with N components, without the centred form."""
-
-    def contractors(self, leg: Leg, eps: float | None) -> list[Any]:
-        import codac
-
-        if eps is None:
-            raise Unsupported("is there for sweeps")
-        x, rows = _expressions(leg, 0.0)
-        image = codac.IntervalVector([[-eps, eps]] * len(rows))
-        return [codac.CtcInverse(codac.AnalyticFunction([x], codac.vec(*rows)), image, False)]
-
-
-def _expressions(leg: Leg, sign: float) -> tuple[Any, list[Any]]:
+def _functions(leg: Leg, sign: float) -> list[Any]:
     """g for each measurement, plus `sign` times the last component where sign is not 0."""
     import codac
 
     campaign = leg.campaign
     x = codac.VectorVar(8 if sign else 7)
-    rows = []
+    made = []
     length = campaign.length[:, leg.leg - 1].tolist()
-    for p, r, measured in zip(campaign.position.tolist(), rotation_matrix(campaign.quaternion).tolist(), length, strict=True):
+    rotations = rotation_matrix(campaign.quaternion).tolist()
+    for p, r, measured in zip(campaign.position.tolist(), rotations, length, strict=True):
         v = [p[i] + r[i][0] * x[3] + r[i][1] * x[4] + r[i][2] * x[5] - x[i] for i in range(3)]
         g = codac.sqrt(codac.sqr(v[0]) + codac.sqr(v[1]) + codac.sqr(v[2])) - x[6] - measured
-        rows.append(g + sign * x[7] if sign else g)
-    return x, rows
-
-
-def _functions(leg: Leg, sign: float) -> list[Any]:
-    import codac
-
-    x, rows = _expressions(leg, sign)
-    return [codac.AnalyticFunction([x], row) for row in rows]
+        made.append(codac.AnalyticFunction([x], g + sign * x[7] if sign else g))
+    return made
 
 
 def _each(codac: Any, contractors: list[Any], batch: IntervalArray) -> IntervalArray:

@@ -46,7 +46,9 @@ class _Model:
             model.addConstr(columns[column] == columns[A[i]] * columns[B[j]])
         for (i, j), column in BB.items():
             model.addConstr(columns[column] == columns[B[i]] * columns[B[j]])
-        for row, constant, length in zip(data.matrix.tolist(), data.constant.tolist(), data.length.tolist(), strict=True):
+        for row, constant, length in zip(
+            data.matrix.tolist(), data.constant.tolist(), data.length.tolist(), strict=True
+        ):
             value = gurobipy.LinExpr(row, columns) + constant
             model.addConstr(value - 2.0 * length * error - 2.0 * product - square <= 0.0)
             model.addConstr(value + 2.0 * length * error + 2.0 * product - square >= 0.0)
@@ -63,7 +65,9 @@ class _Model:
         model.setParam("MIPGap", gap)
         model.setParam("MIPGapAbs", gap_absolute)
         model.optimize()
-        codes = {getattr(gurobipy.GRB, name): name.lower() for name in ("OPTIMAL", "INFEASIBLE", "INF_OR_UNBD", "TIME_LIMIT")}
+        codes = {
+            getattr(gurobipy.GRB, name): name.lower() for name in ("OPTIMAL", "INFEASIBLE", "INF_OR_UNBD", "TIME_LIMIT")
+        }
         status = codes.get(model.Status, f"status {model.Status}")
         infeasible = status in ("infeasible", "inf_or_unbd")  # every column that matters is bounded
         return Solved(

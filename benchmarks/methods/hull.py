@@ -5,7 +5,9 @@ from __future__ import annotations
 import time
 
 import numpy as np
+import numpy.typing as npt
 
+from benchmarks.methods.extreme import extreme, minimax
 from benchmarks.methods.method import HULL_GAP
 from benchmarks.problems import Leg
 from benchmarks.records import Answer
@@ -19,6 +21,8 @@ from cpcal.optimize import Minimum, minimize, run
 
 _ENGINE = get_arithmetic("float64")
 
+Floats = npt.NDArray[np.float64]
+
 
 def hull(leg: Leg, contractors: tuple[str, ...], eps: float, limit: float) -> Answer:
     """An outer box, each bound within HULL_GAP of a proved point unless the time was up."""
@@ -28,11 +32,13 @@ def hull(leg: Leg, contractors: tuple[str, ...], eps: float, limit: float) -> An
     if box.is_empty:
         return Answer(False, {}, "proved to be empty")
     box = Box(PARAMETERS, box.lo[:7], box.hi[:7])
+    inside = minimax(leg)
     nodes = programs = closed = 0
     sides = [(k, sign) for k in range(7) for sign in (1.0, -1.0)]
     for done, (k, sign) in enumerate(sides):
         share = (deadline - time.monotonic()) / (len(sides) - done)
-        found = _end(leg, box, eps, (k, sign), contractors, Limits(seconds=max(share, 0.0), gap=0.0, gap_absolute=HULL_GAP))
+        limits = Limits(seconds=max(share, 0.0), gap=0.0, gap_absolute=HULL_GAP)
+        found = _end(leg, box, eps, (k, sign), inside, contractors, limits)
         nodes, programs = nodes + found.nodes, programs + found.programs
         closed += found.verdict is Verdict.PROVED
         name = PARAMETERS[k]
@@ -44,7 +50,7 @@ def hull(leg: Leg, contractors: tuple[str, ...], eps: float, limit: float) -> An
     return Answer(closed == len(sides), figures, f"{closed} of {len(sides)} bounds closed")
 
 
-def widths(width: np.typing.NDArray[np.float64]) -> dict[str, float]:
+def widths(width: Floats) -> dict[str, float]:
     """The figures that a hull is compared by."""
     return {"width": float(np.max(width)), "mean width": float(np.mean(width))}
 
@@ -54,16 +60,23 @@ def _network(leg: Leg, box: Box, eps: float) -> ConstraintNetwork:
 
 
 def _end(
-    leg: Leg, box: Box, eps: float, end: tuple[int, float], contractors: tuple[str, ...], limits: Limits
+    leg: Leg,
+    box: Box,
+    eps: float,
+    end: tuple[int, float],
+    inside: Floats,
+    contractors: tuple[str, ...],
+    limits: Limits,
 ) -> Minimum:
     """The smallest t with `sign * x_k <= t` for some x of the set."""
     k, sign = end
     network = _network(leg, box, eps)
+    corner = extreme(network, box, eps, end, inside)
     a, b, offset, *_ = network.variables
     component = offset if k == 6 else (a, b)[k // 3][k % 3]
     ends = sorted((sign * float(box.lo[k]), sign * float(box.hi[k])))
     t = network.variable("t", (), (ends[0], ends[1]))
     network.add(sign * component <= t)
     contractor = plugins.build(network, contractors, objective="t")
-    start = np.concatenate([box.mid, [eps, ends[1]]])
+    start = np.append(corner, [eps, sign * corner[k]])
     return run(minimize(network, "t", contractor, engine=_ENGINE, limits=limits, start=start), None)

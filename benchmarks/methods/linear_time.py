@@ -29,7 +29,7 @@ class LinearTime:
             finally:
                 self.seconds += time.perf_counter() - began
 
-        Glop.minimize = timed  # type: ignore[method-assign]
+        Glop.minimize = timed  # type: ignore[method-assign,assignment]
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -43,7 +43,9 @@ class _Model:
             model.addCons(columns[column] == columns[A[i]] * columns[B[j]])
         for (i, j), column in BB.items():
             model.addCons(columns[column] == columns[B[i]] * columns[B[j]])
-        for row, constant, length in zip(data.matrix.tolist(), data.constant.tolist(), data.length.tolist(), strict=True):
+        for row, constant, length in zip(
+            data.matrix.tolist(), data.constant.tolist(), data.length.tolist(), strict=True
+        ):
             value = sum(c * x for c, x in zip(row, columns, strict=True)) + constant
             model.addCons(value - 2.0 * length * error - 2.0 * product - square <= 0.0)
             model.addCons(value + 2.0 * length * error + 2.0 * product - square >= 0.0)

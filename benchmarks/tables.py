@@ -1,0 +1,99 @@
+"""Results as Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+from benchmarks.records import ANSWERED, SKIPPED, Results, Run
+from benchmarks.suites import SUITES
+from benchmarks.tasks import KINDS, Task
+
+_SEPARATE = ("lo", "hi", "nodes", "programs", "linear", "eps")  # have a place of their own
+_UNITS = {"width": "mm", "mean width": "mm", "write": "s", "check": "s", "kB": "kB"}
+_HEADER = ("method", "result", "CPU s", "ratio", "wall s", "nodes", "LPs", "in LPs", "figures")
+
+
+def page(results: Results, picture: Path | None) -> str:
+    """One file of results as a page."""
+    parts = [_head(results)]
+    if picture is not None:
+        parts.append(f"![CPU seconds of every method]({picture.name})\n")
+    medians = list(results.medians().values())
+    for problem, task in dict.fromkeys((run.problem, run.task) for run in medians):
+        here = [run for run in medians if (run.problem, run.task) == (problem, task)]
+        parts.append(f"### {problem}: {task}\n\n{_asked(here, task)}\n\n{_table(here)}")
+    return "\n".join(parts)
+
+
+def _head(results: Results) -> str:
+    purpose = SUITES[results.suite].purpose if results.suite in SUITES else "runs chosen by hand"
+    facts = ", ".join(f"{name} {value}" for name, value in results.machine.items())
+    return f"""# Suite `{results.suite}`: {purpose}
+
+Made by `python -m benchmarks run {results.suite}` and `python -m benchmarks page`, {results.date}.
+{facts}.
+
+Every run is a process of its own with one thread and a limit of {results.limit:g} s of wall time; what did not end in
+time, failed or could not be asked is listed as such. Medians of {results.repeat}, the methods' repetitions interleaved.
+Times are those of the task, from data in memory to the answer, building the model included. "ratio" compares CPU time
+with that of the first method in the table that answered, in the same session.
+"""
+
+
+def _asked(here: list[Run], task: str) -> str:
+    named = Task.named(task)
+    eps = next((run.figures["eps"] for run in here if "eps" in run.figures), None)
+    return f"{KINDS[named.kind]} ({named.value:g})" + (f"; eps = {eps:.7g} mm." if eps is not None else ".")
+
+
+def _table(here: list[Run]) -> str:
+    shown = [run for run in here if run.status != SKIPPED]
+    base = next((run.cpu for run in shown if run.status == ANSWERED), math.nan)
+    text = table(_HEADER, [_row(run, base) for run in shown]) if shown else ""
+    skipped = "".join(f"- `{run.method}` was not asked: {run.note}\n" for run in here if run.status == SKIPPED)
+    return "\n".join(part for part in (text, skipped) if part)
+
+
+def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table of Markdown."""
+    names = list(header)
+    lines = [names, ["---"] * len(names), *([cell.replace("|", "\\|") for cell in row] for row in rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _row(run: Run, base: float) -> tuple[str, ...]:
+    ratio = seconds(run.cpu / base) if run.status == ANSWERED else ""
+    linear = run.figures.get("linear", math.nan) / run.seconds
+    return (
+        f"`{run.method}`",
+        run.status + (f": {run.note}" if run.note else ""),
+        seconds(run.cpu),
+        ratio,
+        seconds(run.seconds),
+        count(run.figures.get("nodes")),
+        count(run.figures.get("programs")),
+        "" if math.isnan(linear) else f"{linear:.0%}",
+        "; ".join(_figures(run.figures)),
+    )
+
+
+def _figures(figures: dict[str, float]) -> list[str]:
+    lo, hi = figures.get("lo", -math.inf), figures.get("hi", math.inf)
+    out = []
+    if math.isfinite(lo) or math.isfinite(hi):
+        out.append(f"[{lo:.8g}, {hi:.8g}] mm")
+    for name, value in figures.items():
+        if name not in _SEPARATE:
+            out.append(f"{name} {value:.3g} {_UNITS.get(name, '')}".strip())
+    return out
+
+
+def seconds(value: float) -> str:
+    """Three digits; nothing for what was not measured."""
+    return "" if math.isnan(value) else f"{value:#.3g}".rstrip(".")
+
+
+def count(value: float | None) -> str:
+    return "" if value is None else f"{value:.0f}"
