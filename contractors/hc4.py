@@ -37,9 +37,10 @@ class HC4(Composable):
 
     def contract_batch(self, boxes: IntervalArray) -> IntervalArray:
         """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""
-        if len(boxes.lo) <= self._together:
-            return self._contract(boxes)
-        parts = [self._contract(boxes[k : k + self._together]) for k in range(0, len(boxes.lo), self._together)]
+        count = boxes.shape[0]
+        if count == 0:
+            return boxes
+        parts = [self._contract(boxes[k : k + self._together]) for k in range(0, count, self._together)]
         return IntervalArray(np.concatenate([p.lo for p in parts]), np.concatenate([p.hi for p in parts]))
 
     def _contract(self, boxes: IntervalArray) -> IntervalArray:
