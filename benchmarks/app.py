@@ -56,12 +56,14 @@ def run(
     methods: Methods = None,
     problems: Problems = None,
     tasks: Tasks = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what the output file holds.")] = False,
 ) -> None:
-    """Run a suite, or a part of it."""
+    """Run a suite, or a part of it. The output is written after every task: little is lost when it is stopped."""
     if suite not in SUITES:
         raise typer.BadParameter(f"there is no suite {suite!r}; choose from {', '.join(SUITES)}")
     chosen = SUITES[suite]
     entries = selected(chosen.entries, methods, problems, tasks)
+    before = load(output).runs if resume and output is not None and output.exists() else ()
     results = execute(
         suite,
         entries,
@@ -69,10 +71,10 @@ def run(
         repeat=repeat or chosen.repeat,
         data=None if data is None else str(data.resolve()),
         tell=lambda done: print(_line(done), flush=True),
+        keep=lambda results: None if output is None else save(results, output),
+        before=before,
     )
     print(f"\n{_summary(results)}")
-    if output is not None:
-        save(results, output)
 
 
 def selected(
@@ -93,7 +95,7 @@ def _new(name: str, entries: tuple[Entry, ...], position: int) -> bool:
 
 @app.command()
 def micro(output: Output = None, repeat: Repeat = None) -> None:
-    """The suite of that name: one sweep over every equation, boxes alone and in batches."""
+    """Run the suite of that name: one sweep over every equation, boxes alone and in batches."""
     run("micro", output=output, repeat=repeat)
 
 

@@ -155,6 +155,8 @@ def _chain(
 
 def _reduced(narrowed: IntervalArray, target: IntervalArray) -> IntervalArray:
     """Intersect over the axes along which the target was broadcast."""
+    if narrowed.shape[1:] == target.shape[1:]:
+        return narrowed
     lo, hi = narrowed.lo, narrowed.hi
     extra = lo.ndim - target.ndim
     if extra:
