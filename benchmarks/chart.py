@@ -26,7 +26,7 @@ def draw(results: Results, path: Path) -> Path | None:
     rows = list(dict.fromkeys((run.problem, run.task) for run in medians))
     methods = list(dict.fromkeys(run.method for run in medians))
     with pyplot.rc_context({"svg.hashsalt": "cpcal", "svg.fonttype": "none", "font.family": "sans-serif"}):
-        figure, axes = pyplot.subplots(figsize=(9.0, 1.4 + 0.34 * len(rows)), layout="constrained")
+        figure, axes = pyplot.subplots(figsize=(9.0, 1.4 + 0.45 * len(rows)), layout="constrained")
         for number, method in enumerate(methods):
             _points(axes, number, [run for run in medians if run.method == method], rows, method)
         _frame(axes, rows, any(_SWEEP in run.figures for run in medians))
@@ -42,9 +42,12 @@ def _value(run: Run) -> float:
 
 def _points(axes: Any, number: int, runs: list[Run], rows: list[tuple[str, str]], method: str) -> None:
     """Filled where the task was answered, hollow where it was not."""
-    shift = 0.07 * ((number % 5) - 2)
+    shift = 0.13 * ((number % 5) - 2)
+    label: str | None = method
     for answered in (True, False):
         mine = [run for run in runs if (run.status == ANSWERED) is answered]
+        if not mine:
+            continue
         axes.plot(
             [_value(run) for run in mine],
             [rows.index((run.problem, run.task)) + shift for run in mine],
@@ -52,9 +55,10 @@ def _points(axes: Any, number: int, runs: list[Run], rows: list[tuple[str, str]]
             marker=_MARKERS[number % len(_MARKERS)],
             color=f"C{number % 10}",
             fillstyle="full" if answered else "none",
-            markersize=7,
-            label=method if answered or not any(run.status == ANSWERED for run in runs) else None,
+            markersize=6,
+            label=label,
         )
+        label = None
 
 
 def _frame(axes: Any, rows: list[tuple[str, str]], sweep: bool) -> None:

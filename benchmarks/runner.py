@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from datetime import date
@@ -10,11 +9,10 @@ from functools import cache
 
 from benchmarks.isolation import Job, perform
 from benchmarks.machine import machine
-from benchmarks.records import ANSWERED, SKIPPED, UNDECIDED, Results, Run
-from benchmarks.suites import MINIMISE, Entry
+from benchmarks.records import ANSWERED, SKIPPED, Results, Run
+from benchmarks.suites import MINIMISE, REFERENCE, Entry
 from benchmarks.tasks import WITH_EPS, Task
 
-REFERENCE = "lifted"  # brackets eps* where a task needs to know it
 _REFERENCE_LIMIT = 300.0
 
 Tell = Callable[[Run], None]
@@ -39,7 +37,7 @@ def execute(
     """
 
     def results() -> Results:
-        return Results(name, date.today().isoformat(), limit, repeat, machine(), tuple(contradictions(runs)))
+        return Results(name, date.today().isoformat(), limit, repeat, machine(), tuple(runs))
 
     @cache
     def reference(problem: str) -> Bracket | None:
@@ -75,21 +73,3 @@ def _asked(job: Job, known: Bracket | None) -> Run:
     eps = task.eps(*known)
     run = perform(replace(job, eps=eps))
     return replace(run, figures={**run.figures, "eps": eps})
-
-
-def contradictions(runs: list[Run]) -> list[Run]:
-    """A lower bound of eps* above a point that cpcal proved is wrong, and said to be."""
-    proved: dict[str, float] = {}
-    for run in runs:
-        if run.method == REFERENCE and "hi" in run.figures:
-            proved[run.problem] = min(proved.get(run.problem, math.inf), run.figures["hi"])
-
-    def examined(run: Run) -> Run:
-        if "lower bound wrong" in run.note:
-            return run
-        over = run.figures.get("lo", -math.inf) / proved.get(run.problem, math.inf) - 1.0
-        if run.status not in (ANSWERED, UNDECIDED) or not over > 0.0:
-            return run
-        return replace(run, note=f"lower bound wrong by {over:.0e} (relative); {run.note}")
-
-    return [examined(run) for run in runs]

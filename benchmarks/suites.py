@@ -8,6 +8,7 @@ from itertools import product
 from benchmarks.problems import CABLES
 
 MINIMISE = "minimise-1e-06"
+REFERENCE = "lifted"  # brackets eps* where a task needs to know it, and proves the points that peers are held to
 PAPER = ("refute-0.5", "refute-0.9", "hull-1.1", "minimise-0.001", MINIMISE)
 OURS = ("lifted", "hc4,lifted")
 ABLATION = ("hc4", "krawczyk", "hc4,krawczyk", "hc4,beaumont", "hc4,krawczyk,beaumont", "hc4,shaving", *OURS)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.records import ANSWERED, SKIPPED, Results, Run
-from benchmarks.suites import SUITES
+from benchmarks.suites import REFERENCE, SUITES
 from benchmarks.tasks import KINDS, Task
 
 _SEPARATE = ("lo", "hi", "nodes", "programs", "linear", "eps")  # have a place of their own
@@ -20,7 +21,7 @@ def page(results: Results, picture: Path | None) -> str:
     parts = [_head(results)]
     if picture is not None:
         parts.append(f"![CPU seconds of every method]({picture.name})\n")
-    medians = list(results.medians().values())
+    medians = contradictions(list(results.medians().values()))
     for problem, task in dict.fromkeys((run.problem, run.task) for run in medians):
         here = [run for run in medians if (run.problem, run.task) == (problem, task)]
         parts.append(f"### {problem}: {task}\n\n{_asked(here, task)}\n\n{_table(here)}")
@@ -83,7 +84,7 @@ def _figures(figures: dict[str, float]) -> list[str]:
     lo, hi = figures.get("lo", -math.inf), figures.get("hi", math.inf)
     out = []
     if math.isfinite(lo) or math.isfinite(hi):
-        out.append(f"[{lo:.8g}, {hi:.8g}] mm")
+        out.append(f"[{lo:.9g}, {hi:.9g}] mm")
     for name, value in figures.items():
         if name not in _SEPARATE:
             out.append(f"{name} {value:.3g} {_UNITS.get(name, '')}".strip())
@@ -97,3 +98,17 @@ def seconds(value: float) -> str:
 
 def count(value: float | None) -> str:
     return "" if value is None else f"{value:.0f}"
+
+
+def contradictions(runs: list[Run]) -> list[Run]:
+    """A lower bound of eps* above a point that cpcal proved is wrong, and said to be."""
+    proved: dict[str, float] = {}
+    for run in runs:
+        if run.method == REFERENCE and "hi" in run.figures:
+            proved[run.problem] = min(proved.get(run.problem, math.inf), run.figures["hi"])
+
+    def examined(run: Run) -> Run:
+        over = run.figures.get("lo", -math.inf) / proved.get(run.problem, math.inf) - 1.0
+        return replace(run, note=f"lower bound wrong by {over:.0e} (relative); {run.note}") if over > 0.0 else run
+
+    return [examined(run) for run in runs]

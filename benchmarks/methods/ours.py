@@ -60,8 +60,11 @@ class Cpcal:
             limits = Limits(seconds=question.limit, gap=gap)
             engine, start = get_arithmetic("float64"), question.problem.start
             found = run(minimize(network, "eps", contractor, engine=engine, limits=limits, start=start), None)
+        figures = {**_figures(found), **linear.figures}
+        if eps is not None:
+            del figures["lo"], figures["hi"]  # say nothing of eps*
         wanted = Verdict.PROVED if eps is None else Verdict.REFUTED
-        return Answer(found.verdict is wanted, {**_figures(found), **linear.figures}, found.verdict.value)
+        return Answer(found.verdict is wanted, figures, found.verdict.value)
 
     def _hull(self, question: Question) -> Work:
         leg = _leg(question)

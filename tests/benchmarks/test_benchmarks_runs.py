@@ -11,8 +11,9 @@ from benchmarks import isolation
 from benchmarks.isolation import Job
 from benchmarks.problems import problem
 from benchmarks.records import ANSWERED, FAILED, SKIPPED, TIMEOUT, UNDECIDED, Run
-from benchmarks.runner import contradictions, execute
+from benchmarks.runner import execute
 from benchmarks.suites import MINIMISE, SUITES
+from benchmarks.tables import contradictions
 from benchmarks.tasks import Task
 
 EASY = "leg1-e1-n64-d1"
