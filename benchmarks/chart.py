@@ -9,6 +9,7 @@ from typing import Any
 from benchmarks.records import ANSWERED, TIMEOUT, UNDECIDED, Results, Run
 
 _MARKERS = "osD^vPX*<>"
+_FEW = 3000.0  # as many times the least value has room for labels between powers of ten
 _SWEEP = "ns per equation"
 
 
@@ -28,7 +29,8 @@ def draw(results: Results, path: Path) -> Path | None:
     with pyplot.rc_context({"svg.hashsalt": "cpcal", "svg.fonttype": "none", "font.family": "sans-serif"}):
         figure, axes = pyplot.subplots(figsize=(9.0, 1.4 + 0.45 * len(rows)), layout="constrained")
         for number, method in enumerate(methods):
-            _points(axes, number, [run for run in medians if run.method == method], rows, method)
+            shift = min(0.15, 0.7 / len(methods)) * (number - 0.5 * (len(methods) - 1))
+            _points(axes, number, [run for run in medians if run.method == method], rows, shift)
         _frame(axes, rows, any(_SWEEP in run.figures for run in medians))
         figure.legend(loc="outside lower center", ncols=min(len(methods), 4), frameon=False, fontsize=9)
         figure.savefig(path, metadata={"Date": None})
@@ -40,10 +42,9 @@ def _value(run: Run) -> float:
     return run.figures.get(_SWEEP, run.cpu)
 
 
-def _points(axes: Any, number: int, runs: list[Run], rows: list[tuple[str, str]], method: str) -> None:
+def _points(axes: Any, number: int, runs: list[Run], rows: list[tuple[str, str]], shift: float) -> None:
     """Filled where the task was answered, hollow where it was not."""
-    shift = 0.13 * ((number % 5) - 2)
-    label: str | None = method
+    label: str | None = runs[0].method
     for answered in (True, False):
         mine = [run for run in runs if (run.status == ANSWERED) is answered]
         if not mine:
@@ -62,7 +63,14 @@ def _points(axes: Any, number: int, runs: list[Run], rows: list[tuple[str, str]]
 
 
 def _frame(axes: Any, rows: list[tuple[str, str]], sweep: bool) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     axes.set_xscale("log")
+    least, most = axes.get_xlim()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if most < _FEW * least else (1.0,)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.tick_params(axis="x", labelsize=8)
     axes.set_yticks(range(len(rows)), [f"{problem}  {task}" for problem, task in rows], fontsize=8)
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.grid(axis="x", color="0.85")

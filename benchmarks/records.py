@@ -25,6 +25,7 @@ class Answer:
     answered: bool
     figures: dict[str, float] = field(default_factory=dict)
     note: str = ""
+    cpu: float | None = None  # seconds of one time, where the task was repeated in order to measure it
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from benchmarks.suites import REFERENCE, SUITES
 from benchmarks.tasks import KINDS, Task
 
 _SEPARATE = ("lo", "hi", "nodes", "programs", "linear", "eps")  # have a place of their own
-_UNITS = {"width": "mm", "mean width": "mm", "write": "s", "check": "s", "kB": "kB"}
+_UNITS = {"width": "mm", "mean width": "mm", "write": "s", "check": "s", "size": "kB"}
 _HEADER = ("method", "result", "CPU s", "ratio", "wall s", "nodes", "LPs", "in LPs", "figures")
 
 
@@ -39,7 +39,8 @@ Made by `python -m benchmarks run {results.suite}` and `python -m benchmarks pag
 Every run is a process of its own with one thread and a limit of {results.limit:g} s of wall time; what did not end in
 time, failed or could not be asked is listed as such. Medians of {results.repeat}, the methods' repetitions interleaved.
 Times are those of the task, from data in memory to the answer, building the model included. "ratio" compares CPU time
-with that of the first method in the table that answered, in the same session.
+with that of the first method in the table that answered, in the same session. Where wall time is well above CPU time,
+the machine had other work, too.
 """
 
 
@@ -87,7 +88,8 @@ def _figures(figures: dict[str, float]) -> list[str]:
         out.append(f"[{lo:.9g}, {hi:.9g}] mm")
     for name, value in figures.items():
         if name not in _SEPARATE:
-            out.append(f"{name} {value:.3g} {_UNITS.get(name, '')}".strip())
+            shown = f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
+            out.append(f"{name} {shown} {_UNITS.get(name, '')}".strip())
     return out
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gc
 import json
+import math
 import os
 import sys
 import time
@@ -42,7 +43,10 @@ def perform(job: dict[str, Any], tell: TextIO) -> Run:
         return Run(*name, SKIPPED, note=str(reason))
     except Exception as error:
         return Run(*name, FAILED, note=f"{type(error).__name__}: {error}"[:300])
-    return Run(*name, _status(answer, seconds, job["limit"]), seconds, cpu, answer.figures, answer.note)
+    status = _status(answer, seconds, job["limit"])
+    if answer.cpu is not None:
+        seconds, cpu = math.nan, answer.cpu
+    return Run(*name, status, seconds, cpu, answer.figures, answer.note)
 
 
 def _status(answer: Answer, seconds: float, limit: float) -> str:

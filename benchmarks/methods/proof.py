@@ -23,7 +23,7 @@ def proved(campaign: Campaign, folder: Path, result: Result, leg: LegResult) -> 
     checked = time.perf_counter()
     return {
         "steps": accepted.steps,
-        "kB": path.stat().st_size / 1000,
+        "size": path.stat().st_size / 1000,
         "write": written - began,
         "check": checked - written,
         "given away": float(leg.eps_lo - accepted.eps_lo) / leg.eps_hi,
