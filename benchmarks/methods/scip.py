@@ -25,7 +25,7 @@ class Scip:
 
 class _Model:
     def __init__(self, data: Rows, eps: float | None) -> None:
-        from pyscipopt import Model
+        from pyscipopt import Model, quicksum
 
         model = self._model = Model()
         model.hideOutput()
@@ -46,7 +46,7 @@ class _Model:
         for row, constant, length in zip(
             data.matrix.tolist(), data.constant.tolist(), data.length.tolist(), strict=True
         ):
-            value = sum(c * x for c, x in zip(row, columns, strict=True)) + constant
+            value = quicksum(c * x for c, x in zip(row, columns, strict=True)) + constant
             model.addCons(value - 2.0 * length * error - 2.0 * product - square <= 0.0)
             model.addCons(value + 2.0 * length * error + 2.0 * product - square >= 0.0)
         model.addCons(offset + float(data.length.min()) >= error)
