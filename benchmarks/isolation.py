@@ -19,6 +19,7 @@ from typing import IO, Any
 from benchmarks.records import FAILED, TIMEOUT, Run
 
 _SETUP = 300.0  # seconds at most, for imports and for making the problem
+_OVERRAN, _UNREADY = "overran its limit", "its set-up took too long"
 _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "VECLIB_MAXIMUM")}
 
 
@@ -41,21 +42,22 @@ def perform(job: Job, setup: float = _SETUP) -> Run:
         process = _started(job, errors)
         said, reader = _lines(process)
         try:
-            run = _followed(job, said, setup)
+            end = _followed(job, said, setup)
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             reader.join(timeout=5.0)
-        if run is not None:
-            return run
+        if isinstance(end, Run):
+            return end
         errors.seek(0)
         last = (errors.read().strip().splitlines() or ["no message"])[-1][:300]
-    if process.returncode != -signal.SIGKILL:
-        return Run(job.problem, job.task, job.method, FAILED, note=f"ended with {process.returncode}: {last}")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Run(job.problem, job.task, job.method, TIMEOUT, job.limit, used, note="killed; CPU time includes set-up")
+    name = (job.problem, job.task, job.method)
+    if end == _OVERRAN:
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        return Run(*name, TIMEOUT, job.limit, used, note="killed; CPU time includes set-up")
+    return Run(*name, FAILED, note=end if end == _UNREADY else f"ended with {process.returncode}: {last}")
 
 
 def _started(job: Job, errors: IO[str]) -> subprocess.Popen[str]:
@@ -93,12 +95,16 @@ def _lines(process: subprocess.Popen[str]) -> tuple[queue.Queue[Any], threading.
     return said, reader
 
 
-def _followed(job: Job, said: queue.Queue[Any], setup: float) -> Run | None:
-    """The worker's run; None when it came to no end, by itself or in time."""
-    try:
-        line = said.get(timeout=setup)
-        if line == "ready":
-            line = said.get(timeout=job.limit + max(2.0, 0.1 * job.limit))
-    except queue.Empty:
-        return None
-    return None if line is None else Run(**line)
+def _followed(job: Job, said: queue.Queue[Any], setup: float) -> Run | str:
+    """The worker's run, or in which way it came to no end."""
+    patience, late = setup, _UNREADY
+    while True:
+        try:
+            line = said.get(timeout=patience)
+        except queue.Empty:
+            return late
+        if line is None:
+            return "ended"
+        if line != "ready":
+            return Run(**line)
+        patience, late = job.limit + max(2.0, 0.1 * job.limit), _OVERRAN

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from benchmarks.methods import method
 from benchmarks.records import ANSWERED, SKIPPED, Results, Run
 from benchmarks.suites import REFERENCE, SUITES
 from benchmarks.tasks import KINDS, Task
@@ -18,13 +19,13 @@ _HEADER = ("method", "result", "CPU s", "ratio", "wall s", "nodes", "LPs", "in L
 
 def page(results: Results, picture: Path | None) -> str:
     """One file of results as a page."""
-    parts = [_head(results)]
+    parts = [_head(results), _worth(dict.fromkeys(run.method for run in results.runs))]
     if picture is not None:
         parts.append(f"![CPU seconds of every method]({picture.name})\n")
     medians = contradictions(list(results.medians().values()))
     for problem, task in dict.fromkeys((run.problem, run.task) for run in medians):
         here = [run for run in medians if (run.problem, run.task) == (problem, task)]
-        parts.append(f"### {problem}: {task}\n\n{_asked(here, task)}\n\n{_table(here)}")
+        parts.append(f"## {problem}: {task}\n\n{_asked(here, task)}\n\n{_table(here)}")
     return "\n".join(parts)
 
 
@@ -42,6 +43,12 @@ Times are those of the task, from data in memory to the answer, building the mod
 with that of the first method in the table that answered, in the same session. Where wall time is well above CPU time,
 the machine had other work, too.
 """
+
+
+def _worth(methods: Iterable[str]) -> str:
+    """What the answers of each method are worth."""
+    known = [name for name in methods if ":" not in name]
+    return "".join(f"- `{name}`: {method(name).guarantee}\n" for name in known)
 
 
 def _asked(here: list[Run], task: str) -> str:

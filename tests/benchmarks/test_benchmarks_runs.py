@@ -48,6 +48,12 @@ def test_a_limit_holds_for_who_ignores_it() -> None:
     assert time.monotonic() - began < 100.0
 
 
+def test_a_process_that_is_never_ready_is_no_timeout_of_the_task() -> None:
+    run = perform("Good", setup=0.01)
+    assert run.status == FAILED
+    assert "set-up" in run.note
+
+
 def test_a_contractor_that_is_not_registered_is_skipped_and_the_reason_given() -> None:
     run = isolation.perform(Job(EASY, MINIMISE, "hc4,nosuch", 60.0))
     assert run.status == SKIPPED
