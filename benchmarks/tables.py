@@ -14,6 +14,7 @@ from benchmarks.tasks import KINDS, Task
 
 _SEPARATE = ("lo", "hi", "nodes", "programs", "linear", "eps")  # have a place of their own
 _UNITS = {"width": "mm", "mean width": "mm", "write": "s", "check": "s", "size": "kB"}
+_TINY = 1e-9  # mm, below which no relative difference is sensible
 _HEADER = ("method", "result", "CPU s", "ratio", "wall s", "nodes", "LPs", "in LPs", "figures")
 
 
@@ -110,14 +111,22 @@ def count(value: float | None) -> str:
 
 
 def contradictions(runs: list[Run]) -> list[Run]:
-    """A lower bound of eps* above a point that cpcal proved is wrong, and said to be."""
-    proved: dict[str, float] = {}
+    """A lower bound of eps* above a point that cpcal proved is wrong, a point below its lower bound, too: say so."""
+    proved: dict[str, tuple[float, float]] = {}
     for run in runs:
         if run.method == REFERENCE and "hi" in run.figures:
-            proved[run.problem] = min(proved.get(run.problem, math.inf), run.figures["hi"])
+            lo, hi = proved.get(run.problem, (-math.inf, math.inf))
+            proved[run.problem] = max(lo, run.figures["lo"]), min(hi, run.figures["hi"])
 
     def examined(run: Run) -> Run:
-        over = run.figures.get("lo", -math.inf) / proved.get(run.problem, math.inf) - 1.0
-        return replace(run, note=f"lower bound wrong by {over:.0e} (relative); {run.note}") if over > 0.0 else run
+        if run.problem not in proved:
+            return run
+        lo, hi = proved[run.problem]
+        over = (run.figures.get("lo", -math.inf) - hi) / max(hi, _TINY)
+        under = (lo - run.figures.get("hi", math.inf)) / max(lo, _TINY)
+        wrong = [
+            f"{what} wrong by {by:.0e} (relative)" for what, by in (("lower bound", over), ("point", under)) if by > 0
+        ]
+        return replace(run, note="; ".join([*wrong, run.note])) if wrong else run
 
     return [examined(run) for run in runs]

@@ -75,12 +75,17 @@ def test_cpcal_answers_and_unknown_names_fail() -> None:
     assert isolation.perform(Job("cable-a-linear", MINIMISE, "lifted", 60.0)).status == SKIPPED
 
 
-def test_a_lower_bound_above_a_proved_point_is_called_wrong() -> None:
+def test_what_contradicts_a_proof_is_called_wrong() -> None:
     proved = Run("p", "t", "lifted", ANSWERED, figures={"lo": 1.0, "hi": 1.0})
     claims = Run("p", "t", "peer", ANSWERED, figures={"lo": 1.0 + 1e-7, "hi": 2.0}, note="optimal")
-    kept, flagged = contradictions([proved, claims])
+    too_good = Run("p", "t", "other", ANSWERED, figures={"lo": 0.5, "hi": 1.0 - 1e-6}, note="optimal")
+    kept, flagged, doubted = contradictions([proved, claims, too_good])
     assert kept == proved
-    assert flagged.note.startswith("lower bound wrong by 1e-07")
+    assert flagged.note == "lower bound wrong by 1e-07 (relative); optimal"
+    assert doubted.note == "point wrong by 1e-06 (relative); optimal"
+    assert contradictions([claims]) == [claims]  # nothing is proved of this problem
+    zero = Run("p", "t", "lifted", ANSWERED, figures={"lo": 0.0, "hi": 0.0})
+    assert contradictions([zero, Run("p", "t", "peer", ANSWERED)])[0] == zero
 
 
 def test_every_suite_speaks_of_problems_and_tasks_that_there_are(tmp_path_factory: pytest.TempPathFactory) -> None:
