@@ -1,1 +1,1 @@
-"""Measurements of speed, run by hand: figures, never tests."""
+"""Measurements of speed, run by hand: `python -m benchmarks list` says what there is. Figures, never tests."""

@@ -125,12 +125,14 @@ def _sum_adjoint(e: Arithmetic, node: Expr, g: IntervalArray) -> Values:
 def _sum_of_others(e: Arithmetic, terms: IntervalArray) -> IntervalArray:
     """For each k along axis 0 the sum of all terms but the k-th, by prefixes and suffixes."""
     count = terms.shape[0]
-    zero = IntervalArray.point(np.zeros(terms.shape[1:]))
-    prefix, suffix = [zero], [zero]
-    for k in range(count - 1):
+    if count == 1:
+        return IntervalArray.point(np.zeros(terms.shape))
+    prefix, suffix = [terms[0]], [terms[count - 1]]  # sums of the first terms and of the last ones
+    for k in range(1, count - 1):
         prefix.append(e.add(prefix[-1], terms[k]))
         suffix.append(e.add(suffix[-1], terms[count - 1 - k]))
-    sums = [e.add(prefix[k], suffix[count - 1 - k]) for k in range(count)]
+    between = [e.add(prefix[k - 1], suffix[count - 2 - k]) for k in range(1, count - 1)]
+    sums = [suffix[-1], *between, prefix[-1]]
     return IntervalArray(np.stack([s.lo for s in sums]), np.stack([s.hi for s in sums]))
 
 
@@ -200,14 +202,35 @@ def _max_derivative(e: Arithmetic, node: Expr, out: IntervalArray, xs: Values) -
     return first, e.sub(_one(), first)
 
 
+# add, sub, mul, div: an argument that is a constant stays as it is. No box is kept for that: where no value of the
+# constant fits, none of the other argument does (or the node itself, of constants alone, came out empty).
+
+Narrowed = Callable[[], IntervalArray]
+
+
+def _narrowed(node: Expr, xs: Values, first: Narrowed, second: Narrowed) -> Values:
+    x, y = node.args
+    return xs[0] if x.op == "constant" else first(), xs[1] if y.op == "constant" else second()
+
+
+def _add_backward(e: Arithmetic, node: Expr, out: IntervalArray, xs: Values) -> Values:
+    x, y = _aligned(node, xs)
+    return _narrowed(node, xs, lambda: e.sub(out, y), lambda: e.sub(out, x))
+
+
+def _sub_backward(e: Arithmetic, node: Expr, out: IntervalArray, xs: Values) -> Values:
+    x, y = _aligned(node, xs)
+    return _narrowed(node, xs, lambda: e.add(out, y), lambda: e.sub(x, out))
+
+
 def _mul_backward(e: Arithmetic, node: Expr, out: IntervalArray, xs: Values) -> Values:
     x, y = _aligned(node, xs)
-    return e.factor(out, y, x), e.factor(out, x, y)
+    return _narrowed(node, xs, lambda: e.factor(out, y, x), lambda: e.factor(out, x, y))
 
 
 def _div_backward(e: Arithmetic, node: Expr, out: IntervalArray, xs: Values) -> Values:
     x, y = _aligned(node, xs)
-    return e.mul(out, y), e.factor(x, out, y)
+    return _narrowed(node, xs, lambda: e.mul(out, y), lambda: e.factor(x, out, y))
 
 
 def _div_derivative(e: Arithmetic, node: Expr, out: IntervalArray, xs: Values) -> Values:
@@ -223,13 +246,13 @@ TABLE: dict[str, Operation] = {
     "sum": Operation(lambda e, n, xs: e.sum(xs[0], n.parameter + 1), _sum_backward, adjoint=_sum_adjoint),
     "add": Operation(
         lambda e, n, xs: e.add(*_aligned(n, xs)),
-        lambda e, n, out, xs: (e.sub(out, align(xs[1], n.ndim)), e.sub(out, align(xs[0], n.ndim))),
+        _add_backward,
         lambda e, n, out, xs: (_one(), _one()),
         lambda e, n, g: (g, g),
     ),
     "sub": Operation(
         lambda e, n, xs: e.sub(*_aligned(n, xs)),
-        lambda e, n, out, xs: (e.add(out, align(xs[1], n.ndim)), e.sub(align(xs[0], n.ndim), out)),
+        _sub_backward,
         lambda e, n, out, xs: (_one(), _one(-1.0)),
         lambda e, n, g: (g, _negated(e, g)),
     ),

@@ -10,11 +10,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from cpcal.interval import Arithmetic, IntervalArray
+from cpcal.interval.array import Floats
 from cpcal.network.expression import Expr
 from cpcal.network.network import ConstraintNetwork, topological
 from cpcal.network.operations import TABLE, align
 
 Slots = list[IntervalArray]
+
+_LARGE = 2000  # elements, from which on halving beats a reduction by numpy
 
 
 class Tape:
@@ -106,7 +109,8 @@ class Tape:
                 for j, narrowed in zip(
                     self._args[k], TABLE[node.op].backward(engine, node, value, values), strict=True
                 ):
-                    slots[j] = slots[j].intersect(_reduced(narrowed, slots[j]))
+                    if narrowed is not slots[j]:
+                        slots[j] = slots[j].intersect(_reduced(narrowed, slots[j]))
         lo[dead], hi[dead] = np.nan, np.nan
         return IntervalArray(lo, hi)
 
@@ -160,12 +164,31 @@ def _chain(
 
 def _reduced(narrowed: IntervalArray, target: IntervalArray) -> IntervalArray:
     """Intersect over the axes along which the target was broadcast."""
+    if narrowed.shape[1:] == target.shape[1:]:
+        return narrowed
     lo, hi = narrowed.lo, narrowed.hi
     extra = lo.ndim - target.ndim
     if extra:
-        axes = tuple(range(1, 1 + extra))
-        lo, hi = lo.max(axis=axes), hi.min(axis=axes)
+        shape = (lo.shape[0], -1, *lo.shape[1 + extra :])
+        lo, hi = _highest(lo.reshape(shape)), _lowest(hi.reshape(shape))
     axes = tuple(a for a in range(1, target.ndim) if target.shape[a] == 1 and lo.shape[a] > 1)
     if axes:
         lo, hi = lo.max(axis=axes, keepdims=True), hi.min(axis=axes, keepdims=True)
     return IntervalArray(lo, hi)
+
+
+def _highest(a: Floats) -> Floats:
+    """The maximum along axis 1, NaN if there is one. numpy is slow where short axes follow: halve instead."""
+    if a.ndim == 2 or a.size < _LARGE:
+        return np.asarray(a.max(axis=1))
+    while a.shape[1] > 1:
+        half = a.shape[1] // 2
+        folded = np.maximum(a[:, :half], a[:, half : 2 * half])
+        if a.shape[1] % 2:
+            np.maximum(folded[:, :1], a[:, -1:], out=folded[:, :1])
+        a = folded
+    return a[:, 0]
+
+
+def _lowest(a: Floats) -> Floats:
+    return -_highest(-a)

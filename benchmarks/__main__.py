@@ -1,0 +1,9 @@
+"""`python -m benchmarks`."""
+
+import signal
+
+from benchmarks.app import app
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the process of a run is ended, too
+    app(prog_name="python -m benchmarks")

@@ -1,0 +1,56 @@
+"""Points near the ends of S(eps), for branch and bound to prove: local optima, by sequential quadratic programming."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy import optimize
+
+from benchmarks.problems import Leg
+from cpcal.interval import Box
+from cpcal.linear import Glop
+from cpcal.network import ConstraintNetwork
+from cpcal.network.rows import Rows
+from cpcal.optimize.fit import fit
+
+Floats = npt.NDArray[np.float64]
+
+_ROOM = 1e-9  # of eps, for the rounding of a proof
+_BACK = (0.0, 1e-9, 1e-7, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
+
+
+def minimax(leg: Leg) -> Floats:
+    """The point of the smallest eps, well inside of S(eps) for a larger one."""
+    network = leg.network()
+    return np.asarray(fit(Rows(network), 7, network.domain, leg.start, Glop())[:7])
+
+
+def extreme(network: ConstraintNetwork, box: Box, eps: float, end: tuple[int, float], inside: Floats) -> Floats:
+    """x of S(eps) with `sign * x_k` as small as it gets nearby, drawn back towards `inside` until it is in the set."""
+    k, sign = end
+    rows = Rows(network)
+    cost = np.zeros(7)
+    cost[k] = sign
+
+    def value(x: Floats) -> float:
+        return float(cost @ x)
+
+    def gradient(x: Floats) -> Floats:
+        return cost
+
+    def slack(x: Floats) -> Floats:
+        return np.asarray(-rows.linearize(np.append(x, eps)).values)
+
+    def slope(x: Floats) -> Floats:
+        return np.asarray(-rows.linearize(np.append(x, eps)).jacobian[:, :7])
+
+    found = optimize.minimize(
+        value,
+        inside,
+        jac=gradient,
+        method="SLSQP",
+        bounds=list(zip(box.lo.tolist(), box.hi.tolist(), strict=True)),
+        constraints=optimize.NonlinearConstraint(slack, 0.0, np.inf, jac=slope),
+    )
+    points = (np.asarray(found.x + share * (inside - found.x)) for share in _BACK)
+    return next((x for x in points if float(np.min(slack(x))) > _ROOM * eps), inside)

@@ -1,0 +1,36 @@
+"""How long the linear programs take."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from cpcal.interfaces import LinearSolution
+from cpcal.linear import Glop
+
+
+class LinearTime:
+    """Adds up the time that GLOP takes, while it is entered as a context."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._original: Callable[..., LinearSolution] = Glop.minimize
+
+    @property
+    def figures(self) -> dict[str, float]:
+        return {"linear": self.seconds}
+
+    def __enter__(self) -> LinearTime:
+        def timed(engine: Glop, objective: Any) -> LinearSolution:
+            began = time.perf_counter()
+            try:
+                return self._original(engine, objective)
+            finally:
+                self.seconds += time.perf_counter() - began
+
+        Glop.minimize = timed  # type: ignore[method-assign,assignment]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        Glop.minimize = self._original  # type: ignore[method-assign]

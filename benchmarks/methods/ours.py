@@ -1,0 +1,141 @@
+"""cpcal with a list of contractors."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import cpcal
+from benchmarks.methods.hull import hull
+from benchmarks.methods.linear_time import LinearTime
+from benchmarks.methods.method import Question, Work
+from benchmarks.methods.proof import checked
+from benchmarks.methods.sweep import timed_sweep
+from benchmarks.problems import Leg
+from benchmarks.records import Answer
+from benchmarks.tasks import Unsupported
+from contractors.hc4 import HC4
+from cpcal import plugins
+from cpcal.interfaces import Limits, Verdict
+from cpcal.interval import get_arithmetic
+from cpcal.optimize import Minimum, minimize, run
+from cpcal.result import LegResult
+
+
+class Cpcal:
+    """Contractors are named as in `cpcal plugins`; those that are not registered are not there yet."""
+
+    guarantee = "proved"
+
+    def __init__(self, contractors: tuple[str, ...]) -> None:
+        self._contractors = contractors
+
+    def missing(self) -> str | None:
+        unknown = [name for name in self._contractors if name not in plugins.found()]
+        return f"no contractor is registered as {', '.join(unknown)}" if unknown else None
+
+    def prepare(self, question: Question) -> Work:
+        kinds = {
+            "minimise": self._minimise,
+            "refute": self._refute,
+            "hull": self._hull,
+            "certify": self._certify,
+            "prove": self._prove,
+            "sweep": self._sweep,
+        }
+        return kinds[question.task.kind](question)
+
+    def _minimise(self, question: Question) -> Work:
+        _ready(question)
+        return lambda: self._search(question, None, question.task.value)
+
+    def _refute(self, question: Question) -> Work:
+        _ready(question)
+        return lambda: self._search(question, question.tolerance, 1e-6)
+
+    def _search(self, question: Question, eps: float | None, gap: float) -> Answer:
+        with LinearTime() as linear:
+            network = question.problem.network(eps)
+            contractor = plugins.build(network, self._contractors, objective="eps")
+            limits = Limits(seconds=question.limit, gap=gap)
+            engine, start = get_arithmetic("float64"), question.problem.start
+            found = run(minimize(network, "eps", contractor, engine=engine, limits=limits, start=start), None)
+        figures = {**_figures(found), **linear.figures}
+        if eps is not None:
+            del figures["lo"], figures["hi"]  # say nothing of eps*
+        wanted = Verdict.PROVED if eps is None else Verdict.REFUTED
+        return Answer(found.verdict is wanted, figures, found.verdict.value)
+
+    def _hull(self, question: Question) -> Work:
+        leg = _leg(question)
+        _ready(question)
+        return lambda: hull(leg, self._contractors, question.tolerance, question.limit)
+
+    def _certify(self, question: Question) -> Work:
+        leg = _leg(question)
+        _ready(question)
+
+        def work() -> Answer:
+            with LinearTime() as linear:
+                found = self._certified(leg.campaign, leg, question)
+            figures = {**_leg_figures(found), **linear.figures, "support": float(len(found.support))}
+            return Answer(found.verdict is Verdict.PROVED, figures, found.verdict.value)
+
+        return work
+
+    def _certified(self, campaign: cpcal.Campaign, leg: Leg, question: Question, run: Path | None = None) -> LegResult:
+        return cpcal.certify(
+            campaign,
+            legs=[leg.leg],
+            delta=leg.delta,
+            gap=question.task.value,
+            time_limit=question.limit,
+            contractors=self._contractors,
+            certificates=run,
+        ).legs[0]
+
+    def _prove(self, question: Question) -> Work:
+        leg = _leg(question)
+        place = tempfile.TemporaryDirectory()
+        folder = Path(place.name) / "campaign"
+        cpcal.save_campaign(leg.campaign, folder)
+        campaign = cpcal.load_campaign(folder)
+
+        def work() -> Answer:
+            with place:
+                run = Path(place.name) / "run"
+                found = self._certified(campaign, leg, question, run)
+                if found.certificate is None:
+                    return Answer(False, _leg_figures(found), "no certificate")
+                return Answer(True, _leg_figures(found) | checked(run / found.certificate, folder), "checked")
+
+        return work
+
+    def _sweep(self, question: Question) -> Work:
+        leg = _leg(question)
+        if self._contractors != ("hc4",):
+            raise Unsupported("only hc4 contracts batches of boxes")
+        hc4 = HC4(leg.network(question.tolerance))
+        return timed_sweep(leg, question, hc4.contract_batch)
+
+
+def _leg(question: Question) -> Leg:
+    if not isinstance(question.problem, Leg):
+        raise Unsupported("the task is about legs")
+    return question.problem
+
+
+def _ready(question: Question) -> None:
+    """Data and fit belong to the problem: have them before the clock starts."""
+    problem = question.problem
+    _ = problem.measurements, problem.start
+    if isinstance(problem, Leg):
+        _ = problem.campaign.sha256  # belongs to reading the files
+
+
+def _figures(found: Minimum) -> dict[str, float]:
+    return {"lo": found.lo, "hi": found.hi, "nodes": found.nodes, "programs": found.programs}
+
+
+def _leg_figures(found: LegResult) -> dict[str, float]:
+    return {"lo": found.eps_lo, "hi": found.eps_hi, "nodes": found.nodes, "programs": found.programs}

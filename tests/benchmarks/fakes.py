@@ -1,0 +1,75 @@
+"""Methods that behave badly, for the harness to survive: named as `tests.benchmarks.fakes:Class`."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+
+from benchmarks.methods import Question, Work
+from benchmarks.records import Answer
+from benchmarks.tasks import Unsupported
+
+
+class Good:
+    """Answers at once, and talks on stdout as some libraries do."""
+
+    guarantee = "none"
+
+    def missing(self) -> str | None:
+        return None
+
+    def prepare(self, question: Question) -> Work:
+        def work() -> Answer:
+            os.write(1, b"licence, banner, ...\n")
+            return Answer(True, {"nodes": 3, "lo": 1.0, "hi": float("inf")}, question.task.name)
+
+        return work
+
+
+class Absent(Good):
+    def missing(self) -> str | None:
+        return "is not installed"
+
+
+class Refusing(Good):
+    def prepare(self, question: Question) -> Work:
+        raise Unsupported("is not written for this")
+
+
+class Raising(Good):
+    def prepare(self, question: Question) -> Work:
+        def work() -> Answer:
+            raise ArithmeticError("a pivot is zero")
+
+        return work
+
+
+class Crashing(Good):
+    def prepare(self, question: Question) -> Work:
+        def work() -> Answer:
+            print("segmentation fault", file=sys.stderr, flush=True)
+            os.kill(os.getpid(), signal.SIGABRT)
+            return Answer(True)
+
+        return work
+
+
+class Overrunning(Good):
+    """Holds on for ever, its signals ignored and with a child of its own."""
+
+    def prepare(self, question: Question) -> Work:
+        def work() -> Answer:
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
+            time.sleep(600.0)
+            return Answer(True)
+
+        return work
+
+
+class GivingUp(Good):
+    """Says itself that it could not."""
+
+    def prepare(self, question: Question) -> Work:
+        return lambda: Answer(False, {}, "no idea")

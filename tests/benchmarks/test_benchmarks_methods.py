@@ -1,0 +1,119 @@
+"""The methods ask what they should: formulations against the equations, peers against cpcal where there are any."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.methods import PEERS, Question, method
+from benchmarks.methods.expanded import AB, BB, COLUMNS, OFFSET, A, B, Q, rows
+from benchmarks.methods.extreme import minimax
+from benchmarks.methods.sweep import boxes
+from benchmarks.problems import Leg, problem
+from benchmarks.records import Answer
+from benchmarks.suites import MINIMISE
+from benchmarks.tasks import Task, Unsupported
+from cpcal.calibration import residuals
+
+BEST = 0.5042169  # mm, eps* of the leg, rounded down
+
+
+def leg() -> Leg:
+    found = problem("leg1-e1-n64-d100")
+    assert isinstance(found, Leg)
+    return found
+
+
+def ask(name: str, task: str, eps: float | None = None, limit: float = 60.0) -> Answer:
+    return method(name).prepare(Question(leg(), Task.named(task), eps, limit))()
+
+
+def test_the_expanded_rows_are_the_squared_equations() -> None:
+    asked, eps = leg(), 0.7
+    data, x = rows(asked), asked.middle + np.linspace(-20.0, 30.0, 7)
+    columns = np.zeros(COLUMNS)
+    columns[:7] = x
+    columns[Q] = x[:3] @ x[:3] - x[OFFSET] ** 2
+    for (i, j), column in AB.items():
+        columns[column] = x[A[i]] * x[B[j]]
+    for (i, j), column in BB.items():
+        columns[column] = x[B[i]] * x[B[j]]
+    value = data.matrix @ columns + data.constant
+    reach = data.length + x[OFFSET]
+    distance = residuals(asked.campaign, asked.leg, x) + reach
+    for sign in (1.0, -1.0):
+        term = sign * 2.0 * eps * reach + eps * eps
+        assert value - term == pytest.approx(distance**2 - (reach + sign * eps) ** 2, abs=1e-6)
+
+
+def test_cpcal_closes_refutes_and_encloses() -> None:
+    found = ask("lifted", MINIMISE)
+    assert found.answered
+    assert found.figures["lo"] <= BEST + 1e-6
+    assert found.figures["hi"] >= BEST
+    assert 0.0 < found.figures["linear"] < 60.0
+    assert ask("lifted", "refute-0.9", 0.9 * BEST).answered
+    assert not ask("lifted", "refute-0.9", 1.1 * BEST).answered
+    hull = ask("lifted", "hull-1.1", 1.1 * BEST)
+    assert hull.answered
+    assert 4.7 < hull.figures["width"] < 4.8
+
+
+def test_the_minimax_point_is_inside_of_a_larger_set() -> None:
+    assert np.abs(residuals(leg().campaign, 1, minimax(leg()))).max() < 1.01 * BEST
+
+
+def test_a_certificate_is_written_and_checked() -> None:
+    found = ask("lifted", "prove-1e-06")
+    assert found.answered
+    assert found.figures["steps"] >= 1
+    assert found.figures["check"] > 0.0
+    assert 1.0 < found.figures["size"] < 100.0
+
+
+def test_a_sweep_is_timed_for_one_time() -> None:
+    found = ask("hc4", "sweep-10", 1.1 * BEST)
+    assert found.cpu is not None
+    assert found.figures["us per box"] == pytest.approx(1e5 * found.cpu)
+    assert 0.0 < found.figures["width left"] <= 1.0
+    batch = boxes(leg(), 1.0, 50)
+    assert (batch.lo[:, :7] >= leg().box.lo - 1e-9).all()
+    assert (batch.hi[:, :7] <= leg().box.hi + 1e-9).all()
+    with pytest.raises(Unsupported):
+        ask("lifted", "sweep-10", 1.1 * BEST)
+
+
+def test_least_squares_gives_a_point_only() -> None:
+    found = ask("least-squares", MINIMISE)
+    assert not found.answered
+    assert found.figures["hi"] > BEST
+
+
+@pytest.mark.parametrize("name", ["gurobi", "scip"])
+def test_solvers_agree_where_they_are_installed(name: str) -> None:
+    if method(name).missing():
+        pytest.skip(f"{name} is not installed")
+    found = ask(name, MINIMISE)
+    assert found.answered
+    assert found.figures["lo"] == pytest.approx(BEST, rel=1e-5)
+    assert ask(name, "refute-0.9", 0.9 * BEST).answered
+    assert not ask(name, "refute-0.9", 1.1 * BEST, 5.0).answered
+
+
+def test_codac_contracts_like_hc4_where_it_is_installed() -> None:
+    if method("codac").missing():
+        pytest.skip("codac is not installed")
+    ours, theirs = (ask(name, "sweep-20", 1.1 * BEST).figures for name in ("hc4", "codac-fwdbwd"))
+    assert abs(ours["emptied"] - theirs["emptied"]) <= 2
+    assert ours["width left"] == pytest.approx(theirs["width left"], abs=0.1)
+    assert not ask("codac", "refute-0.5", 0.5 * BEST, 0.2).answered
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_every_peer_says_what_it_is_worth_and_refuses_uncertain_readings(name: str) -> None:
+    assert method(name).guarantee
+    if method(name).missing():
+        pytest.skip(f"{name} is not installed")
+    uncertain = Question(problem("leg1-e1-n64-d100-u"), Task.named(MINIMISE), None, 1.0)
+    with pytest.raises(Unsupported, match="exact readings"):
+        method(name).prepare(uncertain)
