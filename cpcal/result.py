@@ -136,6 +136,9 @@ class Result:
     version: str
     legs: tuple[LegResult, ...]
     interrupted: bool = False
+    method: str = "bound"
+    time_limit: float | None = None
+    support: str = "few"
 
     def _repr_html_(self) -> str:
         """For notebooks: a table, a row a leg. Bounds are rounded to the side on which they stay proved."""
@@ -162,7 +165,13 @@ class Result:
                 "measurements": self.measurements,
             },
             "box": {"center": self.center, "delta": self.delta, "parameters": list(self.parameters)},
-            "question": {"eps": self.eps, "gap": self.gap},
+            "question": {
+                "eps": self.eps,
+                "gap": self.gap,
+                "method": self.method,
+                "time_limit": self.time_limit,
+                "support": self.support,
+            },
             "solver": {
                 "version": self.version,
                 "contractors": list(self.contractors),
@@ -174,7 +183,7 @@ class Result:
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Result:
-        names = tuple(data["box"]["parameters"])
+        names, question = tuple(data["box"]["parameters"]), data["question"]
         return cls(
             data["campaign"]["robot"],
             data["campaign"]["sha256"],
@@ -182,13 +191,16 @@ class Result:
             names,
             data["box"]["delta"],
             data["box"]["center"],
-            data["question"]["gap"],
-            data["question"]["eps"],
+            question["gap"],
+            question["eps"],
             tuple(data["solver"]["contractors"]),
             data["solver"]["arithmetic"],
             data["solver"]["version"],
             tuple(LegResult.from_json(leg, names) for leg in data["legs"]),
             data["interrupted"],
+            question.get("method", "bound"),
+            question.get("time_limit"),
+            question.get("support", "few"),
         )
 
 

@@ -89,6 +89,9 @@ def certify(
         __version__,
         tuple(done),
         interrupted,
+        method,
+        time_limit,
+        support,
     )
 
 

@@ -22,6 +22,10 @@ def command(campaign: Campaign, result: Result) -> str:
     words += ["--contractors", ",".join(result.contractors), "--arithmetic", result.arithmetic]
     if result.eps is not None:
         words += ["--eps", repr(float(result.eps))]
+    if result.time_limit is not None:
+        words += ["--time-limit", repr(float(result.time_limit))]
+    for option, value, usual in (("--method", result.method, "bound"), ("--support", result.support, "few")):
+        words += [option, value] if value != usual else []
     return shlex.join(words)
 
 

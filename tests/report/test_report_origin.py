@@ -23,11 +23,12 @@ def campaign():
     "asked",
     [
         {"legs": [2], "eps": 0.1},
+        {"legs": [2], "eps": 0.1, "time_limit": 60.0, "support": "irreducible"},
         {"legs": [3, 1], "delta": 12.5, "center": "nominal", "gap": 1e-3, "contractors": ("hc4", "lifted")},
     ],
 )
 def test_the_command_repeats_the_run(campaign, tmp_path, asked):
-    result = cpcal.certify(campaign, **asked)
+    result = cpcal.certify(campaign, certificates=tmp_path / "ours", **asked)
     cpcal.save_campaign(campaign, tmp_path / "c")
     places = {"CAMPAIGN": str(tmp_path / "c"), "RUN": str(tmp_path / "run")}
     words = [places.get(word, word) for word in shlex.split(command(campaign, result))]
