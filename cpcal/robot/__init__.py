@@ -1,4 +1,4 @@
-"""Legs, kinematics, pose and rotation, campaign files, simulated campaigns."""
+"""Legs, kinematics, pose and rotation, campaign and study files, simulated campaigns and studies."""
 
 from cpcal.robot.campaign import Campaign
 from cpcal.robot.kinematics import (
@@ -10,7 +10,9 @@ from cpcal.robot.kinematics import (
     leg_vectors,
     pose_jacobian,
 )
+from cpcal.robot.mechanisms import Mechanisms
 from cpcal.robot.reader import load_campaign
+from cpcal.robot.rigid import composed, inverted
 from cpcal.robot.robot import DELTALAB, ROBOTS, Robot, known_robot
 from cpcal.robot.rotation import (
     normalised,
@@ -23,6 +25,10 @@ from cpcal.robot.rotation import (
     small_rotation,
 )
 from cpcal.robot.simulate import simulate, true_robot
+from cpcal.robot.simulate_study import simulate_study
+from cpcal.robot.study import PoseTable, Study, Truth
+from cpcal.robot.study_reader import load_study
+from cpcal.robot.study_writer import save_study
 from cpcal.robot.uncertainty import Uncertainty
 from cpcal.robot.writer import save_campaign
 
@@ -31,15 +37,22 @@ __all__ = [
     "ROBOTS",
     "Campaign",
     "KinematicsError",
+    "Mechanisms",
     "Pose",
+    "PoseTable",
     "Robot",
+    "Study",
+    "Truth",
     "Uncertainty",
     "central_pose",
+    "composed",
     "forward_kinematics",
     "inverse_kinematics",
+    "inverted",
     "known_robot",
     "leg_vectors",
     "load_campaign",
+    "load_study",
     "normalised",
     "pose_jacobian",
     "quaternion_conjugate",
@@ -49,7 +62,9 @@ __all__ = [
     "rotation_matrix",
     "rotation_vector",
     "save_campaign",
+    "save_study",
     "simulate",
+    "simulate_study",
     "small_rotation",
     "true_robot",
 ]
