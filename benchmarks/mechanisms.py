@@ -2,8 +2,8 @@
 
     python -m benchmarks.mechanisms [--sizes 1,3,10,30] [--seed 1] [--time-limit 20] [--json FILE]
 
-A simulated DeltaLab study for each mechanism alone: 64 extremal configurations, one run, no noise, seen in the true base
-and mobile frames and declared exact, box +-100 mm around the fit. So eps* is what seven parameters a leg cannot
+A simulated DeltaLab study for each mechanism alone: 64 extremal configurations, one run, no noise, seen in the true
+base and mobile frames and declared exact, box +-100 mm around the fit. So eps* is what seven parameters a leg cannot
 describe of the mechanism, and nothing else. Sizes are in mm; the gain's is what it adds at the end of the stroke.
 Backlash comes twice: its side decided by the platform's weight alone, and mostly by the direction of approach.
 Each figure is eps_lo, with "+" where eps_hi is over 1 % larger when the time is up.
@@ -46,7 +46,7 @@ def brackets(mechanism: str, size: float, more: dict[str, float], seed: int, lim
     if mechanism == "gain":
         size /= 0.5 * (STROKE[1] - STROKE[0])
     options = {mechanism: size, **more}
-    study = simulate_study(seed=seed, runs=1, validation_runs=1, validation_poses=1, noise=0.0, **options)  # type: ignore[arg-type]
+    study = simulate_study(seed=seed, runs=1, validation_runs=1, random_poses=1, noise=0.0, **options)  # type: ignore[arg-type]
     result = cpcal.certify(campaign(study), delta=100.0, time_limit=limit)
     return [(leg.eps_lo, leg.eps_hi) for leg in result.legs]
 

@@ -65,7 +65,7 @@ def simulate_study(
     seed: int,
     runs: int = 11,
     validation_runs: int = 10,
-    validation_poses: int = 64,
+    random_poses: int = 64,
     images: int = 0,
     noise: float = 1.0,
     truncate: float | None = None,
@@ -84,7 +84,7 @@ def simulate_study(
     robot             the nominal robot; six legs
     seed              >= 0; the same seed gives the same study, bit for bit
     runs              of each of the 64 extremal configurations ("e00" to "e63"; see `simulate`), for calibration
-    validation_poses  random configurations ("r000", ...), with `validation_runs` runs each, for validation
+    random_poses  random configurations ("r000", ...), with `validation_runs` runs each, for validation
     images            rows of single images of each run; 0: one row a run, the mean of ten images
     noise             scale of the paper's standard deviations (Tables 2 and 3)
     truncate          noise beyond this many standard deviations is drawn again
@@ -112,7 +112,7 @@ def simulate_study(
     truth = Truth(seed, true_robot, mechanisms, _camera(frames), _target(frames))
 
     def table(extremal: bool, runs: int, approach: Stream, noisy: Stream) -> PoseTable:
-        drawn = 0 if extremal else validation_poses
+        drawn = 0 if extremal else random_poses
         names, readings = configurations(stroke, pose, random_poses=drawn, extremal=extremal)
         poses = true_poses(truth, readings, stroke, runs, approach)
         ids = [(name, str(run)) for name in names for run in range(1, runs + 1)]
@@ -196,10 +196,10 @@ def _check_options(options: dict[str, Any]) -> None:
     checks.six_legs("robot")
     checks.whole("seed", 0)
     checks.whole("images", 0, MEASUREMENTS_MAX)
-    for name in ("runs", "validation_runs", "validation_poses"):
+    for name in ("runs", "validation_runs", "random_poses"):
         checks.whole(name, 1, MEASUREMENTS_MAX)
     if not checks.problems:
-        each = 64 * options["runs"] + options["validation_poses"] * options["validation_runs"]
+        each = 64 * options["runs"] + options["random_poses"] * options["validation_runs"]
         total = each * max(options["images"], 1)
         checks.demand("runs", total <= MEASUREMENTS_MAX, f"keep the rows within {MEASUREMENTS_MAX:,}")
     checks.sizes("noise", "deviation", *_MECHANISMS)
