@@ -104,7 +104,8 @@ class _StudyReader(Reader):
             return None
         before = len(self.problems)
         read = {name: self.field(name, width, values, legs) for name, width in FIELDS.items() if name in values}
-        return Mechanisms(**read) if len(self.problems) == before else None  # type: ignore[arg-type]
+        whole = legs is not None and len(read) == len(FIELDS) and len(self.problems) == before
+        return Mechanisms(**read) if whole else None  # type: ignore[arg-type]
 
     def field(self, name: str, width: int | None, values: Table, legs: int | None) -> Array | float:
         """One value of the mechanisms: a number, one number a leg, or one row a leg."""
