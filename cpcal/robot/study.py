@@ -110,6 +110,11 @@ class Truth:
     camera: Pose
     target: Pose
 
+    def __post_init__(self) -> None:
+        for name in ("camera", "target"):
+            pose: Pose = getattr(self, name)
+            object.__setattr__(self, name, Pose(frozen_array(pose.position), frozen_array(pose.quaternion)))
+
     def mobile_in_base(self, table: PoseTable) -> Pose:
         """The poses (N) of the mobile frame in the base frame that the table's poses mean."""
         return composed(inverted(self.camera), table.seen, inverted(self.target))

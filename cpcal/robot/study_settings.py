@@ -12,7 +12,7 @@ from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.mechanisms import FIELDS, Mechanisms, wrong_value
 from cpcal.robot.problems import Problems, shown
-from cpcal.robot.robot import Robot, frozen_array
+from cpcal.robot.robot import Robot
 from cpcal.robot.settings import Reader, line_numbers, parsed
 from cpcal.robot.study import Truth
 from cpcal.robot.study_writer import STUDY_FORMAT
@@ -96,7 +96,7 @@ class _StudyReader(Reader):
         norm = math.hypot(*quaternion)
         if abs(norm - 1.0) > QUATERNION_TOLERANCE:
             self.wrong((*path, "quaternion"), *quaternion_problem(norm))
-        return Pose(frozen_array(position), frozen_array(quaternion))
+        return Pose(np.array(position, dtype=np.float64), np.array(quaternion, dtype=np.float64))
 
     def mechanisms(self, table: Table, legs: int | None) -> Mechanisms | None:
         values = self.part("mechanisms", table, tuple(FIELDS))

@@ -221,7 +221,9 @@ class _Rows:
     def name(self, line: int, cell: str, column: str) -> str:
         text = cell.strip()
         if not is_identifier(text):
-            self.wrong(line, f"{shown(text)} cannot be the name of a{'n' * (column == 'image')} {column}", IDENTIFIER_REMEDY)
+            self.wrong(
+                line, f"{shown(text)} cannot be the name of a{'n' * (column == 'image')} {column}", IDENTIFIER_REMEDY
+            )
         return text
 
     def number(self, line: int, name: str, cell: str, optional: bool) -> float:

@@ -104,6 +104,18 @@ def test_the_example_with_a_truth_is_good(tmp_path):
     assert truth.mechanisms.perfect
 
 
+def test_strange_names_and_numbers_come_back(tmp_path):
+    names, runs = ('a,"b', "#é", "x y"), ("=1", "'", "-0")
+    values = [[-0.0, 5e-324, 1e300], [0.1, 1 / 3, 1e22], [1.0, 2.0, 3.0]]
+    rows = PoseTable(names, runs, values, [[1, 0, 0, 0]] * 3, np.zeros((3, 6)), ("1", "1", ","))
+    study = Study(DELTALAB, rows, rows, None, {'k"e\ny': 'a "text"\nof two lines'})
+    save_study(study, tmp_path / "one")
+    assert load_study(tmp_path / "one") == study
+    assert load_study(tmp_path / "one").calibration.position.tobytes() == rows.position.tobytes()
+    save_study(load_study(tmp_path / "one"), tmp_path / "two")
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+
+
 def test_an_interrupted_overwrite_leaves_a_folder_that_is_refused(tmp_path, monkeypatch):
     study = simulate_study(seed=7, runs=1, validation_runs=1, random_poses=1)
     save_study(study, tmp_path / "s")
