@@ -1,6 +1,6 @@
 """How large a model error each mechanism of an imperfect leg makes: eps* by mechanism and size.
 
-    python -m benchmarks.mechanisms [--sizes 1,3,10,30] [--seed 1] [--time-limit 20] [--json FILE]
+    python -m benchmarks.mechanisms [--sizes 1,3,10,30,45] [--seed 1] [--time-limit 60] [--json FILE]
 
 A simulated DeltaLab study for each mechanism alone: 64 extremal configurations, one run, no noise, seen in the true
 base and mobile frames and declared exact, box +-100 mm around the fit. So eps* is what seven parameters a leg cannot
@@ -53,9 +53,9 @@ def brackets(mechanism: str, size: float, more: dict[str, float], seed: int, lim
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sizes", default="1,3,10,30", help="mm")
+    parser.add_argument("--sizes", default="1,3,10,30,45", help="mm")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--time-limit", type=float, default=20.0, help="seconds a leg")
+    parser.add_argument("--time-limit", type=float, default=60.0, help="seconds a leg")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
     print(f"{'mechanism':35} {'size':>5}  " + " ".join(f"{f'leg {leg}':>8}" for leg in range(1, 7)) + "  seconds")

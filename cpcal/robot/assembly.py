@@ -168,7 +168,8 @@ def _newton(robot: Robot, mechanisms: Mechanisms, readings: Array, pose: Pose, s
         moved = _moved(here, step / np.maximum(longest / (_MAX_MOVE * size), 1.0), arm)
         position[todo], quaternion[todo] = moved.position, moved.quaternion
     rows = tuple(map(int, todo))
-    message = f"no pose found for {len(rows)} configurations of a robot with these imperfections"
+    first = ", ".join(f"{value:.6g}" for value in readings[rows[0]])
+    message = f"no pose found for {len(rows)} rows of readings of a robot with these imperfections (first: {first} mm)"
     raise KinematicsError(f"{message}: make them smaller", rows)
 
 
