@@ -11,8 +11,8 @@ from cpcal.robot.kinematics import (
     pose_jacobian,
 )
 from cpcal.robot.mechanisms import Mechanisms
+from cpcal.robot.motion import compose, inverse, transformed
 from cpcal.robot.reader import load_campaign
-from cpcal.robot.rigid import composed, inverted
 from cpcal.robot.robot import DELTALAB, ROBOTS, Robot, known_robot
 from cpcal.robot.rotation import (
     normalised,
@@ -45,10 +45,10 @@ __all__ = [
     "Truth",
     "Uncertainty",
     "central_pose",
-    "composed",
+    "compose",
     "forward_kinematics",
+    "inverse",
     "inverse_kinematics",
-    "inverted",
     "known_robot",
     "leg_vectors",
     "load_campaign",
@@ -66,5 +66,6 @@ __all__ = [
     "simulate",
     "simulate_study",
     "small_rotation",
+    "transformed",
     "true_robot",
 ]

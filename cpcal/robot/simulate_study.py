@@ -28,8 +28,8 @@ import numpy.typing as npt
 from cpcal.robot.assembly import assembled_with
 from cpcal.robot.kinematics import Pose, central_pose
 from cpcal.robot.mechanisms import Mechanisms
+from cpcal.robot.motion import compose
 from cpcal.robot.options import OptionChecks
-from cpcal.robot.rigid import composed
 from cpcal.robot.robot import DELTALAB, Robot
 from cpcal.robot.rotation import (
     normalised,
@@ -158,7 +158,7 @@ def _recorded(
     rows = max(images, 1)
     share = noise if images else noise / math.sqrt(MEAN_OF)
     length = readings + noise * standard_noise(stream, readings.shape, truncate) * np.array(LENGTH_SIGMA)
-    seen = composed(truth.camera, poses, truth.target)
+    seen = compose(compose(truth.camera, poses), truth.target)
     draw = share * standard_noise(stream, (len(ids) * rows, 6), truncate)
     turn = small_rotation(draw[:, 3:] * np.radians(EULER_SIGMA))
     return PoseTable(

@@ -18,8 +18,8 @@ from cpcal.errors import InputError, Problem
 from cpcal.robot.campaign import IDENTIFIER_REMEDY, QUATERNION_TOLERANCE, is_identifier, quaternion_problem
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.mechanisms import Mechanisms
+from cpcal.robot.motion import compose, inverse
 from cpcal.robot.problems import Problems
-from cpcal.robot.rigid import composed, inverted
 from cpcal.robot.robot import Robot, frozen_array, is_text
 
 Array = npt.NDArray[np.float64]
@@ -117,7 +117,7 @@ class Truth:
 
     def mobile_in_base(self, table: PoseTable) -> Pose:
         """The poses (N) of the mobile frame in the base frame that the table's poses mean."""
-        return composed(inverted(self.camera), table.seen, inverted(self.target))
+        return compose(compose(inverse(self.camera), table.seen), inverse(self.target))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Truth):

@@ -9,11 +9,8 @@ from numpy.testing import assert_allclose
 from cpcal.errors import InputError
 from cpcal.robot import (
     DELTALAB,
-    Pose,
-    composed,
+    inverse,
     inverse_kinematics,
-    inverted,
-    normalised,
     quaternion_conjugate,
     quaternion_product,
     save_study,
@@ -97,28 +94,23 @@ def test_a_perfect_study_satisfies_the_seven_parameter_equations_once_the_frames
 def test_the_frames_are_a_camera_above_and_a_target_on_the_platform():
     for seed in range(20):
         truth = simulate_study(seed=seed, runs=1, validation_runs=1, random_poses=1).truth
-        eye = inverted(truth.camera)  # the camera frame seen in the base frame
+        eye = inverse(truth.camera)  # the camera frame seen in the base frame
         assert 850 < eye.position[2] < 1150
         assert eye.rotation[2, 2] < -0.9  # looks down
         assert 0 < truth.target.position[2] < 25
         assert truth.target.rotation[2, 2] > 0.97
 
 
-def test_changes_of_frame_compose_and_invert():
-    rng = np.random.default_rng(0)
-
-    def pose(*shape):
-        return Pose(rng.normal(size=(*shape, 3)), normalised(rng.normal(size=(*shape, 4))))
-
-    outer, many, inner, point = pose(), pose(4), pose(), rng.normal(size=3)
-    by_steps = inner.position + inner.rotation @ point
-    by_steps = many.position + many.rotation @ by_steps
-    by_steps = outer.position + by_steps @ outer.rotation.T
-    whole = composed(outer, many, inner)
-    assert_allclose(whole.position + whole.rotation @ point, by_steps, atol=1e-12)
-    nothing = composed(whole, inverted(whole))
-    assert_allclose(nothing.position, 0.0, atol=1e-12)
-    assert_allclose(nothing.rotation, np.tile(np.eye(3), (4, 1, 1)), atol=1e-12)
+def test_the_poses_map_target_to_camera_by_way_of_mobile_and_base():
+    study = simulate_study(seed=1, noise=0.0, **SMALL)
+    truth, table = study.truth, study.calibration
+    mobile = truth.mobile_in_base(table)
+    x = np.array([3.0, -7.0, 11.0])  # in the target frame
+    on_platform = truth.target.position + truth.target.rotation @ x
+    in_base = mobile.position + mobile.rotation @ on_platform
+    in_camera = truth.camera.position + in_base @ truth.camera.rotation.T
+    assert_allclose(table.position + table.seen.rotation @ x, in_camera, atol=1e-9)
+    assert mobile.position[:, 2].min() > 200
 
 
 @pytest.mark.parametrize(("images", "share"), [(3, 1.0), (0, 1 / np.sqrt(10))])
