@@ -1,4 +1,4 @@
-"""Legs, kinematics, pose and rotation, campaign files, simulated campaigns."""
+"""Legs, kinematics, pose and rotation, campaign and study files, simulated campaigns and studies."""
 
 from cpcal.robot.campaign import Campaign
 from cpcal.robot.kinematics import (
@@ -10,6 +10,8 @@ from cpcal.robot.kinematics import (
     leg_vectors,
     pose_jacobian,
 )
+from cpcal.robot.mechanisms import Mechanisms
+from cpcal.robot.motion import compose, inverse, transformed
 from cpcal.robot.reader import load_campaign
 from cpcal.robot.robot import DELTALAB, ROBOTS, Robot, known_robot
 from cpcal.robot.rotation import (
@@ -23,6 +25,10 @@ from cpcal.robot.rotation import (
     small_rotation,
 )
 from cpcal.robot.simulate import simulate, true_robot
+from cpcal.robot.simulate_study import simulate_study
+from cpcal.robot.study import PoseTable, Study, Truth
+from cpcal.robot.study_reader import load_study
+from cpcal.robot.study_writer import save_study
 from cpcal.robot.uncertainty import Uncertainty
 from cpcal.robot.writer import save_campaign
 
@@ -31,15 +37,22 @@ __all__ = [
     "ROBOTS",
     "Campaign",
     "KinematicsError",
+    "Mechanisms",
     "Pose",
+    "PoseTable",
     "Robot",
+    "Study",
+    "Truth",
     "Uncertainty",
     "central_pose",
+    "compose",
     "forward_kinematics",
+    "inverse",
     "inverse_kinematics",
     "known_robot",
     "leg_vectors",
     "load_campaign",
+    "load_study",
     "normalised",
     "pose_jacobian",
     "quaternion_conjugate",
@@ -49,7 +62,10 @@ __all__ = [
     "rotation_matrix",
     "rotation_vector",
     "save_campaign",
+    "save_study",
     "simulate",
+    "simulate_study",
     "small_rotation",
+    "transformed",
     "true_robot",
 ]

@@ -48,17 +48,25 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
 
 
 def _settings(path: Path, problems: Problems, saw: Callable[[bytes], object]) -> Settings:
+    content = small_file(path, problems, _ABSENT)
+    if content is None:
+        return Settings(None, None, None, {})
+    saw(content)
+    return read_settings(content, str(path), problems)
+
+
+def small_file(path: Path, problems: Problems, absent: str) -> bytes | None:
+    """The bytes of a settings file, or None and a problem; `absent` is the remedy when there is no such file."""
     try:
         with path.open("rb") as file:
             content = file.read(SIZE_MAX + 1)
     except OSError as error:
-        problems.add(_unreadable(path, error))
-        return Settings(None, None, None, {})
+        problems.add(unreadable(path, error, absent))
+        return None
     if len(content) > SIZE_MAX:
         problems.add(Problem(str(path), f"is larger than {SIZE_MAX:,} bytes", "is this the right file?"))
-        return Settings(None, None, None, {})
-    saw(content)
-    return read_settings(content, str(path), problems)
+        return None
+    return content
 
 
 def _table(path: Path, settings: Settings, problems: Problems, saw: Callable[[bytes], object]) -> Table:
@@ -66,13 +74,14 @@ def _table(path: Path, settings: Settings, problems: Problems, saw: Callable[[by
         with path.open("rb") as file:
             return read_table(file, str(path), settings.legs, problems, saw)
     except OSError as error:
-        problems.add(_unreadable(path, error))
+        problems.add(unreadable(path, error, _ABSENT))
         return Table()
 
 
-def _unreadable(path: Path, error: OSError) -> Problem:
+def unreadable(path: Path, error: OSError, absent: str) -> Problem:
+    """What to say of a file that could not be opened."""
     if isinstance(error, FileNotFoundError):
-        return Problem(str(path), "does not exist", _ABSENT)
+        return Problem(str(path), "does not exist", absent)
     return Problem(str(path), f"cannot be read: {error.strerror or error}", "give a file that can be read")
 
 

@@ -42,17 +42,18 @@ class Settings:
 
 def read_settings(content: bytes, where: str, problems: Problems) -> Settings:
     """The settings in the bytes of a campaign.toml called `where`; adds to `problems`."""
-    document = _parsed(content, where, problems)
+    document = parsed(content, where, problems)
     if document is None:
         return Settings(None, None, None, {})
-    reader = _Reader(document, _line_numbers(content.decode("utf-8-sig"), document), where, problems)
+    reader = Reader(document, line_numbers(content.decode("utf-8-sig"), document), where, problems)
     reader.known((), document, _SECTIONS)
     reader.format()
     robot, legs = reader.robot()
     return Settings(robot, legs, reader.uncertainty(legs), reader.provenance())
 
 
-def _parsed(content: bytes, where: str, problems: Problems) -> dict[str, object] | None:
+def parsed(content: bytes, where: str, problems: Problems, format_: str = FORMAT) -> dict[str, object] | None:
+    """The TOML document in the bytes of a file called `where`; None, with a problem added, if it is none."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -60,7 +61,7 @@ def _parsed(content: bytes, where: str, problems: Problems) -> dict[str, object]
         problems.add(Problem(where, "is not UTF-8 text", "save the file as UTF-8 text", line))
         return None
     if not text.strip():
-        problems.add(Problem(where, "is empty", f'write a campaign: format = "{FORMAT}", [robot] ...', 1))
+        problems.add(Problem(where, "is empty", f'write at least format = "{format_}" and [robot]', 1))
         return None
     for number, row in enumerate(text.split("\n"), start=1):
         if max(part.count(".") for part in _BREAKS.split(row)) > _DOTS_MAX:
@@ -78,7 +79,7 @@ def _parsed(content: bytes, where: str, problems: Problems) -> dict[str, object]
     return None
 
 
-def _line_numbers(text: str, document: dict[str, object]) -> dict[tuple[str, ...], int]:
+def line_numbers(text: str, document: dict[str, object]) -> dict[tuple[str, ...], int]:
     """Where each section and key of the document is first written, by its path."""
     lines: dict[tuple[str, ...], int] = {}
     section: tuple[str, ...] = ()
@@ -110,7 +111,7 @@ def _leads_somewhere(path: tuple[str, ...], document: dict[str, object]) -> bool
     return True
 
 
-class _Reader:
+class Reader:
     """Walks the parsed document and takes note of what is wrong with it."""
 
     def __init__(
@@ -138,12 +139,12 @@ class _Reader:
                 what, line = f"unknown key {shown(key)}{place}", self.line((*path, key))
                 self.problems.add_unknown(self.where, what, key, keys, otherwise, line)
 
-    def format(self) -> None:
+    def format(self, format_: str = FORMAT) -> None:
         found = self.document.get("format")
         if "format" not in self.document:
-            self.wrong((), "the key 'format' is missing", f'add the line format = "{FORMAT}" at the top')
-        elif found != FORMAT:
-            self.wrong(("format",), f"the format is {shown(found)}", f'this program reads "{FORMAT}"')
+            self.wrong((), "the key 'format' is missing", f'add the line format = "{format_}" at the top')
+        elif found != format_:
+            self.wrong(("format",), f"the format is {shown(found)}", f'this program reads "{format_}" here')
 
     def section(self, name: str) -> dict[str, object] | None:
         table = self.document.get(name)

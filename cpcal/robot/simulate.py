@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError
 from cpcal.robot.campaign import Campaign
 from cpcal.robot.kinematics import (
     KinematicsError,
@@ -32,6 +32,7 @@ from cpcal.robot.kinematics import (
     leg_vectors,
     pose_jacobian,
 )
+from cpcal.robot.options import OptionChecks
 from cpcal.robot.robot import DELTALAB, Robot
 from cpcal.robot.rotation import normalised, quaternion_product, small_rotation
 from cpcal.robot.uncertainty import Uncertainty
@@ -47,7 +48,7 @@ _WAVES = 3.0  # of the joint error, per radian of joint angle
 _INSIDE = 1.0 - 1e-6  # truncated noise stays this much inside, clear of rounding
 _MAX_TILT = 60.0  # degrees from upright; the DeltaLab's extremal poses reach 35
 _POSES_MAX = 1_000_000
-_MEASUREMENTS_MAX = 10_000_000
+MEASUREMENTS_MAX = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -92,12 +93,13 @@ def simulate(
     when a configuration cannot be assembled.
     """
     _check_options(locals())
-    shape_stream, joint_stream, pose_stream, noise_stream = _streams(seed)
+    shape_stream, joint_stream, pose_stream, noise_stream = streams(seed)
     deviations = deviation * shape_stream.standard_normal((robot.legs, 7))
     truth = Robot.from_parameters(robot.name, robot.parameters + deviations)
     names, readings = configurations(stroke, pose_stream, random_poses=random_poses, extremal=extremal)
     poses = assembled(truth, readings, stroke)
-    lengths = inverse_kinematics(truth, poses) + joint_error * joint_effect(truth, poses, joint_stream)
+    phases = joint_phases(truth.legs, joint_stream)
+    lengths = inverse_kinematics(truth, poses) + joint_error * joint_effect(truth, poses, phases)
     sensors = _Sensors(
         noise * np.array(POSITION_SIGMA), noise * np.radians(EULER_SIGMA), noise * np.array(LENGTH_SIGMA)
     )
@@ -152,32 +154,44 @@ def configurations(
 def assembled(robot: Robot, readings: Array, stroke: tuple[float, float]) -> Pose:
     """The poses (K) with these readings (K, 6), all on the assembly branch of the upright mid-stroke pose.
 
-    Each is continued from that pose along a straight line in the readings. Checks that the Jacobian's
-    determinant has the same sign at both ends, and that the platform is above the base and moderately tilted.
+    Each is continued from that pose along a straight line in the readings. See `check_branch`.
     """
     centre = central_pose(robot, np.full(robot.legs, 0.5 * (stroke[0] + stroke[1])))
     poses = forward_kinematics(robot, readings, centre)
+    check_branch(robot, poses, centre)
+    return poses
+
+
+def check_branch(robot: Robot, poses: Pose, centre: Pose) -> None:
+    """KinematicsError unless the poses (K) lie on the assembly branch of the pose `centre`.
+
+    The Jacobian's determinant must have the same sign there, and the platform be above the base and moderately
+    tilted.
+    """
     sign = np.sign(np.linalg.det(pose_jacobian(robot, centre)))
     same = np.sign(np.linalg.det(pose_jacobian(robot, poses))) == sign
     upright = poses.rotation[:, 2, 2] > math.cos(math.radians(_MAX_TILT))
     lost = np.flatnonzero(~(same & upright & (poses.position[:, 2] > robot.base[:, 2].max())))
     if len(lost):
-        message = f"{len(lost)} of {len(readings)} configurations leave the assembly branch of the upright pose"
+        message = f"{len(lost)} of {len(same)} configurations leave the assembly branch of the upright pose"
         raise KinematicsError(f"{message}: lessen the deviation or the stroke", tuple(map(int, lost)))
-    return poses
 
 
-def joint_effect(robot: Robot, poses: Pose, stream: np.random.Generator) -> Array:
-    """A smooth effect in [-1, 1] of the joints' angles on each leg's reading, (K, n).
+def joint_phases(legs: int, stream: np.random.Generator) -> Array:
+    """Two random phases a leg, (n, 2) rad, for `joint_effect`."""
+    return stream.uniform(0.0, 2.0 * np.pi, (legs, 2))
+
+
+def joint_effect(robot: Robot, poses: Pose, phases: Array) -> Array:
+    """A smooth effect in [-1, 1] of the joints' angles on each leg's reading, (..., n).
 
     With t_x, t_y the angles of the leg about the base joint and t'_x, t'_y those about the mobile joint (rad,
-    each in its platform's frame), and two random phases a leg, it is
+    each in its platform's frame), and the two phases p, p' of each leg, (n, 2) rad, it is
     (sin(3 (t_x + t_y) + p) + sin(3 (t'_x - t'_y) + p')) / 2. Over the extremal poses its largest value is 0.8
     or more, and 0.3 to 1.2 (typically 0.75) is left after the best fit of 7 parameters (300 seeds).
     """
-    phases = stream.uniform(0.0, 2.0 * np.pi, (robot.legs, 2))
     at_base = leg_vectors(robot, poses)
-    at_mobile = np.einsum("kji,knj->kni", poses.rotation, at_base)
+    at_mobile = np.einsum("...ji,...nj->...ni", poses.rotation, at_base)
     base_angle = np.arctan2(at_base[..., 0], at_base[..., 2]) + np.arctan2(at_base[..., 1], at_base[..., 2])
     mobile_angle = np.arctan2(at_mobile[..., 0], at_mobile[..., 2]) - np.arctan2(at_mobile[..., 1], at_mobile[..., 2])
     waves = np.sin(_WAVES * base_angle + phases[:, 0]) + np.sin(_WAVES * mobile_angle + phases[:, 1])
@@ -197,7 +211,7 @@ def _measured(
     position = np.repeat(poses.position, runs, axis=0)
     quaternion = np.repeat(poses.quaternion, runs, axis=0)
     length = np.repeat(lengths, runs, axis=0)
-    draw = _standard_noise(stream, (count, 6 + lengths.shape[1]), truncate)
+    draw = standard_noise(stream, (count, 6 + lengths.shape[1]), truncate)
     turned = quaternion_product(small_rotation(draw[:, 3:6] * sensors.rotation), quaternion)
     return (
         position + draw[:, :3] * sensors.position,
@@ -206,7 +220,7 @@ def _measured(
     )
 
 
-def _standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncate: float | None) -> Array:
+def standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncate: float | None) -> Array:
     """Independent standard normal numbers, those beyond +-truncate drawn again."""
     draw = stream.standard_normal(shape)
     while truncate is not None:
@@ -217,40 +231,22 @@ def _standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncat
     return draw
 
 
-def _streams(seed: int) -> list[np.random.Generator]:
-    """Four independent PCG64 generators."""
-    return [np.random.Generator(np.random.PCG64(child)) for child in np.random.SeedSequence(seed).spawn(4)]
+def streams(seed: int, count: int = 4) -> list[np.random.Generator]:
+    """Independent PCG64 generators; asking for more of them does not change the first ones."""
+    return [np.random.Generator(np.random.PCG64(child)) for child in np.random.SeedSequence(seed).spawn(count)]
 
 
 def _check_options(options: dict[str, Any]) -> None:
     """InputError that names every option without a meaning."""
-    problems = []
-
-    def demand(name: str, good: bool, remedy: str) -> None:
-        if not good:
-            problems.append(Problem(f"option {name}", f"has no meaning: {options[name]!r}", remedy))
-
-    def whole(name: str, least: int, most: float = _POSES_MAX) -> None:
-        value = options[name]
-        good = isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
-        demand(name, good, f"give a whole number from {least}" + (f" to {most:,}" if most < math.inf else ""))
-
-    robot, extremal, truncate, stroke = (options[name] for name in ("robot", "extremal", "truncate", "stroke"))
-    demand("robot", isinstance(robot, Robot) and robot.legs == 6, "give a Robot with six legs")
-    whole("seed", 0, math.inf)
-    whole("runs", 1)
-    whole("random_poses", 0 if extremal else 1)
-    if not problems:
-        total = (64 * bool(extremal) + options["random_poses"]) * options["runs"]
-        demand("runs", total <= _MEASUREMENTS_MAX, f"keep poses times runs within {_MEASUREMENTS_MAX:,}")
-    for name in ("joint_error", "factor", "noise", "deviation"):
-        demand(name, _finite(options[name]) and options[name] >= 0, "give a finite number >= 0")
-    demand("truncate", truncate is None or (_finite(truncate) and truncate >= 0.1), "give a number >= 0.1")
-    pair = isinstance(stroke, tuple) and len(stroke) == 2 and all(map(_finite, stroke))
-    demand("stroke", pair and stroke[0] < stroke[1], "give (shortest, longest) in mm")
-    if problems:
-        raise InputError(problems)
-
-
-def _finite(value: object) -> bool:
-    return isinstance(value, (int, float)) and math.isfinite(value)
+    checks = OptionChecks(options)
+    checks.six_legs("robot")
+    checks.whole("seed", 0)
+    checks.whole("runs", 1, _POSES_MAX)
+    checks.whole("random_poses", 0 if options["extremal"] else 1, _POSES_MAX)
+    if not checks.problems:
+        total = (64 * bool(options["extremal"]) + options["random_poses"]) * options["runs"]
+        checks.demand("runs", total <= MEASUREMENTS_MAX, f"keep poses times runs within {MEASUREMENTS_MAX:,}")
+    checks.sizes("joint_error", "factor", "noise", "deviation")
+    checks.truncate("truncate")
+    checks.stroke("stroke")
+    checks.finish()

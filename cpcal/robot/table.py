@@ -6,7 +6,7 @@ import csv
 import math
 import re
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
@@ -26,22 +26,36 @@ from cpcal.robot.writer import override_columns, reading_columns
 BAD_ROWS_MAX = 1_000  # reading stops after so many
 LINE_MAX = 2**16  # bytes in a line
 
+_IDENTIFIERS = ("pose", "run", "image")
 _QUATERNION = ("qw", "qx", "qy", "qz")
 
 
 @dataclass
 class Table:
-    """The rows of a measurements.csv. `values[name]` is a column; an empty override cell is NaN."""
+    """The rows of a measurements.csv. `values[name]` is a column; an empty override cell is NaN.
+
+    `image` is empty where there is no such column, as in every campaign.
+    """
 
     pose: list[str] = field(default_factory=list)
     run: list[str] = field(default_factory=list)
+    image: list[str] = field(default_factory=list)
     values: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
 
 
 def read_table(
-    file: BinaryIO, where: str, legs: int | None, problems: Problems, saw: Callable[[bytes], object]
+    file: BinaryIO,
+    where: str,
+    legs: int | None,
+    problems: Problems,
+    saw: Callable[[bytes], object],
+    *,
+    optional: Callable[[int], list[str]] = override_columns,
 ) -> Table:
     """The table in an open file called `where`, for a robot of `legs` legs (None: not known).
+
+    `optional` names the columns that may be there for n legs: those of half-widths, or "image", which names a row
+    together with pose and run.
 
     Calls `saw` with every piece of the file that was read, for the digest; adds to `problems`.
     """
@@ -50,7 +64,7 @@ def read_table(
     for number, cells in lines:
         if cells is None:
             return Table()  # an unreadable header; what follows would make no sense
-        columns = _header(cells, number, where, legs, problems)
+        columns = _header(cells, number, where, legs, problems, optional)
         return _Rows(columns, where, problems).read(lines) if columns else Table()
     if len(problems) == before:
         problems.add(Problem(where, "is empty", "write a header and one line for each measurement", 1))
@@ -87,13 +101,20 @@ def _lines(
             yield number, None
 
 
-def _header(cells: list[str], line: int, where: str, legs: int | None, problems: Problems) -> list[str | None] | None:
+def _header(
+    cells: list[str],
+    line: int,
+    where: str,
+    legs: int | None,
+    problems: Problems,
+    optional: Callable[[int], list[str]],
+) -> list[str | None] | None:
     """The name of each column, None where it is unknown or a repetition; no list when none is known."""
     names = [cell.strip() for cell in cells]
     if legs is None:
         legs = len({name for name in names if re.fullmatch(r"L[1-9][0-9]{0,3}", name)})
-    required, optional = reading_columns(legs), override_columns(legs)
-    known = {*required, *optional}
+    required = reading_columns(legs)
+    known = {*required, *optional(legs)}
     if not known.intersection(names):
         remedy = "start with the line " + shorter(",".join(required))
         problems.add(Problem(where, f"no header: {shown(','.join(names))}", remedy, line))
@@ -120,6 +141,12 @@ def shorter(text: str) -> str:
     return text if len(text) <= 100 else text[:100] + "..."
 
 
+def _listed(names: Iterable[str]) -> str:
+    """ "pose and run", "pose, run and image"."""
+    *first, last = names
+    return ", ".join(first) + " and " + last
+
+
 class _Rows:
     """Checks and gathers the rows below a header."""
 
@@ -127,13 +154,13 @@ class _Rows:
         self.where, self.problems = where, problems
         self.columns = columns
         place = {name: index for index, name in enumerate(columns) if name is not None}
-        self.pose, self.run = place.get("pose"), place.get("run")
-        self.names = [name for name in place if name not in ("pose", "run")]
+        self.ids = {name: place[name] for name in _IDENTIFIERS if name in place}
+        self.names = [name for name in place if name not in _IDENTIFIERS]
         self.cells = [
             (place[name], name, name.startswith("d")) for name in self.names
         ]  # index, name, whether it is an optional half-width
         self.quaternion = [self.names.index(name) for name in _QUATERNION if name in place]
-        self.seen: dict[tuple[str, str], int] = {}
+        self.seen: dict[tuple[str, ...], int] = {}
         self.numbers = array("d")
 
     def read(self, lines: Iterator[tuple[int, list[str] | None]]) -> Table:
@@ -145,10 +172,10 @@ class _Rows:
         for line, cells in lines:
             before = len(self.problems)
             if cells is not None:
-                pose, run = self.check(line, cells)
+                names = self.check(line, cells)
                 if clean:
-                    table.pose.append(pose)
-                    table.run.append(run)
+                    for name, text in names.items():
+                        getattr(table, name).append(text)
             if cells is None or len(self.problems) > before:
                 clean = False
                 self.numbers = array("d")
@@ -169,20 +196,20 @@ class _Rows:
     def wrong(self, line: int, what: str, remedy: str) -> None:
         self.problems.add(Problem(self.where, what, remedy, line))
 
-    def check(self, line: int, cells: list[str]) -> tuple[str, str]:
-        """Take note of what is wrong with a row, and keep its numbers."""
+    def check(self, line: int, cells: list[str]) -> dict[str, str]:
+        """Take note of what is wrong with a row, and keep its numbers. The row's names, by column."""
         if len(cells) != len(self.columns):
             what = f"{len(cells)} cells, but the header has {len(self.columns)}"
             self.wrong(line, what, "give one cell for each column, separated by commas")
-            return "", ""
-        names = self.name(line, cells, "pose", self.pose), self.name(line, cells, "run", self.run)
-        if self.pose is not None and self.run is not None:
-            first = self.seen.setdefault(names, line)
+            return {}
+        names = {column: self.name(line, cells[index], column) for column, index in self.ids.items()}
+        if "pose" in names and "run" in names:
+            first = self.seen.setdefault(tuple(names.values()), line)
             if first != line:
-                what = f"pose {shown(names[0])} run {shown(names[1])} was given on line {first} already"
-                self.wrong(line, what, "give each pose and run once")
+                which = " ".join(f"{column} {shown(text)}" for column, text in names.items())
+                self.wrong(line, f"{which} was given on line {first} already", f"give each {_listed(names)} once")
         else:
-            self.seen[("", "")] = line
+            self.seen[()] = line
         row = [self.number(line, name, cells[index], optional) for index, name, optional in self.cells]
         self.numbers.extend(row)
         if len(self.quaternion) == 4:
@@ -191,12 +218,12 @@ class _Rows:
                 self.wrong(line, *quaternion_problem(norm))
         return names
 
-    def name(self, line: int, cells: list[str], column: str, index: int | None) -> str:
-        if index is None:
-            return ""
-        text = cells[index].strip()
+    def name(self, line: int, cell: str, column: str) -> str:
+        text = cell.strip()
         if not is_identifier(text):
-            self.wrong(line, f"{shown(text)} cannot be the name of a {column}", IDENTIFIER_REMEDY)
+            self.wrong(
+                line, f"{shown(text)} cannot be the name of a{'n' * (column == 'image')} {column}", IDENTIFIER_REMEDY
+            )
         return text
 
     def number(self, line: int, name: str, cell: str, optional: bool) -> float:

@@ -20,6 +20,7 @@ from cpcal.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from cpcal.robot.campaign import Campaign
+    from cpcal.robot.robot import Robot
     from cpcal.robot.uncertainty import Uncertainty
 
 FORMAT = "cpcal-campaign/1"
@@ -44,22 +45,29 @@ def campaign_digest(toml: bytes, table: bytes) -> str:
 
 def toml_bytes(campaign: Campaign) -> bytes:
     """The canonical campaign.toml; floats by repr, so that they are read back bit for bit."""
-    robot = campaign.robot
-    lines = [
-        f"format = {_quoted(FORMAT)}",
-        "",
-        "[robot]",
-        f"name = {_quoted(robot.name)}",
-        f"base = {_matrix(robot.base)}",
-        f"mobile = {_matrix(robot.mobile)}",
-        f"offset = {_vector(robot.offset)}",
-    ]
+    lines = [f"format = {quoted(FORMAT)}", "", *robot_lines(campaign.robot)]
     if campaign.uncertainty is not None:
         lines += _uncertainty_lines(campaign.uncertainty)
-    if campaign.provenance:
-        lines += ["", "[provenance]"]
-        lines += [f"{_quoted(key)} = {_quoted(text)}" for key, text in campaign.provenance.items()]
+    lines += provenance_lines(campaign.provenance)
     return ("\n".join(lines) + "\n").encode()
+
+
+def robot_lines(robot: Robot) -> list[str]:
+    """The section [robot]."""
+    return [
+        "[robot]",
+        f"name = {quoted(robot.name)}",
+        f"base = {matrix(robot.base)}",
+        f"mobile = {matrix(robot.mobile)}",
+        f"offset = {vector(robot.offset)}",
+    ]
+
+
+def provenance_lines(provenance: dict[str, str]) -> list[str]:
+    """The section [provenance] and an empty line before it; nothing where there is none."""
+    if not provenance:
+        return []
+    return ["", "[provenance]", *(f"{quoted(key)} = {quoted(text)}" for key, text in provenance.items())]
 
 
 def _uncertainty_lines(uncertainty: Uncertainty) -> list[str]:
@@ -69,7 +77,7 @@ def _uncertainty_lines(uncertainty: Uncertainty) -> list[str]:
         lines.append(f"factor = {float(uncertainty.factor)!r}")
         suffix = "sigma"
     names = ("position", "rotation", "length")
-    return lines + [f"{name}_{suffix} = {_vector(getattr(uncertainty, name))}" for name in names]
+    return lines + [f"{name}_{suffix} = {vector(getattr(uncertainty, name))}" for name in names]
 
 
 def csv_bytes(campaign: Campaign) -> bytes:
@@ -100,8 +108,11 @@ def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
     A new folder appears complete or not at all. In an existing folder other files stay, and campaign.toml is
     taken away first and put back last: an interruption leaves a folder that is refused, never a mixture.
     """
-    folder = Path(path)
-    contents = {CSV_NAME: csv_bytes(campaign), TOML_NAME: toml_bytes(campaign)}
+    write_folder(Path(path), {CSV_NAME: csv_bytes(campaign), TOML_NAME: toml_bytes(campaign)}, head=TOML_NAME)
+
+
+def write_folder(folder: Path, contents: dict[str, bytes], *, head: str) -> None:
+    """Write files into a folder as `save_campaign` does; `head` is the one without which the others are refused."""
     draft = folder.absolute().parent / f".{folder.absolute().name}.{uuid.uuid4().hex}.tmp"
     try:
         draft.parent.mkdir(parents=True, exist_ok=True)
@@ -109,8 +120,8 @@ def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
         for name, content in contents.items():
             _write(draft / name, content)
         if folder.exists():
-            (folder / TOML_NAME).unlink(missing_ok=True)
-            for name in contents:
+            (folder / head).unlink(missing_ok=True)
+            for name in sorted(contents, key=lambda name: name == head):
                 os.replace(draft / name, folder / name)
         else:
             os.rename(draft, folder)
@@ -128,14 +139,16 @@ def _write(path: Path, content: bytes) -> None:
         os.fsync(file.fileno())
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     """A TOML basic string, or quoted key."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
-def _vector(values: npt.NDArray[np.float64]) -> str:
+def vector(values: npt.NDArray[np.float64]) -> str:
+    """A TOML array; floats by repr."""
     return "[" + ", ".join(map(repr, values.tolist())) + "]"
 
 
-def _matrix(rows: npt.NDArray[np.float64]) -> str:
-    return "[\n" + "".join(f"    {_vector(row)},\n" for row in rows) + "]"
+def matrix(rows: npt.NDArray[np.float64]) -> str:
+    """A TOML array of arrays, one a line."""
+    return "[\n" + "".join(f"    {vector(row)},\n" for row in rows) + "]"

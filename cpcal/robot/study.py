@@ -1,0 +1,212 @@
+"""Studies: what the paper's experiment delivers (sections 2.2 to 3.3), before the frames are known.
+
+A camera sees a target on the mobile platform; neither the camera's place beside the base nor the target's place on
+the platform is known. One table of poses serves calibration, another one validation. A study is a value: arrays are
+private copies and read-only. study_reader.py and study_writer.py have the files (docs/study-format.md).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError, Problem
+from cpcal.robot.campaign import IDENTIFIER_REMEDY, QUATERNION_TOLERANCE, is_identifier, quaternion_problem
+from cpcal.robot.kinematics import Pose
+from cpcal.robot.mechanisms import Mechanisms
+from cpcal.robot.motion import compose, inverse
+from cpcal.robot.problems import Problems
+from cpcal.robot.robot import Robot, frozen_array, is_text
+
+Array = npt.NDArray[np.float64]
+
+_ARRAYS = ("position", "quaternion", "length")
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTable:
+    """N rows: the target frame seen in the camera frame, and the readings of n legs.
+
+    pose, run   N names each: a configuration of the legs, and which of its repetitions
+    position    (N, 3) mm; quaternion (N, 4) unit, scalar first: `x_camera = P + R(q) x_target`
+    length      (N, n) mm, the readings L
+    image       N names, or None where there is one row for each pose and run; the names of a row are unique
+
+    Raises InputError, with every problem found, when the values make no table.
+    """
+
+    pose: tuple[str, ...]
+    run: tuple[str, ...]
+    position: Array
+    quaternion: Array
+    length: Array
+    image: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+        for name in ("pose", "run", "image"):
+            names = getattr(self, name)
+            object.__setattr__(self, name, None if names is None else tuple(names))
+        problems = Problems()
+        for problem in _shape_problems(self):
+            problems.add(problem)
+        if not problems:
+            for problem in _value_problems(self):
+                problems.add(problem)
+        problems.raise_any()
+
+    @property
+    def legs(self) -> int:
+        """The number of legs, n."""
+        return int(self.length.shape[1])
+
+    @property
+    def row_ids(self) -> list[str]:
+        """`pose/run` of every row, or `pose/run/image`."""
+        columns = (self.pose, self.run) if self.image is None else (self.pose, self.run, self.image)
+        return ["/".join(names) for names in zip(*columns, strict=True)]
+
+    @property
+    def seen(self) -> Pose:
+        """The poses (N) of the target frame in the camera frame."""
+        return Pose(self.position, self.quaternion)
+
+    def __len__(self) -> int:
+        """The number of rows, N."""
+        return len(self.pose)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, PoseTable):
+            return NotImplemented
+        same = (self.pose, self.run, self.image) == (other.pose, other.run, other.image)
+        return same and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in _ARRAYS)
+
+    def __hash__(self) -> int:
+        return hash((self.pose, self.run, self.image))
+
+    def __repr__(self) -> str:
+        return f"<PoseTable: {len(self)} rows of {len(set(self.pose))} poses, {self.legs} legs>"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What only a simulation knows.
+
+    seed        of everything random in it
+    robot       the true parameters, in the base frame and the mobile frame
+    mechanisms  what is imperfect about each leg beyond its seven parameters
+    camera      the base frame seen in the camera frame: `x_camera = P + R x_base`, mm
+    target      the target frame seen in the mobile frame: `x_mobile = P + R x_target`, mm
+    """
+
+    seed: int
+    robot: Robot
+    mechanisms: Mechanisms
+    camera: Pose
+    target: Pose
+
+    def __post_init__(self) -> None:
+        for name in ("camera", "target"):
+            pose: Pose = getattr(self, name)
+            object.__setattr__(self, name, Pose(frozen_array(pose.position), frozen_array(pose.quaternion)))
+
+    def mobile_in_base(self, table: PoseTable) -> Pose:
+        """The poses (N) of the mobile frame in the base frame that the table's poses mean."""
+        return compose(compose(inverse(self.camera), table.seen), inverse(self.target))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Truth):
+            return NotImplemented
+        same = (self.seed, self.robot, self.mechanisms) == (other.seed, other.robot, other.mechanisms)
+        return same and _same_pose(self.camera, other.camera) and _same_pose(self.target, other.target)
+
+    def __hash__(self) -> int:
+        return hash((self.seed, self.robot))
+
+
+@dataclass(frozen=True)
+class Study:
+    """A robot's drawing and two tables of poses that a camera saw; use `load_study` or `simulate_study`.
+
+    robot        nominal: joint centres in the base frame and in the mobile frame, mm
+    calibration  the poses to fit to
+    validation   the poses to judge the fit by
+    truth        None where the study was measured
+    provenance   free text
+
+    Raises InputError when the tables do not have the robot's number of legs.
+    """
+
+    robot: Robot
+    calibration: PoseTable
+    validation: PoseTable
+    truth: Truth | None = None
+    provenance: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "provenance", dict(self.provenance))
+        problems = []
+        for name in ("calibration", "validation"):
+            found = getattr(self, name).legs
+            if found != self.robot.legs:
+                what = f"has readings of {found} legs, and the robot has {self.robot.legs}"
+                problems.append(Problem(f"study {name}", what, "give one reading for each leg"))
+        if self.truth is not None and {self.truth.robot.legs, self.truth.mechanisms.legs} != {self.robot.legs}:
+            problems.append(Problem("study truth", "has another number of legs", "give as many as the robot has"))
+        for key, text in self.provenance.items():
+            if not (is_text(key) and is_text(text)):
+                problems.append(Problem(f"study provenance {key!r}", "is not text", "give valid Unicode text"))
+        if problems:
+            raise InputError(problems)
+
+    def __hash__(self) -> int:
+        return hash((self.robot, self.calibration, self.validation))
+
+    def __repr__(self) -> str:
+        rows = f"{len(self.calibration)} + {len(self.validation)} rows"
+        return f"<Study of {self.robot.name!r}: {rows}, {self.robot.legs} legs>"
+
+
+def _same_pose(one: Pose, other: Pose) -> bool:
+    return np.array_equal(one.position, other.position) and np.array_equal(one.quaternion, other.quaternion)
+
+
+def _shape_problems(table: PoseTable) -> Iterator[Problem]:
+    count = len(table.pose)
+    remedy = f"give one row for each of the {count} measurements"
+    if count == 0:
+        yield Problem("table", "holds no measurements", "give at least one")
+    for name in ("run", "image"):
+        names = getattr(table, name)
+        if names is not None and len(names) != count:
+            yield Problem(f"table {name}", f"has {len(names)} names", remedy)
+    legs = table.length.shape[1] if table.length.ndim == 2 else 1
+    for name, width in zip(_ARRAYS, (3, 4, max(legs, 1)), strict=True):
+        shape = getattr(table, name).shape
+        if shape != (count, width):
+            yield Problem(f"table {name}", f"has the shape {shape}, not {(count, width)}", remedy)
+
+
+def _value_problems(table: PoseTable) -> Iterator[Problem]:
+    nameless = False
+    for kind in ("pose", "run", "image"):
+        for bad in sorted({repr(name) for name in getattr(table, kind) or () if not is_identifier(name)}):
+            yield Problem(f"table {kind}", f"{bad} cannot be a name", IDENTIFIER_REMEDY)
+            nameless = True
+    if nameless:
+        return  # what follows could not say which row it means
+    keys = table.row_ids
+    for key, times in Counter(keys).items():
+        if times > 1:
+            yield Problem(f"row {key}", f"is given {times} times", "give each pose, run and image once")
+    for name in _ARRAYS:
+        for row in np.flatnonzero(~np.isfinite(getattr(table, name)).all(axis=1)):
+            yield Problem(f"row {keys[row]}", f"its {name} is NaN or infinite", "correct it, or leave it out")
+    norms = np.sqrt(np.sum(table.quaternion**2, axis=1))
+    for row in np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_TOLERANCE):
+        yield Problem(f"row {keys[row]}", *quaternion_problem(float(norms[row])))
