@@ -1,6 +1,6 @@
 """How often confidence intervals of least-squares fits hold the true parameters, on simulated campaigns.
 
-    python -m benchmarks.coverage [--seeds 200] [--level 0.95] [--joint-error 0] [--json FILE]
+    python -m benchmarks.coverage [--seeds 200] [--level 0.95] [--joint-error 0] [--noise 1] [--json FILE]
 
 DeltaLab campaigns of 64 extremal poses with the paper's noise. Without joint error the model holds and the intervals
 should cover at their level, for each of the 42 parameters to within the study's own chance: with 200 seeds and a level
@@ -29,18 +29,19 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
-def studied(
-    seeds: int, level: float, joint_error: float, kinds: dict[str, dict[str, Any]]
-) -> dict[str, dict[str, Any]]:
-    """For each kind of fit: coverage (6, 7), its mean, and root mean squares of error and standard error (mm)."""
+def studied(seeds: int, level: float, kinds: dict[str, dict[str, Any]], **options: float) -> dict[str, dict[str, Any]]:
+    """For each kind of fit: coverage (6, 7), its mean, and root mean squares of error and standard error (mm).
+
+    `options` are those of `cpcal.simulate`.
+    """
     hits: dict[str, list[Any]] = {kind: [] for kind in kinds}
     for seed in range(seeds):
-        campaign = cpcal.simulate(seed=seed, joint_error=joint_error)
+        campaign = cpcal.simulate(seed=seed, **options)
         robot = true_robot(campaign)
         assert robot is not None
         noise = Noise.of(campaign)
-        for kind, options in kinds.items():
-            found = fit(campaign, noise=noise, **options)
+        for kind, chosen in kinds.items():
+            found = fit(campaign, noise=noise, **chosen)
             lower, upper = found.interval(level)
             inside = (lower <= robot.parameters) & (robot.parameters <= upper)
             hits[kind].append((inside, (found.parameters - robot.parameters) ** 2, found.standard_errors**2))
@@ -60,9 +61,10 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--level", type=float, default=0.95)
     parser.add_argument("--joint-error", type=float, default=0.0, help="mm")
+    parser.add_argument("--noise", type=float, default=1.0, help="scale of the paper's standard deviations")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
-    found = studied(options.seeds, options.level, options.joint_error, KINDS)
+    found = studied(options.seeds, options.level, KINDS, joint_error=options.joint_error, noise=options.noise)
     chance = np.sqrt(options.level * (1 - options.level) / options.seeds)
     print(f"{options.seeds} seeds, level {options.level:g}: a parameter's coverage has the deviation {chance:.3f}")
     for kind, figures in found.items():

@@ -6,6 +6,8 @@ The centres are means of a configuration's readings: positions and leg readings 
     of="single"   how far a single reading lies from its true value: the paper's choice (section 5.1.1)
     of="mean"     how far the mean of r readings does: sigma / sqrt(r), and by the central limit theorem nearly normal
 
+For the standard errors of a fit to the means (`Noise.of`) only the second is right; the first overstates them.
+
 Neither knows of errors that all readings of a configuration share.
 """
 

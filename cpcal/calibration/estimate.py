@@ -148,7 +148,7 @@ class Fit:
     def noise_ratio(self) -> Floats | None:
         """(n,) root mean square (divisor N - 7) of residual / its standard deviation by the noise: 1 is expected.
 
-        None when the noise is not known.
+        None when the noise is not known, or zero, or with N <= 7.
         """
         if self.noise is None or len(self.residuals) <= 7:
             return None
@@ -214,8 +214,10 @@ class Fit:
 
     def _said_of_residuals(self) -> str:
         ratio = self.noise_ratio
-        if ratio is None:
+        if self.noise is None:
             return "The readings' noise is not known, so whether it explains the residuals is not said."
+        if ratio is None:
+            return "Whether the noise explains the residuals cannot be said: too few measurements, or a noise of zero."
         freedom = len(self.residuals) - 7
         chance = special.chdtrc(freedom, ratio**2 * freedom)
         said = f"Residuals are {ratio.min():.3g} to {ratio.max():.3g} times what the noise explains, by leg"

@@ -24,6 +24,8 @@ from cpcal.calibration.weights import Noise, Weights, whitening
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Campaign
 
+__all__ = ["Fit", "fit"]
+
 _PASSES = 20  # of the weights' update, at most
 _AT_REST = 1e-6  # mm: the largest change of a parameter by the last update
 

@@ -31,12 +31,13 @@ def readings_needed(coverage: float, confidence: float, gaps: int = 2) -> int:
     For a half-width about zero, `gaps=1`. Coverage 0.95 with confidence 0.95 takes 93 readings (59 for a half-width).
     """
     _check(coverage, confidence)
-    count = gaps
-    while confidence_of(count, gaps, coverage) < confidence:
-        count = max(count + 1, int(count * 1.01))
-    while count > gaps and confidence_of(count - 1, gaps, coverage) >= confidence:
-        count -= 1
-    return count
+    few, enough = gaps - 1, gaps  # the confidence grows with the count: doubling, then bisection
+    while confidence_of(enough, gaps, coverage) < confidence:
+        few, enough = enough, 2 * enough
+    while enough - few > 1:
+        middle = (few + enough) // 2
+        few, enough = (few, middle) if confidence_of(middle, gaps, coverage) >= confidence else (middle, enough)
+    return enough
 
 
 def tolerance_interval(sample: npt.ArrayLike, coverage: float = 0.95, confidence: float = 0.95) -> tuple[float, float]:

@@ -247,6 +247,7 @@ def test_seven_poses_fit_exactly_and_tell_nothing_of_errors():
     assert np.abs(found.residuals).max() < 1e-5
     assert not np.isfinite(found.standard_errors).any()
     assert "no measurements are left" in found.sentence
+    assert "cannot be said" in fit(seven, noise=Noise.of(seven)).sentence
 
 
 def test_whitening_makes_errors_white():

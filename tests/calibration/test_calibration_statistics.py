@@ -181,6 +181,9 @@ def test_the_number_of_readings_needed_is_that_of_wilks_tables(coverage, confide
 
 def test_half_widths_need_59_readings_for_95_percent_each():
     assert readings_needed(0.95, 0.95, gaps=1) == 59
+    assert readings_needed(0.5, 0.4, gaps=1) == 1
+    nearly_all = readings_needed(1 - 1e-9, 0.95, gaps=1)
+    assert nearly_all == pytest.approx(-np.log(0.05) * 1e9, rel=1e-6)
 
 
 @pytest.mark.parametrize("count", [93, 150, 704])
