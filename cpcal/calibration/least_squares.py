@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize
 
-from cpcal.calibration.leg import residuals
-from cpcal.robot import Campaign, rotation_matrix
+from cpcal.calibration.fit import fit
+from cpcal.robot import Campaign
 
 Floats = npt.NDArray[np.float64]
+
+_TOLERANCE = 1e-8  # scipy's own; a box of X0 is centred here, so closer adds nothing
 
 
 def least_squares(campaign: Campaign, leg: int) -> Floats:
@@ -17,18 +18,4 @@ def least_squares(campaign: Campaign, leg: int) -> Floats:
 
     Leg numbers count from 1. With fewer than 7 independent poses: one of the many minima, near the nominal.
     """
-    robot = campaign.robot
-    start = np.concatenate([robot.base[leg - 1], robot.mobile[leg - 1], [robot.offset[leg - 1]]])
-    rotations = rotation_matrix(campaign.quaternion)
-
-    def values(x: Floats) -> Floats:
-        return residuals(campaign, leg, x)
-
-    def jacobian(x: Floats) -> Floats:
-        vector = campaign.position + rotations @ x[3:6] - x[:3]
-        unit = vector / np.maximum(np.linalg.norm(vector, axis=1), 1e-300)[:, None]
-        along = np.einsum("ki,kij->kj", unit, rotations)
-        return np.concatenate([-unit, along, -np.ones((len(unit), 1))], axis=1)
-
-    found = optimize.least_squares(values, start, jac=jacobian, method="trf")
-    return np.asarray(found.x, dtype=np.float64)
+    return np.asarray(fit(campaign, legs=[leg], tolerance=_TOLERANCE).parameters[0])

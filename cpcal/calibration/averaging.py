@@ -1,0 +1,110 @@
+"""From repeated measurements to a campaign of their means, with reading sets taken from their scatter.
+
+The centres are means of a configuration's readings: positions and leg readings as they are, rotations by
+`mean_rotations`. What the half-widths stand for is a choice that changes their size by sqrt(r):
+
+    of="single"   how far a single reading lies from its true value: the paper's choice (section 5.1.1)
+    of="mean"     how far the mean of r readings does: sigma / sqrt(r), and by the central limit theorem nearly normal
+
+For the standard errors of a fit to the means (`Noise.of`) only the second is right; the first overstates them.
+
+Neither knows of errors that all readings of a configuration share.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.calibration.equations import Floats
+from cpcal.calibration.statistics import Deviations, campaign_deviations, mean_rotations
+from cpcal.calibration.tolerance import Method, half_widths
+from cpcal.errors import InputError, Problem
+from cpcal.robot import Campaign, Uncertainty
+
+Of = Literal["single", "mean"]
+
+
+def averaged(
+    campaign: Campaign,
+    method: Method = "sigma",
+    *,
+    of: Of = "single",
+    factor: float = 3.0,
+    coverage: float = 0.95,
+    confidence: float = 0.95,
+    keep: npt.ArrayLike | None = None,
+) -> Campaign:
+    """One measurement for each pose of the campaign: means over its runs, in the order of the poses' first readings.
+
+    method, factor, coverage, confidence   as of `half_widths`
+    of      whose half-widths: of "single" readings, or of the "mean" (method "sigma" only: nothing distribution-free is
+            known of means that is not known of single readings)
+    keep    (N,) which measurements to use, as of `Screening.keep`; left out: all
+
+    The new campaign's `run` is "mean", and its provenance says how it was made. Raises InputError when nothing is
+    repeated, or for options without a meaning.
+    """
+    if of not in ("single", "mean"):
+        raise InputError([Problem("option of", f"has no meaning: {of!r}", "give 'single' or 'mean'")])
+    if of == "mean" and method != "sigma":
+        what = f"'mean' has no meaning with method {method!r}"
+        raise InputError([Problem("option of", what, 'use method="sigma", or half-widths of "single" readings')])
+    used = campaign if keep is None else _kept(campaign, keep)
+    spread = campaign_deviations(used)
+    widths = half_widths(spread, method, factor=factor, coverage=coverage, confidence=confidence)
+    shrink = np.sqrt(spread.repeats[:, None]) if of == "mean" else np.ones((len(spread.names), 1))
+    radii = widths / shrink
+    return Campaign.from_arrays(
+        campaign.robot,
+        _means(used.position, spread),
+        mean_rotations(used.quaternion, spread.group, len(spread.names)),
+        _means(used.length, spread),
+        pose=spread.names,
+        run=["mean"] * len(spread.names),
+        uncertainty=_declared(radii.max(axis=0), factor if method == "sigma" else None),
+        position_radius=radii[:, :3],
+        rotation_radius=radii[:, 3:6],
+        length_radius=radii[:, 6:],
+        provenance={**campaign.provenance, "averaged": _said(spread, method, of, factor, coverage, confidence)},
+    )
+
+
+def _declared(widths: Floats, factor: float | None) -> Uncertainty:
+    """What holds for all rows: the largest half-widths, as standard deviations when they are multiples of such."""
+    values = widths if factor is None else widths / factor
+    return Uncertainty(values[:3], values[3:6], values[6:], factor)
+
+
+def _means(table: Floats, spread: Deviations) -> Floats:
+    total = np.zeros((len(spread.names), table.shape[1]))
+    np.add.at(total, spread.group, table)
+    return np.asarray(total / spread.repeats[:, None])
+
+
+def _kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
+    mask = np.asarray(keep)
+    if mask.shape != (len(campaign),) or mask.dtype != np.bool_:
+        what = f"has the shape {mask.shape} and the type {mask.dtype}"
+        raise InputError([Problem("option keep", what, f"give {len(campaign)} truth values")])
+    rows = np.flatnonzero(mask).tolist()
+    return Campaign.from_arrays(
+        campaign.robot,
+        campaign.position[rows],
+        campaign.quaternion[rows],
+        campaign.length[rows],
+        pose=[campaign.pose[k] for k in rows],
+        run=[campaign.run[k] for k in rows],
+    )
+
+
+def _said(spread: Deviations, method: Method, of: Of, factor: float, coverage: float, confidence: float) -> str:
+    sets = {
+        "sigma": f"{factor:g} standard deviations",
+        "extreme": "the largest error seen",
+        "tolerance": f"{coverage:g} of the errors with confidence {confidence:g}, from order statistics",
+    }[method]
+    whose = "single readings" if of == "single" else "the means"
+    return f"{len(spread.group)} readings of {len(spread.names)} configurations; half-widths of {whose}: {sets}"

@@ -1,0 +1,80 @@
+"""What the errors of repeated readings look like: spread, extremes, normal or not, one mode or more.
+
+Tests are of the errors pooled over all configurations (figures 3 and 4 of the paper). A spread that differs between
+configurations makes a pooled distribution with heavy tails; two modes within every configuration stay two modes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpcal.calibration.dip import dip_p_value
+from cpcal.calibration.equations import Floats
+from cpcal.calibration.statistics import Deviations
+
+_SHAPIRO_MAX = 5000  # readings; beyond, scipy's p-value is not accurate
+_DAGOSTINO_MIN = 20
+_DIP_MIN = 10
+_FEW_VALUES = 0.5  # distinct values / readings below which a channel counts as quantised: its dip would be of the steps
+
+
+@dataclass(frozen=True)
+class ChannelStatistics:
+    """Of one channel, in its own unit; p-values are nan where a test does not apply.
+
+    sigma       standard deviation of one reading (tables 2 and 3)
+    extreme     largest error
+    skewness, kurtosis    of the errors; 0 and 0 (excess) for a normal distribution
+    dagostino   p-value of D'Agostino and Pearson's test: skewness and kurtosis of a normal distribution
+    shapiro     p-value of Shapiro and Wilk's; of every second, third, ... reading where there are more than 5000
+    dip         p-value of Hartigan's: one mode
+    """
+
+    name: str
+    readings: int
+    sigma: float
+    extreme: float
+    skewness: float
+    kurtosis: float
+    dagostino: float
+    shapiro: float
+    dip: float
+
+    def sentence(self, level: float = 0.01) -> str:
+        """The channel in words; `level` is the probability of calling a good channel bad, test by test."""
+        spread = f"{self.name}: standard deviation {self.sigma:.3g}, largest error {self.extreme:.3g}"
+        tests = [p for p in (self.dagostino, self.shapiro) if not math.isnan(p)]
+        shape = "not tested for normality" if not tests else "NOT NORMAL" if min(tests) < level else "looks normal"
+        modes = "not tested" if math.isnan(self.dip) else "MORE THAN ONE (backlash?)" if self.dip < level else "one"
+        return f"{spread} ({self.readings} readings); {shape}; modes: {modes}."
+
+
+def describe(deviations: Deviations) -> tuple[ChannelStatistics, ...]:
+    """Statistics of every channel."""
+    columns = zip(deviations.channels, deviations.sigma, deviations.errors.T, strict=True)
+    return tuple(_described(name, float(sigma), errors) for name, sigma, errors in columns)
+
+
+def _described(name: str, sigma: float, errors: Floats) -> ChannelStatistics:
+    from scipy import stats  # here: it takes half a second to load, which certification need not wait for
+
+    count, nan = len(errors), math.nan
+    extreme = float(np.max(np.abs(errors)))
+    if sigma == 0.0:
+        return ChannelStatistics(name, count, sigma, extreme, nan, nan, nan, nan, nan)
+    thinned = errors[:: -(-count // _SHAPIRO_MAX)]
+    quantised = len(np.unique(errors)) < _FEW_VALUES * count
+    return ChannelStatistics(
+        name,
+        count,
+        sigma,
+        extreme,
+        float(stats.skew(errors)),
+        float(stats.kurtosis(errors)),
+        float(stats.normaltest(errors).pvalue) if count >= _DAGOSTINO_MIN else nan,
+        float(stats.shapiro(thinned).pvalue) if count >= 3 else nan,
+        dip_p_value(errors) if count >= _DIP_MIN and not quantised else nan,
+    )

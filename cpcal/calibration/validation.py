@@ -1,0 +1,165 @@
+"""Errors of validation poses before and after calibration (the paper, section 3.3: table 6 and figure 5).
+
+For measured leg readings the forward kinematics of a parameter vector says where the platform should be; the camera
+says where it was. Nothing of it is proved: it is a mean over the poses that were tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.calibration.equations import Floats
+from cpcal.errors import InputError, Problem
+from cpcal.robot import Campaign, Pose, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.robot.robot import frozen_array
+
+Flags = npt.NDArray[np.bool_]
+
+# forward(parameters (n, 7), lengths (N, n), guess): position (N, 3) mm, quaternion (N, 4), converged (N,). The guess
+# holds the N measured poses: the solution wanted is that of their assembly branch.
+Forward = Callable[[Floats, Floats, Pose], tuple[Floats, Floats, Flags]]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
+    """Errors of N poses: position (N,) mm; orientation (N,) rad, the angle that remains; nan where not converged."""
+
+    position: Floats
+    orientation: Floats
+    converged: Flags
+
+
+@dataclass(frozen=True)
+class ErrorSummary:
+    """Means and standard deviations (divisor N - 1) over poses: mm for positions, rad for orientations."""
+
+    position_mean: float
+    position_deviation: float
+    orientation_mean: float
+    orientation_deviation: float
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Errors of the same poses with the parameters before and after calibration.
+
+    names   of the N poses; `compared` (N,) tells where the forward kinematics of both converged. Means, deviations
+            and improvements are over these, so that before and after are of the same poses; `failed` names the others
+    """
+
+    names: tuple[str, ...]
+    before: PoseErrors
+    after: PoseErrors
+
+    @property
+    def compared(self) -> Flags:
+        """(N,) which poses converged with both."""
+        return np.asarray(self.before.converged & self.after.converged)
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Poses for which the forward kinematics did not converge, before or after."""
+        return tuple(name for name, good in zip(self.names, self.compared, strict=True) if not good)
+
+    @cached_property
+    def summary_before(self) -> ErrorSummary:
+        """Column "before calibration" of table 6."""
+        return self._summary(self.before)
+
+    @cached_property
+    def summary_after(self) -> ErrorSummary:
+        """Column "after calibration" of table 6."""
+        return self._summary(self.after)
+
+    @cached_property
+    def position_improvement(self) -> Floats:
+        """(N,) percent, 100 (before - after) / before; negative where the error grew, nan where not compared."""
+        return _improvement(self.before.position, self.after.position)
+
+    @cached_property
+    def orientation_improvement(self) -> Floats:
+        """(N,) percent, likewise."""
+        return _improvement(self.before.orientation, self.after.orientation)
+
+    def sorted_improvement(self, of: str = "position") -> tuple[tuple[str, float], ...]:
+        """Pose and improvement in percent, worst first, of "position" or "orientation": figure 5. Compared poses."""
+        if of not in ("position", "orientation"):
+            raise InputError([Problem("option of", f"has no meaning: {of!r}", "give 'position' or 'orientation'")])
+        values = self.position_improvement if of == "position" else self.orientation_improvement
+        rows = [(self.names[k], float(values[k])) for k in np.flatnonzero(self.compared)]
+        return tuple(sorted(rows, key=lambda row: row[1]))
+
+    @property
+    def sentence(self) -> str:
+        """Mean errors before and after, how many poses got worse, and which did not converge."""
+        compared = int(self.compared.sum())
+        lost = f" The forward kinematics did NOT CONVERGE for {', '.join(self.failed)}." if self.failed else ""
+        if not compared:
+            return f"None of {len(self.names)} poses could be compared.{lost}"
+        old, new = self.summary_before, self.summary_after
+        worse = int(np.sum(self.after.position[self.compared] > self.before.position[self.compared]))
+        turned = int(np.sum(self.after.orientation[self.compared] > self.before.orientation[self.compared]))
+        return (
+            f"Mean error of {compared} of {len(self.names)} poses: position {old.position_mean:.3g} mm before and "
+            f"{new.position_mean:.3g} mm after, orientation {np.degrees(old.orientation_mean):.3g} and "
+            f"{np.degrees(new.orientation_mean):.3g} degrees; "
+            f"worse after: {worse} in position, {turned} in orientation.{lost}"
+        )
+
+    def _summary(self, errors: PoseErrors) -> ErrorSummary:
+        figures = []
+        for values in (errors.position[self.compared], errors.orientation[self.compared]):
+            figures.append(float(np.mean(values)) if len(values) else np.nan)
+            figures.append(float(np.std(values, ddof=1)) if len(values) > 1 else np.nan)
+        return ErrorSummary(*figures)
+
+
+def pose_errors(campaign: Campaign, parameters: npt.ArrayLike, forward: Forward) -> PoseErrors:
+    """How far the poses that `forward` finds for the campaign's leg readings are from its measured poses.
+
+    parameters (n, 7) mm. Raises InputError when they, or what `forward` returns, have the wrong shape.
+    """
+    x = np.asarray(parameters, dtype=np.float64)
+    if x.shape != (campaign.legs, 7) or not np.isfinite(x).all():
+        what = f"have the shape {x.shape}, or a number that is not finite"
+        raise InputError([Problem("parameters", what, f"give ({campaign.legs}, 7) finite numbers, mm")])
+    guess = Pose(campaign.position, campaign.quaternion)
+    found = forward(x, campaign.length, guess)
+    position, quaternion = (np.asarray(values, dtype=np.float64) for values in found[:2])
+    converged = np.asarray(found[2], dtype=np.bool_)
+    count = len(campaign)
+    if position.shape != (count, 3) or quaternion.shape != (count, 4) or converged.shape != (count,):
+        what = f"returned the shapes {position.shape}, {quaternion.shape} and {converged.shape}"
+        raise InputError([Problem("option forward", what, f"return ({count}, 3), ({count}, 4) and ({count},)")])
+    good = converged & np.isfinite(position).all(axis=1) & np.isfinite(quaternion).all(axis=1)
+    apart, turn = np.full(count, np.nan), np.full(count, np.nan)
+    apart[good] = np.linalg.norm(position[good] - campaign.position[good], axis=1)
+    remaining = quaternion_product(quaternion[good], quaternion_conjugate(campaign.quaternion[good]))
+    turn[good] = np.linalg.norm(rotation_vector(remaining), axis=1)
+    return PoseErrors(frozen_array(apart), frozen_array(turn), good)
+
+
+def validate(
+    campaign: Campaign, parameters: npt.ArrayLike, forward: Forward, *, before: npt.ArrayLike | None = None
+) -> Validation:
+    """Pose errors on the campaign with `parameters` (n, 7), mm, against those `before` (left out: the nominal ones).
+
+    Take a campaign whose poses were not used for calibration; with repeated runs, average it first (`averaged`).
+    """
+    old = pose_errors(campaign, campaign.robot.parameters if before is None else before, forward)
+    return Validation(tuple(campaign.measurement_ids), old, pose_errors(campaign, parameters, forward))
+
+
+def _improvement(before: Floats, after: Floats) -> Floats:
+    """Percent; 0 where both are 0, -inf where only the error before is."""
+    result = np.full(before.shape, np.nan)
+    some = before > 0
+    result[some] = 100.0 * (before[some] - after[some]) / before[some]
+    result[(before == 0) & (after == 0)] = 0.0
+    result[(before == 0) & (after > 0)] = -np.inf
+    return result
