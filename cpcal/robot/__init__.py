@@ -10,6 +10,7 @@ from cpcal.robot.kinematics import (
     leg_vectors,
     pose_jacobian,
 )
+from cpcal.robot.motion import compose, inverse, transformed
 from cpcal.robot.reader import load_campaign
 from cpcal.robot.robot import DELTALAB, ROBOTS, Robot, known_robot
 from cpcal.robot.rotation import (
@@ -35,7 +36,9 @@ __all__ = [
     "Robot",
     "Uncertainty",
     "central_pose",
+    "compose",
     "forward_kinematics",
+    "inverse",
     "inverse_kinematics",
     "known_robot",
     "leg_vectors",
@@ -51,5 +54,6 @@ __all__ = [
     "save_campaign",
     "simulate",
     "small_rotation",
+    "transformed",
     "true_robot",
 ]
