@@ -198,8 +198,8 @@ def _remarks(spread: Spreads, turn: Array, name: str) -> tuple[str, ...]:
         return ()
     axis = ", ".join(f"{value:.3f}" for value in spread.axis)
     return (
-        f"the rotations move the direction ({axis}) by {least:.2g} rad only, {least / rms:.1f} times their own error of "
-        f"{rms:.2g} rad: translations along it are weakly determined",
+        f"the rotations move the direction ({axis}) by {least:.2g} rad only, {least / rms:.1f} times their own error "
+        f"of {rms:.2g} rad: translations along it are weakly determined",
     )
 
 

@@ -58,10 +58,15 @@ def andreff_hand_eye(a: Pose, b: Pose) -> Pose:
     still = eye - turn
     matrix = np.concatenate([rows, np.concatenate([np.zeros((9 * count, 3)), still.reshape(-1, 3)])], axis=1)
     right = np.concatenate([np.zeros(9 * count), a.position.ravel()])
-    rotation = nearest_rotation(np.linalg.lstsq(matrix, right, rcond=None)[0][:9].reshape(3, 3))
+    rotation = nearest_rotation(_solved(matrix, right)[:9].reshape(3, 3))
     # the rows of translations again, with that rotation: (I - R_A) t_X = t_A - R_X t_B
     rest = (a.position - b.position @ rotation.T).ravel()
-    return Pose(np.linalg.lstsq(still.reshape(-1, 3), rest, rcond=None)[0], quaternion_from_matrix(rotation))
+    return Pose(_solved(still.reshape(-1, 3), rest), quaternion_from_matrix(rotation))
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """The least-squares solution."""
+    return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0], dtype=np.float64)
 
 
 def relative_pairs(count: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
@@ -90,5 +95,5 @@ def _translations(pairs: Pairs, x: Array, z: Array) -> tuple[Pose, Pose]:
     count = len(pairs)
     matrix = np.concatenate([np.tile(np.eye(3), (count, 1)), -pairs.a.rotation.reshape(-1, 3)], axis=1)
     right = pairs.a.position - pairs.b.position @ x.T
-    found = np.linalg.lstsq(matrix, right.ravel(), rcond=None)[0]
+    found = _solved(matrix, right.ravel())
     return Pose(found[:3], quaternion_from_matrix(x)), Pose(found[3:], quaternion_from_matrix(z))

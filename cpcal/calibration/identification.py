@@ -5,8 +5,8 @@ For x = (a, b, l), v = P + R b - a and u = v / ||v||,
     f(x, M) = ||v||^2 - (L + l)^2        df/dx = (-2 v,  2 R^T v,  -2 (L + l))       (the paper, eq. 2)
     g(x, M) = ||v|| - (L + l)            dg/dx = (-u,    R^T u,    -1)               (the paper, eq. 15)
 
-dg/dx has no unit (mm per mm), its columns are of like size, and its rows weigh errors in mm alike. df/dx = 2 ||v|| dg/dx
-where the equations hold: it weighs long legs more.
+dg/dx has no unit (mm per mm), its columns are of like size, and its rows weigh errors in mm alike. Where the
+equations hold df/dx = 2 ||v|| dg/dx, which weighs long legs more.
 """
 
 from __future__ import annotations

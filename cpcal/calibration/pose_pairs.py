@@ -21,6 +21,7 @@ from cpcal.robot import Pose, normalised
 Array = npt.NDArray[np.float64]
 
 LEAST_SPREAD = 1e-6  # rad: below it the data are degenerate to rounding
+_LISTED = 20  # unusable poses that a message lists
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +51,10 @@ def pose_pairs(a: Pose, b: Pose, least: int, names: tuple[str, str]) -> Pairs:
     if problems:
         raise InputError(problems)
     lengths = np.concatenate([a.position, b.position])
-    unit = float(np.sqrt(np.mean(np.sum((lengths / _largest(lengths)) ** 2, axis=1)))) * _largest(lengths)
-    return Pairs(*(Pose(p.position / unit, normalised(p.quaternion)) for p in (a, b)), unit=unit)
+    largest = float(np.max(np.abs(lengths))) or 1.0  # squares of lengths may overflow, those of shares do not
+    unit = largest * (float(np.sqrt(np.mean(np.sum((lengths / largest) ** 2, axis=1)))) or 1.0)
+    scaled = [Pose(pose.position / unit, normalised(pose.quaternion)) for pose in (a, b)]
+    return Pairs(scaled[0], scaled[1], unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +99,6 @@ def _signed(axis: Array) -> Array:
     return np.asarray(axis * np.sign(axis[np.argmax(np.abs(axis))])) + 0.0
 
 
-def _largest(values: Array) -> float:
-    return float(np.max(np.abs(values), initial=0.0)) or 1.0
-
-
 def _pose_problems(pose: Pose, name: str) -> list[Problem]:
     shape = (np.shape(pose.position), np.shape(pose.quaternion))
     count = shape[0][0] if shape[0] else 0
@@ -107,8 +106,8 @@ def _pose_problems(pose: Pose, name: str) -> list[Problem]:
         what = f"have positions of shape {shape[0]} and quaternions of shape {shape[1]}"
         return [Problem(name, what, "give (N, 3) in mm and (N, 4), scalar first")]
     found = []
-    good = np.isfinite(pose.position).all(axis=1) & np.isfinite(pose.quaternion).all(axis=1)
-    for k in np.flatnonzero(~good | ~(np.abs(pose.quaternion).max(axis=1, initial=0.0) > 0.0))[:20]:
-        what = "is the zero quaternion" if good[k] else "holds a NaN or an infinity"
+    good = np.isfinite(np.concatenate([pose.position, pose.quaternion], axis=1)).all(axis=1)
+    for k in np.flatnonzero(~(good & pose.quaternion.any(axis=1)))[:_LISTED]:
+        what = "has the zero quaternion" if good[k] else "holds a NaN or an infinity"
         found.append(Problem(f"{name}, pose {k} (from 0)", what, "correct it, or leave the pair out"))
     return found

@@ -67,7 +67,7 @@ def refined(
         if move:
             x, z = _moved_to_minimum(pairs, x, z, sigma, tied)
         values, jacobian = _values(pairs, x, z, sigma), _columns(pairs, x, z, sigma, tied)
-        cofactor = np.linalg.inv(jacobian.T @ jacobian)
+        cofactor: Array = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
         used, found = sigma, np.maximum(sigma * _sizes(values, jacobian, cofactor), _FLOOR)
         sigma = np.where(np.isnan(given), found, given)
         if np.allclose(sigma, used, rtol=_SETTLED, atol=0.0):
@@ -86,7 +86,7 @@ def _sizes(values: Array, jacobian: Array, cofactor: Array) -> Array:
     leverage = np.einsum("ij,jk,ik->i", jacobian, cofactor, jacobian).reshape(-1, 2, 3)
     freedom = np.sum(1.0 - leverage, axis=(0, 2))
     square = np.sum(values.reshape(-1, 2, 3) ** 2, axis=(0, 2))
-    return np.asarray(np.sqrt(square / np.maximum(freedom, 1e-3)))
+    return np.asarray(np.sqrt(square / np.maximum(freedom, 1e-3)), dtype=np.float64)
 
 
 def _moved_to_minimum(pairs: Pairs, x: Pose, z: Pose, sigma: Array, tied: bool) -> tuple[Pose, Pose]:

@@ -43,7 +43,7 @@ def select_poses(
     InputError when count is not between p and N, or when even all candidates leave a parameter undetermined.
     """
     blocks = scaled_blocks(jacobian, scale)
-    legs, candidates, size = blocks.shape
+    candidates, size = blocks.shape[1:]
     problems = []
     if index not in INDICES:
         problems.append(Problem("index", f"there is none called {index!r}", f"choose one of {sorted(INDICES)}"))

@@ -2,15 +2,18 @@
 
 from cpcal.robot.campaign import Campaign
 from cpcal.robot.kinematics import (
+    ForwardPoses,
     KinematicsError,
     Pose,
     central_pose,
     forward_kinematics,
+    forward_poses,
     inverse_kinematics,
     leg_vectors,
     pose_jacobian,
 )
 from cpcal.robot.motion import compose, inverse, transformed
+from cpcal.robot.proved_pose import ProvedPose, prove_pose
 from cpcal.robot.reader import load_campaign
 from cpcal.robot.robot import DELTALAB, ROBOTS, Robot, known_robot
 from cpcal.robot.rotation import (
@@ -31,13 +34,16 @@ __all__ = [
     "DELTALAB",
     "ROBOTS",
     "Campaign",
+    "ForwardPoses",
     "KinematicsError",
     "Pose",
+    "ProvedPose",
     "Robot",
     "Uncertainty",
     "central_pose",
     "compose",
     "forward_kinematics",
+    "forward_poses",
     "inverse",
     "inverse_kinematics",
     "known_robot",
@@ -45,6 +51,7 @@ __all__ = [
     "load_campaign",
     "normalised",
     "pose_jacobian",
+    "prove_pose",
     "quaternion_conjugate",
     "quaternion_from_matrix",
     "quaternion_from_rotation_vector",
