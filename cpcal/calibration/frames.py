@@ -29,6 +29,7 @@ METHODS: dict[str, Callable[[Pairs], tuple[Pose, Pose]]] = {"shah": shah, "andre
 
 _LOST = 1.0  # spread of the rotations over the rms rotation residual: below it, the rotation is noise
 _WEAK = 5.0  # and below it, a remark
+_LARGE = 0.1  # rad: rms rotation residuals that calibrated sensors hardly have
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +105,7 @@ def calibrate_frames(
     if method not in METHODS:
         raise InputError([Problem("method", f"there is none called {method!r}", f"choose one of {sorted(METHODS)}")])
     pairs = pose_pairs(robot_poses, camera_poses, 3, ("robot_poses", "camera_poses"))
-    spread = _smaller_spread(pairs, pose_spreads, ("robot_poses", "camera_poses"))
+    name, spread = _smaller_spread(pairs, pose_spreads, ("robot_poses", "camera_poses"))
     x, z = METHODS[method](pairs)
     best = _estimated(pairs, x, z, refine, sigma_position, sigma_rotation, tied=False)
     position, turn = residuals(pairs, best.x, best.z)
@@ -118,8 +119,8 @@ def calibrate_frames(
         best.sigma_rotation,
         best.unit_weight,
         _covariance_in_mm(best.covariance, pairs.unit),
-        spread.values[0],
-        _remarks(spread, turn, "robot_poses"),
+        float(spread.values[0]),
+        _remarks(name, spread, turn),
     )
 
 
@@ -137,7 +138,7 @@ def hand_eye(
           coordinates of B's frame to A's. The rest is as for `calibrate_frames`, InputErrors included.
     """
     pairs = pose_pairs(a, b, 2, ("a", "b"))
-    spread = _smaller_spread(pairs, motion_spreads, ("a", "b"))
+    name, spread = _smaller_spread(pairs, motion_spreads, ("a", "b"))
     start = andreff_hand_eye(pairs.a, pairs.b)
     best = _estimated(pairs, start, start, refine, sigma_position, sigma_rotation, tied=True)
     position, turn = residuals(pairs, best.x, best.x)
@@ -149,8 +150,8 @@ def hand_eye(
         best.sigma_rotation,
         best.unit_weight,
         _covariance_in_mm(best.covariance, pairs.unit),
-        spread.values[0],
-        _remarks(spread, turn, "a"),
+        float(spread.values[0]),
+        _remarks(name, spread, turn),
     )
 
 
@@ -164,12 +165,12 @@ def redefined(robot: Robot, camera_in_base: Pose, target_in_mobile: Pose) -> Rob
     return Robot(robot.name, base, transformed(inverse(target_in_mobile), robot.mobile), robot.offset)
 
 
-def _smaller_spread(pairs: Pairs, spreads: Callable[[Array], Spreads], names: tuple[str, str]) -> Spreads:
-    """That of A or of B (without noise they are the same); InputError where either is degenerate."""
-    both = [spreads(pose.rotation) for pose in (pairs.a, pairs.b)]
-    for found, name in zip(both, names, strict=True):
-        found.demand(name)
-    return min(both, key=lambda found: float(found.values[0]))
+def _smaller_spread(pairs: Pairs, spreads: Callable[[Array], Spreads], names: tuple[str, str]) -> tuple[str, Spreads]:
+    """That of A or of B (without noise they are the same) and its name; InputError where one is degenerate."""
+    found = [(name, spreads(pose.rotation)) for name, pose in zip(names, (pairs.a, pairs.b), strict=True)]
+    for name, spread in found:
+        spread.demand(name)
+    return min(found, key=lambda item: float(item[1].values[0]))
 
 
 def _estimated(
@@ -190,17 +191,23 @@ def _estimated(
     return refined(pairs, x, z, sigma_position=scaled, sigma_rotation=sigma_rotation, tied=tied, move=refine)
 
 
-def _remarks(spread: Spreads, turn: Array, name: str) -> tuple[str, ...]:
-    """What the rotation residuals (N, 3) say about the spread; InputError when it is within the noise."""
+def _remarks(name: str, spread: Spreads, turn: Array) -> tuple[str, ...]:
+    """What the rotation residuals (N, 3) say; InputError when they are as large as the rotations themselves."""
     rms = float(np.sqrt(np.mean(np.sum(turn**2, axis=1))))
-    least = spread.demand(name, max(_LOST * rms, np.finfo(np.float64).tiny))
-    if least > _WEAK * rms:
-        return ()
+    least = float(spread.values[0])
     axis = ", ".join(f"{value:.3f}" for value in spread.axis)
-    return (
-        f"the rotations move the direction ({axis}) by {least:.2g} rad only, {least / rms:.1f} times their own error "
-        f"of {rms:.2g} rad: translations along it are weakly determined",
-    )
+    found = f"move the direction ({axis}) by {least:.2g} rad (rms) only"
+    if least <= _LOST * rms:
+        what = f"{found}, and the two sides differ by {rms:.2g} rad: translations along it are not determined"
+        remedy = "add poses tilted about at least two axes; check that the pairs belong together and map as documented"
+        raise InputError([Problem(name, what, remedy)])
+    remarks = []
+    if least <= _WEAK * rms:
+        ratio = f"{least / rms:.1f} times the {rms:.2g} rad by which the two sides differ"
+        remarks.append(f"{name} {found}, {ratio}: translations along it are weakly determined")
+    if rms > _LARGE:
+        remarks.append(f"the two sides differ by {rms:.2g} rad (rms): check that the pairs belong together")
+    return tuple(remarks)
 
 
 def _in_mm(pose: Pose, unit: float) -> Pose:

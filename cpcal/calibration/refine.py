@@ -22,8 +22,10 @@ from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector,
 Array = npt.NDArray[np.float64]
 
 _FLOOR = 1e-13  # of standard deviations, for data without noise
-_ROUNDS = 50  # of weights from residuals and residuals from weights
-_SETTLED = 1e-6  # the relative change of the weights that ends them
+_ROUNDS = 30  # of weights from residuals and residuals from weights
+_STEPS = 100  # of Levenberg-Marquardt, in each round
+_END = 1e-13  # its relative tolerances
+_SETTLED = 1e-4  # the relative change of the weights that ends them
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,8 @@ def _moved_to_minimum(pairs: Pairs, x: Pose, z: Pose, sigma: Array, tied: bool) 
     def values(step: Array) -> Array:
         return _values(pairs, *at(step), sigma)
 
-    found = least_squares(values, np.zeros(size), jac=slopes, method="lm", xtol=1e-12, ftol=1e-12, gtol=1e-12)
+    start = np.zeros(size)
+    found = least_squares(values, start, jac=slopes, method="lm", xtol=_END, ftol=_END, gtol=_END, max_nfev=_STEPS)
     return at(found.x)
 
 
