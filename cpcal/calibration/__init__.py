@@ -1,4 +1,4 @@
-"""From campaigns to fits and constraint networks: the leg model, its least squares, statistics and validation."""
+"""From campaigns to fits and constraint networks: frames, the leg model, least squares, statistics, validation."""
 
 from cpcal.calibration.averaging import averaged
 from cpcal.calibration.dip import dip, dip_p_value
@@ -7,9 +7,13 @@ from cpcal.calibration.equations import LegEquations
 from cpcal.calibration.estimate import Fit
 from cpcal.calibration.exact import solves_exactly
 from cpcal.calibration.fit import fit
+from cpcal.calibration.frames import FrameCalibration, HandEye, calibrate_frames, hand_eye, redefined
+from cpcal.calibration.identification import leg_jacobian, robot_jacobian
 from cpcal.calibration.least_squares import least_squares
 from cpcal.calibration.leg import PARAMETERS, leg_box, leg_network, residuals
+from cpcal.calibration.observability import Observability, column_scale, observability
 from cpcal.calibration.screening import Screening, screen
+from cpcal.calibration.selection import Selection, select_poses
 from cpcal.calibration.statement import leg_statement
 from cpcal.calibration.statistics import Deviations, campaign_deviations, deviations, mean_rotations
 from cpcal.calibration.tolerance import half_widths, readings_needed, tolerance_half_width, tolerance_interval
@@ -22,28 +26,40 @@ __all__ = [
     "Deviations",
     "ErrorSummary",
     "Fit",
+    "FrameCalibration",
+    "HandEye",
     "LegEquations",
     "Noise",
+    "Observability",
     "PoseErrors",
     "Screening",
+    "Selection",
     "Validation",
     "averaged",
+    "calibrate_frames",
     "campaign_deviations",
+    "column_scale",
     "describe",
     "deviations",
     "dip",
     "dip_p_value",
     "fit",
     "half_widths",
+    "hand_eye",
     "least_squares",
     "leg_box",
+    "leg_jacobian",
     "leg_network",
     "leg_statement",
     "mean_rotations",
+    "observability",
     "pose_errors",
     "readings_needed",
+    "redefined",
     "residuals",
+    "robot_jacobian",
     "screen",
+    "select_poses",
     "solves_exactly",
     "tolerance_half_width",
     "tolerance_interval",

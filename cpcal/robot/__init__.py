@@ -2,16 +2,19 @@
 
 from cpcal.robot.campaign import Campaign
 from cpcal.robot.kinematics import (
+    ForwardPoses,
     KinematicsError,
     Pose,
     central_pose,
     forward_kinematics,
+    forward_poses,
     inverse_kinematics,
     leg_vectors,
     pose_jacobian,
 )
 from cpcal.robot.mechanisms import Mechanisms
 from cpcal.robot.motion import compose, inverse, transformed
+from cpcal.robot.proved_pose import ProvedPose, prove_pose
 from cpcal.robot.reader import load_campaign
 from cpcal.robot.robot import DELTALAB, ROBOTS, Robot, known_robot
 from cpcal.robot.rotation import (
@@ -36,10 +39,12 @@ __all__ = [
     "DELTALAB",
     "ROBOTS",
     "Campaign",
+    "ForwardPoses",
     "KinematicsError",
     "Mechanisms",
     "Pose",
     "PoseTable",
+    "ProvedPose",
     "Robot",
     "Study",
     "Truth",
@@ -47,6 +52,7 @@ __all__ = [
     "central_pose",
     "compose",
     "forward_kinematics",
+    "forward_poses",
     "inverse",
     "inverse_kinematics",
     "known_robot",
@@ -55,6 +61,7 @@ __all__ = [
     "load_study",
     "normalised",
     "pose_jacobian",
+    "prove_pose",
     "quaternion_conjugate",
     "quaternion_from_matrix",
     "quaternion_from_rotation_vector",

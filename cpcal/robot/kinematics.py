@@ -87,14 +87,45 @@ def central_pose(robot: Robot, readings: npt.ArrayLike) -> Pose:
     return forward_kinematics(robot, readings, guess)
 
 
+@dataclass(frozen=True, eq=False)
+class ForwardPoses:
+    """What forward kinematics found, row by row of the readings (...).
+
+    pose       (..., 3) mm and (..., 4); NaN where nothing was found
+    converged  (...) bool: whether a pose was found
+    residual   (..., n) mm, its readings less those asked for: rounding for six legs, misfit for more
+    """
+
+    pose: Pose
+    converged: npt.NDArray[np.bool_]
+    residual: Array
+
+
 def forward_kinematics(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> Pose:
     """The poses whose readings are `readings`, (..., n) mm, on the assembly branch of `guess`.
+
+    As `forward_poses`, but raises KinematicsError, with the rows that failed, when some cannot be reached.
+    """
+    found = forward_poses(robot, readings, guess)
+    failed = np.flatnonzero(~found.converged.ravel())
+    if not len(failed):
+        return found.pose
+    rows = np.asarray(readings, dtype=np.float64).reshape(-1, robot.legs)
+    first = ", ".join(f"{value:.6g}" for value in rows[failed[0]])
+    message = f"no pose found for {len(failed)} of {len(rows)} rows of readings (row {failed[0]}: {first} mm)"
+    remedy = "give a guess nearer to it, or check the robot's parameters"
+    raise KinematicsError(f"{message}: {remedy}", tuple(int(row) for row in failed))
+
+
+def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> ForwardPoses:
+    """The poses whose readings are `readings`, (..., n) mm, where they can be reached from `guess`; and where.
 
     `guess` is one pose or one per row of the readings. The readings are led from those of the guess to those
     asked for in small steps, with a damped Newton iteration on (P, rotation vector) at each; a row that fails
     is tried again with shorter steps. Six legs give the pose exactly; more give the least-squares pose.
+    `cpcal.robot.prove_pose` proves one.
 
-    Raises KinematicsError, with the rows that failed, when the readings cannot be reached from the guess.
+    Raises KinematicsError for fewer than six legs, and for readings that are no lengths of such a robot.
     """
     if robot.legs < 6:
         raise KinematicsError(f"{robot.legs} legs do not determine a pose: forward kinematics needs at least 6")
@@ -106,12 +137,13 @@ def forward_kinematics(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> Po
         np.broadcast_to(guess.position, (*target.shape[:-1], 3)).reshape(-1, 3).copy(),
         normalised(np.broadcast_to(guess.quaternion, (*target.shape[:-1], 4)).reshape(-1, 4)),
     )
-    found = _continued(robot, rows, start)
-    return Pose(found.position.reshape(*target.shape[:-1], 3), found.quaternion.reshape(*target.shape[:-1], 4))
+    found, converged = _continued(robot, rows, start)
+    pose = Pose(found.position.reshape(*target.shape[:-1], 3), found.quaternion.reshape(*target.shape[:-1], 4))
+    return ForwardPoses(pose, converged.reshape(target.shape[:-1]), inverse_kinematics(robot, pose) - target)
 
 
-def _continued(robot: Robot, target: Array, start: Pose) -> Pose:
-    """Continuation of every row (K, n); rows that fail are repeated with four times as many steps."""
+def _continued(robot: Robot, target: Array, start: Pose) -> tuple[Pose, npt.NDArray[np.bool_]]:
+    """Continuation of every row (K, n), and which arrived; those that fail are tried with four times as many steps."""
     position, quaternion = start.position.copy(), start.quaternion.copy()
     origin = inverse_kinematics(robot, start)
     span = np.max(np.abs(target - origin), axis=1) / np.mean(np.abs(origin + robot.offset), axis=1)
@@ -124,12 +156,12 @@ def _continued(robot: Robot, target: Array, start: Pose) -> Pose:
         position[todo[reached]], quaternion[todo[reached]] = pose.position, pose.quaternion
         todo = np.delete(todo, reached)
         if not len(todo):
-            return Pose(position, quaternion)
+            break
         steps *= 4
-    rows = tuple(int(index) for index in todo)
-    first = ", ".join(f"{value:.6g}" for value in target[rows[0]])
-    message = f"no pose found for {len(rows)} of {len(target)} rows of readings (row {rows[0]}: {first} mm)"
-    raise KinematicsError(f"{message}: give a guess nearer to it, or check the robot's parameters", rows)
+    position[todo], quaternion[todo] = np.nan, np.nan
+    converged = np.ones(len(target), dtype=bool)
+    converged[todo] = False
+    return Pose(position, quaternion), converged
 
 
 def _led(robot: Robot, origin: Array, target: Array, pose: Pose, steps: int) -> tuple[Pose, npt.NDArray[np.int64]]:

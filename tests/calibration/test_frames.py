@@ -1,0 +1,265 @@
+"""Frames from pairs of poses: exact without noise, honest with it, and degenerate data refused."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from cpcal.calibration import calibrate_frames, hand_eye, redefined
+from cpcal.errors import InputError
+from cpcal.robot import (
+    DELTALAB,
+    Pose,
+    compose,
+    inverse,
+    inverse_kinematics,
+    leg_vectors,
+    quaternion_conjugate,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+    rotation_vector,
+)
+
+METHODS = ["shah", "andreff"]
+
+
+def random_poses(rng, count, *, turn=0.4, size=300.0):
+    turns = quaternion_from_rotation_vector(rng.normal(0.0, turn, (count, 3)))
+    return Pose(rng.normal(0.0, size, (count, 3)), turns)
+
+
+def one(rng, size=300.0):
+    poses = random_poses(rng, 1, turn=2.0, size=size)
+    return Pose(poses.position[0], poses.quaternion[0])
+
+
+def problem(seed, count=12, **options):
+    """X, Z, and poses A, B with X B = A Z."""
+    rng = np.random.default_rng(seed)
+    x, z = one(rng, 1000.0), one(rng)
+    a = random_poses(rng, count, **options)
+    return x, z, a, compose(inverse(x), compose(a, z))
+
+
+def noisy(poses, seed, position, rotation):
+    """Independent normal errors in the moving frame, mm and rad."""
+    rng = np.random.default_rng(seed)
+    shape = poses.position.shape
+    turn = quaternion_from_rotation_vector(rotation * rng.standard_normal(shape))
+    return compose(poses, Pose(position * rng.standard_normal(shape), turn))
+
+
+def distance(found, true):
+    """mm and rad between two motions."""
+    turn = rotation_vector(quaternion_product(found.quaternion, quaternion_conjugate(true.quaternion)))
+    return np.linalg.norm(found.position - true.position), np.linalg.norm(turn)
+
+
+def errors(found, x, z):
+    """Of X and Z in the order of the covariance, (12,)."""
+    parts = []
+    for pose, true in ((found.camera_in_base, x), (found.target_in_mobile, z)):
+        turn = rotation_vector(quaternion_product(pose.quaternion, quaternion_conjugate(true.quaternion)))
+        parts += [pose.position - true.position, turn]
+    return np.concatenate(parts)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(3, 20), method=st.sampled_from(METHODS), refine=st.booleans())
+def test_without_noise_the_frames_come_out_exactly(seed, count, method, refine):
+    x, z, a, b = problem(seed, count)
+    found = calibrate_frames(a, b, method=method, refine=refine)
+    # three poses may be ill conditioned: what can be asked depends on how far they turn
+    accuracy = 1e-13 / min(found.spread, 1.0) ** 2
+    for pose, true in ((found.camera_in_base, x), (found.target_in_mobile, z)):
+        move, turn = distance(pose, true)
+        assert move <= 1e5 * accuracy
+        assert turn <= 1e2 * accuracy
+    assert np.abs(found.position_residual).max() <= 1e-9
+    assert found.remarks == ()
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(2, 20), refine=st.booleans())
+def test_hand_eye_on_relative_motions_is_exact(seed, count, refine):
+    rng = np.random.default_rng(seed)
+    x, a = one(rng), random_poses(rng, count)
+    found = hand_eye(a, compose(inverse(x), compose(a, x)), refine=refine)
+    accuracy = 1e-13 / min(found.spread, 1.0) ** 2
+    move, turn = distance(found.transform, x)
+    assert move <= 1e5 * accuracy
+    assert turn <= 1e2 * accuracy
+    assert found.covariance.shape == (6, 6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("refine", [False, True])
+@pytest.mark.parametrize("unit", [1e-3, 25.4, 1e6])
+def test_the_unit_of_length_does_not_matter(method, refine, unit):
+    _, _, a, b = problem(3)
+    a, b = noisy(a, 1, 0.5, 0.002), noisy(b, 2, 0.5, 0.002)
+    found = calibrate_frames(a, b, method=method, refine=refine)
+    scaled = [Pose(pose.position * unit, pose.quaternion) for pose in (a, b)]
+    other = calibrate_frames(*scaled, method=method, refine=refine)
+    for name in ("camera_in_base", "target_in_mobile"):
+        assert_allclose(getattr(other, name).position, unit * getattr(found, name).position, rtol=1e-7)
+        assert_allclose(getattr(other, name).quaternion, getattr(found, name).quaternion, atol=1e-8)
+    lengths = np.tile(np.repeat([unit, 1.0], 3), 2)
+    assert_allclose(other.standard_deviations, lengths * found.standard_deviations, rtol=1e-4)
+
+
+def test_andreffs_hand_eye_does_not_depend_on_the_unit_either():
+    rng = np.random.default_rng(4)
+    x, a = one(rng), random_poses(rng, 10)
+    b = noisy(compose(inverse(x), compose(a, x)), 5, 1.0, 0.005)
+    near = hand_eye(a, b, refine=False)
+    small = [Pose(1e-3 * pose.position, pose.quaternion) for pose in (a, b)]
+    assert_allclose(hand_eye(*small, refine=False).transform.position, 1e-3 * near.transform.position, rtol=1e-10)
+
+
+def test_both_methods_refine_to_the_same_minimum():
+    _, _, a, b = problem(5, 30)
+    b = noisy(b, 6, 1.0, 0.003)
+    found = [calibrate_frames(a, b, method=method) for method in METHODS]
+    assert_allclose(found[0].camera_in_base.position, found[1].camera_in_base.position, atol=1e-4)
+    assert_allclose(found[0].target_in_mobile.position, found[1].target_in_mobile.position, atol=1e-4)
+
+
+def test_refinement_lessens_the_error_of_both_methods_on_average():
+    gain = {method: [] for method in METHODS}
+    for seed in range(10):
+        x, _, a, b = problem(seed, 20)
+        b = noisy(b, seed, 1.0, 0.003)
+        for method in METHODS:
+            found = [calibrate_frames(a, b, method=method, refine=refine) for refine in (False, True)]
+            plain, refined = (distance(f.camera_in_base, x)[0] for f in found)
+            gain[method].append(np.log(plain / refined))
+    assert all(np.mean(values) > 0 for values in gain.values())
+
+
+def test_errors_scale_with_the_noise():
+    x, z, a, b = problem(7, 40)
+    steps = [errors(calibrate_frames(a, noisy(b, 8, k * 1.0, k * 0.003)), x, z) for k in (1e-3, 1e-2, 1e-1)]
+    assert_allclose(steps[1], 10.0 * steps[0], rtol=2e-2, atol=1e-6)
+    assert_allclose(steps[2], 10.0 * steps[1], rtol=2e-1, atol=1e-4)
+
+
+def test_standard_deviations_tell_the_errors_and_the_noise():
+    """60 campaigns: normalised errors have variance 1 (within 15 %), and the estimated sigmas are those drawn."""
+    x, z, a, b = problem(9, 25)
+    normalised, sigmas = [], []
+    for seed in range(60):
+        found = calibrate_frames(a, noisy(b, seed, 0.8, 0.002))
+        normalised.append(errors(found, x, z) / found.standard_deviations)
+        sigmas.append([found.sigma_position, found.sigma_rotation])
+    assert np.mean(np.square(normalised)) == pytest.approx(1.0, rel=0.15)
+    assert_allclose(np.mean(sigmas, axis=0), [0.8, 0.002], rtol=0.05)
+
+
+def test_stated_standard_deviations_are_kept_and_judged():
+    _, _, a, b = problem(10, 40)
+    b = noisy(b, 11, 1.0, 0.002)
+    right = calibrate_frames(a, b, sigma_position=1.0, sigma_rotation=0.002)
+    small = calibrate_frames(a, b, sigma_position=0.1, sigma_rotation=0.0002)
+    assert (right.sigma_position, right.sigma_rotation) == (pytest.approx(1.0), 0.002)
+    assert right.unit_weight == pytest.approx(1.0, abs=0.15)
+    assert small.unit_weight == pytest.approx(10.0 * right.unit_weight, rel=1e-6)
+    assert_allclose(small.covariance, right.covariance, rtol=1e-6)  # scaled by what the residuals say
+
+
+def refusal(*poses, solve=calibrate_frames):
+    with pytest.raises(InputError) as caught:
+        solve(*poses)
+    return str(caught.value)
+
+
+AXIS = np.array([0.0, 0.6, 0.8])
+
+
+def planar(seed, count=20):
+    """Poses that turn about one axis only."""
+    rng = np.random.default_rng(seed)
+    turns = quaternion_from_rotation_vector(rng.normal(0.0, 0.5, (count, 1)) * AXIS)
+    a = Pose(rng.normal(0.0, 300.0, (count, 3)), turns)
+    x, z = one(rng), one(rng)
+    return a, compose(inverse(x), compose(a, z))
+
+
+def test_planar_motion_is_refused_and_its_axis_named():
+    assert "turn about one axis only, (0.000, 0.600, 0.800)" in refusal(*planar(1)).replace("-0.000", "0.000")
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_planar_motion_is_refused_under_noise_too(seed):
+    a, b = planar(seed)
+    assert "not determined" in refusal(noisy(a, seed, 0.5, 0.003), noisy(b, seed + 100, 0.5, 0.003))
+
+
+def test_planar_relative_motions_are_refused():
+    a, _ = planar(2)
+    x = one(np.random.default_rng(3))
+    assert "one axis only" in refusal(a, compose(inverse(x), compose(a, x)), solve=hand_eye)
+
+
+def test_poses_that_hardly_turn_are_refused():
+    _, _, a, b = problem(12, turn=1e-8)
+    assert "hardly turn" in refusal(a, b)
+    _, _, a, b = problem(12, turn=1e-3)
+    assert "not determined" in refusal(a, noisy(b, 1, 0.5, 0.003))
+
+
+def test_little_rotation_is_remarked_upon():
+    _, _, a, b = problem(13, 60, turn=0.012)
+    found = calibrate_frames(a, noisy(b, 1, 0.5, 0.003))
+    assert any("weakly determined" in remark for remark in found.remarks)
+    assert calibrate_frames(a, b).remarks == ()
+
+
+def test_pairs_that_do_not_belong_together_are_noticed():
+    _, _, a, b = problem(14, 40)
+    shifted = Pose(np.roll(b.position, 1, axis=0), np.roll(b.quaternion, 1, axis=0))
+    assert "belong together" in refusal(a, shifted)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_too_few_pairs(count):
+    _, _, a, b = problem(15, count)
+    assert f"hold {count} pairs" in refusal(a, b)
+
+
+def test_two_poses_twice_are_no_more_than_two():
+    _, _, a, b = problem(16, 2)
+    twice = [Pose(np.tile(p.position, (2, 1)), np.tile(p.quaternion, (2, 1))) for p in (a, b)]
+    assert "one axis only" in refusal(*twice)
+
+
+def test_bad_arrays_are_refused_all_at_once():
+    _, _, a, b = problem(17)
+    position, quaternion = a.position.copy(), b.quaternion.copy()
+    position[3, 1], quaternion[5] = np.nan, 0.0
+    text = refusal(Pose(position, a.quaternion), Pose(b.position, quaternion))
+    assert "robot_poses, pose 3 (from 0): holds a NaN" in text
+    assert "camera_poses, pose 5 (from 0): has the zero quaternion" in text
+    assert "12 and 11 poses" in refusal(a, Pose(b.position[:-1], b.quaternion[:-1]))
+    assert "(N, 3) in mm" in refusal(a, Pose(b.position[0], b.quaternion[0]))
+
+
+def test_senseless_options_are_refused():
+    _, _, a, b = problem(18)
+    with pytest.raises(InputError, match=r"none called 'tsai' -> choose one of \['andreff', 'shah'\]"):
+        calibrate_frames(a, b, method="tsai")
+    with pytest.raises(InputError, match="sigma_rotation: is 0"):
+        calibrate_frames(a, b, sigma_rotation=0.0)
+
+
+def test_redefined_joints_fit_the_cameras_own_poses():
+    """P + R b - a has the same length whether written in base and mobile frame or in camera and target frame."""
+    x, z, a, b = problem(19)
+    found = calibrate_frames(a, b)
+    robot = redefined(DELTALAB, found.camera_in_base, found.target_in_mobile)
+    assert_allclose(inverse_kinematics(robot, b), inverse_kinematics(DELTALAB, a), atol=1e-8)
+    turned = np.einsum("ij,knj->kni", x.rotation, leg_vectors(robot, b))
+    assert_allclose(turned, leg_vectors(DELTALAB, a), atol=1e-8)
+    back = redefined(robot, inverse(x), inverse(z))
+    assert_allclose(back.parameters, DELTALAB.parameters, atol=1e-8)
