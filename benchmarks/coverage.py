@@ -29,7 +29,7 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
-def studied(seeds: int, level: float, kinds: dict[str, dict[str, Any]], **options: float) -> dict[str, dict[str, Any]]:
+def studied(seeds: int, level: float, kinds: dict[str, dict[str, Any]], **options: Any) -> dict[str, dict[str, Any]]:
     """For each kind of fit: coverage (6, 7), its mean, and root mean squares of error and standard error (mm).
 
     `options` are those of `cpcal.simulate`.

@@ -16,6 +16,7 @@ from cpcal.calibration.screening import Screening, screen
 from cpcal.calibration.selection import Selection, select_poses
 from cpcal.calibration.statement import leg_statement
 from cpcal.calibration.statistics import Deviations, campaign_deviations, deviations, mean_rotations
+from cpcal.calibration.study import StudyCalibration, as_campaign, calibrate_study
 from cpcal.calibration.tolerance import half_widths, readings_needed, tolerance_half_width, tolerance_interval
 from cpcal.calibration.validation import ErrorSummary, PoseErrors, Validation, pose_errors, validate
 from cpcal.calibration.weights import Noise
@@ -34,9 +35,12 @@ __all__ = [
     "PoseErrors",
     "Screening",
     "Selection",
+    "StudyCalibration",
     "Validation",
+    "as_campaign",
     "averaged",
     "calibrate_frames",
+    "calibrate_study",
     "campaign_deviations",
     "column_scale",
     "describe",
