@@ -13,6 +13,8 @@ from cpcal.errors import InputError
 from cpcal.robot import (
     DELTALAB,
     Campaign,
+    Pose,
+    inverse_kinematics,
     quaternion_from_rotation_vector,
     quaternion_product,
     rotation_matrix,
@@ -238,6 +240,43 @@ def test_poses_that_never_turn_leave_joint_centres_undetermined_but_not_the_offs
     assert not found.undetermined[:, 6].any()
     assert np.isfinite(found.standard_errors[:, 6]).all()
     assert "they do not determine a_x of leg 1" in found.sentence
+
+
+def never_turning(rng, turn_sigma):
+    """40 poses that differ in position, whose rotation is only noise; and the noise."""
+    noise = Noise.from_sigmas([0.06, 0.02, 0.06], [turn_sigma] * 3, [0.01] * 6, count=40)
+    position = np.array([0, 0, 360]) + rng.uniform(-60, 60, (40, 3))
+    still = Pose(position, np.tile([1.0, 0, 0, 0], (40, 1)))
+    clean = Campaign.from_arrays(DELTALAB, position, still.quaternion, inverse_kinematics(DELTALAB, still))
+    return redrawn(clean, noise, rng), noise
+
+
+def test_rank_that_is_due_to_noise_is_said_to_be_and_the_fit_is_wrong_indeed():
+    campaign, noise = never_turning(np.random.default_rng(6), 2e-4)
+    found = fit(campaign, weights="joint", noise=noise)
+    assert found.rank == 42
+    assert found.noise_share > 0.5
+    assert "IS THE NOISE ITSELF" in found.sentence
+    assert np.sqrt(np.mean(((found.parameters - DELTALAB.parameters) / found.standard_errors) ** 2)) > 2
+    good = simulate(seed=1)
+    assert fit(good, noise=Noise.of(good)).noise_share < 1e-4
+    assert "NOISE ITSELF" not in fit(good, noise=Noise.of(good)).sentence
+    assert fit(good).noise_share is None
+
+
+@pytest.mark.parametrize("form", ["f", "g"])
+def test_the_share_of_the_noise_is_that_of_jacobians_with_redrawn_readings(form):
+    clean, rng = simulate(seed=10, noise=0.0), np.random.default_rng(7)
+    noise = Noise.from_sigmas([0.06, 0.02, 0.06], [2e-4] * 3, [0.3] * 6, count=64)
+    found = fit(clean, legs=[2], form=form, noise=noise)
+
+    def jacobian(campaign):
+        return LegEquations.of(campaign, [2], form).by_parameters(found.parameters)[:, 0]
+
+    changes = [jacobian(redrawn(clean, noise, rng)) - jacobian(clean) for _ in range(400)]
+    half = np.linalg.inv(np.linalg.cholesky(jacobian(clean).T @ jacobian(clean)))
+    expected = half @ np.mean([change.T @ change for change in changes], axis=0) @ half.T
+    assert found.noise_share == pytest.approx(np.linalg.eigvalsh(expected)[-1], rel=0.1)
 
 
 def test_seven_poses_fit_exactly_and_tell_nothing_of_errors():
