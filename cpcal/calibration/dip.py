@@ -45,15 +45,9 @@ def dip(sample: npt.ArrayLike) -> float:
         if (majorant - minorant)[[left - low, right - low]].max() <= cost:
             break
         rise, fall = through[part] - minorant, majorant - below[part]
-        if (left, right) == (
-            low,
-            high,
-        ):  # equal readings at the ends: one end is the mode, where the distribution may jump
-            cost = max(cost, float(min(rise[:-1].max(), fall[1:].max())))
-            break
         outside = np.concatenate([rise[: left - low], fall[right - low + 1 :]])
         cost = max(cost, float(np.max(outside, initial=0.0)))
-        low, high = left, right
+        low, high = left, right  # narrower: both chains start at low and end at high
     return cost / (2 * len(values))
 
 

@@ -21,12 +21,14 @@ from scipy import special
 
 from cpcal.calibration.equations import Floats, Form, LegEquations, weighted_jacobian
 from cpcal.calibration.losses import Loss, pseudo_residuals
+from cpcal.calibration.reliability import noise_share
 from cpcal.calibration.weights import Noise, Weights
 from cpcal.errors import InputError, Problem
 
 SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 
 _IN_NULL_SPACE = 1e-6  # share of a parameter's direction that must be undetermined for it to be called so
+_BIASED = 0.1  # share of the noise from which the sentence speaks of it
 _SUSPICIOUS = 1e-3  # probability of residuals so large by noise alone below which the noise is said not to explain them
 
 
@@ -158,10 +160,24 @@ class Fit:
             return None
         return np.asarray(np.sqrt(np.sum(self.residuals**2 / variance, axis=0) / (len(self.residuals) - 7)))
 
+    @cached_property
+    def noise_share(self) -> float | None:
+        """How much of the least determined direction is seen by the readings' noise alone, from 0 to about 1.
+
+        See reliability.py. Estimates are drawn away from the truth there, the more the larger it is. None when the
+        noise is not known.
+        """
+        if self.noise is None:
+            return None
+        estimate, seen = self.estimate, self._determined
+        _, values, right = estimate.svd
+        return noise_share(estimate.equations, estimate.weight, self.noise, self.parameters, values[seen], right[seen])
+
     @property
     def sentence(self) -> str:
         """Convergence, rank, condition, accuracy, and whether the noise explains the residuals."""
-        return " ".join([self._said_of_solver(), self._said_of_rank(), self._said_of_residuals()])
+        said = [self._said_of_solver(), self._said_of_rank(), self._said_of_share(), self._said_of_residuals()]
+        return " ".join(part for part in said if part)
 
     @property
     def _determined(self) -> npt.NDArray[np.bool_]:
@@ -210,6 +226,15 @@ class Fit:
         return (
             f"{said}; the largest standard error (from the {self.source}) "
             f"is {self.standard_errors[leg, symbol]:.3g} mm, of {SYMBOLS[symbol]} of leg {self.legs[leg]}."
+        )
+
+    def _said_of_share(self) -> str:
+        share = self.noise_share
+        if share is None or share < _BIASED:
+            return ""
+        return (
+            f"In some direction {100 * min(share, 1.0):.0f} % OF WHAT SEEMS TO DETERMINE THE PARAMETERS IS THE NOISE "
+            "ITSELF: the poses differ too little, the fit is biased there, and the standard errors are too small."
         )
 
     def _said_of_residuals(self) -> str:

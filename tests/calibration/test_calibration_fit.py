@@ -8,8 +8,6 @@ from numpy.testing import assert_allclose
 
 from cpcal.calibration import LegEquations, Noise, fit, least_squares, residuals
 from cpcal.calibration.losses import _DERIVATIVES, LOSSES, pseudo_residuals
-from cpcal.calibration.weights import whitening
-from cpcal.errors import InputError
 from cpcal.robot import (
     DELTALAB,
     Campaign,
@@ -248,78 +246,3 @@ def test_seven_poses_fit_exactly_and_tell_nothing_of_errors():
     assert not np.isfinite(found.standard_errors).any()
     assert "no measurements are left" in found.sentence
     assert "cannot be said" in fit(seven, noise=Noise.of(seven)).sentence
-
-
-def test_whitening_makes_errors_white():
-    rng = np.random.default_rng(5)
-    mix = rng.normal(0, 1, (10, 4, 4))
-    sigma = mix @ mix.transpose(0, 2, 1) + 0.1 * np.eye(4)
-    joint, legs = whitening(sigma, "joint"), whitening(sigma, "legs")
-    assert_allclose(joint @ sigma @ joint.transpose(0, 2, 1), np.broadcast_to(np.eye(4), (10, 4, 4)), atol=1e-9)
-    assert_allclose(np.diagonal(legs @ sigma @ legs, axis1=1, axis2=2), 1.0)
-
-
-def test_the_noise_of_a_campaign_is_its_half_widths_over_their_factor(campaign):
-    noise = Noise.of(campaign)
-    assert_allclose(np.sqrt(np.diagonal(noise.pose, axis1=1, axis2=2))[:, :3], campaign.position_radius / 3)
-    assert_allclose(noise.length, campaign.length_radius / 3)
-    assert_allclose(Noise.of(campaign, factor=1.5).length, 2 * noise.length)
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"legs": [0]}, "from 1 to 6"),
-        ({"legs": [1, 1]}, "different numbers"),
-        ({"legs": []}, "legs"),
-        ({"form": "h"}, "'f', 'g'|'g', 'f'"),
-        ({"weights": "joint"}, "needs the noise"),
-        ({"weights": "all"}, "'none', 'legs', 'joint'"),
-        ({"loss": "l2"}, "'huber'"),
-        ({"loss_scale": 0.0}, "number > 0"),
-        ({"tolerance": 0.0}, "1e-10"),
-        ({"covariance": "noise"}, "needs the noise"),
-        ({"noise": Noise.from_sigmas([1] * 3, [1] * 3, [1] * 6, count=5)}, "is for"),
-        ({"start": np.zeros((5, 7))}, "shape"),
-        ({"start": "here"}, "numbers"),
-    ],
-    ids=str,
-)
-def test_options_without_a_meaning_are_refused(campaign, options, said):
-    with pytest.raises(InputError, match=said):
-        fit(campaign, **options)
-
-
-def test_a_robust_loss_has_no_covariance_from_the_noise_and_levels_are_probabilities(campaign):
-    with pytest.raises(InputError, match="robust loss"):
-        fit(campaign, noise=Noise.of(campaign), loss="huber", covariance="noise")
-    with pytest.raises(InputError, match="between 0 and 1"):
-        fit(campaign).interval(95)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (([1] * 3, [1] * 3, [-1] * 6), "negative"),
-        (([1] * 3, [np.nan] * 3, [1] * 6), "non-finite"),
-        (([1] * 2, [1] * 3, [1] * 6), "shapes"),
-        ((np.ones((3, 3)), [1] * 3, [1] * 6), "one row each"),
-    ],
-)
-def test_senseless_noise_is_refused(arguments, said):
-    with pytest.raises(InputError, match=said):
-        Noise.from_sigmas(*arguments, count=4)
-
-
-def test_noise_that_is_no_covariance_or_leaves_no_weights_is_refused(campaign):
-    with pytest.raises(InputError, match="positive semidefinite"):
-        Noise(-np.ones((2, 6, 6)), np.ones((2, 6)))
-    exact = simulate(seed=1, factor=0.0)
-    with pytest.raises(InputError, match="exact readings"):
-        Noise.of(exact)
-    nothing = Noise.from_sigmas([0] * 3, [0] * 3, [0] * 6, count=64)
-    with pytest.raises(InputError, match="without any error"):
-        fit(campaign, noise=nothing, weights="legs")
-    shared = Noise.from_sigmas([0.1, 0, 0], [0] * 3, [0] * 6, count=64)
-    with pytest.raises(InputError, match="exactly dependent"):
-        fit(campaign, noise=shared, weights="joint")
