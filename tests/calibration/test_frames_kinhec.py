@@ -34,13 +34,11 @@ def test_the_median_error_of_shahs_method_refined_is_below_a_millimetre(sequence
     assert np.median([errors(sequence, "shah", True)[0] for sequence in sequences]) <= 1.0
 
 
-def test_refinement_by_axis_beats_the_closed_form(sequences):
-    ours, plain = [], []
-    for sequence in sequences:
-        frames = sequence.key_frames()
-        ours.append(errors(frames, "shah", True)[0])
-        plain.append(errors(frames, "shah", False)[0])
-    assert np.median(ours) < np.median(plain)
+def test_refinement_by_axis_lessens_the_error_on_average(sequences):
+    pairs = [[errors(sequence, "shah", refine)[0] for refine in (False, True)] for sequence in sequences]
+    plain, refined = np.log(pairs).T
+    print(np.exp(np.mean(refined - plain)), np.median(np.exp(refined)), np.median(np.exp(plain)))
+    assert np.mean(refined - plain) < 0.0
 
 
 def test_shahs_method_gives_the_figures_of_kinhecs_own_solver(sequences):
