@@ -37,7 +37,6 @@ def test_the_median_error_of_shahs_method_refined_is_below_a_millimetre(sequence
 def test_refinement_by_axis_lessens_the_error_on_average(sequences):
     pairs = [[errors(sequence, "shah", refine)[0] for refine in (False, True)] for sequence in sequences]
     plain, refined = np.log(pairs).T
-    print(np.exp(np.mean(refined - plain)), np.median(np.exp(refined)), np.median(np.exp(plain)))
     assert np.mean(refined - plain) < 0.0
 
 
