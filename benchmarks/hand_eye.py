@@ -20,24 +20,24 @@ from kinhec import io, motions, plans, solvers
 from kinhec.generator import generate_sequence
 
 from cpcal.calibration import calibrate_frames
-from cpcal.robot import Pose, quaternion_from_matrix
+from cpcal.robot import Pose, inverse, quaternion_from_matrix
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Sequence:
-    """A_i X = Y B_i: measured poses A, B (N, 4, 4) in m, and the true X and Y (4, 4)."""
+    """A_i X = Y B_i: measured poses A, B (N, 4, 4) in m, and the true X (4, 4)."""
 
     a: Array
     b: Array
     x: Array
-    y: Array
+    eye_in_hand: bool
 
     def key_frames(self) -> Sequence:
         """KinHEC's choice of poses; all where there would be fewer than three."""
         kept = motions.select_keyframes(self.a, 5.0, 0.02, 200)
-        return Sequence(self.a[kept], self.b[kept], self.x, self.y) if len(kept) >= 3 else self
+        return Sequence(self.a[kept], self.b[kept], self.x, self.eye_in_hand) if len(kept) >= 3 else self
 
 
 def noise_track(tier: str, numbers: list[int] | None = None) -> Iterator[Sequence]:
@@ -46,7 +46,7 @@ def noise_track(tier: str, numbers: list[int] | None = None) -> Iterator[Sequenc
     for number in range(len(plan)) if numbers is None else numbers:
         record = generate_sequence(plan[number])
         sequence = io.Sequence(record.manifest, record.robot_table, record.camera_table)
-        yield Sequence(*sequence.axyb_poses(), sequence.X, sequence.Y)
+        yield Sequence(*sequence.axyb_poses(), sequence.X, sequence.eye_in_hand)
 
 
 def in_mm(transforms: Array) -> Pose:
@@ -55,8 +55,12 @@ def in_mm(transforms: Array) -> Pose:
 
 
 def errors(sequence: Sequence, method: str, refine: bool) -> tuple[float, float]:
-    """Of X, the target in the mobile frame in our words: mm and degrees."""
-    found = calibrate_frames(in_mm(sequence.a), in_mm(sequence.b), method=method, refine=refine).target_in_mobile
+    """Of X: mm and degrees. A camera on the hand is the same problem with base and hand exchanged, A^-1 Y = X B^-1."""
+    a, b = in_mm(sequence.a), in_mm(sequence.b)
+    if sequence.eye_in_hand:
+        found = calibrate_frames(inverse(a), inverse(b), method=method, refine=refine).camera_in_base
+    else:
+        found = calibrate_frames(a, b, method=method, refine=refine).target_in_mobile
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = found.rotation, found.position / 1000.0
     return compared(matrix, sequence)

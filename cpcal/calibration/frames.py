@@ -37,9 +37,9 @@ class FrameCalibration:
     """The camera in the base frame, the target in the mobile frame, and how well they are known.
 
     camera_in_base     X; target_in_mobile Z; positions in mm
-    position_residual  (N, 3) mm, X B_i against A_i Z at the target's origin, in the base frame
-    rotation_residual  (N, 3) rad, the rotation vector from A_i Z to X B_i, in the base frame
-    sigma_position     mm, sigma_rotation rad: standard deviations per component that weighted the two
+    position_residual  (N, 3) mm, the target's origin as B_i has it less that of X^-1 A_i Z, in the camera frame
+    rotation_residual  (N, 3) rad, the rotation vector from X^-1 A_i Z to B_i, in the camera frame
+    sigma_position     (3,) mm, sigma_rotation (3,) rad: standard deviations that weighted the two, by axis
     unit_weight        size of the weighted residuals; near 1 when the two standard deviations are right
     covariance         (12, 12), of X's position (mm) and rotation vector (rad, base frame), then of Z's position and
                        rotation vector (mobile frame), by linearised least squares for independent errors
@@ -52,8 +52,8 @@ class FrameCalibration:
     method: str
     position_residual: Array
     rotation_residual: Array
-    sigma_position: float
-    sigma_rotation: float
+    sigma_position: Array
+    sigma_rotation: Array
     unit_weight: float
     covariance: Array
     spread: float
@@ -72,8 +72,8 @@ class HandEye:
     transform: Pose
     position_residual: Array
     rotation_residual: Array
-    sigma_position: float
-    sigma_rotation: float
+    sigma_position: Array
+    sigma_rotation: Array
     unit_weight: float
     covariance: Array
     spread: float
@@ -86,8 +86,8 @@ def calibrate_frames(
     *,
     method: str = "shah",
     refine: bool = True,
-    sigma_position: float | None = None,
-    sigma_rotation: float | None = None,
+    sigma_position: npt.ArrayLike | None = None,
+    sigma_rotation: npt.ArrayLike | None = None,
 ) -> FrameCalibration:
     """X and Z of `X B_i = A_i Z` from N >= 3 poses A_i of the robot and B_i of the camera.
 
@@ -95,8 +95,8 @@ def calibrate_frames(
     camera_poses    B_i, target frame in camera frame, of the same configurations in the same order
     method          "shah" (closed form, 2013) or "andreff" (linear, Andreff, Horaud and Espiau 1999): the start
     refine          whether non-linear least squares on positions and rotations follows
-    sigma_position  mm, sigma_rotation rad: errors per component of `A_i Z` against `X B_i`. What is None is estimated
-                    from the residuals.
+    sigma_position  mm, sigma_rotation rad: standard deviations of B_i against X^-1 A_i Z, one or three (for the
+                    camera's axes). None: estimated from the residuals, for each axis from 10 pairs on.
 
     Lengths are scaled before anything is solved: the result does not depend on their unit. InputError for unusable
     arrays, for fewer than three pairs, and where the orientations do not determine the frames: all (nearly) the
@@ -107,6 +107,7 @@ def calibrate_frames(
     pairs = pose_pairs(robot_poses, camera_poses, 3, ("robot_poses", "camera_poses"))
     name, spread = _smaller_spread(pairs, pose_spreads, ("robot_poses", "camera_poses"))
     x, z = METHODS[method](pairs)
+    _remarks(name, spread, residuals(pairs, x, z)[1])  # refuses what no refinement can mend
     best = _estimated(pairs, x, z, refine, sigma_position, sigma_rotation, tied=False)
     position, turn = residuals(pairs, best.x, best.z)
     return FrameCalibration(
@@ -129,8 +130,8 @@ def hand_eye(
     b: Pose,
     *,
     refine: bool = True,
-    sigma_position: float | None = None,
-    sigma_rotation: float | None = None,
+    sigma_position: npt.ArrayLike | None = None,
+    sigma_rotation: npt.ArrayLike | None = None,
 ) -> HandEye:
     """X of `A_i X = X B_i` from N >= 2 relative motions, by Andreff's linear method and least squares.
 
@@ -140,6 +141,7 @@ def hand_eye(
     pairs = pose_pairs(a, b, 2, ("a", "b"))
     name, spread = _smaller_spread(pairs, motion_spreads, ("a", "b"))
     start = andreff_hand_eye(pairs.a, pairs.b)
+    _remarks(name, spread, residuals(pairs, start, start)[1])
     best = _estimated(pairs, start, start, refine, sigma_position, sigma_rotation, tied=True)
     position, turn = residuals(pairs, best.x, best.x)
     return HandEye(
@@ -178,17 +180,23 @@ def _estimated(
     x: Pose,
     z: Pose,
     refine: bool,
-    sigma_position: float | None,
-    sigma_rotation: float | None,
+    sigma_position: npt.ArrayLike | None,
+    sigma_rotation: npt.ArrayLike | None,
     *,
     tied: bool,
 ) -> Refined:
     given = {"sigma_position": sigma_position, "sigma_rotation": sigma_rotation}
-    wrong = [name for name, value in given.items() if value is not None and not (0.0 < value < np.inf)]
+    wrong = [name for name, value in given.items() if value is not None and not _standard_deviations(value)]
     if wrong:
-        raise InputError([Problem(name, f"is {given[name]}", "give a positive number, or None") for name in wrong])
-    scaled = None if sigma_position is None else sigma_position / pairs.unit
+        remedy = "give a positive number, or three, or None"
+        raise InputError([Problem(name, f"is {given[name]!r}", remedy) for name in wrong])
+    scaled = None if sigma_position is None else np.asarray(sigma_position, dtype=np.float64) / pairs.unit
     return refined(pairs, x, z, sigma_position=scaled, sigma_rotation=sigma_rotation, tied=tied, move=refine)
+
+
+def _standard_deviations(value: npt.ArrayLike) -> bool:
+    array = np.asarray(value, dtype=np.float64)
+    return array.shape in ((), (3,)) and bool(((array > 0.0) & np.isfinite(array)).all())
 
 
 def _remarks(name: str, spread: Spreads, turn: Array) -> tuple[str, ...]:

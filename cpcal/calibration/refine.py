@@ -1,11 +1,12 @@
 """Least squares on rigid motions for `X B_i = A_i Z`, and for `X B_i = A_i X` (Z tied to X).
 
-The residuals of a pair are the two ways to the same pose compared in A's reference frame,
+The residuals of a pair compare B with what A tells of it, C = X^-1 A Z, in B's reference frame,
 
-    position   t_X + R_X t_B - t_A - R_A t_Z          rotation   log(R_X R_B (R_A R_Z)^T), a rotation vector in rad
+    position   t_B - t_C          rotation   log(R_B R_C^T), a rotation vector in rad
 
-and a motion is varied as (P + p, exp(w) R) with w a rotation vector in the motion's reference frame. Lengths have
-the unit of the pairs. The order of the unknowns is (p_X, w_X, p_Z, w_Z).
+because that is where a camera's errors have their axes (it sees depth worse than the rest). A motion is varied as
+(P + p, exp(w) R) with w a rotation vector in the motion's reference frame. Lengths have the unit of the pairs. The
+order of the unknowns is (p_X, w_X, p_Z, w_Z).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector,
 
 Array = npt.NDArray[np.float64]
 
+_TELL_AXES = 10  # pairs from which on the axes have standard deviations of their own
 _FLOOR = 1e-13  # of standard deviations, for data without noise
 _ROUNDS = 30  # of weights from residuals and residuals from weights
 _STEPS = 100  # of Levenberg-Marquardt, in each round
@@ -34,17 +36,16 @@ class Refined:
 
     x: Pose
     z: Pose
-    sigma_position: float
-    sigma_rotation: float
+    sigma_position: Array
+    sigma_rotation: Array
     unit_weight: float
     covariance: Array
 
 
 def residuals(pairs: Pairs, x: Pose, z: Pose) -> tuple[Array, Array]:
     """Position (N, 3) and rotation (N, 3) rad of the text above."""
-    left, right = compose(x, pairs.b), compose(pairs.a, z)
-    turn = compose(left, inverse(right))
-    return left.position - right.position, rotation_vector(turn.quaternion)
+    told = compose(inverse(x), compose(pairs.a, z))
+    return pairs.b.position - told.position, rotation_vector(compose(pairs.b, inverse(told)).quaternion)
 
 
 def refined(
@@ -52,42 +53,49 @@ def refined(
     x: Pose,
     z: Pose,
     *,
-    sigma_position: float | None = None,
-    sigma_rotation: float | None = None,
+    sigma_position: npt.ArrayLike | None = None,
+    sigma_rotation: npt.ArrayLike | None = None,
     tied: bool = False,
     move: bool = True,
 ) -> Refined:
     """The motions with the smallest weighted sum of squares near x and z (or, without `move`, x and z themselves).
 
-    A standard deviation that is None is estimated together with the motions. The covariance is that of linearised
-    least squares, scaled by the residuals' own size (`unit_weight` squared, near 1 for right standard deviations).
+    Standard deviations, one or three each, are of the components of the residuals. None: they are estimated together
+    with the motions, axis by axis where there are pairs enough to tell them apart. The covariance is that of
+    linearised least squares, scaled by the residuals' own size (`unit_weight` squared, near 1 for right ones).
     """
-    given = np.array([np.nan if s is None else s for s in (sigma_position, sigma_rotation)])
-    rms = [max(_FLOOR, float(np.sqrt(np.mean(e**2)))) for e in residuals(pairs, x, z)]
-    sigma = np.where(np.isnan(given), rms, given)
+    given = np.concatenate([_three(sigma_position), _three(sigma_rotation)])
+    pooled = len(pairs) < _TELL_AXES
+    rms = np.sqrt(np.mean(np.concatenate(residuals(pairs, x, z), axis=1) ** 2, axis=0))
+    sigma = np.where(np.isnan(given), np.maximum(_FLOOR, np.repeat(rms.reshape(2, 3).max(axis=1), 3)), given)
     for _ in range(_ROUNDS):
         if move:
             x, z = _moved_to_minimum(pairs, x, z, sigma, tied)
         values, jacobian = _values(pairs, x, z, sigma), _columns(pairs, x, z, sigma, tied)
         cofactor: Array = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
-        used, found = sigma, np.maximum(sigma * _sizes(values, jacobian, cofactor), _FLOOR)
+        used, found = sigma, np.maximum(sigma * _sizes(values, jacobian, cofactor, pooled), _FLOOR)
         sigma = np.where(np.isnan(given), found, given)
         if np.allclose(sigma, used, rtol=_SETTLED, atol=0.0):
             break
     freedom = len(values) - jacobian.shape[1]
     weight = float(np.linalg.norm(values)) / np.sqrt(freedom)
-    return Refined(x, z, float(used[0]), float(used[1]), float(weight), weight**2 * cofactor)
+    return Refined(x, z, used[:3], used[3:], float(weight), weight**2 * cofactor)
 
 
-def _sizes(values: Array, jacobian: Array, cofactor: Array) -> Array:
-    """Size (2,) of the weighted residuals of position and rotation, per degree of freedom of each.
+def _three(sigma: npt.ArrayLike | None) -> Array:
+    return np.broadcast_to(np.asarray(np.nan if sigma is None else sigma, dtype=np.float64), 3)
+
+
+def _sizes(values: Array, jacobian: Array, cofactor: Array, pooled: bool) -> Array:
+    """Size (6,) of the weighted residuals of each component, per degree of freedom; `pooled` over three axes.
 
     Residuals are smaller than errors because they were minimised: element i by its leverage, its share of the fit.
-    This is the restricted maximum likelihood estimate of two variance components, by its fixed point.
+    This is the restricted maximum likelihood estimate of variance components, by its fixed point.
     """
-    leverage = np.einsum("ij,jk,ik->i", jacobian, cofactor, jacobian).reshape(-1, 2, 3)
-    freedom = np.sum(1.0 - leverage, axis=(0, 2))
-    square = np.sum(values.reshape(-1, 2, 3) ** 2, axis=(0, 2))
+    leverage = np.einsum("ij,jk,ik->i", jacobian, cofactor, jacobian).reshape(-1, 6)
+    freedom, square = np.sum(1.0 - leverage, axis=0), np.sum(values.reshape(-1, 6) ** 2, axis=0)
+    if pooled:
+        freedom, square = (np.repeat(sums.reshape(2, 3).sum(axis=1), 3) for sums in (freedom, square))
     return np.asarray(np.sqrt(square / np.maximum(freedom, 1e-3)), dtype=np.float64)
 
 
@@ -114,12 +122,12 @@ def _moved_to_minimum(pairs: Pairs, x: Pose, z: Pose, sigma: Array, tied: bool) 
 
 def _values(pairs: Pairs, x: Pose, z: Pose, sigma: Array) -> Array:
     """Weighted residuals (6 N,)."""
-    return np.asarray((np.concatenate(residuals(pairs, x, z), axis=1) / np.repeat(sigma, 3)).ravel())
+    return np.asarray((np.concatenate(residuals(pairs, x, z), axis=1) / sigma).ravel())
 
 
 def _columns(pairs: Pairs, x: Pose, z: Pose, sigma: Array, tied: bool) -> Array:
     """Their derivative (6 N, 12), or (6 N, 6) where Z is X."""
-    jacobian = _jacobian(pairs, x, z) / np.repeat(sigma, 3)[:, None]
+    jacobian = _jacobian(pairs, x, z) / sigma[:, None]
     columns = jacobian[:, :, :6] + jacobian[:, :, 6:] if tied else jacobian
     return np.asarray(columns.reshape(6 * len(pairs), -1))
 
@@ -132,13 +140,15 @@ def _moved(pose: Pose, step: Array) -> Pose:
 def _jacobian(pairs: Pairs, x: Pose, z: Pose) -> Array:
     """Derivative (N, 6, 12) of (position, rotation) by the unknowns, at x and z."""
     error = residuals(pairs, x, z)[1]
-    turned = pairs.a.rotation
+    back, turned = x.rotation.T, x.rotation.T @ pairs.a.rotation
+    target = compose(pairs.a, z).position  # in A's reference frame
+    log = np.linalg.inv(left_jacobian(-error))  # of log(E exp(v)) by v: the right Jacobian is the left one at -e
     jacobian = np.zeros((len(pairs), 6, 12))
-    jacobian[:, :3, :3] = np.eye(3)
-    jacobian[:, :3, 3:6] = -cross_matrix(pairs.b.position @ x.rotation.T)
+    jacobian[:, :3, :3] = back
+    jacobian[:, :3, 3:6] = -back @ cross_matrix(target - x.position)
     jacobian[:, :3, 6:9] = -turned
-    jacobian[:, 3:, 3:6] = np.linalg.inv(left_jacobian(error))
-    jacobian[:, 3:, 9:] = -np.linalg.inv(left_jacobian(-error)) @ turned  # the right Jacobian is the left one at -e
+    jacobian[:, 3:, 3:6] = log @ back
+    jacobian[:, 3:, 9:] = -log @ turned
     return jacobian
 
 

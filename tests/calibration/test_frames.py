@@ -152,9 +152,23 @@ def test_standard_deviations_tell_the_errors_and_the_noise():
     for seed in range(60):
         found = calibrate_frames(a, noisy(b, seed, 0.8, 0.002))
         normalised.append(errors(found, x, z) / found.standard_deviations)
-        sigmas.append([found.sigma_position, found.sigma_rotation])
+        sigmas.append([*found.sigma_position, *found.sigma_rotation])
     assert np.mean(np.square(normalised)) == pytest.approx(1.0, rel=0.15)
-    assert_allclose(np.mean(sigmas, axis=0), [0.8, 0.002], rtol=0.05)
+    assert_allclose(np.mean(sigmas, axis=0), np.repeat([0.8, 0.002], 3), rtol=0.06)
+
+
+def test_a_camera_that_sees_depth_badly_is_weighted_by_axis():
+    """Ten times the error along the optical axis: found, and the result better than with one sigma for all."""
+    closer, sigmas = [], []
+    for seed in range(15):
+        x, _, a, b = problem(seed, 30)
+        far = [0.3, 0.3, 3.0] * np.random.default_rng(seed).standard_normal((30, 3))
+        b = Pose(b.position + far, noisy(b, seed, 0.0, 0.001).quaternion)
+        by_axis, alike = calibrate_frames(a, b), calibrate_frames(a, b, sigma_position=1.0, sigma_rotation=0.001)
+        sigmas.append(by_axis.sigma_position)
+        closer.append(np.log(distance(alike.camera_in_base, x)[0] / distance(by_axis.camera_in_base, x)[0]))
+    assert_allclose(np.mean(sigmas, axis=0), [0.3, 0.3, 3.0], rtol=0.15)
+    assert np.exp(np.mean(closer)) > 1.5
 
 
 def test_stated_standard_deviations_are_kept_and_judged():
@@ -162,7 +176,7 @@ def test_stated_standard_deviations_are_kept_and_judged():
     b = noisy(b, 11, 1.0, 0.002)
     right = calibrate_frames(a, b, sigma_position=1.0, sigma_rotation=0.002)
     small = calibrate_frames(a, b, sigma_position=0.1, sigma_rotation=0.0002)
-    assert (right.sigma_position, right.sigma_rotation) == (pytest.approx(1.0), 0.002)
+    assert_allclose([*right.sigma_position, *right.sigma_rotation], [1.0] * 3 + [0.002] * 3)
     assert right.unit_weight == pytest.approx(1.0, abs=0.15)
     assert small.unit_weight == pytest.approx(10.0 * right.unit_weight, rel=1e-6)
     assert_allclose(small.covariance, right.covariance, rtol=1e-6)  # scaled by what the residuals say
