@@ -46,7 +46,8 @@ def noise_track(tier: str, numbers: list[int] | None = None) -> Iterator[Sequenc
     for number in range(len(plan)) if numbers is None else numbers:
         record = generate_sequence(plan[number])
         sequence = io.Sequence(record.manifest, record.robot_table, record.camera_table)
-        yield Sequence(*sequence.axyb_poses(), sequence.X, sequence.eye_in_hand)
+        a, b = sequence.axyb_poses()
+        yield Sequence(a, b, sequence.X, sequence.eye_in_hand)
 
 
 def in_mm(transforms: Array) -> Pose:
