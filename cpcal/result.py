@@ -11,6 +11,7 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from pathlib import Path
 from typing import Any
 
+from cpcal.calibration.models import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
 from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Verdict
 from cpcal.interval import Box
@@ -22,15 +23,48 @@ FORMAT = "cpcal-result/1"
 
 
 @dataclass(frozen=True)
+class ModelNote:
+    """The leg model of a result: its name, what it takes a leg's length to be, its parameters beyond (a, b, l)."""
+
+    name: str = PLAIN.name
+    summary: str = PLAIN.summary
+    extra: tuple[Parameter, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return (*PARAMETERS, *(p.name for p in self.extra))
+
+    def unit(self, name: str) -> str:
+        return next((p.unit for p in self.extra if p.name == name), "mm")
+
+    def to_json(self) -> dict[str, Any]:
+        extra = [{"name": p.name, "unit": p.unit, "half_width": p.half_width} for p in self.extra]
+        return {"name": self.name, "summary": self.summary, "parameters": extra}
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> ModelNote:
+        extra = (Parameter(str(p["name"]), str(p["unit"]), float(p["half_width"])) for p in data["parameters"])
+        return cls(str(data["name"]), str(data["summary"]), tuple(extra))
+
+
+def model_of(result: Result) -> LegModel | None:
+    """The model of a result; None where it is not known here: one of the user's own, in another process."""
+    try:
+        return leg_model(result.model.name).within({p.name: p.half_width for p in result.model.extra})
+    except InputError:
+        return None
+
+
+@dataclass(frozen=True)
 class LegResult:
     """One leg: proved, no x in the box satisfies all equations for any eps < `eps_lo`; `point` does at `eps_hi`.
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. Lengths in mm. `verdict` PROVED: the
     bracket is closed (or, when an eps was asked for, some x satisfies it); REFUTED: no x does; UNKNOWN: a limit
-    came first. `point` is (ax, ay, az, bx, by, bz, l), None without a proved point; `enclosure` holds every x
-    with eps <= eps_hi. `floor`: second-order effect of the readings below which the bracket cannot close.
-    `support`: ids of measurements
-    that by themselves prove eps_lo up to the gap or, where no few were found to, of all with a weight in some step.
+    came first. `point` is (ax, ay, az, bx, by, bz, l) and the model's extra parameters, None without a proved point;
+    `enclosure` holds every x with eps <= eps_hi. `floor`: second-order effect of the readings below which the bracket
+    cannot close. `support`: ids of measurements that by themselves prove eps_lo up to the gap or, where no few were
+    found to, of all with a weight in some step.
     """
 
     leg: int
@@ -136,6 +170,7 @@ class Result:
     version: str
     legs: tuple[LegResult, ...]
     interrupted: bool = False
+    model: ModelNote = ModelNote()
 
     def _repr_html_(self) -> str:
         """For notebooks: a table, a row a leg. Bounds are rounded to the side on which they stay proved."""
@@ -168,6 +203,7 @@ class Result:
                 "contractors": list(self.contractors),
                 "arithmetic": self.arithmetic,
             },
+            **({} if self.model.name == PLAIN.name else {"model": self.model.to_json()}),
             "interrupted": self.interrupted,
             "legs": [leg.to_json() for leg in self.legs],
         }
@@ -189,6 +225,7 @@ class Result:
             data["solver"]["version"],
             tuple(LegResult.from_json(leg, names) for leg in data["legs"]),
             data["interrupted"],
+            ModelNote.from_json(data["model"]) if "model" in data else ModelNote(),
         )
 
 

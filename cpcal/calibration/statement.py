@@ -7,9 +7,12 @@ from fractions import Fraction as F
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.calibration.models import PLAIN, LegModel
+from cpcal.network import ConstraintNetwork
+from cpcal.proof.exact_network import NotStated, network_statement
 from cpcal.proof.leg import Leg
 from cpcal.proof.measurement import Measurement
-from cpcal.proof.statement import LegStatement
+from cpcal.proof.statement import LegStatement, Statement
 from cpcal.robot import Campaign
 
 
@@ -34,6 +37,22 @@ class LegReadings:
 def leg_statement(campaign: Campaign, leg: int, only: tuple[int, ...] | None = None) -> LegStatement:
     """Leg `leg` (from 1) with all measurements, or with `only` those (numbers from 0, ascending)."""
     return LegStatement(Leg(LegReadings(campaign, leg), only), campaign.sha256, leg, only)
+
+
+def model_statement(
+    campaign: Campaign, leg: int, model: LegModel, network: ConstraintNetwork, only: tuple[int, ...] | None = None
+) -> Statement | None:
+    """What a certificate of a leg model says: of the plain one the leg, of another one the constraints themselves.
+
+    `network` is the model's, already of the measurements `only`. None where the constraints have no exact polynomial
+    form, as with uncertain readings.
+    """
+    if model.name == PLAIN.name:
+        return leg_statement(campaign, leg, only)
+    try:
+        return network_statement(network, "eps", f"leg {leg}, model {model.name}, campaign {campaign.sha256}")
+    except NotStated:
+        return None
 
 
 def _exact(values: npt.NDArray[np.float64]) -> tuple[F, ...]:

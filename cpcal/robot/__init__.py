@@ -10,6 +10,7 @@ from cpcal.robot.kinematics import (
     leg_vectors,
     pose_jacobian,
 )
+from cpcal.robot.model_choice import ModelChoice
 from cpcal.robot.reader import load_campaign
 from cpcal.robot.robot import DELTALAB, ROBOTS, Robot, known_robot
 from cpcal.robot.rotation import (
@@ -31,6 +32,7 @@ __all__ = [
     "ROBOTS",
     "Campaign",
     "KinematicsError",
+    "ModelChoice",
     "Pose",
     "Robot",
     "Uncertainty",

@@ -20,6 +20,7 @@ from cpcal.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from cpcal.robot.campaign import Campaign
+    from cpcal.robot.model_choice import ModelChoice
     from cpcal.robot.uncertainty import Uncertainty
 
 FORMAT = "cpcal-campaign/1"
@@ -56,6 +57,8 @@ def toml_bytes(campaign: Campaign) -> bytes:
     ]
     if campaign.uncertainty is not None:
         lines += _uncertainty_lines(campaign.uncertainty)
+    if campaign.model is not None:
+        lines += _model_lines(campaign.model)
     if campaign.provenance:
         lines += ["", "[provenance]"]
         lines += [f"{_quoted(key)} = {_quoted(text)}" for key, text in campaign.provenance.items()]
@@ -70,6 +73,14 @@ def _uncertainty_lines(uncertainty: Uncertainty) -> list[str]:
         suffix = "sigma"
     names = ("position", "rotation", "length")
     return lines + [f"{name}_{suffix} = {_vector(getattr(uncertainty, name))}" for name in names]
+
+
+def _model_lines(model: ModelChoice) -> list[str]:
+    lines = ["", "[model]", f"name = {_quoted(model.name)}"]
+    if model.half_widths:
+        widths = ", ".join(f"{name} = {float(value)!r}" for name, value in model.half_widths.items())
+        lines.append(f"half_widths = {{ {widths} }}")
+    return lines
 
 
 def csv_bytes(campaign: Campaign) -> bytes:
