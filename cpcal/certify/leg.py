@@ -41,6 +41,8 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
 def _support(
     question: Question, leg: int, network: ConstraintNetwork, start: Floats, found: Minimum
 ) -> tuple[int, ...]:
+    if question.support == "none":
+        return ()
     gap, short = question.limits.gap, replace(question.limits, nodes=_SUPPORT_NODES)
 
     def alone(net: ConstraintNetwork) -> Minimum:

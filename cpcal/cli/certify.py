@@ -48,9 +48,7 @@ def certify(
     ],
     legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None,
     delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0,
-    center: Annotated[
-        Center, typer.Option(help="Middle of that box: the fit of the model, of the plain one, or nominal.")
-    ] = Center.FIT,
+    center: Annotated[Center, typer.Option(help="Middle of that box: a least-squares fit, or nominal.")] = Center.FIT,
     gap: Annotated[float, typer.Option(help="Relative width at which the bracket counts as closed.")] = 1e-6,
     time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg, at most.")] = None,
     contractors: Annotated[str, typer.Option(metavar="A,B", help="See `cpcal plugins`.")] = "lifted",
@@ -77,7 +75,7 @@ def certify(
     """
     check_writable(run)
     question = Question(
-        legs=None if legs is None else _legs(legs),
+        legs=None if legs is None else numbers_of(legs),
         delta=delta,
         center=center.value,
         gap=gap,
@@ -95,7 +93,8 @@ def certify(
     raise typer.Exit(status_of(result))
 
 
-def _legs(text: str) -> tuple[int, ...]:
+def numbers_of(text: str) -> tuple[int, ...]:
+    """The numbers of --legs. Raises BadParameter."""
     try:
         return tuple(int(part) for part in text.split(","))
     except ValueError:

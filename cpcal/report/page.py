@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from cpcal.calibration import PARAMETERS, PLAIN, model_residuals
@@ -15,12 +14,13 @@ from cpcal.optimize import Answer, Trial
 from cpcal.report.assumptions import assumptions
 from cpcal.report.bars import Enclosure, enclosure_svg
 from cpcal.report.match import check_match
-from cpcal.report.numbers import bracket_text, clean, nearest, rounded_down, rounded_up
+from cpcal.report.numbers import bracket_text, nearest, rounded_down, rounded_up
 from cpcal.report.origin import command, versions
 from cpcal.report.pairs import pairs
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
 from cpcal.report.room import reading_room
 from cpcal.report.table import result_table
+from cpcal.report.template import rendered, written
 from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
 from cpcal.result import LegResult, Result, model_of
 from cpcal.robot import Campaign
@@ -43,29 +43,13 @@ def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str])
     stay proved; every answer is for SOME reading in the set of each measurement. Raises InputError when the
     result is of another campaign, OSError when the file cannot be written.
     """
-    page = render(campaign, result)
-    target = Path(file)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_name(f".{target.name}.partial")
-    try:
-        partial.write_text(page, encoding="utf-8")
-        return partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
+    return written(render(campaign, result), file)
 
 
 def render(campaign: Campaign, result: Result) -> str:
     """The page as text. Raises InputError when the result is of another campaign, or garbled."""
     check_match(campaign, result)
-    environment = Environment(
-        loader=PackageLoader("cpcal.report", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=lambda value: clean(value) if type(value) is str else value,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html.j2").render(_context(campaign, result)) + "\n"
+    return rendered("report.html.j2", _context(campaign, result))
 
 
 def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
