@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, ModelError, Problem
 from cpcal.network import Expr, norm
 from cpcal.network.expression import as_expr, sqr, sqrt
 
@@ -77,11 +77,20 @@ class LegModel:
 
     def equation(self, measured: Measured, offset: Expr, extra: Parameters) -> Expr:
         """g (N,) in mm; `offset` is l."""
-        distance = norm(measured.vector)
+        distance, length = norm(measured.vector), measured.length + offset
         if self.square is not None:
-            distance = sqrt(sqr(measured.vector).sum(-1) - self.square(measured, extra))
-        length = measured.length + offset
-        return distance - (length if self.term is None else length + self.term(measured, extra))
+            distance = sqrt(sqr(measured.vector).sum(-1) - self._of("square", self.square, measured, extra))
+        if self.term is not None:
+            length = length + self._of("term", self.term, measured, extra)
+        return distance - length
+
+    def _of(self, what: str, function: Term, measured: Measured, extra: Parameters) -> Expr:
+        """What the model's function gives, if it is an expression for each measurement. Raises ModelError."""
+        found = function(measured, extra)
+        if not isinstance(found, Expr) or found.shape not in ((), measured.length.shape):
+            shape = measured.length.shape
+            raise ModelError(f"{what} of the model {self.name!r} must give an expression of shape {shape} or ()")
+        return found
 
     def within(self, half_widths: Mapping[str, float]) -> LegModel:
         """The same model with other half-widths of some extra parameters. Raises InputError."""
@@ -152,7 +161,7 @@ _MODELS: dict[str, LegModel] = {model.name: model for model in (PLAIN, GAIN, LIN
 
 
 def register_model(model: LegModel) -> LegModel:
-    """Make a model of one's own known by its name, in this process; the model, so that it can be used at once.
+    """Make a model of one's own known by its name, in this process, in the place of an earlier one; the model itself.
 
     Raises InputError with everything that is wrong: a name that is no identifier or belongs to a model of cpcal, no
     extra parameters, names that are taken, half-widths that are none.

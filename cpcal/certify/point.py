@@ -40,7 +40,7 @@ def certify_point(
 ) -> PointResult:
     """For each measurement: does the point (ax, ay, az, bx, by, bz, l) in mm satisfy its equation to within `eps` mm?
 
-    It does when THERE EXISTS a reading in the measurement's set with |g| <= eps; it fails when for no reading it does;
+    The equation is that of the plain model. It does when THERE EXISTS a reading in the measurement's set with |g| <= eps; it fails when for no reading it does;
     both are proved. `certificate` names a file for `cpcal verify`; what the exact check cannot repeat is then left out.
     Raises InputError.
     """

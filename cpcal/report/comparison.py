@@ -93,7 +93,7 @@ def _context(comparison: Comparison) -> dict[str, Any]:
     rows = []
     for entry in comparison.entries:
         style = "" if tolerance is None else _STYLES[entry.verdict(tolerance)]
-        rows.append({"cells": comparison_row(comparison, entry), "style": style, "status": entry.status})
+        rows.append({"cells": comparison_row(comparison, entry), "style": style})
     return {
         "title": clean(comparison.title),
         "tolerance": None if tolerance is None else f"{tolerance:g}{_unit(comparison)}",

@@ -28,6 +28,13 @@ def with_gain(campaign, gain):
     return replace(campaign, length=campaign.length / (1.0 + gain))
 
 
+def some(campaign, rows):
+    """Some of the measurements."""
+    arrays = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
+    names = {name: tuple(np.array(getattr(campaign, name))[rows]) for name in ("pose", "run")}
+    return replace(campaign, **names, **{name: getattr(campaign, name)[rows] for name in arrays})
+
+
 @pytest.fixture(scope="module")
 def exact():
     return with_gain(cpcal.simulate(seed=1, factor=0.0), GAIN)
@@ -93,17 +100,16 @@ def test_where_the_plain_model_is_right_others_bring_almost_nothing():
     assert abs(comparison.entry("leg 3", "gain").enclosure["s"].mid) < 2e-3
 
 
-def test_both_arithmetics_give_the_same_verdicts(uncertain):
-    few = cpcal.simulate(seed=3, factor=0.0)
-    for campaign in (with_gain(few, GAIN),):
-        models = ["plain", "gain"]
-        one, other = (
-            cpcal.compare(campaign, models, tolerance=TOLERANCE, legs=[1], arithmetic=name, gap=1e-4)
-            for name in ("float64", "arb")
-        )
-        for a, b in zip(one.entries, other.entries, strict=True):
-            assert a.verdict(TOLERANCE) is b.verdict(TOLERANCE)
-            assert max(a.eps_lo, b.eps_lo) <= min(a.eps_hi, b.eps_hi)
+@pytest.mark.parametrize("kind", ["exact", "uncertain"])
+def test_both_arithmetics_give_the_same_verdicts(request, kind):
+    campaign = some(request.getfixturevalue(kind), slice(0, None, 2))
+    one, other = (
+        cpcal.compare(campaign, ["plain", "gain"], tolerance=TOLERANCE, legs=[1], arithmetic=name, gap=1e-4)
+        for name in ("float64", "arb")
+    )
+    for a, b in zip(one.entries, other.entries, strict=True):
+        assert a.verdict(TOLERANCE) is b.verdict(TOLERANCE) is not Verdict.UNKNOWN
+        assert max(a.eps_lo, b.eps_lo) <= min(a.eps_hi, b.eps_hi)
 
 
 def test_every_certificate_is_accepted_and_proves_what_the_entry_says(found, folder):

@@ -219,6 +219,13 @@ def test_a_model_of_ones_own_is_certified_and_checked(exact, cubic, tmp_path):
     assert leg.eps_hi < cpcal.certify(campaign, legs=[1]).legs[0].eps_lo
 
 
+def test_a_term_of_the_wrong_kind_is_refused_when_it_is_used(exact, cubic):
+    for wrong in (lambda m, x: m.position * x["bend"], lambda m, x: 1.0):
+        cpcal.register_model(replace(cubic, term=wrong))
+        with pytest.raises(cpcal.ModelError, match=r"'bent' must give an expression of shape \(64,\)"):
+            cpcal.certify(exact, legs=[1], model="bent")
+
+
 def test_what_cannot_be_a_model_is_refused_with_everything_that_is_wrong():
     with pytest.raises(cpcal.InputError) as refused:
         cpcal.register_model(cpcal.LegModel("plain", "nothing"))
