@@ -40,8 +40,9 @@ def certify_point(
 ) -> PointResult:
     """For each measurement: does the point (ax, ay, az, bx, by, bz, l) in mm satisfy its equation to within `eps` mm?
 
-    The equation is that of the plain model. It does when THERE EXISTS a reading in the measurement's set with |g| <= eps; it fails when for no reading it does;
-    both are proved. `certificate` names a file for `cpcal verify`; what the exact check cannot repeat is then left out.
+    It does when THERE EXISTS a reading in the measurement's set with |g| <= eps; it fails when for no reading it does;
+    both are proved. The model is the plain one. `certificate` names a file for `cpcal verify`; what the exact check
+    cannot repeat is then left out.
     Raises InputError.
     """
     x = np.asarray(point, np.float64)

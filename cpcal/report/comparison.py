@@ -6,8 +6,11 @@ import os
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from cpcal.comparison import Comparison, Entry
 from cpcal.interfaces import Verdict
+from cpcal.report.dots import comparison_svg, legend
 from cpcal.report.numbers import bracket_text, clean
 from cpcal.report.origin import versions
 from cpcal.report.template import rendered, written
@@ -101,6 +104,8 @@ def _context(comparison: Comparison) -> dict[str, Any]:
         "sentences": comparison_sentences(comparison),
         "header": comparison_header(comparison),
         "rows": rows,
+        "figure": Markup(comparison_svg(comparison, prefix="eps-")) if comparison.entries else None,  # made by us
+        "legend": legend(list(comparison.models)),
         "models": comparison.models,
         "sha256": comparison.campaign_sha256,
         "said": said(comparison),
