@@ -41,14 +41,15 @@ def leg_network(
     engine: Arithmetic,
     eps: tuple[float, float] = (0.0, np.inf),
     model: LegModel = PLAIN,
+    stated: bool = False,
 ) -> ConstraintNetwork:
     """The N equations `|g(x, M_k)| <= eps` of leg number `leg` (from 1), each for SOME reading M_k in its set.
 
     Parameters range over `box` (named as the model's), the model error over `eps`. A leg is longer than eps
     for every reading: `L_k - lambda_k + l >= eps` is part of every model (without its correction, so that each contains
-    the plain one).
+    the plain one). `stated`: as a certificate states it, see `leg_equation`.
     """
-    equation = leg_equation(campaign, leg, box, engine=engine, model=model)
+    equation = leg_equation(campaign, leg, box, engine=engine, model=model, stated=stated)
     net, scale = equation.network, equation.scale
     error = net.variable("eps", (), eps)
     bound = error if scale is None else scale * error
@@ -69,11 +70,14 @@ class LegEquation:
     scale: Expr | None
 
 
-def leg_equation(campaign: Campaign, leg: int, box: Box, *, engine: Arithmetic, model: LegModel = PLAIN) -> LegEquation:
+def leg_equation(
+    campaign: Campaign, leg: int, box: Box, *, engine: Arithmetic, model: LegModel = PLAIN, stated: bool = False
+) -> LegEquation:
     """The equation of a leg, without a tolerance yet.
 
-    Exact readings in a model other than the plain one: rotations are exact rational expressions of the quaternions q,
-    and all is multiplied by `scale` = |q|^2, so that a certificate can state the constraints.
+    Exact readings in a model other than the plain one: all is multiplied by `scale` = |q|^2, so that a certificate can
+    state it in dyadic numbers. `stated`: rotations and scale are then rational expressions of the quaternions, exactly;
+    otherwise enclosures, which is the same constraint in less time.
     """
     k, net = leg - 1, ConstraintNetwork()
     a = net.variable("a", 3, (box.lo[:3], box.hi[:3]))
@@ -82,11 +86,14 @@ def leg_equation(campaign: Campaign, leg: int, box: Box, *, engine: Arithmetic, 
     extra = {p.name: net.variable(p.name, (), (box.lo[i], box.hi[i])) for i, p in enumerate(model.extra, start=7)}
     position = net.reading(campaign.position, campaign.position_radius)
     length = net.reading(campaign.length[:, k], campaign.length_radius[:, k])
-    scale = None
-    if model.name == PLAIN.name or not exactly_read(campaign, leg):
-        matrix = net.constant(rotation_enclosure(campaign.quaternion, engine))
-    else:
+    scale: Expr | None = None
+    scaled = model.name != PLAIN.name and exactly_read(campaign, leg)
+    if scaled and stated:
         matrix, scale = _rational_rotation(campaign.quaternion)
+    else:
+        matrix = net.constant(rotation_enclosure(campaign.quaternion, engine))
+        if scaled:
+            scale = net.constant(_squared_norm(campaign.quaternion, engine))
     turn = _turning(net, campaign.rotation_radius)
 
     def rotate(u: npt.ArrayLike) -> Expr:
@@ -144,12 +151,17 @@ def _numerators() -> Floats:
     return out.reshape(16, 9)
 
 
+def _squared_norm(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
+    """Enclosure (N,) of |q|^2."""
+    square = [engine.sqr(IntervalArray.point(quaternion[:, k])) for k in range(4)]
+    return engine.add(engine.add(square[0], square[1]), engine.add(square[2], square[3]))
+
+
 def rotation_enclosure(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
     """Enclosure (N, 3, 3) of the rational matrices of quaternions (N, 4), scalar first, divided by |q|^2."""
     q = [IntervalArray.point(quaternion[:, k]) for k in range(4)]
     e = engine
-    square = [e.sqr(x) for x in q]
-    total = e.add(e.add(square[0], square[1]), e.add(square[2], square[3]))
+    square, total = [e.sqr(x) for x in q], _squared_norm(quaternion, engine)
     two = IntervalArray.point(2.0)
 
     def entry(i: int, j: int) -> IntervalArray:

@@ -37,7 +37,7 @@ def by_bound(
         )
 
     useful = certifying(question.parts(network))
-    statement = question.statement(leg, network) if question.certificates is not None and useful else None
+    statement = question.statement(leg, network.domain) if question.certificates is not None and useful else None
     if statement is None:
         return Answered(solved(question.contractor(network), None))
     with Recording(statement, network.domain) as recording:
@@ -54,7 +54,7 @@ def prove_support(
     """Write a certificate that speaks of a few measurements only, and proves the lower bound that they give."""
     smaller = restricted(network, [np.array(few, dtype=np.intp)] * len(network.constraints))
     useful, engine, limits = certifying(question.parts(smaller)), question.engine, question.limits
-    statement = question.statement(leg, smaller, few)
+    statement = question.statement(leg, network.domain, few)
     if not useful or statement is None:
         return
     with Recording(statement, network.domain) as recording:

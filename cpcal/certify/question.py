@@ -13,7 +13,7 @@ from cpcal import plugins
 from cpcal.calibration import PLAIN, LegModel, fit_model, leg_box, leg_network, model_statement
 from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Contractor, Limits
-from cpcal.interval import Arithmetic
+from cpcal.interval import Arithmetic, Box
 from cpcal.network import ConstraintNetwork
 from cpcal.optimize import Bracket
 from cpcal.proof.statement import Statement
@@ -59,9 +59,9 @@ class Question:
         known = fit_model(self.campaign, leg) if self.center == "plain" else nominal(self.campaign, leg)
         return np.append(known, np.zeros(len(self.model.extra)))
 
-    def statement(self, leg: int, network: ConstraintNetwork, only: tuple[int, ...] | None = None) -> Statement | None:
+    def statement(self, leg: int, domain: Box, only: tuple[int, ...] | None = None) -> Statement | None:
         """What a certificate would say; None where there can be none."""
-        return model_statement(self.campaign, leg, self.model, network, only)
+        return model_statement(self.campaign, leg, self.model, domain, only)
 
     def certificate(self, leg: int, kind: str = "") -> Path:
         assert self.certificates is not None

@@ -51,7 +51,7 @@ class _Solver:
 
     def __init__(self, question: Question, leg: int, network: ConstraintNetwork, keep: ExitStack) -> None:
         self._network, self._keep = network, keep
-        self.statement = None if question.certificates is None else question.statement(leg, network)
+        self.statement = None if question.certificates is None else question.statement(leg, network.domain)
         self._contractor = question.contractor(network)
         self._useful = certifying(question.parts(network)) if self.statement is not None else []
         self.prover = WitnessProver(network, network.names.index("eps"), question.engine)

@@ -126,11 +126,15 @@ class Comparison:
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Comparison:
         sha256, tolerance = data["campaign_sha256"], data["tolerance"]
+        entries = tuple(Entry.from_json(entry) for entry in data["entries"])
+        unknown = {entry.model for entry in entries} - set(data["models"])
+        if unknown:
+            raise ValueError(f"entries of models that are not listed: {sorted(unknown)}")
         return cls(
             str(data["title"]),
             None if tolerance is None else float(tolerance),
             {str(k): str(v) for k, v in data["models"].items()},
-            tuple(Entry.from_json(entry) for entry in data["entries"]),
+            entries,
             None if sha256 is None else str(sha256),
             bool(data["interrupted"]),
         )

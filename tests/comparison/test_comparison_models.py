@@ -138,7 +138,7 @@ def test_a_certificate_states_the_equations_of_the_campaign_exactly(exact, name)
     net = leg_network(
         campaign, leg, leg_box(x, 100.0, model), engine=get_arithmetic("float64"), eps=(0.0, 9.0), model=model
     )
-    statement = model_statement(campaign, leg, model, net)
+    statement = model_statement(campaign, leg, model, net.domain)
     assert isinstance(statement, NetworkStatement)
     at = tuple(F(float(v)) for v in [*x, 0.3125])
     a, b, (offset, *extra), eps = at[:3], at[3:6], at[6:-1], at[-1]
