@@ -4,7 +4,9 @@ campaign = cpcal.load_campaign("campaign/")
 result = cpcal.certify(campaign, delta=100.0)
 """
 
+from cpcal.calibration import LegModel, Measured, Parameter, register_model
 from cpcal.certify import PointResult, certify, certify_point
+from cpcal.comparison import Comparison, compare, compare_networks, load_comparison, save_comparison
 from cpcal.errors import CpcalError, InputError, ModelError, PluginError
 from cpcal.interfaces import Contraction, Contractor, Limits, Polyhedron, Step, Strategy, Verdict
 from cpcal.interval import Box, Interval
@@ -18,6 +20,7 @@ from cpcal.version import __version__
 __all__ = [
     "Box",
     "Campaign",
+    "Comparison",
     "Constraint",
     "Contraction",
     "Contractor",
@@ -26,10 +29,13 @@ __all__ = [
     "InputError",
     "Interval",
     "Judged",
+    "LegModel",
     "LegResult",
     "Limits",
+    "Measured",
     "ModelError",
     "Network",
+    "Parameter",
     "Paving",
     "PluginError",
     "PointResult",
@@ -43,13 +49,18 @@ __all__ = [
     "__version__",
     "certify",
     "certify_point",
+    "compare",
+    "compare_networks",
     "evaluate",
     "load_campaign",
+    "load_comparison",
     "load_result",
     "maximum",
     "minimum",
     "norm",
+    "register_model",
     "save_campaign",
+    "save_comparison",
     "save_result",
     "simulate",
     "sqr",

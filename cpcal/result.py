@@ -11,14 +11,48 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from pathlib import Path
 from typing import Any
 
+from cpcal.calibration.models import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
 from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Verdict
 from cpcal.interval import Box
 from cpcal.judged import Judged
-from cpcal.optimize import Answer, Trial
+from cpcal.optimize import Trial
 from cpcal.polygon import Shadows
 
 FORMAT = "cpcal-result/1"
+
+
+@dataclass(frozen=True)
+class ModelNote:
+    """The leg model of a result: its name, what it takes a leg's length to be, its parameters beyond (a, b, l)."""
+
+    name: str = PLAIN.name
+    summary: str = PLAIN.summary
+    extra: tuple[Parameter, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return (*PARAMETERS, *(p.name for p in self.extra))
+
+    def unit(self, name: str) -> str:
+        return next((p.unit for p in self.extra if p.name == name), "mm")
+
+    def to_json(self) -> dict[str, Any]:
+        extra = [{"name": p.name, "unit": p.unit, "half_width": p.half_width} for p in self.extra]
+        return {"name": self.name, "summary": self.summary, "parameters": extra}
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> ModelNote:
+        extra = (Parameter(str(p["name"]), str(p["unit"]), float(p["half_width"])) for p in data["parameters"])
+        return cls(str(data["name"]), str(data["summary"]), tuple(extra))
+
+
+def model_of(result: Result) -> LegModel | None:
+    """The model of a result; None where it is not known here: one of the user's own, in another process."""
+    try:
+        return leg_model(result.model.name).within({p.name: p.half_width for p in result.model.extra})
+    except InputError:
+        return None
 
 
 @dataclass(frozen=True)
@@ -27,10 +61,10 @@ class LegResult:
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. Lengths in mm. `verdict` PROVED: the
     bracket is closed (or, when an eps was asked for, some x satisfies it); REFUTED: no x does; UNKNOWN: a limit
-    came first. `point` is (ax, ay, az, bx, by, bz, l), None without a proved point; `enclosure` holds every x
-    with eps <= eps_hi. `floor`: second-order effect of the readings below which the bracket cannot close.
-    `support`: ids of measurements
-    that by themselves prove eps_lo up to the gap or, where no few were found to, of all with a weight in some step.
+    came first. `point` is (ax, ay, az, bx, by, bz, l) and the model's extra parameters, None without a proved point;
+    `enclosure` holds every x with eps <= eps_hi. `floor`: second-order effect of the readings below which the bracket
+    cannot close. `support`: ids of measurements that by themselves prove eps_lo up to the gap or, where no few were
+    found to, of all with a weight in some step.
     """
 
     leg: int
@@ -86,7 +120,7 @@ class LegResult:
             "seconds": self.seconds,
             "center_judged": None if self.judged is None else self.judged.to_json(),
             **({} if self.shadows is None else {"shadows": self.shadows.to_json()}),
-            **({"trials": [_trial(t) for t in self.trials]} if self.trials else {}),
+            **({"trials": [t.to_json() for t in self.trials]} if self.trials else {}),
         }
 
     @classmethod
@@ -111,7 +145,7 @@ class LegResult:
             data["certificate"],
             None if shadows is None else Shadows.from_json(shadows, names),
             None if judged is None else Judged.from_json(judged),
-            tuple(_trial_from(t) for t in data.get("trials", ())),
+            tuple(Trial.from_json(t) for t in data.get("trials", ())),
         )
 
 
@@ -139,6 +173,7 @@ class Result:
     method: str = "bound"
     time_limit: float | None = None
     support: str = "few"
+    model: ModelNote = ModelNote()
 
     def _repr_html_(self) -> str:
         """For notebooks: a table, a row a leg. Bounds are rounded to the side on which they stay proved."""
@@ -177,6 +212,7 @@ class Result:
                 "contractors": list(self.contractors),
                 "arithmetic": self.arithmetic,
             },
+            **({} if self.model.name == PLAIN.name else {"model": self.model.to_json()}),
             "interrupted": self.interrupted,
             "legs": [leg.to_json() for leg in self.legs],
         }
@@ -201,6 +237,7 @@ class Result:
             question.get("method", "bound"),
             question.get("time_limit"),
             question.get("support", "few"),
+            ModelNote.from_json(data["model"]) if "model" in data else ModelNote(),
         )
 
 
@@ -230,25 +267,6 @@ def load_result(run: str | os.PathLike[str]) -> Result:
         return Result.from_json(data)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError([Problem(str(path), f"lacks or garbles a field: {error!r}", "run certify again")]) from None
-
-
-def _trial(t: Trial) -> dict[str, Any]:
-    return {
-        "eps": t.eps,
-        "delay": t.delay,
-        "answer": t.answer.value,
-        "eps_lo": t.lo,
-        "eps_hi": _number(t.hi),
-        "nodes": t.nodes,
-        "lps": t.programs,
-        "seconds": t.seconds,
-        "checked": t.checked,
-    }
-
-
-def _trial_from(t: dict[str, Any]) -> Trial:
-    numbers = (t["eps_lo"], _float(t["eps_hi"]), t["nodes"], t["lps"], t["seconds"], t["checked"])
-    return Trial(t["eps"], t["delay"], Answer(t["answer"]), *numbers)
 
 
 def _outward(lo: float, hi: float) -> tuple[str, str]:

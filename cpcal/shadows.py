@@ -1,6 +1,7 @@
 """How well a leg's parameters are determined, two at a time (the paper's Fig. 6): proved outer polygons.
 
-Each half-plane is a linear program over a relaxation of all seven parameters, proved from its multipliers by a
+Of (a, b, l), in mm; a model's extra parameters take any value that fits. Each half-plane is a linear program over a
+relaxation of all parameters, proved from its multipliers by a
 contractor that offers `supports`. The certificates do not hold these proofs.
 """
 
@@ -15,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal import plugins
-from cpcal.calibration import PARAMETERS, leg_box, leg_network
+from cpcal.calibration import PARAMETERS, LegModel, ModelResiduals, leg_box, leg_network
 from cpcal.interfaces import Contractor, Supporting, Verdict
 from cpcal.interval import Box, get_arithmetic
 from cpcal.polygon import Shadow, Shadows
-from cpcal.result import LegResult, Result
-from cpcal.robot import Campaign, rotation_matrix
+from cpcal.result import LegResult, Result, model_of
+from cpcal.robot import Campaign
 
 Floats = npt.NDArray[np.float64]
 Pair = tuple[int, int]
@@ -58,14 +59,17 @@ def shadows(campaign: Campaign, result: Result, leg: LegResult) -> Shadows | Non
     eps = shadow_eps(result, leg)
     if eps is None:
         return None
-    engine = get_arithmetic(ARITHMETIC)
-    network = leg_network(campaign, leg.leg, leg_box(leg.center, result.delta), engine=engine, eps=(eps, eps))
+    engine, model = get_arithmetic(ARITHMETIC), model_of(result)
+    if model is None:
+        return None
+    box = leg_box(leg.center, result.delta, model)
+    network = leg_network(campaign, leg.leg, box, engine=engine, eps=(eps, eps), model=model)
     for name in result.contractors:
         contractor = plugins.load(name)(network, objective=None, arithmetic=ARITHMETIC)
         if isinstance(contractor, Supporting):
             box = _contracted(contractor, network.domain)
-            pairs = () if box.is_empty else tuple(_shadows(campaign, leg.leg, contractor, box))
-            return Shadows(eps, Box(PARAMETERS, box.lo[:7], box.hi[:7]), pairs) if pairs else None
+            pairs = () if box.is_empty else tuple(_shadows(campaign, leg.leg, model, contractor, box))
+            return Shadows(eps, Box(model.parameters, box.lo[:-1], box.hi[:-1]), pairs) if pairs else None
     return None
 
 
@@ -86,8 +90,8 @@ def _contracted(contractor: Contractor, box: Box) -> Box:
     return box
 
 
-def _shadows(campaign: Campaign, leg: int, contractor: Supporting, box: Box) -> Iterator[Shadow]:
-    pairs = [*_WITHIN, _most_correlated(campaign, leg, box.mid[:7])]
+def _shadows(campaign: Campaign, leg: int, model: LegModel, contractor: Supporting, box: Box) -> Iterator[Shadow]:
+    pairs = [*_WITHIN, _most_correlated(campaign, leg, model, box.mid[:-1])]
     drawn = (box.width > _DRAWN[0]) & (box.width < _DRAWN[1])
     pairs = [pair for pair in pairs if drawn[list(pair)].all()]
     directions = [_normals(box, pair) for pair in pairs]
@@ -110,16 +114,12 @@ def _normals(box: Box, pair: Pair) -> Floats:
     return out
 
 
-def _most_correlated(campaign: Campaign, leg: int, x: Floats) -> Pair:
+def _most_correlated(campaign: Campaign, leg: int, model: LegModel, x: Floats) -> Pair:
     """Of two parameters that are not of the same joint, those that the measurements tell apart worst.
 
     In floating point, from the linearised equations: it chooses what is drawn, not what is proved.
     """
-    rotation = rotation_matrix(campaign.quaternion)
-    vector = campaign.position + rotation @ x[3:6] - x[:3]
-    along = vector / np.maximum(np.linalg.norm(vector, axis=1, keepdims=True), 1e-300)
-    turned = np.einsum("nij,ni->nj", rotation, along)
-    jacobian = np.concatenate([-along, turned, -np.ones((len(along), 1))], axis=1)
+    jacobian = ModelResiduals(campaign, leg, model).jacobian(x)
     covariance = np.linalg.pinv(jacobian.T @ jacobian)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     correlation = np.abs(covariance / np.outer(spread, spread))

@@ -1,4 +1,4 @@
-"""From campaigns to fits and constraint networks: frames, the leg model, least squares, statistics, validation."""
+"""From campaigns to fits and constraint networks: frames, leg models, least squares, statistics, validation."""
 
 from cpcal.calibration.averaging import averaged
 from cpcal.calibration.dip import dip, dip_p_value
@@ -10,11 +10,23 @@ from cpcal.calibration.fit import fit
 from cpcal.calibration.frames import FrameCalibration, HandEye, calibrate_frames, hand_eye, redefined
 from cpcal.calibration.identification import leg_jacobian, robot_jacobian
 from cpcal.calibration.least_squares import least_squares
-from cpcal.calibration.leg import PARAMETERS, leg_box, leg_network, residuals
+from cpcal.calibration.leg import exactly_read, leg_box, leg_network, residuals
+from cpcal.calibration.model_fit import ModelResiduals, fit_model, model_residuals, reading_room_of
+from cpcal.calibration.models import (
+    PARAMETERS,
+    PLAIN,
+    LegModel,
+    Measured,
+    Parameter,
+    half_width_problems,
+    known_models,
+    leg_model,
+    register_model,
+)
 from cpcal.calibration.observability import Observability, column_scale, observability
 from cpcal.calibration.screening import Screening, screen
 from cpcal.calibration.selection import Selection, select_poses
-from cpcal.calibration.statement import leg_statement
+from cpcal.calibration.statement import leg_statement, model_statement
 from cpcal.calibration.statistics import Deviations, campaign_deviations, deviations, mean_rotations
 from cpcal.calibration.study import StudyCalibration, as_campaign, calibrate_study
 from cpcal.calibration.tolerance import half_widths, readings_needed, tolerance_half_width, tolerance_interval
@@ -23,6 +35,7 @@ from cpcal.calibration.weights import Noise
 
 __all__ = [
     "PARAMETERS",
+    "PLAIN",
     "ChannelStatistics",
     "Deviations",
     "ErrorSummary",
@@ -30,8 +43,12 @@ __all__ = [
     "FrameCalibration",
     "HandEye",
     "LegEquations",
+    "LegModel",
+    "Measured",
+    "ModelResiduals",
     "Noise",
     "Observability",
+    "Parameter",
     "PoseErrors",
     "Screening",
     "Selection",
@@ -47,19 +64,28 @@ __all__ = [
     "deviations",
     "dip",
     "dip_p_value",
+    "exactly_read",
     "fit",
+    "fit_model",
+    "half_width_problems",
     "half_widths",
     "hand_eye",
+    "known_models",
     "least_squares",
     "leg_box",
     "leg_jacobian",
+    "leg_model",
     "leg_network",
     "leg_statement",
     "mean_rotations",
+    "model_residuals",
+    "model_statement",
     "observability",
     "pose_errors",
+    "reading_room_of",
     "readings_needed",
     "redefined",
+    "register_model",
     "residuals",
     "robot_jacobian",
     "screen",

@@ -7,9 +7,14 @@ from fractions import Fraction as F
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.calibration.leg import exactly_read, leg_network
+from cpcal.calibration.models import PLAIN, LegModel
+from cpcal.interval import Box, get_arithmetic
+from cpcal.network.restrict import restricted
+from cpcal.proof.exact_network import NotStated, network_statement
 from cpcal.proof.leg import Leg
 from cpcal.proof.measurement import Measurement
-from cpcal.proof.statement import LegStatement
+from cpcal.proof.statement import LegStatement, Statement
 from cpcal.robot import Campaign
 
 
@@ -34,6 +39,29 @@ class LegReadings:
 def leg_statement(campaign: Campaign, leg: int, only: tuple[int, ...] | None = None) -> LegStatement:
     """Leg `leg` (from 1) with all measurements, or with `only` those (numbers from 0, ascending)."""
     return LegStatement(Leg(LegReadings(campaign, leg), only), campaign.sha256, leg, only)
+
+
+def model_statement(
+    campaign: Campaign, leg: int, model: LegModel, domain: Box, only: tuple[int, ...] | None = None
+) -> Statement | None:
+    """What a certificate of a leg model says: of the plain one the leg, of another one the constraints themselves.
+
+    `domain` holds the parameters and, last, eps. None where the constraints have no exact polynomial form, as with
+    uncertain readings.
+    """
+    if model.name == PLAIN.name:
+        return leg_statement(campaign, leg, only)
+    if not exactly_read(campaign, leg):
+        return None
+    box, eps = Box(model.parameters, domain.lo[:-1], domain.hi[:-1]), (float(domain.lo[-1]), float(domain.hi[-1]))
+    engine = get_arithmetic("float64")  # nothing that is stated depends on it
+    network = leg_network(campaign, leg, box, engine=engine, eps=eps, model=model, stated=True)
+    if only is not None:
+        network = restricted(network, [np.array(only, dtype=np.intp)] * len(network.constraints))
+    try:
+        return network_statement(network, "eps", f"leg {leg}, model {model.name}, campaign {campaign.sha256}")
+    except NotStated:
+        return None
 
 
 def _exact(values: npt.NDArray[np.float64]) -> tuple[F, ...]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.calibration import leg_statement
 from cpcal.certify.question import Floats, Question
 from cpcal.interfaces import Contractor
 from cpcal.network import ConstraintNetwork
@@ -38,31 +37,27 @@ def by_bound(
         )
 
     useful = certifying(question.parts(network))
-    if question.certificates is None or not useful:
+    statement = question.statement(leg, network.domain) if question.certificates is not None and useful else None
+    if statement is None:
         return Answered(solved(question.contractor(network), None))
-    with Recording(leg_statement(question.campaign, leg), network.domain) as recording:
+    with Recording(statement, network.domain) as recording:
         found = solved(recording.contractor(useful), recording.event)
         if found.interrupted or (found.witness is None and found.lo <= network.domain["eps"].lo):
             return Answered(found)  # nothing is proved, or the last step may be half written
         claims = claims_of(found, network.domain, "eps")
-        recording.write(question.certificates / certificate_name(leg), claims)
-        return Answered(found, certificate_name(leg))
-
-
-def certificate_name(leg: int) -> str:
-    return f"leg{leg}.cert.jsonl"
+        return Answered(found, recording.write(question.certificate(leg), claims).name)
 
 
 def prove_support(
     question: Question, leg: int, network: ConstraintNetwork, start: Floats, few: tuple[int, ...]
 ) -> None:
     """Write a certificate that speaks of a few measurements only, and proves the lower bound that they give."""
-    assert question.certificates is not None
     smaller = restricted(network, [np.array(few, dtype=np.intp)] * len(network.constraints))
     useful, engine, limits = certifying(question.parts(smaller)), question.engine, question.limits
-    if not useful:
+    statement = question.statement(leg, network.domain, few)
+    if not useful or statement is None:
         return
-    with Recording(leg_statement(question.campaign, leg, few), network.domain) as recording:
+    with Recording(statement, network.domain) as recording:
         contractor, observe = recording.contractor(useful), recording.event
         found = run(
             minimize(
@@ -79,4 +74,4 @@ def prove_support(
         )
         if not found.interrupted:
             claims = claims_of(found, network.domain, "eps", lower_only=True)
-            recording.write(question.certificates / f"leg{leg}.support.cert.jsonl", claims)
+            recording.write(question.certificate(leg, ".support"), claims)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpcal.calibration import PARAMETERS, solves_exactly
+from cpcal.calibration import PLAIN, exactly_read, solves_exactly
 from cpcal.certify.bracket import Answered, by_bound, prove_support
 from cpcal.certify.point import judged_rows
 from cpcal.certify.question import Floats, Question
@@ -17,7 +17,6 @@ from cpcal.network import ConstraintNetwork
 from cpcal.optimize import Bracket, Minimum, irreducible, minimize, run
 from cpcal.optimize import support as find_support
 from cpcal.result import LegResult
-from cpcal.robot import Campaign
 
 # at most for each proof that a few measurements suffice: a convenience must not cost more than the answer
 _SUPPORT_NODES = 3
@@ -42,6 +41,8 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
 def _support(
     question: Question, leg: int, network: ConstraintNetwork, start: Floats, found: Minimum
 ) -> tuple[int, ...]:
+    if question.support == "none":
+        return ()
     gap, short = question.limits.gap, replace(question.limits, nodes=_SUPPORT_NODES)
 
     def alone(net: ConstraintNetwork) -> Minimum:
@@ -62,16 +63,17 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
     found = answer.minimum
     ids, enclosure = question.campaign.measurement_ids, found.enclosure
     eps = question.eps or 0.0
-    good, bad = judged_rows(question.campaign, leg, middle, eps, question.engine)
+    good, bad = judged_rows(question.campaign, leg, middle, eps, question.engine, question.model)
+    names = question.model.parameters
     return LegResult(
         leg,
         found.verdict,
-        _sentence(question.campaign, leg, found, question.eps),
+        _sentence(question, leg, found) + _unchecked(question, leg, answer),
         found.lo,
         found.hi,
-        None if found.witness is None else tuple(float(v) for v in found.witness.point[:7]),
+        None if found.witness is None else tuple(float(v) for v in found.witness.point[:-1]),
         tuple(float(v) for v in middle),
-        type(enclosure)(PARAMETERS, enclosure.lo[:7], enclosure.hi[:7]),
+        type(enclosure)(names, enclosure.lo[:-1], enclosure.hi[:-1]),
         found.floor,
         tuple(ids[k] for k in few),
         found.nodes,
@@ -83,7 +85,18 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
     )
 
 
-def _sentence(campaign: Campaign, leg: int, found: Minimum, eps: float | None) -> str:
+def _unchecked(question: Question, leg: int, answer: Answered) -> str:
+    """Said where a certificate was asked for, and the model has none with such readings."""
+    plain = question.model.name == PLAIN.name
+    if plain or question.certificates is None or answer.certificate is not None:
+        return ""
+    if exactly_read(question.campaign, leg):
+        return " No certificate was written: unchecked."
+    return f" Unchecked: with uncertain readings the model {question.model.name!r} has no certificate yet."
+
+
+def _sentence(question: Question, leg: int, found: Minimum) -> str:
+    eps = question.eps
     if eps is not None:
         return {
             Verdict.PROVED: f"Some x in the box satisfies all equations to within {eps:g} mm for some readings: "
@@ -93,6 +106,7 @@ def _sentence(campaign: Campaign, leg: int, found: Minimum, eps: float | None) -
             Verdict.UNKNOWN: f"Stopped before it was known if any x satisfies the equations to within {eps:g} mm.",
         }[found.verdict]
     if found.witness is not None and found.hi == 0.0:
-        how = "proved in exact arithmetic" if solves_exactly(campaign, leg, found.witness.point[:7]) else "proved"
+        plain, x = question.model.name == PLAIN.name, found.witness.point[:-1]
+        how = "proved in exact arithmetic" if plain and solves_exactly(question.campaign, leg, x) else "proved"
         return f"The model is not refuted: some x satisfies every equation exactly for some readings: {how}."
     return found.status

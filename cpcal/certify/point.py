@@ -9,7 +9,7 @@ from fractions import Fraction as F
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration import leg_box, leg_network, leg_statement
+from cpcal.calibration import PLAIN, LegModel, leg_box, leg_network, leg_statement
 from cpcal.errors import InputError, Problem
 from cpcal.interval import Arithmetic, get_arithmetic
 from cpcal.judged import Judged
@@ -41,7 +41,8 @@ def certify_point(
     """For each measurement: does the point (ax, ay, az, bx, by, bz, l) in mm satisfy its equation to within `eps` mm?
 
     It does when THERE EXISTS a reading in the measurement's set with |g| <= eps; it fails when for no reading it does;
-    both are proved. `certificate` names a file for `cpcal verify`; what the exact check cannot repeat is then left out.
+    both are proved. The model is the plain one. `certificate` names a file for `cpcal verify`; what the exact check
+    cannot repeat is then left out.
     Raises InputError.
     """
     x = np.asarray(point, np.float64)
@@ -59,10 +60,16 @@ def certify_point(
 
 
 def judged_rows(
-    campaign: Campaign, leg: int, x: npt.NDArray[np.float64], eps: float, engine: Arithmetic
+    campaign: Campaign,
+    leg: int,
+    x: npt.NDArray[np.float64],
+    eps: float,
+    engine: Arithmetic,
+    model: LegModel = PLAIN,
 ) -> tuple[list[int], list[int]]:
-    """Numbers (from 0) of the measurements that the point is proved to satisfy, and to fail."""
-    network = leg_network(campaign, leg, leg_box(x, 0.0), engine=engine, eps=(eps, eps))
+    """Numbers (from 0) of the measurements that the point (n,) of the model is proved to satisfy, and to fail."""
+    box = leg_box(x, 0.0, model).with_bounds(x, x)
+    network = leg_network(campaign, leg, box, engine=engine, eps=(eps, eps), model=model)
     found = judge(network, np.append(x, eps), engine)
     return np.flatnonzero(found.holds).tolist(), np.flatnonzero(found.fails).tolist()
 

@@ -10,18 +10,19 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal import plugins
-from cpcal.calibration import least_squares, leg_box, leg_network
+from cpcal.calibration import PLAIN, LegModel, fit_model, leg_box, leg_network, model_statement
 from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Contractor, Limits
-from cpcal.interval import Arithmetic
+from cpcal.interval import Arithmetic, Box
 from cpcal.network import ConstraintNetwork
 from cpcal.optimize import Bracket
+from cpcal.proof.statement import Statement
 from cpcal.robot import Campaign
 
 Floats = npt.NDArray[np.float64]
 Progress = Callable[[int, Bracket], None]
 
-CENTERS = ("fit", "nominal")
+CENTERS = ("fit", "nominal", "plain")
 SUPPORTS = ("few", "irreducible")
 METHODS = ("bound", "timeout")
 
@@ -41,6 +42,8 @@ class Question:
     method: str
     certificates: Path | None
     progress: Progress | None
+    model: LegModel = PLAIN
+    prefix: str = ""  # of the certificates' names
 
     def contractor(self, network: ConstraintNetwork) -> Contractor:
         """The contractors asked for, one after the other."""
@@ -50,14 +53,26 @@ class Question:
         return plugins.build_each(network, self.contractors, objective="eps", arithmetic=self.engine.name)
 
     def middle(self, leg: int) -> Floats:
-        return least_squares(self.campaign, leg) if self.center == "fit" else nominal(self.campaign, leg)
+        """All parameters of the model (n,); the extra ones are 0 but in the model's own fit."""
+        if self.center == "fit":
+            return fit_model(self.campaign, leg, self.model)
+        known = fit_model(self.campaign, leg) if self.center == "plain" else nominal(self.campaign, leg)
+        return np.append(known, np.zeros(len(self.model.extra)))
+
+    def statement(self, leg: int, domain: Box, only: tuple[int, ...] | None = None) -> Statement | None:
+        """What a certificate would say; None where there can be none."""
+        return model_statement(self.campaign, leg, self.model, domain, only)
+
+    def certificate(self, leg: int, kind: str = "") -> Path:
+        assert self.certificates is not None
+        return self.certificates / f"{self.prefix}leg{leg}{kind}.cert.jsonl"
 
     def network(self, leg: int, middle: Floats) -> ConstraintNetwork:
-        box = leg_box(middle, self.delta)
+        box = leg_box(middle, self.delta, self.model)
         # A leg is longer than eps, which bounds eps.
         longest = float(np.nextafter(np.min(self.campaign.length[:, leg - 1]) + box.hi[6], np.inf))
         domain = (0.0, max(longest, 0.0)) if self.eps is None else (self.eps, self.eps)
-        return leg_network(self.campaign, leg, box, engine=self.engine, eps=domain)
+        return leg_network(self.campaign, leg, box, engine=self.engine, eps=domain, model=self.model)
 
 
 def nominal(campaign: Campaign, leg: int) -> Floats:
@@ -75,9 +90,10 @@ def check(
     eps: float | None,
     support: str,
     method: str,
+    others: Sequence[Problem] = (),
 ) -> None:
-    """All problems with the options at once."""
-    wrong: list[Problem] = []
+    """All problems with the options at once, and `others`."""
+    wrong: list[Problem] = list(others)
     for leg in legs or ():
         if not 1 <= leg <= campaign.legs:
             wrong.append(Problem("legs", f"there is no leg {leg}", f"choose from 1 to {campaign.legs}"))

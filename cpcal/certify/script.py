@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.calibration import leg_statement
-from cpcal.certify.bracket import Answered, certificate_name
+from cpcal.certify.bracket import Answered
 from cpcal.certify.question import Floats, Question
 from cpcal.interfaces import Contractor, Limits, Verdict
 from cpcal.interval import Box
@@ -42,8 +41,8 @@ def by_timeout(
         lo = trials[-1].lo if trials else 0.0
         found = _minimum(network, lo, solver.best, trials, question.limits, time.monotonic() - began)
         name = None
-        if question.certificates is not None and (solver.proof is not None or solver.best is not None):
-            name = solver.write(question.certificates / certificate_name(leg)).name
+        if solver.statement is not None and (solver.proof is not None or solver.best is not None):
+            name = solver.write(question.certificate(leg)).name
     return Answered(replace(found, interrupted=interrupted), name, tuple(trials))
 
 
@@ -52,9 +51,9 @@ class _Solver:
 
     def __init__(self, question: Question, leg: int, network: ConstraintNetwork, keep: ExitStack) -> None:
         self._network, self._keep = network, keep
-        self._statement = leg_statement(question.campaign, leg)
+        self.statement = None if question.certificates is None else question.statement(leg, network.domain)
         self._contractor = question.contractor(network)
-        self._useful = certifying(question.parts(network)) if question.certificates is not None else []
+        self._useful = certifying(question.parts(network)) if self.statement is not None else []
         self.prover = WitnessProver(network, network.names.index("eps"), question.engine)
         self.best: Witness | None = None
         self.proof: tuple[Recording, Box] | None = None
@@ -70,10 +69,10 @@ class _Solver:
 
     def __call__(self, eps: float, seconds: float) -> Outcome:
         domain = self._network.domain.replace("eps", hi=eps)
-        if not self._useful:
+        if not self._useful or self.statement is None:
             outcome = self._asked(self._contractor, domain, seconds, None)
         else:
-            recording = Recording(self._statement, domain)
+            recording = Recording(self.statement, domain)
             outcome = self._asked(recording.contractor(self._useful), domain, seconds, recording.event)
             if outcome.answer is Answer.INFEASIBLE:
                 outcome = replace(outcome, checked=True)
@@ -92,7 +91,8 @@ class _Solver:
 
     def write(self, path: Path) -> Path:
         """The certificate of the last infeasible answer and of the best point."""
-        recording, domain = self.proof or (Recording(self._statement, self._network.domain), None)
+        assert self.statement is not None
+        recording, domain = self.proof or (Recording(self.statement, self._network.domain), None)
         self._keep.enter_context(recording)
         highest = float(self._network.domain["eps"].hi if domain is None else domain["eps"].hi)
         point = None if self.best is None else self.best.point

@@ -8,6 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from cpcal.cli.certify import certify
+from cpcal.cli.compare import compare_models
 from cpcal.cli.demo import demo
 from cpcal.cli.plugins import plugins
 from cpcal.cli.report import report
@@ -60,6 +61,7 @@ def _cpcal(
 
 
 app.command(epilog=STATUS_HELP)(certify)
+app.command("compare", epilog=STATUS_HELP)(compare_models)
 app.command()(simulate)
 app.command(epilog=STATUS_HELP)(demo)
 app.command()(report)

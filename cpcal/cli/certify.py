@@ -16,6 +16,7 @@ from cpcal.robot import load_campaign
 
 class Center(StrEnum):
     FIT = "fit"
+    PLAIN = "plain"
     NOMINAL = "nominal"
 
 
@@ -47,7 +48,7 @@ def certify(
     ],
     legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None,
     delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0,
-    center: Annotated[Center, typer.Option(help="Middle of that box: least-squares fit or nominal.")] = Center.FIT,
+    center: Annotated[Center, typer.Option(help="Middle of that box: a least-squares fit, or nominal.")] = Center.FIT,
     gap: Annotated[float, typer.Option(help="Relative width at which the bracket counts as closed.")] = 1e-6,
     time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg, at most.")] = None,
     contractors: Annotated[str, typer.Option(metavar="A,B", help="See `cpcal plugins`.")] = "lifted",
@@ -61,6 +62,10 @@ def certify(
     method: Annotated[
         Method, typer.Option(help="Branch and bound on eps, or the paper's script; that needs a time limit.")
     ] = Method.BOUND,
+    model: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json and nothing else.")] = False,
 ) -> None:
     """Bracket, leg by leg, the smallest model error eps of a CAMPAIGN, by proofs from both sides.
@@ -70,7 +75,7 @@ def certify(
     """
     check_writable(run)
     question = Question(
-        legs=None if legs is None else _legs(legs),
+        legs=None if legs is None else numbers_of(legs),
         delta=delta,
         center=center.value,
         gap=gap,
@@ -80,6 +85,7 @@ def certify(
         eps=eps,
         support=support.value,
         method=method.value,
+        model=model,
     )
     measured = load_campaign(campaign)
     result = answer(measured, question, run, quiet=as_json)
@@ -87,7 +93,8 @@ def certify(
     raise typer.Exit(status_of(result))
 
 
-def _legs(text: str) -> tuple[int, ...]:
+def numbers_of(text: str) -> tuple[int, ...]:
+    """The numbers of --legs. Raises BadParameter."""
     try:
         return tuple(int(part) for part in text.split(","))
     except ValueError:

@@ -34,6 +34,7 @@ class Question:
     eps: float | None = None
     support: str = "few"
     method: str = "bound"
+    model: str | None = None
 
 
 def answer(campaign: Campaign, question: Question, run: Path, *, quiet: bool) -> Result:
@@ -58,6 +59,7 @@ def answer(campaign: Campaign, question: Question, run: Path, *, quiet: bool) ->
             method=question.method,
             certificates=run,
             progress=progress,
+            model=question.model,
         )
     return with_shadows(campaign, result)
 

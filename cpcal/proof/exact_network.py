@@ -20,11 +20,9 @@ from cpcal.network.network import ConstraintNetwork, topological
 from cpcal.network.rewrite import terms
 from cpcal.proof.constraints import Constraint, Constraints
 from cpcal.proof.polynomial import Polynomial, combined
-from cpcal.proof.statement import NetworkStatement, number
+from cpcal.proof.statement import LONGEST, NetworkStatement
 
 Objects = npt.NDArray[Any]
-
-_LONGEST = 60  # hexadecimal digits
 
 
 class NotStated(ModelError):
@@ -118,9 +116,15 @@ def _taken(others: Objects, bound: Objects) -> Objects:
 
 def _checked(p: _Poly) -> Polynomial:
     for c in p.terms.values():
-        if c.denominator & (c.denominator - 1) or len(number(c)) > _LONGEST:
+        if c.denominator & (c.denominator - 1) or _bits(c) > LONGEST:
             raise NotStated("a coefficient has no short exact form in binary: multiply the divisor out")
     return p.terms
+
+
+def _bits(c: F) -> int:
+    """Of the odd mantissa of a dyadic number."""
+    n = abs(c.numerator)
+    return n.bit_length() - (n & -n).bit_length() + 1
 
 
 class _Poly:

@@ -14,6 +14,9 @@ from cpcal.proof.leg import Leg
 from cpcal.proof.polynomial import Polynomial
 from cpcal.proof.rule import Problem
 
+_DIGITS = 64  # of a number, on either side of the point, at most
+LONGEST = 2 * 4 * _DIGITS  # bits
+
 
 class Statement(Protocol):
     """A problem, and how it is written."""
@@ -103,4 +106,7 @@ def number(value: F | float) -> str:
     if numerator:
         zeros = (numerator & -numerator).bit_length() - 1
         numerator, exponent = numerator >> zeros, exponent + zeros
-    return f"{'-' if numerator < 0 else ''}0x{abs(numerator):x}p{exponent:+d}"
+    digits, behind = f"{abs(numerator):x}", ""
+    if len(digits) > _DIGITS:  # as many again fit behind the point
+        digits, behind, exponent = digits[:-_DIGITS], f".{digits[-_DIGITS:]}", exponent + 4 * _DIGITS
+    return f"{'-' if numerator < 0 else ''}0x{digits}{behind}p{exponent:+d}"

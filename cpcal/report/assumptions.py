@@ -5,29 +5,29 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.calibration import PLAIN
 from cpcal.report.words import LONGER, QUANTIFIER
 from cpcal.result import Result
 from cpcal.robot import Campaign
 
-_CENTERS = {"fit": "the leg's least-squares fit", "nominal": "the nominal parameters in the campaign"}
+_CENTERS = {
+    "fit": "the leg's least-squares fit",
+    "plain": "the leg's least-squares fit of the plain model",
+    "nominal": "the nominal parameters in the campaign",
+}
 
 
 def assumptions(campaign: Campaign, result: Result) -> list[tuple[str, str]]:
     """Pairs of a heading and a paragraph."""
     return [
-        (
-            "Model",
-            "A leg with base joint centre a, mobile joint centre b and length offset l satisfies "
-            "‖P + R b − a‖ = L + l at every pose (P, R) and reading L. Its error eps is the largest "
-            f"difference of the two sides, in mm. {LONGER}",
-        ),
+        ("Model", _model(result)),
         ("For which readings", QUANTIFIER),
         ("Reading sets", _readings(campaign)),
         (
             "Parameters",
             f"Each of the seven parameters (a, b, l) of a leg is looked for within ±{result.delta:g} mm of "
-            f"{_CENTERS.get(result.center, 'the center listed with it')}. Nothing is said of parameters "
-            "outside this box.",
+            f"{_CENTERS.get(result.center, 'the center listed with it')}{_extra(result)}. "
+            "Nothing is said of parameters outside this box.",
         ),
         (
             "Arithmetic",
@@ -37,6 +37,25 @@ def assumptions(campaign: Campaign, result: Result) -> list[tuple[str, str]]:
             "plain floating point.",
         ),
     ]
+
+
+def _model(result: Result) -> str:
+    plain = (
+        "A leg with base joint centre a, mobile joint centre b and length offset l satisfies "
+        "‖P + R b − a‖ = L + l at every pose (P, R) and reading L."
+    )
+    corrected = (
+        f"{result.model.name}: with v = P + R b − a, the vector from a leg's base joint centre a to its mobile one b, "
+        f"the length ‖v‖ is {result.model.summary}."
+    )
+    said = plain if result.model.name == PLAIN.name else corrected
+    return f"{said} Its error eps is the largest difference of the two sides, in mm. {LONGER}"
+
+
+def _extra(result: Result) -> str:
+    """Where the extra parameters of the model are looked for."""
+    each = [f"{p.name} within ±{p.half_width:g} {p.unit}" for p in result.model.extra]
+    return f", and the extra parameters about 0: {', '.join(each)}" if each else ""
 
 
 def _readings(campaign: Campaign) -> str:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from cpcal.calibration import PARAMETERS
 from cpcal.errors import InputError, Problem
 from cpcal.report.numbers import clean
 from cpcal.result import LegResult, Result
@@ -27,7 +26,9 @@ def check_match(campaign: Campaign, result: Result) -> None:
             continue
         seen.add(leg.leg)
         what = f"leg {leg.leg} has a field that makes no sense"
-        wrong += [Problem("result", f"{what}: {name}", "certify again") for name in _wrong_leg(leg)]
+        wrong += [
+            Problem("result", f"{what}: {name}", "certify again") for name in _wrong_leg(leg, len(result.parameters))
+        ]
     if wrong:
         raise InputError(wrong)
 
@@ -39,17 +40,17 @@ def _wrong(result: Result) -> Iterator[str]:
         yield "eps"
     if not _texts(result.contractors):
         yield "contractors"
-    if result.parameters != PARAMETERS:
+    if result.parameters != result.model.parameters:
         yield "parameters"
 
 
-def _wrong_leg(leg: LegResult) -> Iterator[str]:
+def _wrong_leg(leg: LegResult, size: int) -> Iterator[str]:
     yield from _unlike(str, leg, ("status",))
     yield from _unlike(int, leg, ("nodes", "programs"))
     yield from _unlike((int, float), leg, ("floor", "seconds"))
-    if leg.point is not None and not (len(leg.point) == len(PARAMETERS) and all(map(math.isfinite, leg.point))):
+    if leg.point is not None and not (len(leg.point) == size and all(map(math.isfinite, leg.point))):
         yield "point"
-    if len(leg.center) != len(PARAMETERS):
+    if len(leg.center) != size:
         yield "center"
     if not _texts(leg.support):
         yield "support"

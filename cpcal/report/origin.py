@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from importlib.metadata import PackageNotFoundError, version
 
+from cpcal.calibration import PLAIN
 from cpcal.result import Result
 from cpcal.robot import Campaign
 from cpcal.version import __version__
@@ -20,6 +21,8 @@ def command(campaign: Campaign, result: Result) -> str:
         words += ["--legs", ",".join(map(str, legs))]
     words += ["--delta", repr(float(result.delta)), "--center", result.center, "--gap", repr(float(result.gap))]
     words += ["--contractors", ",".join(result.contractors), "--arithmetic", result.arithmetic]
+    if result.model.name != PLAIN.name:
+        words += ["--model", result.model.name]
     if result.eps is not None:
         words += ["--eps", repr(float(result.eps))]
     if result.time_limit is not None:

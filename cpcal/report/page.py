@@ -7,22 +7,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from cpcal.calibration import PARAMETERS, residuals
+from cpcal.calibration import PARAMETERS, PLAIN, model_residuals
 from cpcal.optimize import Answer, Trial
 from cpcal.report.assumptions import assumptions
 from cpcal.report.bars import Enclosure, enclosure_svg
 from cpcal.report.match import check_match
-from cpcal.report.numbers import bracket_text, clean, nearest, rounded_down, rounded_up
+from cpcal.report.numbers import bracket_text, nearest, rounded_down, rounded_up
 from cpcal.report.origin import command, versions
 from cpcal.report.pairs import pairs
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
 from cpcal.report.room import reading_room
 from cpcal.report.table import result_table
+from cpcal.report.template import rendered, written
 from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
-from cpcal.result import LegResult, Result
+from cpcal.result import LegResult, Result, model_of
 from cpcal.robot import Campaign
 
 REPORT_NAME = "report.html"
@@ -43,29 +43,13 @@ def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str])
     stay proved; every answer is for SOME reading in the set of each measurement. Raises InputError when the
     result is of another campaign, OSError when the file cannot be written.
     """
-    page = render(campaign, result)
-    target = Path(file)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_name(f".{target.name}.partial")
-    try:
-        partial.write_text(page, encoding="utf-8")
-        return partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
+    return written(render(campaign, result), file)
 
 
 def render(campaign: Campaign, result: Result) -> str:
     """The page as text. Raises InputError when the result is of another campaign, or garbled."""
     check_match(campaign, result)
-    environment = Environment(
-        loader=PackageLoader("cpcal.report", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=lambda value: clean(value) if type(value) is str else value,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html.j2").render(_context(campaign, result)) + "\n"
+    return rendered("report.html.j2", _context(campaign, result))
 
 
 def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
@@ -80,6 +64,7 @@ def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
         "legs": [_leg(campaign, result, leg) for leg in result.legs],
         "quantifier": QUANTIFIER,
         "longer": LONGER,
+        "plain": result.model.name == PLAIN.name,
         "assumptions": assumptions(campaign, result),
         "provenance": campaign.provenance,
         "versions": versions(),
@@ -95,13 +80,13 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
         "sentence": leg_sentence(result, leg),
         "center": center_sentence(result, leg),
         "trials": [_trial(trial) for trial in leg.trials],
-        "parameters": _parameters(leg),
+        "parameters": _parameters(result, leg),
         "bars": _bars(campaign, result, leg),
         "proved_point": leg.point is not None,
         "empty": leg.enclosure.is_empty,
         "support": names,
         "more_support": len(leg.support) - len(names),
-        "figure": _figure(campaign, leg),
+        "figure": _figure(campaign, result, leg),
         "pairs": pairs(campaign, result, leg),
     }
 
@@ -113,14 +98,15 @@ def _trial(trial: Trial) -> tuple[str, ...]:
     return (bracket_text(trial.eps, trial.eps)[0], f"{trial.delay:g}", answer, lo, hi, str(trial.nodes))
 
 
-def _parameters(leg: LegResult) -> list[tuple[str, ...]]:
-    """Name, center, proved point, enclosure, a row a parameter."""
+def _parameters(result: Result, leg: LegResult) -> list[tuple[str, ...]]:
+    """Name (with its unit, if that is not mm), center, proved point, enclosure, a row a parameter."""
     rows: list[tuple[str, ...]] = []
-    for k, name in enumerate(PARAMETERS):
+    for k, name in enumerate(result.parameters):
+        unit = result.model.unit(name)
         point = "—" if leg.point is None else nearest(leg.point[k], _DECIMALS)
         lo, hi = float(leg.enclosure.lo[k]), float(leg.enclosure.hi[k])
         bounds = (rounded_down(lo, _DECIMALS), rounded_up(hi, _DECIMALS))
-        rows.append((name, nearest(leg.center[k], _DECIMALS), point, *bounds))
+        rows.append((name if unit == "mm" else f"{name} [{unit}]", nearest(leg.center[k], _DECIMALS), point, *bounds))
     return rows
 
 
@@ -129,9 +115,9 @@ def _bars(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
     data = Enclosure(
         PARAMETERS,
         campaign.robot.parameters[leg.leg - 1],
-        leg.enclosure.lo,
-        leg.enclosure.hi,
-        np.array(leg.center) if result.center == "fit" else None,
+        leg.enclosure.lo[:7],
+        leg.enclosure.hi[:7],
+        np.array(leg.center[:7]) if result.center == "fit" else None,
     )
     label = f"Leg {leg.leg}: enclosure of each parameter, relative to its nominal value"
     return {
@@ -143,12 +129,13 @@ def _bars(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
     }
 
 
-def _figure(campaign: Campaign, leg: LegResult) -> dict[str, Any] | None:
-    """The plot of the proved point's residuals and what its caption says; None without such a point."""
-    if leg.point is None or not np.isfinite(leg.eps_hi):
+def _figure(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] | None:
+    """The plot of the proved point's residuals and what its caption says; None without such a point, or model."""
+    model = model_of(result)
+    if leg.point is None or not np.isfinite(leg.eps_hi) or model is None:
         return None
-    residual = residuals(campaign, leg.leg, leg.point)
-    room = reading_room(campaign, leg.leg, leg.point)
+    residual = model_residuals(campaign, leg.leg, leg.point, model)
+    room = reading_room(campaign, leg.leg, leg.point, model)
     chosen = set(leg.support)
     support = np.array([name in chosen for name in campaign.measurement_ids], dtype=bool)
     svg = residual_svg(

@@ -33,10 +33,10 @@ def pairs(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] 
 def _panels(campaign: Campaign, result: Result, leg: LegResult) -> list[Panel]:
     assert leg.shadows is not None
     box = leg.shadows.box
-    point = None if leg.point is None else np.array(leg.point)
-    fit = np.array(leg.center) if result.center == "fit" else None
+    point = None if leg.point is None else np.array(leg.point[:7])
+    fit = np.array(leg.center[:7]) if result.center == "fit" else None
     nominal = campaign.robot.parameters[leg.leg - 1]
-    origin = box.mid if point is None else point
+    origin = box.mid[:7] if point is None else point
     panels = []
     for shadow in leg.shadows.pairs:
         k = [PARAMETERS.index(name) for name in shadow.parameters]

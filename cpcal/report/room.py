@@ -5,17 +5,21 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.calibration import PLAIN, LegModel, reading_room_of
 from cpcal.robot import Campaign, rotation_matrix
 
 Floats = npt.NDArray[np.float64]
 
 
-def reading_room(campaign: Campaign, leg: int, parameters: npt.ArrayLike) -> Floats:
+def reading_room(campaign: Campaign, leg: int, parameters: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
     """Room of `g(x, M_k)` about its value at the centre of the reading set, (N,) mm; to first order.
 
     With v = P + R b - a and b' = R b: `sum p_i |v_i|/|v| + sum r_j |(b' x (P - a))_j|/|v| + lambda`
-    (DESIGN section 5). Plain floating point, for drawing; no proof rests on it. 0 for exact readings.
+    (DESIGN section 5); of other models by their derivatives. Plain floating point, for drawing; no proof rests on it.
+    0 for exact readings.
     """
+    if model.name != PLAIN.name:
+        return reading_room_of(campaign, leg, parameters, model)
     x = np.asarray(parameters, np.float64)
     arm = rotation_matrix(campaign.quaternion) @ x[3:6]
     base = campaign.position - x[:3]

@@ -27,7 +27,8 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
 
 def center_sentence(result: Result, leg: LegResult) -> str | None:
     """What is proved of the middle of the box as a solution."""
-    name = "The least-squares fit" if result.center == "fit" else "The nominal parameter vector"
+    names = {"fit": "The least-squares fit", "plain": "The plain model's least-squares fit"}
+    name = names.get(result.center, "The nominal parameter vector")
     return None if leg.judged is None else leg.judged.sentence(name)
 
 

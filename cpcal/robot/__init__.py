@@ -13,6 +13,7 @@ from cpcal.robot.kinematics import (
     pose_jacobian,
 )
 from cpcal.robot.mechanisms import Mechanisms
+from cpcal.robot.model_choice import ModelChoice
 from cpcal.robot.motion import compose, inverse, transformed
 from cpcal.robot.proved_pose import ProvedPose, prove_pose
 from cpcal.robot.reader import load_campaign
@@ -42,6 +43,7 @@ __all__ = [
     "ForwardPoses",
     "KinematicsError",
     "Mechanisms",
+    "ModelChoice",
     "Pose",
     "PoseTable",
     "ProvedPose",

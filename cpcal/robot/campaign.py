@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
+from cpcal.robot.model_choice import ModelChoice
 from cpcal.robot.problems import Problems
 from cpcal.robot.robot import Robot, frozen_array, is_text
 from cpcal.robot.uncertainty import Uncertainty, sizes
@@ -41,6 +42,7 @@ class Campaign:
                      |2 s_i| <= r_i, |L - L_k| <= lambda
     uncertainty      what campaign.toml declares for all rows (None: exact); rows may differ
     provenance       free text
+    model            the leg model that is asked for (None: the plain one)
 
     Raises InputError, with every problem found, when the values make no campaign.
     """
@@ -56,6 +58,7 @@ class Campaign:
     length_radius: Array
     uncertainty: Uncertainty | None = None
     provenance: dict[str, str] = field(default_factory=dict)
+    model: ModelChoice | None = None
     file_sha256: str | None = field(default=None, init=False)  # set by load_campaign; not carried over by replace()
 
     def __post_init__(self) -> None:
@@ -87,6 +90,7 @@ class Campaign:
         rotation_radius: npt.ArrayLike | None = None,
         length_radius: npt.ArrayLike | None = None,
         provenance: Mapping[str, str] | None = None,
+        model: ModelChoice | None = None,
     ) -> Campaign:
         """A campaign in memory. Half-widths left out come from `uncertainty`, or are zero: exact readings.
 
@@ -117,6 +121,7 @@ class Campaign:
             radii[2],
             uncertainty,
             dict(provenance or {}),
+            model,
         )
 
     @property
@@ -151,7 +156,7 @@ class Campaign:
         """Equality of all values; how the files were formatted does not matter."""
         if not isinstance(other, Campaign):
             return NotImplemented
-        names = ("robot", "pose", "run", "uncertainty", "provenance")
+        names = ("robot", "pose", "run", "uncertainty", "provenance", "model")
         if not all(getattr(self, name) == getattr(other, name) for name in names):
             return False
         return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in _ARRAYS)

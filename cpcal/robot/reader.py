@@ -26,7 +26,8 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     campaign.toml states the nominal robot and, in [uncertainty], half-widths: as `factor` times
     `position_sigma` (3, mm), `rotation_sigma` (3, rad) and `length_sigma` (n, mm), or directly as
     `position_half_width`, `rotation_half_width` and `length_half_width`; without that section readings are
-    exact. measurements.csv has the columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and any of
+    exact. [model] may name the leg model that is asked for, and `half_widths` of its extra parameters.
+    measurements.csv has the columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and any of
     dx,dy,dz,drx,dry,drz,dL1..dLn, whose cells replace those half-widths where they are not empty.
 
     Raises one InputError that lists every problem of both files.
@@ -112,4 +113,5 @@ def _assembled(settings: Settings, table: Table) -> Campaign:
         radii[:, 6:],
         settings.uncertainty,
         settings.provenance,
+        settings.model,
     )

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.errors import InputError, Problem
+from cpcal.robot.model_choice import ModelChoice
 from cpcal.robot.problems import Problems, shown
 from cpcal.robot.robot import Robot
 from cpcal.robot.uncertainty import Uncertainty
@@ -18,7 +19,7 @@ from cpcal.robot.writer import FORMAT
 
 SIZE_MAX = 2**20  # bytes; a sensible campaign.toml is hundreds of times smaller
 
-_SECTIONS = ("format", "robot", "uncertainty", "provenance")
+_SECTIONS = ("format", "robot", "uncertainty", "model", "provenance")
 _ROBOT_KEYS = ("name", "base", "mobile", "offset")
 _SIGMA_KEYS = ("position_sigma", "rotation_sigma", "length_sigma")
 _WIDTH_KEYS = ("position_half_width", "rotation_half_width", "length_half_width")
@@ -38,6 +39,7 @@ class Settings:
     legs: int | None
     uncertainty: Uncertainty | None
     provenance: dict[str, str]
+    model: ModelChoice | None = None
 
 
 def read_settings(content: bytes, where: str, problems: Problems) -> Settings:
@@ -49,7 +51,7 @@ def read_settings(content: bytes, where: str, problems: Problems) -> Settings:
     reader.known((), document, _SECTIONS)
     reader.format()
     robot, legs = reader.robot()
-    return Settings(robot, legs, reader.uncertainty(legs), reader.provenance())
+    return Settings(robot, legs, reader.uncertainty(legs), reader.provenance(), reader.model())
 
 
 def parsed(content: bytes, where: str, problems: Problems, format_: str = FORMAT) -> dict[str, object] | None:
@@ -265,6 +267,27 @@ class Reader:
         except InputError:  # single values were checked: a product overflows
             self.wrong(path, "factor * sigma is too large for a number", "give smaller ones")
             return None
+
+    def model(self) -> ModelChoice | None:
+        """The table [model]: its form. Which models there are is known where they are used."""
+        table = self.section("model")
+        if table is None:
+            return None
+        before, path = len(self.problems), ("model",)
+        self.known(path, table, ("name", "half_widths"))
+        name, widths = table.get("name"), table.get("half_widths", {})
+        if not (isinstance(name, str) and name.isidentifier()):
+            what = f"the model's name {shown(name)} cannot be one" if "name" in table else "[model] has no name"
+            self.wrong((*path, "name"), what, 'add a name, such as name = "gain"')
+        if not isinstance(widths, dict):
+            self.wrong((*path, "half_widths"), "half_widths is not a table", "write half_widths = { s = 0.05 }")
+            return None
+        numbers = {}
+        for key, value in widths.items():
+            if not key.isidentifier():
+                self.wrong((*path, "half_widths"), f"{shown(key)} cannot be a parameter", "give its name, such as s")
+            numbers[key] = self.number((*path, "half_widths"), f"the half-width of {shown(key)}", value, signed=False)
+        return None if len(self.problems) > before else ModelChoice(str(name), numbers)
 
     def provenance(self) -> dict[str, str]:
         table = self.section("provenance") or {}

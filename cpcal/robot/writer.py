@@ -20,6 +20,7 @@ from cpcal.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from cpcal.robot.campaign import Campaign
+    from cpcal.robot.model_choice import ModelChoice
     from cpcal.robot.robot import Robot
     from cpcal.robot.uncertainty import Uncertainty
 
@@ -48,6 +49,8 @@ def toml_bytes(campaign: Campaign) -> bytes:
     lines = [f"format = {quoted(FORMAT)}", "", *robot_lines(campaign.robot)]
     if campaign.uncertainty is not None:
         lines += _uncertainty_lines(campaign.uncertainty)
+    if campaign.model is not None:
+        lines += _model_lines(campaign.model)
     lines += provenance_lines(campaign.provenance)
     return ("\n".join(lines) + "\n").encode()
 
@@ -78,6 +81,14 @@ def _uncertainty_lines(uncertainty: Uncertainty) -> list[str]:
         suffix = "sigma"
     names = ("position", "rotation", "length")
     return lines + [f"{name}_{suffix} = {vector(getattr(uncertainty, name))}" for name in names]
+
+
+def _model_lines(model: ModelChoice) -> list[str]:
+    lines = ["", "[model]", f"name = {quoted(model.name)}"]
+    if model.half_widths:
+        widths = ", ".join(f"{name} = {float(value)!r}" for name, value in model.half_widths.items())
+        lines.append(f"half_widths = {{ {widths} }}")
+    return lines
 
 
 def csv_bytes(campaign: Campaign) -> bytes:

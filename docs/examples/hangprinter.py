@@ -15,12 +15,15 @@ and a length model; nothing in cpcal knows about it.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 import cpcal
+from cpcal.comparison import Entry
+from cpcal.report.comparison import comparison_sentences, write_comparison
 
 CABLES = ("a", "b", "c", "d")
 REACH = 4000.0  # mm, from the origin to the anchor along each axis
@@ -54,29 +57,48 @@ def cable_network(position: Floats, angle: Floats, *, quadratic: bool) -> tuple[
     return net, eps
 
 
+def compared(
+    position: Floats,
+    angles: Floats,
+    *,
+    tolerance: float,
+    certificates: Path | None = None,
+    progress: Callable[[Entry], None] | None = None,
+) -> cpcal.Comparison:
+    """Both models of every cable, and which of them are refuted at the tolerance (mm)."""
+    cases = {
+        cable: {
+            model: cable_network(position, angles[:, k], quadratic=model == "quadratic")
+            for model in ("linear", "quadratic")
+        }
+        for k, cable in enumerate(CABLES)
+    }
+    title = "Hangprinter: cable models"
+    return cpcal.compare_networks(cases, title=title, tolerance=tolerance, certificates=certificates, progress=progress)
+
+
+def show(entry: Entry) -> None:
+    lo, hi, box = entry.eps_lo, entry.eps_hi, entry.enclosure
+    where = ", ".join(f"{v:.1f}" for v in box.mid[:3])
+    print(f"{entry.subject:5}  {entry.model:10}  {cpcal.Interval(lo, hi):.9f}  {hi - lo:.0e}  ({where})")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("path", type=Path, help="samples.csv: x, y, z (mm), four motor angles (degrees)")
+    parser.add_argument("--tolerance", type=float, default=2.0, metavar="MM", help="Which models are refuted at it?")
     parser.add_argument(
-        "--certificates", type=Path, metavar="FOLDER", help="write proofs there for `cpcal verify FOLDER`"
+        "--certificates", type=Path, metavar="FOLDER", help="write proofs there for `cpcal verify FOLDER`, and a page"
     )
     options = parser.parse_args()
-    if options.certificates:
-        options.certificates.mkdir(parents=True, exist_ok=True)
     positions, angles = load(options.path)
     print(f"{len(positions)} measurements; every bound is proved, the anchor anywhere within +-{REACH / 1000:g} m\n")
-    print("cable  model       smallest model error (mm)     gap      nodes  LPs  anchor (mm)")
-    for quadratic in (False, True):
-        for k, cable in enumerate(CABLES):
-            net, eps = cable_network(positions, angles[:, k], quadratic=quadratic)
-            model = "quadratic" if quadratic else "linear"
-            proof = options.certificates and options.certificates / f"{cable}-{model}.cert.jsonl"
-            found = net.minimize(eps, certificate=proof)
-            where = "none proved" if found.witness is None else ", ".join(f"{v:.1f}" for v in found.witness.point[:3])
-            print(
-                f"{cable:5}  {model:10}  {cpcal.Interval(found.lo, found.hi):.9f}  {found.hi - found.lo:.0e}"
-                f"  {found.nodes:5}  {found.programs:3}  ({where})"
-            )
+    print("cable  model       smallest model error (mm)     gap    anchor (mm), middle of its enclosure")
+    found = compared(positions, angles, tolerance=options.tolerance, certificates=options.certificates, progress=show)
+    print(*comparison_sentences(found), sep="\n")
+    if options.certificates:
+        cpcal.save_comparison(found, options.certificates)
+        print(f"Page: {write_comparison(found, options.certificates)}")
 
 
 if __name__ == "__main__":

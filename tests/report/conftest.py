@@ -9,8 +9,10 @@ import pytest
 
 import cpcal
 from cpcal.calibration import PARAMETERS
+from cpcal.comparison import Comparison, Entry
 from cpcal.polygon import Shadow, Shadows
 from cpcal.report import write_page
+from cpcal.report.comparison import write_comparison
 
 
 def hexagons(box, eps, *pairs):
@@ -58,3 +60,27 @@ def page(tmp_path_factory):
     asked = (PARAMETERS, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0")
     result = cpcal.Result(campaign.robot.name, campaign.sha256, len(campaign), *asked, legs)
     return write_page(campaign, result, tmp_path_factory.mktemp("page") / "report.html")
+
+
+@pytest.fixture(scope="package")
+def comparison(tmp_path_factory):
+    """The page of a comparison with entries of every kind; with long and hostile names."""
+    names = (*PARAMETERS, *(f"c{k}" for k in range(7)))
+
+    def entry(leg, model, lo, hi, certificate=None):
+        box = cpcal.Box(names, [-1.0] * 14, [1.0] * 14) if hi < math.inf else cpcal.Box.empty(names)
+        return Entry(f"leg {leg}", model, lo, hi, box, certificate, "Both bounds are proved.", 0.5)
+
+    entries = [
+        entry(leg, *rest)
+        for leg in range(1, 7)
+        for rest in (
+            ("plain", 0.75045, 0.75046, f"plain-leg{leg}.cert.jsonl"),
+            ("linear", 0.5, 0.5000001),
+            ("mine", 0.1, math.inf),
+            ("gain", 0.0, 0.0, f"gain-leg{leg}.cert.jsonl"),
+        )
+    ]
+    models = {name: f"<i>{name}</i> {'Supercalifragilistic' * 8}" for name in ("plain", "linear", "mine", "gain")}
+    found = Comparison("<b>" + "Supercalifragilistic" * 8, 0.3, models, tuple(entries), "0" * 64, True)
+    return write_comparison(found, tmp_path_factory.mktemp("comparison"))

@@ -125,9 +125,9 @@ def test_no_request_leaves_the_page(page, bad, tmp_path):
     assert requests(tmp_path, bad) == {"http://cpcal.test/x.png"}
 
 
-def fits(found, *widths):
+def fits(found, *widths, texts=500):
     for width in widths:
-        assert found[width]["texts"] > 500
+        assert found[width]["texts"] > texts
         sound = {"width": width, "scroll": width, "wide": [], "overlaps": [], "cut": []}
         assert found[width] == {**found[width], **sound}
 
@@ -167,3 +167,13 @@ def test_it_prints(page, tmp_path):
     content = paper.read_bytes()
     assert content.startswith(b"%PDF")
     assert len(re.findall(rb"/Type\s*/Page\b", content)) >= 7  # each leg begins a page
+
+
+def test_the_page_of_a_comparison(comparison, tmp_path):
+    assert console(tmp_path, comparison) == []
+    assert requests(tmp_path, comparison) == set()
+    fits(measured(tmp_path, comparison, SMALL, PHONE, DESK), SMALL, PHONE, DESK, texts=60)
+    light = screenshot(tmp_path, comparison, "--blink-settings=preferredColorScheme=1")
+    dark = screenshot(tmp_path, comparison, "--blink-settings=preferredColorScheme=0")
+    assert light[5, 5].min() > 0.95
+    assert dark[5, 5].max() < 0.2

@@ -48,3 +48,7 @@ def test_the_nu_checker_finds_nothing(page, tmp_path):
     wrong = tmp_path / "wrong.html"
     wrong.write_text("<!doctype html><html lang=en><title>x</title><ul><p>y</ul>", encoding="utf-8")
     assert any("not allowed" in line for line in nu(wrong))
+
+
+def test_the_page_of_a_comparison_parses_without_an_error(comparison):
+    assert errors(comparison.read_text(encoding="utf-8")) == []

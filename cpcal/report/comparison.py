@@ -1,0 +1,114 @@
+"""A comparison of models for people: a table for terminal and page, sentences, one self-contained HTML page."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from cpcal.comparison import Comparison, Entry
+from cpcal.interfaces import Verdict
+from cpcal.report.dots import comparison_svg, legend
+from cpcal.report.numbers import bracket_text, clean
+from cpcal.report.origin import versions
+from cpcal.report.template import rendered, written
+from cpcal.report.words import LONGER, QUANTIFIER
+
+COMPARISON_PAGE = "compare.html"
+
+_STYLES = {Verdict.PROVED: "proved", Verdict.REFUTED: "refuted", Verdict.UNKNOWN: "unknown"}
+
+
+def comparison_header(comparison: Comparison) -> tuple[str, ...]:
+    unit = _unit(comparison)
+    at = "at the tolerance" if comparison.tolerance is None else f"at {comparison.tolerance:g}{unit}"
+    bounds = ("eps_lo [mm]", "eps_hi [mm]") if unit else ("eps_lo", "eps_hi")
+    extra = ("extra parameters",) if comparison.campaign_sha256 else ()
+    return ("of", "model", *bounds, at, "certificate", *extra)
+
+
+def _unit(comparison: Comparison) -> str:
+    """Of eps: that of networks of one's own is known to their makers."""
+    return " mm" if comparison.campaign_sha256 else ""
+
+
+def comparison_row(comparison: Comparison, entry: Entry) -> tuple[str, ...]:
+    """Bounds are rounded to the side on which they stay proved."""
+    word = entry.word(comparison.tolerance)
+    certificate = "none" if entry.certificate is None else entry.certificate
+    extra = (_extra(entry),) if comparison.campaign_sha256 else ()
+    return (entry.subject, entry.model, *bracket_text(entry.eps_lo, entry.eps_hi), word, certificate, *extra)
+
+
+def _extra(entry: Entry) -> str:
+    """Enclosures of a leg's parameters beyond (a, b, l), of all parameters with eps <= eps_hi."""
+    box = entry.enclosure
+    if box.is_empty:
+        return ""
+    texts = []
+    for k, name in enumerate(box.names[7:], start=7):
+        lo, hi = bracket_text(float(box.lo[k]), float(box.hi[k]))
+        texts.append(f"{name} in [{_short(lo)}, {_short(hi)}]")
+    return ", ".join(texts)
+
+
+def _short(text: str) -> str:
+    return text.rstrip("0").rstrip(".") if "." in text and "e" not in text.lower() else text
+
+
+def said(comparison: Comparison) -> str:
+    """For which readings, and of which legs, all of it is meant."""
+    if comparison.campaign_sha256:
+        return f"{QUANTIFIER} {LONGER}"
+    return "A point satisfies a network when one value of every reading in its set satisfies all constraints."
+
+
+def comparison_sentences(comparison: Comparison) -> list[str]:
+    """What the comparison shows, a sentence a model; refutations first say with which proof."""
+    tolerance = comparison.tolerance
+    if tolerance is None:
+        return []
+    out, at = [], f"{tolerance:g}{_unit(comparison)}"
+    for model in comparison.models:
+        entries = [e for e in comparison.entries if e.model == model]
+        refuted = [e for e in entries if e.verdict(tolerance) is Verdict.REFUTED]
+        open_ones = [e for e in entries if e.verdict(tolerance) is Verdict.UNKNOWN]
+        if refuted:
+            names = ", ".join(f"{e.subject} ({e.certificate or 'unchecked'})" for e in refuted)
+            text = f"{model} is refuted at {at} for {len(refuted)} of {len(entries)}: {names}."
+        else:
+            text = f"{model} is refuted at {at} for none of {len(entries)}."
+        if open_ones:
+            text += f" Not known for {', '.join(e.subject for e in open_ones)}."
+        out.append(text)
+    return out
+
+
+def write_comparison(comparison: Comparison, folder: str | os.PathLike[str]) -> Path:
+    """Write `compare.html` into the folder; its path. The same comparison gives the same bytes."""
+    return written(rendered("compare.html.j2", _context(comparison)), Path(folder) / COMPARISON_PAGE)
+
+
+def _context(comparison: Comparison) -> dict[str, Any]:
+    tolerance = comparison.tolerance
+    rows = []
+    for entry in comparison.entries:
+        style = "" if tolerance is None else _STYLES[entry.verdict(tolerance)]
+        rows.append({"cells": comparison_row(comparison, entry), "style": style})
+    return {
+        "title": clean(comparison.title),
+        "tolerance": None if tolerance is None else f"{tolerance:g}{_unit(comparison)}",
+        "interrupted": comparison.interrupted,
+        "sentences": comparison_sentences(comparison),
+        "header": comparison_header(comparison),
+        "rows": rows,
+        "figure": Markup(comparison_svg(comparison, prefix="eps-")) if comparison.entries else None,  # made by us
+        "legend": legend(list(comparison.models)),
+        "models": comparison.models,
+        "sha256": comparison.campaign_sha256,
+        "said": said(comparison),
+        "versions": versions(),
+        "certificates": any(e.certificate for e in comparison.entries),
+    }
