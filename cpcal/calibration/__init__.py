@@ -12,6 +12,8 @@ from cpcal.calibration.identification import leg_jacobian, robot_jacobian
 from cpcal.calibration.least_squares import least_squares
 from cpcal.calibration.leg import PARAMETERS, leg_box, leg_network, residuals
 from cpcal.calibration.observability import Observability, column_scale, observability
+from cpcal.calibration.record import CalibrationRecord, recorded
+from cpcal.calibration.record_file import RECORD_NAME, load_record, save_record
 from cpcal.calibration.screening import Screening, screen
 from cpcal.calibration.selection import Selection, select_poses
 from cpcal.calibration.statement import leg_statement
@@ -23,6 +25,8 @@ from cpcal.calibration.weights import Noise
 
 __all__ = [
     "PARAMETERS",
+    "RECORD_NAME",
+    "CalibrationRecord",
     "ChannelStatistics",
     "Deviations",
     "ErrorSummary",
@@ -55,13 +59,16 @@ __all__ = [
     "leg_jacobian",
     "leg_network",
     "leg_statement",
+    "load_record",
     "mean_rotations",
     "observability",
     "pose_errors",
     "readings_needed",
+    "recorded",
     "redefined",
     "residuals",
     "robot_jacobian",
+    "save_record",
     "screen",
     "select_poses",
     "solves_exactly",

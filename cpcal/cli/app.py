@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from cpcal.cli.calibrate import calibrate
 from cpcal.cli.certify import certify
 from cpcal.cli.demo import demo
 from cpcal.cli.plugins import plugins
@@ -61,6 +62,7 @@ def _cpcal(
 
 app.command(epilog=STATUS_HELP)(certify)
 app.command()(simulate)
+app.command()(calibrate)
 app.command(epilog=STATUS_HELP)(demo)
 app.command()(report)
 app.command()(plugins)
