@@ -61,7 +61,7 @@ def _beside(run: Path) -> Path | None:
 def _verified(path: Path, campaign: Path | None, numbers: Numbers) -> bool:
     began = time.monotonic()
     try:
-        accepted = check(path, campaign, rational=Fraction if numbers is Numbers.FRACTIONS else _flint())
+        accepted = check(path, campaign, rational=Fraction if numbers is Numbers.FRACTIONS else flint())
     except Refused as reason:
         typer.echo(f"{path.name}: REFUSED, {reason}")
         return False
@@ -71,7 +71,8 @@ def _verified(path: Path, campaign: Path | None, numbers: Numbers) -> bool:
     return True
 
 
-def _flint() -> Rational:
+def flint() -> Rational:
+    """FLINT's exact rationals."""
     from flint import fmpq  # the checker itself never needs it
 
     return cast(Rational, fmpq)

@@ -43,8 +43,11 @@ def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str])
     stay proved; every answer is for SOME reading in the set of each measurement. Raises InputError when the
     result is of another campaign, OSError when the file cannot be written.
     """
-    page = render(campaign, result)
-    target = Path(file)
+    return write_text(render(campaign, result), Path(file))
+
+
+def write_text(page: str, target: Path) -> Path:
+    """Write a page, all or nothing; its path. Raises OSError."""
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(f".{target.name}.partial")
     try:
@@ -54,8 +57,11 @@ def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str])
         partial.unlink(missing_ok=True)
 
 
-def render(campaign: Campaign, result: Result) -> str:
-    """The page as text. Raises InputError when the result is of another campaign, or garbled."""
+def render(campaign: Campaign, result: Result, study: dict[str, Any] | None = None) -> str:
+    """The page as text; `study` is what study.html.j2 shows before the legs (see `cpcal.report.study`).
+
+    Raises InputError when the result is of another campaign, or garbled.
+    """
     check_match(campaign, result)
     environment = Environment(
         loader=PackageLoader("cpcal.report", "templates"),
@@ -65,7 +71,7 @@ def render(campaign: Campaign, result: Result) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html.j2").render(_context(campaign, result)) + "\n"
+    return environment.get_template("report.html.j2").render(study=study, **_context(campaign, result)) + "\n"
 
 
 def _context(campaign: Campaign, result: Result) -> dict[str, Any]:

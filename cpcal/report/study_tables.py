@@ -16,6 +16,7 @@ from cpcal.report import paper
 from cpcal.report.numbers import nearest
 
 SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
+PAPER = "the paper"
 BEFORE, WITH_X_C, WITH_X_C_SIGMA = "before", "with x_c", "with x_c_sigma"
 
 
@@ -33,7 +34,7 @@ def leg_lengths(record: CalibrationRecord, *, paper_too: bool = True) -> TextTab
     head = ("leg", *(str(k) for k in range(1, len(channels) + 1)))
     rows = [("this study", *(f"{c.statistics.sigma:.4f}" for c in channels))]
     if paper_too and len(channels) == len(paper.TABLE_2):
-        rows.append(("the paper", *(f"{value:.4f}" for value in paper.TABLE_2)))
+        rows.append((PAPER, *(f"{value:.4f}" for value in paper.TABLE_2)))
     return TextTable(head, tuple(rows))
 
 
@@ -44,7 +45,7 @@ def poses(record: CalibrationRecord, *, paper_too: bool = True) -> TextTable:
     rows = [("this study", *(_significant(shown(c, c.statistics.sigma)) for c in channels))]
     if paper_too:
         theirs = [_significant(paper.TABLE_3[c.statistics.name]) for c in channels]
-        rows.append(("the paper", *theirs))
+        rows.append((PAPER, *theirs))
     return TextTable(head, tuple(rows))
 
 
@@ -74,17 +75,20 @@ def moved(record: CalibrationRecord, fit: Parameters, theirs: Rows | None = None
     for leg, values in enumerate(record.in_drawing(fit).tolist()):
         lines.append((str(leg + 1), *(nearest(value, 4) for value in values)))
         if theirs is not None and leg < len(theirs):
-            lines.append(("the paper", *(nearest(value, 4) for value in theirs[leg])))
+            lines.append((PAPER, *(nearest(value, 4) for value in theirs[leg])))
     return TextTable(("leg", *SYMBOLS), tuple(lines))
 
 
-def validation(record: CalibrationRecord) -> TextTable:
+def validation(record: CalibrationRecord, *, paper_too: bool = False) -> TextTable:
     """Table 6: errors of the validation poses, positions in mm and orientations in degrees."""
     plain, weighted = record.validation.validation, record.validation_sigma.validation
     columns = (plain.summary_before, plain.summary_after, weighted.summary_after)
-    head = ("error", BEFORE, WITH_X_C, WITH_X_C_SIGMA)
-    rows = [(name, *(_significant(figure(column)) for column in columns)) for name, figure in _FIGURES]
-    return TextTable(head, tuple(rows))
+    rows: list[tuple[str, ...]] = []
+    for (name, figure), theirs in zip(_FIGURES, paper.TABLE_6, strict=True):
+        rows.append((name, *(_significant(figure(column)) for column in columns)))
+        if paper_too:
+            rows.append((PAPER, *map(_significant, theirs)))
+    return TextTable(("error", BEFORE, WITH_X_C, WITH_X_C_SIGMA), tuple(rows))
 
 
 _FIGURES: tuple[tuple[str, Callable[[ErrorSummary], float]], ...] = (
