@@ -16,13 +16,11 @@ from cpcal.calibration import calibrate_study
 from cpcal.calibration.record import CalibrationRecord, recorded
 from cpcal.calibration.record_file import RECORD_NAME, save_record
 from cpcal.calibration.study import StudyCalibration
-from cpcal.cli.folders import check_writable, unwritable
+from cpcal.cli.folders import CAMPAIGN, VALIDATION, check_writable, unwritable
 from cpcal.cli.show import terminal
 from cpcal.errors import InputError, Problem
 from cpcal.report import clean, study_tables
 from cpcal.robot import load_study, save_campaign
-
-CAMPAIGN, VALIDATION = "campaign", "validation"  # folders beside calibration.json
 
 
 class Frames(StrEnum):

@@ -13,21 +13,20 @@ from rich.console import Console
 from cpcal.calibration import calibrate_study
 from cpcal.calibration.record import CalibrationRecord, recorded
 from cpcal.certify import certify
-from cpcal.certify.fits import CertifiedFits, certify_fits
-from cpcal.cli.calibrate import CAMPAIGN, show_record, write_calibration
-from cpcal.cli.checked import check_all
-from cpcal.cli.folders import check_new, unwritable
+from cpcal.certify.fits import certify_fits
+from cpcal.cli.calibrate import show_record, write_calibration
+from cpcal.cli.folders import CAMPAIGN, FITS, RUN, SCRIPT, STUDY, check_new, unwritable
 from cpcal.cli.progress import watch
 from cpcal.cli.run import Question, answer, publish
 from cpcal.cli.show import show_result, terminal
 from cpcal.cli.status import Status, status_of
+from cpcal.cli.study_page import study_found
 from cpcal.report import REPORT_NAME
-from cpcal.report.study import StudyFound, write_study_page
+from cpcal.report.study import write_study_page
 from cpcal.result import Result, save_result
 from cpcal.robot import Campaign, load_campaign, load_study, save_study, simulate_study
 
 FACTOR = 3.0  # half-width of the reading sets, in standard deviations
-STUDY, RUN, SCRIPT, FITS = "study", "run", "script", "fits"  # folders of a demo
 
 
 @dataclass(frozen=True)
@@ -55,14 +54,14 @@ def demo(
 
     The robot is the DeltaLab Table of Stewart with legs that sag and joints whose axes miss each other by 2 mm, which
     the model with seven parameters a leg does not know; the noise is the paper's. Writes DIR/study, DIR/campaign,
-    DIR/validation, DIR/calibration.json, DIR/fits, DIR/run, DIR/script and the page DIR/report.html.
+    DIR/validation, DIR/calibration.json, DIR/fits, DIR/run, DIR/script and the page DIR/report.html. A certificate that the checker refuses makes the status 1.
     """
     check_new(output, force=force)
     (output / REPORT_NAME).unlink(missing_ok=True)  # an older page must not stand beside newer results
     console = terminal()
     record = _calibrated(output, seed, console)
     campaign = load_campaign(output / CAMPAIGN)
-    fits = _fits(campaign, record, output / FITS, console)
+    _fits(campaign, record, output / FITS, console)
     result = answer(campaign, Question(legs=PLAN.legs), output / RUN, quiet=False)
     publish(campaign, result, output / RUN, as_json=False)
     if result.interrupted:
@@ -70,10 +69,8 @@ def demo(
     script = _script(campaign, output / SCRIPT, console)
     if script.interrupted:
         raise typer.Exit(Status.INTERRUPTED)
-    certificates = [path for part in (FITS, RUN) for path in sorted((output / part).glob("*.cert.jsonl"))]
-    accepted, said = check_all(certificates, output / CAMPAIGN)
-    console.print(said, soft_wrap=True)
-    found = StudyFound(campaign, record, fits, result, script, said)
+    accepted, found = study_found(output)
+    console.print(found.checked, soft_wrap=True)
     try:
         page = write_study_page(found, output / REPORT_NAME)
     except OSError as error:
@@ -96,7 +93,7 @@ def _calibrated(output: Path, seed: int, console: Console) -> CalibrationRecord:
     return record
 
 
-def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, console: Console) -> CertifiedFits:
+def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, console: Console) -> None:
     """Are x_c and x_c_sigma solutions?"""
     try:
         fits = certify_fits(campaign, record, folder, legs=PLAN.legs)
@@ -105,7 +102,6 @@ def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, console: 
     for name, judged in fits.both:
         for fit in judged:
             console.print(f"Leg {fit.leg}: {fit.judged.sentence(name)}", soft_wrap=True)
-    return fits
 
 
 def _script(campaign: Campaign, folder: Path, console: Console) -> Result:

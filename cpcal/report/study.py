@@ -110,9 +110,9 @@ def _table7(found: StudyFound) -> TextTable:
     ]
     rows = [
         ("branch and bound: none below", *(lo for lo, _ in bounds)),
-        ("attained", *(hi for _, hi in bounds)),
-        ("the paper's script: none below", *(lo for lo, _ in tried)),
-        ("attained", *(hi for _, hi in tried)),
+        ("branch and bound: attained", *(hi for _, hi in bounds)),
+        ("script: none below", *(lo for lo, _ in tried)),
+        ("script: attained", *(hi for _, hi in tried)),
     ]
     if max(legs, default=0) <= len(paper.TABLE_7_CERTIFIED):
         rows.append(("the paper: none below", *(f"{paper.TABLE_7_CERTIFIED[leg - 1]:.2f}" for leg in legs)))

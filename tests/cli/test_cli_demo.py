@@ -69,6 +69,22 @@ def test_the_page_has_both_methods(demo):
         assert text in page
 
 
+def test_report_writes_the_same_page_again(demo, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(demo[0], folder)
+    page = folder / "report.html"
+    first = page.read_bytes()
+    page.unlink()
+    outcome = run("report", folder)
+    assert outcome.exit_code == 0, outcome.stderr
+    assert page.read_bytes() == first
+    assert run("report", folder, "--campaign", folder / "campaign").exit_code == 2
+    (folder / "fits" / "fits.json").unlink()
+    refused = run("report", folder)
+    assert refused.exit_code == 2
+    assert "fits.json" in refused.stderr
+
+
 def test_what_is_there_is_not_overwritten(demo):
     outcome = run("demo", "-o", demo[0])
     assert outcome.exit_code == 2

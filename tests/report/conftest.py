@@ -103,7 +103,7 @@ def study():
         return tuple(JudgedFit(k, cpcal.Judged(0.0, *counts, 64), f"{name}.leg{k}.cert.jsonl") for k, counts in legs)
 
     fits = CertifiedFits(campaign.sha256, judged("x_c", ()), judged("x_c_sigma", (6,)))
-    said = "The checker accepted all 18 certificates (FLINT's exact rationals, no solver): 65 steps, 4.2 s."
+    said = "The checker accepted all 18 certificates (FLINT's exact rationals, no solver): 65 steps."
     return StudyFound(campaign, record, fits, bound, script, said)
 
 
