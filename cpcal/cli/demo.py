@@ -54,7 +54,8 @@ def demo(
 
     The robot is the DeltaLab Table of Stewart with legs that sag and joints whose axes miss each other by 2 mm, which
     the model with seven parameters a leg does not know; the noise is the paper's. Writes DIR/study, DIR/campaign,
-    DIR/validation, DIR/calibration.json, DIR/fits, DIR/run, DIR/script and the page DIR/report.html. A certificate that the checker refuses makes the status 1.
+    DIR/validation, DIR/calibration.json, DIR/fits, DIR/run, DIR/script and the page DIR/report.html.
+    A certificate that the checker refuses makes the exit status 1.
     """
     check_new(output, force=force)
     (output / REPORT_NAME).unlink(missing_ok=True)  # an older page must not stand beside newer results
