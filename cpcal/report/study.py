@@ -109,8 +109,8 @@ def _table7(found: StudyFound) -> TextTable:
         bracket_text(scripted[leg].eps_lo, scripted[leg].eps_hi) if leg in scripted else ("—", "—") for leg in legs
     ]
     rows = [
-        ("branch and bound: none below", *(lo for lo, _ in bounds)),
-        ("branch and bound: attained", *(hi for _, hi in bounds)),
+        ("bound: none below", *(lo for lo, _ in bounds)),
+        ("bound: attained", *(hi for _, hi in bounds)),
         ("script: none below", *(lo for lo, _ in tried)),
         ("script: attained", *(hi for _, hi in tried)),
     ]

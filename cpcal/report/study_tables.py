@@ -93,9 +93,9 @@ def validation(record: CalibrationRecord, *, paper_too: bool = False) -> TextTab
 
 _FIGURES: tuple[tuple[str, Callable[[ErrorSummary], float]], ...] = (
     ("position, mean [mm]", lambda s: s.position_mean),
-    ("position, std. deviation [mm]", lambda s: s.position_deviation),
+    ("position, std. dev. [mm]", lambda s: s.position_deviation),
     ("orientation, mean [°]", lambda s: math.degrees(s.orientation_mean)),
-    ("orientation, std. deviation [°]", lambda s: math.degrees(s.orientation_deviation)),
+    ("orientation, std. dev. [°]", lambda s: math.degrees(s.orientation_deviation)),
 )
 
 
