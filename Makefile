@@ -4,7 +4,7 @@ BIN := .venv/bin
 
 .PHONY: demo test check clean
 
-# `make demo`: certify a simulated DeltaLab platform and say where the report is.
+# `make demo`: the paper's whole study on a simulated DeltaLab platform; says where the report is.
 demo: .venv/.installed
 	$(BIN)/cpcal demo -o demo
 

@@ -24,6 +24,8 @@ from cpcal.calibration.models import (
     register_model,
 )
 from cpcal.calibration.observability import Observability, column_scale, observability
+from cpcal.calibration.record import CalibrationRecord, recorded
+from cpcal.calibration.record_file import RECORD_NAME, load_record, save_record
 from cpcal.calibration.screening import Screening, screen
 from cpcal.calibration.selection import Selection, select_poses
 from cpcal.calibration.statement import leg_statement, model_statement
@@ -36,6 +38,8 @@ from cpcal.calibration.weights import Noise
 __all__ = [
     "PARAMETERS",
     "PLAIN",
+    "RECORD_NAME",
+    "CalibrationRecord",
     "ChannelStatistics",
     "Deviations",
     "ErrorSummary",
@@ -77,6 +81,7 @@ __all__ = [
     "leg_model",
     "leg_network",
     "leg_statement",
+    "load_record",
     "mean_rotations",
     "model_residuals",
     "model_statement",
@@ -84,10 +89,12 @@ __all__ = [
     "pose_errors",
     "reading_room_of",
     "readings_needed",
+    "recorded",
     "redefined",
     "register_model",
     "residuals",
     "robot_jacobian",
+    "save_record",
     "screen",
     "select_poses",
     "solves_exactly",

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from cpcal.cli.calibrate import calibrate
 from cpcal.cli.certify import certify
 from cpcal.cli.compare import compare_models
 from cpcal.cli.demo import demo
@@ -63,6 +64,7 @@ def _cpcal(
 app.command(epilog=STATUS_HELP)(certify)
 app.command("compare", epilog=STATUS_HELP)(compare_models)
 app.command()(simulate)
+app.command()(calibrate)
 app.command(epilog=STATUS_HELP)(demo)
 app.command()(report)
 app.command()(plugins)

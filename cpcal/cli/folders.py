@@ -7,6 +7,9 @@ from pathlib import Path
 
 from cpcal.errors import InputError, Problem
 
+# What stands in the folder of a study beside calibration.json, as `cpcal calibrate` and `cpcal demo` leave it.
+STUDY, CAMPAIGN, VALIDATION, FITS, RUN, SCRIPT = "study", "campaign", "validation", "fits", "run", "script"
+
 _CHOOSE = "choose a folder that can be written to"
 
 

@@ -6,15 +6,15 @@ import time
 from enum import StrEnum
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
+from cpcal.cli.checked import flint
 from cpcal.cli.claims import sentences
 from cpcal.cli.report import beside
 from cpcal.errors import InputError, Problem
 from cpcal.proof.checker import check
-from cpcal.proof.lines import Rational
 from cpcal.proof.refusal import Refused
 
 VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."
@@ -61,7 +61,7 @@ def _beside(run: Path) -> Path | None:
 def _verified(path: Path, campaign: Path | None, numbers: Numbers) -> bool:
     began = time.monotonic()
     try:
-        accepted = check(path, campaign, rational=Fraction if numbers is Numbers.FRACTIONS else _flint())
+        accepted = check(path, campaign, rational=Fraction if numbers is Numbers.FRACTIONS else flint())
     except Refused as reason:
         typer.echo(f"{path.name}: REFUSED, {reason}")
         return False
@@ -69,9 +69,3 @@ def _verified(path: Path, campaign: Path | None, numbers: Numbers) -> bool:
     for sentence in sentences(accepted):
         typer.echo(f"{path.name}: {sentence}: PROVED, {work}")
     return True
-
-
-def _flint() -> Rational:
-    from flint import fmpq  # the checker itself never needs it
-
-    return cast(Rational, fmpq)

@@ -46,10 +46,13 @@ def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str])
     return written(render(campaign, result), file)
 
 
-def render(campaign: Campaign, result: Result) -> str:
-    """The page as text. Raises InputError when the result is of another campaign, or garbled."""
+def render(campaign: Campaign, result: Result, study: dict[str, Any] | None = None) -> str:
+    """The page as text; `study` is what study.html.j2 shows before the legs (see `cpcal.report.study`).
+
+    Raises InputError when the result is of another campaign, or garbled.
+    """
     check_match(campaign, result)
-    return rendered("report.html.j2", _context(campaign, result))
+    return rendered("report.html.j2", {"study": study, **_context(campaign, result)})
 
 
 def _context(campaign: Campaign, result: Result) -> dict[str, Any]:

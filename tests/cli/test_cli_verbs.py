@@ -7,7 +7,6 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
-from cpcal.cli.run import Question
 
 runner = CliRunner()
 
@@ -209,15 +208,3 @@ def test_an_answer_is_printed_even_if_the_disk_is_full(campaign, tmp_path, monke
     assert outcome.exit_code == 2
     assert "Leg 1: refuted." in outcome.stdout
     assert "No space left" in outcome.stderr
-
-
-def test_demo_goes_the_whole_way(tmp_path, monkeypatch):
-    monkeypatch.setattr("cpcal.cli.demo.Question", lambda: Question(legs=(6,)))  # one leg will do
-    outcome = run("demo", "-o", tmp_path / "demo")
-    assert outcome.exit_code == 0
-    campaign = cpcal.load_campaign(tmp_path / "demo" / "campaign")
-    result = cpcal.load_result(tmp_path / "demo" / "run")
-    assert result.campaign_sha256 == campaign.sha256
-    assert not campaign.exact
-    assert str(tmp_path / "demo" / "run" / "report.html") in outcome.stdout
-    assert run("demo", "-o", tmp_path / "demo").exit_code == 2

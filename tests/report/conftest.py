@@ -1,4 +1,4 @@
-"""A page with legs of every kind, for browsers and validators."""
+"""Pages with legs of every kind, and of a whole study, for browsers and validators."""
 
 import dataclasses
 import math
@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.calibration import PARAMETERS
+from cpcal.calibration import PARAMETERS, calibrate_study, recorded
+from cpcal.certify.fits import CertifiedFits, JudgedFit
 from cpcal.comparison import Comparison, Entry
 from cpcal.polygon import Shadow, Shadows
 from cpcal.report import write_page
 from cpcal.report.comparison import write_comparison
+from cpcal.report.study import StudyFound, write_study_page
+from cpcal.robot import simulate_study
 
 
 def hexagons(box, eps, *pairs):
@@ -84,3 +87,52 @@ def comparison(tmp_path_factory):
     models = {name: f"<i>{name}</i> {'Supercalifragilistic' * 8}" for name in ("plain", "linear", "mine", "gain")}
     found = Comparison("<b>" + "Supercalifragilistic" * 8, 0.3, models, tuple(entries), "0" * 64, True)
     return write_comparison(found, tmp_path_factory.mktemp("comparison"))
+
+
+@pytest.fixture(scope="package")
+def study():
+    """A calibrated study with six legs as a solver might leave them; no solver is run."""
+    simulated = simulate_study(seed=3, runs=3, validation_runs=2, random_poses=9, sag=2.0)
+    found = calibrate_study(simulated)
+    campaign, record = found.campaign, recorded(simulated, found, factor=3.0)
+
+    def leg(number, **changes):
+        x = found.x_c.parameters[number - 1]
+        point, box = tuple(map(float, x)), cpcal.Box(PARAMETERS, x - 0.01, x + 0.02)
+        numbers = (
+            0.0890117468,
+            0.0890117515,
+            point,
+            point,
+            box,
+            0.0,
+            tuple(campaign.measurement_ids[::9]),
+            1,
+            94,
+            0.25,
+        )
+        made = cpcal.LegResult(number, cpcal.Verdict.PROVED, "Both bounds are proved.", *numbers)
+        return dataclasses.replace(made, shadows=hexagons(box, 0.1), **changes)
+
+    def result(*legs, **changes):
+        asked = (PARAMETERS, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0")
+        made = cpcal.Result(campaign.robot.name, campaign.sha256, len(campaign), *asked, legs)
+        return dataclasses.replace(made, **changes)
+
+    perfect = leg(6, eps_lo=0.0, eps_hi=0.0)
+    bound = result(*(leg(k) for k in range(1, 6)), perfect)
+    open_ended = leg(5, verdict=cpcal.Verdict.UNKNOWN, point=None, eps_hi=math.inf)
+    script = result(*(leg(k) for k in range(1, 5)), open_ended, perfect, method="timeout", time_limit=3.0)
+
+    def judged(name, solutions):
+        legs = [(k, (64, 0) if k in solutions else (12, 51)) for k in range(1, 7)]
+        return tuple(JudgedFit(k, cpcal.Judged(0.0, *counts, 64), f"{name}.leg{k}.cert.jsonl") for k, counts in legs)
+
+    fits = CertifiedFits(campaign.sha256, judged("x_c", ()), judged("x_c_sigma", (6,)))
+    said = "The checker accepted all 18 certificates (FLINT's exact rationals, no solver): 65 steps."
+    return StudyFound(campaign, record, fits, bound, script, said)
+
+
+@pytest.fixture(scope="package")
+def study_page(study, tmp_path_factory):
+    return write_study_page(study, tmp_path_factory.mktemp("study") / "report.html")

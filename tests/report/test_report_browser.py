@@ -142,6 +142,19 @@ def test_it_fits_a_phone_and_no_text_overlaps(page, bad, tmp_path):
     assert "far" in control["cut"]
 
 
+def test_a_study_is_quiet_and_fits_a_phone(study_page, tmp_path):
+    assert console(tmp_path, study_page) == []
+    assert requests(tmp_path, study_page) == set()
+    fits(measured(tmp_path, study_page, SMALL, PHONE, DESK), SMALL, PHONE, DESK)
+
+
+def test_no_text_of_a_study_overlaps_on_paper(study_page, tmp_path):
+    paper = tmp_path / "paper.html"
+    text = study_page.read_text(encoding="utf-8")
+    paper.write_text(text.replace("@media print", "@media all"), encoding="utf-8")
+    fits(measured(tmp_path, paper, PAPER), PAPER)
+
+
 def test_no_text_overlaps_on_paper(page, tmp_path):
     """The rules for print, applied to a screen as wide as a sheet within its margins: those only can be measured."""
     text = page.read_text(encoding="utf-8")

@@ -23,8 +23,9 @@ def nu(file):
     return [line for line in outcome.stdout.splitlines() if line]
 
 
-def test_it_parses_without_an_error(page):
+def test_it_parses_without_an_error(page, study_page):
     assert errors(page.read_text(encoding="utf-8")) == []
+    assert errors(study_page.read_text(encoding="utf-8")) == []
 
 
 @pytest.mark.parametrize(
@@ -43,8 +44,9 @@ def test_errors_are_found(wrong):
 
 
 @pytest.mark.skipif(not VNU or shutil.which("java") is None, reason="no java, or CPCAL_VNU_JAR does not name vnu.jar")
-def test_the_nu_checker_finds_nothing(page, tmp_path):
+def test_the_nu_checker_finds_nothing(page, study_page, tmp_path):
     assert nu(page) == []
+    assert nu(study_page) == []
     wrong = tmp_path / "wrong.html"
     wrong.write_text("<!doctype html><html lang=en><title>x</title><ul><p>y</ul>", encoding="utf-8")
     assert any("not allowed" in line for line in nu(wrong))

@@ -1,0 +1,98 @@
+"""`cpcal calibrate`: the classical calibration of a study, in tables and files."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from cpcal.calibration import calibrate_study
+from cpcal.calibration.record import CalibrationRecord, recorded
+from cpcal.calibration.record_file import RECORD_NAME, save_record
+from cpcal.calibration.study import StudyCalibration
+from cpcal.cli.folders import CAMPAIGN, VALIDATION, check_writable, unwritable
+from cpcal.cli.show import terminal
+from cpcal.errors import InputError, Problem
+from cpcal.report import clean, study_tables
+from cpcal.robot import load_study, save_campaign
+
+
+class Frames(StrEnum):
+    SHAH = "shah"
+    ANDREFF = "andreff"
+
+
+def calibrate(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of study.toml and two tables of poses.")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder for campaign/, validation/ and calibration.json; replaced there.",
+        ),
+    ],
+    method: Annotated[Frames, typer.Option(help="How the frames of camera and target are started.")] = Frames.SHAH,
+    factor: Annotated[
+        float, typer.Option(help="Half-width of the reading sets, in standard deviations of one reading.")
+    ] = 3.0,
+) -> None:
+    """Calibrate a STUDY as is usual: statistics, frames, least squares x_c and x_c_sigma, validation. Proves nothing.
+
+    DIR/campaign, one measurement a configuration with reading sets from the repeats, is what `cpcal certify` goes
+    on from.
+    """
+    if not 0.0 < factor < float("inf"):
+        raise InputError([Problem("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")])
+    check_writable(output)
+    measured = load_study(study)
+    found = calibrate_study(measured, method=method.value, factor=factor)
+    record = recorded(measured, found, factor=factor)
+    write_calibration(found, record, output)
+    show_record(terminal(), record)
+    typer.echo(f"Campaign to certify: {output / CAMPAIGN}. Everything above: {output / RECORD_NAME}")
+
+
+def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder: Path) -> None:
+    """The two campaigns and, last, the record: an older one never stands beside campaigns that are not its own."""
+    try:
+        (folder / RECORD_NAME).unlink(missing_ok=True)
+        save_campaign(found.campaign, folder / CAMPAIGN)
+        save_campaign(found.check, folder / VALIDATION)
+        save_record(record, folder)
+    except OSError as error:
+        raise unwritable(folder, error) from None
+
+
+def show_record(console: Console, record: CalibrationRecord) -> None:
+    """Tables and sentences."""
+    title = f"{record.robot}: {record.readings:,} readings of {record.configurations} configurations"
+    console.print(Text(clean(title), style="bold"))
+    tables = (
+        ("Standard deviations of a leg reading [mm]", study_tables.leg_lengths(record, paper_too=False)),
+        ("Standard deviations of a pose", study_tables.poses(record, paper_too=False)),
+        ("x_c, plain least squares [mm]", study_tables.parameters(record.x_c)),
+        ("x_c_sigma, weighted by the noise of all legs together [mm]", study_tables.parameters(record.x_c_sigma)),
+        ("Errors of the validation poses", study_tables.validation(record)),
+    )
+    for heading, content in tables:
+        console.print(Text(heading, style="bold"))
+        console.print(_table(content))
+    for sentence in record.sentences:
+        console.print(clean(sentence), soft_wrap=not console.is_terminal)
+
+
+def _table(content: study_tables.TextTable) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+    for k, name in enumerate(content.head):
+        table.add_column(name, justify="right" if k else "left", overflow="fold")
+    for row in content.rows:
+        table.add_row(*row)
+    return table

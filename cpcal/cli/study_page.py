@@ -1,0 +1,27 @@
+"""The page of a whole study from the folder that `cpcal demo` leaves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cpcal.calibration import RECORD_NAME, load_record
+from cpcal.certify.fits import load_fits
+from cpcal.cli.checked import check_all
+from cpcal.cli.folders import CAMPAIGN, FITS, RUN, SCRIPT
+from cpcal.report.study import StudyFound
+from cpcal.result import load_result
+from cpcal.robot import load_campaign
+
+
+def holds_study(folder: Path) -> bool:
+    """Whether a folder is that of a study, not of a run."""
+    return (folder / RECORD_NAME).is_file()
+
+
+def study_found(folder: Path) -> tuple[bool, StudyFound]:
+    """What the folder holds, and whether the checker, asked now, accepts all its certificates. Raises InputError."""
+    campaign, record = load_campaign(folder / CAMPAIGN), load_record(folder)
+    fits, result, script = load_fits(folder / FITS), load_result(folder / RUN), load_result(folder / SCRIPT)
+    files = [path for part in (FITS, RUN) for path in sorted((folder / part).glob("*.cert.jsonl"))]
+    accepted, said = check_all(files, folder / CAMPAIGN)
+    return accepted, StudyFound(campaign, record, fits, result, script, said)

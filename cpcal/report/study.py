@@ -1,0 +1,175 @@
+"""The page of a whole study: the paper's tables and figures in its numbering, then the legs as in any other page."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from cpcal.calibration.record import CalibrationRecord, Channel, Errors
+from cpcal.certify.fits import CertifiedFits
+from cpcal.errors import InputError, Problem
+from cpcal.interfaces import Verdict
+from cpcal.report import paper, study_tables
+from cpcal.report.numbers import bracket_text
+from cpcal.report.page import render
+from cpcal.report.study_figures import histogram_svg, validation_svg
+from cpcal.report.study_tables import SYMBOLS, TextTable
+from cpcal.report.template import written
+from cpcal.result import Result
+from cpcal.robot import Campaign
+
+
+@dataclass(frozen=True)
+class StudyFound:
+    """Everything that a study led to, all of the same campaign.
+
+    result   brackets by branch and bound; script  those by the paper's script, with a time limit
+    checked  a sentence on what the checker made of the certificates
+    """
+
+    campaign: Campaign
+    record: CalibrationRecord
+    fits: CertifiedFits
+    result: Result
+    script: Result
+    checked: str
+
+
+def write_study_page(found: StudyFound, file: str | os.PathLike[str]) -> Path:
+    """Write the page to `file`, all or nothing; its path. Raises InputError (parts of different campaigns), OSError."""
+    return written(render_study(found), file)
+
+
+def render_study(found: StudyFound) -> str:
+    """The page as text; the same parts give the same text."""
+    expected = found.campaign.sha256
+    for name, sha256 in (
+        ("calibration record", found.record.campaign_sha256),
+        ("certified fits", found.fits.campaign_sha256),
+        ("result of the script", found.script.campaign_sha256),
+    ):
+        if sha256 != expected:
+            remedy = "give the parts of one study"
+            raise InputError([Problem(name, "is of another campaign", remedy)])
+    return render(found.campaign, found.result, _context(found))
+
+
+def _context(found: StudyFound) -> dict[str, Any]:
+    record = found.record
+    lengths = [c for c in record.channels if c.statistics.name.startswith("L")]
+    poses = [c for c in record.channels if not c.statistics.name.startswith("L")]
+    six = len(record.drawing) == len(paper.TABLE_4)
+    return {
+        "record": record,
+        "checked": found.checked,
+        "table1": study_tables.drawing(record),
+        "table2": study_tables.leg_lengths(record),
+        "table3": study_tables.poses(record),
+        "table4": study_tables.moved(record, record.x_c, paper.TABLE_4 if six else None),
+        "table5": study_tables.moved(record, record.x_c_sigma, paper.TABLE_5 if six else None),
+        "table6": study_tables.validation(record, paper_too=True),
+        "table7": _table7(found),
+        "fits_table": _fits_table(found.fits),
+        "fits": [_fit_sentence(name, [fit.judged.verdict for fit in fits]) for name, fits in found.fits.both],
+        "figure3": [_histogram(channel) for channel in lengths],
+        "figure4": [_histogram(channel) for channel in poses],
+        "figure5": [_validation("x_c", record.validation), _validation("x_c_sigma", record.validation_sigma)],
+        "apart": _apart(record),
+        "errors": max(max(row) for fit in (record.x_c, record.x_c_sigma) for row in fit.standard_errors),
+        "loose": _loose(found.result),
+        "exact": _exact_sentence(found.result),
+        "script_seconds": found.script.time_limit,
+    }
+
+
+def _histogram(channel: Channel) -> dict[str, Any]:
+    name = channel.statistics.name
+    svg = histogram_svg(channel, prefix=f"errors-{name}-", label=f"Centred errors of {name}: histogram")
+    return {"svg": Markup(svg), "sentence": channel.statistics.sentence()}  # names of channels are ours
+
+
+def _validation(name: str, errors: Errors) -> dict[str, Any]:
+    found = errors.validation
+    label = f"Errors and improvements of the validation poses with {name}"
+    svg = validation_svg(found, prefix=f"validation-{name}-", label=label)
+    return {"name": name, "svg": Markup(svg), "sentence": found.sentence}
+
+
+def _table7(found: StudyFound) -> TextTable:
+    """Both methods' brackets, lower ends rounded down and upper ends up, beside the paper's; a column a leg, mm."""
+    legs = [leg.leg for leg in found.result.legs]
+    scripted = {leg.leg: leg for leg in found.script.legs}
+    bounds = [bracket_text(leg.eps_lo, leg.eps_hi) for leg in found.result.legs]
+    tried = [
+        bracket_text(scripted[leg].eps_lo, scripted[leg].eps_hi) if leg in scripted else ("—", "—") for leg in legs
+    ]
+    rows = [
+        ("bound: none below", *(lo for lo, _ in bounds)),
+        ("bound: attained", *(hi for _, hi in bounds)),
+        ("script: none below", *(lo for lo, _ in tried)),
+        ("script: attained", *(hi for _, hi in tried)),
+    ]
+    if max(legs, default=0) <= len(paper.TABLE_7_CERTIFIED):
+        rows.append(("the paper: none below", *(f"{paper.TABLE_7_CERTIFIED[leg - 1]:.2f}" for leg in legs)))
+        rows.append(("the paper: attained", *(f"{paper.TABLE_7_ATTAINED[leg - 1]:.2f}" for leg in legs)))
+    return TextTable(("leg", *map(str, legs)), tuple(rows))
+
+
+def _fits_table(fits: CertifiedFits) -> TextTable:
+    rows = []
+    for name, judged in fits.both:
+        rows.append((f"{name}: satisfied", *(str(fit.judged.holds) for fit in judged)))
+        rows.append((f"{name}: refuting", *(str(fit.judged.fails) for fit in judged)))
+    return TextTable(("leg", *(str(fit.leg) for fit in fits.x_c)), tuple(rows))
+
+
+def _fit_sentence(name: str, verdicts: list[Verdict]) -> str:
+    refuted = sum(verdict is Verdict.REFUTED for verdict in verdicts)
+    proved = sum(verdict is Verdict.PROVED for verdict in verdicts)
+    legs = f"of {len(verdicts)} legs"
+    if refuted == len(verdicts):
+        return f"{name} is no solution for any leg judged: refuted by measurements, with proof."
+    return f"{name} is a solution for {proved} {legs} and refuted for {refuted}; of the others nothing is proved."
+
+
+def _apart(record: CalibrationRecord) -> dict[str, Any]:
+    """Where x_c and x_c_sigma differ most, mm, in the drawing's frames."""
+    difference = np.abs(record.in_drawing(record.x_c) - record.in_drawing(record.x_c_sigma))
+    leg, k = np.unravel_index(int(np.argmax(difference)), difference.shape)
+    return {"mm": f"{difference[leg, k]:.2g}", "name": SYMBOLS[int(k)], "leg": int(leg) + 1}
+
+
+def _loose(result: Result) -> dict[str, Any] | None:
+    """The widest proved bounds among the polygons' boxes: how far parameters may move for a little more eps."""
+    boxes = [(leg.leg, leg.shadows) for leg in result.legs if leg.shadows is not None]
+    if not boxes:
+        return None
+    leg, shadows = max(boxes, key=lambda pair: float(np.max(pair[1].box.width)))
+    k = int(np.argmax(shadows.box.width))
+    width = float(shadows.box.width[k])
+    eps = bracket_text(shadows.eps, shadows.eps)[0]
+    return {"leg": leg, "name": SYMBOLS[k], "mm": f"{math.ceil(10 * width) / 10:.1f}", "eps": eps}
+
+
+def _exact_sentence(result: Result) -> str:
+    """The paper's second question: has any x in the box no model error at all?"""
+    none = [str(leg.leg) for leg in result.legs if leg.eps_lo > 0.0]
+    some = [str(leg.leg) for leg in result.legs if leg.not_refuted]
+    rest = [str(leg.leg) for leg in result.legs if not leg.not_refuted and leg.eps_lo <= 0.0]
+    said = []
+    if none:
+        said.append(
+            f"proved: no parameters within ±{result.delta:g} mm satisfy all equations exactly (leg {', '.join(none)})"
+        )
+    if some:
+        said.append(f"proved: some parameters do (leg {', '.join(some)})")
+    if rest:
+        said.append(f"not known (leg {', '.join(rest)})")
+    text = "; ".join(said)
+    return f"{text[0].upper()}{text[1:]}." if text else "No leg was finished."

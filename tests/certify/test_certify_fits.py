@@ -1,0 +1,49 @@
+"""x_c and x_c_sigma as solutions: what is judged is written and read again."""
+
+import json
+
+import pytest
+
+import cpcal
+from cpcal.calibration import calibrate_study, recorded
+from cpcal.certify.fits import certify_fits, load_fits
+from cpcal.proof.checker import check
+from cpcal.robot import simulate_study
+
+
+@pytest.fixture(scope="module")
+def study():
+    return simulate_study(seed=3, runs=3, validation_runs=2, random_poses=5, sag=2.0)
+
+
+@pytest.fixture(scope="module")
+def found(study):
+    return calibrate_study(study)
+
+
+def test_both_fits_are_judged_with_certificates(study, found, tmp_path):
+    record = recorded(study, found, factor=3.0)
+    fits = certify_fits(found.campaign, record, tmp_path / "fits", legs=[2, 5])
+    assert load_fits(tmp_path / "fits") == fits
+    cpcal.save_campaign(found.campaign, tmp_path / "campaign")
+    for (name, judged), fit in zip(fits.both, (found.x_c, found.x_c_sigma), strict=True):
+        assert [leg.leg for leg in judged] == [2, 5]
+        for leg in judged:
+            assert leg.certificate == f"{name}.leg{leg.leg}.cert.jsonl"
+            alone = cpcal.certify_point(found.campaign, leg.leg, fit.parameters[leg.leg - 1])
+            assert leg.judged == alone.judged
+            assert leg.judged.verdict is cpcal.Verdict.REFUTED
+            point = check(tmp_path / "fits" / leg.certificate, tmp_path / "campaign").claims.point
+            assert (len(point.holds), len(point.fails)) == (leg.judged.holds, leg.judged.fails)
+
+
+def test_another_campaign_is_refused(study, found, tmp_path):
+    with pytest.raises(cpcal.InputError, match="another campaign"):
+        certify_fits(cpcal.simulate(seed=2), recorded(study, found, factor=3.0), tmp_path)
+
+
+@pytest.mark.parametrize("data", [[], {}, {"format": "cpcal-fits/1"}, {"format": "cpcal-fits/2"}])
+def test_a_garbled_file_is_refused(tmp_path, data):
+    (tmp_path / "fits.json").write_text(json.dumps(data))
+    with pytest.raises(cpcal.InputError, match="cannot be used"):
+        load_fits(tmp_path)

@@ -1,0 +1,63 @@
+"""`cpcal calibrate`: what it writes, prints and refuses."""
+
+import pytest
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.calibration import calibrate_study, load_record
+from cpcal.cli import app
+from cpcal.robot import save_study, simulate_study
+
+runner = CliRunner()
+
+
+def run(*arguments):
+    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("calibrate") / "study"
+    save_study(simulate_study(seed=3, runs=3, validation_runs=2, random_poses=5, sag=1.0), folder)
+    return folder
+
+
+def test_it_writes_campaigns_and_record_and_prints_tables(study, tmp_path):
+    outcome = run("calibrate", study, "-o", tmp_path / "c", "--method", "andreff", "--factor", 2)
+    assert outcome.exit_code == 0, outcome.stderr
+    assert sorted(p.name for p in (tmp_path / "c").iterdir()) == ["calibration.json", "campaign", "validation"]
+    campaign, record = cpcal.load_campaign(tmp_path / "c" / "campaign"), load_record(tmp_path / "c")
+    assert record.campaign_sha256 == campaign.sha256
+    assert record.check_sha256 == cpcal.load_campaign(tmp_path / "c" / "validation").sha256
+    assert (record.frames.method, record.factor) == ("andreff", 2.0)
+    expected = calibrate_study(cpcal.robot.load_study(study), method="andreff", factor=2.0)
+    assert campaign.sha256 == expected.campaign.sha256
+    for text in ("Standard deviations", "x_c_sigma", "orientation, mean [°]", "DOES NOT EXPLAIN", "Validation of x_c:"):
+        assert text in outcome.stdout
+    again = run("calibrate", study, "-o", tmp_path / "c")
+    assert again.exit_code == 0
+    assert load_record(tmp_path / "c").frames.method == "shah"
+
+
+def test_certify_goes_on_from_its_campaign(study, tmp_path):
+    assert run("calibrate", study, "-o", tmp_path).exit_code == 0
+    outcome = run("certify", tmp_path / "campaign", "-o", tmp_path / "run", "--legs", 1, "--eps", 0)
+    assert outcome.exit_code == 0, outcome.stderr
+    assert "refuted" in outcome.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [(["--factor", "0"], "--factor"), (["--factor", "nan"], "--factor"), (["--method", "tsai"], "--method")],
+)
+def test_senseless_options_are_refused(study, tmp_path, arguments, text):
+    outcome = run("calibrate", study, "-o", tmp_path / "c", *arguments)
+    assert outcome.exit_code == 2
+    assert text in outcome.stderr
+    assert not (tmp_path / "c").exists()
+
+
+def test_no_study(tmp_path):
+    outcome = run("calibrate", tmp_path / "absent", "-o", tmp_path / "c")
+    assert outcome.exit_code == 2
+    assert "does not exist" in outcome.stderr

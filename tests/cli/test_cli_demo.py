@@ -1,0 +1,105 @@
+"""`cpcal demo`: the whole study, here a small one and one leg of it."""
+
+import shutil
+from fractions import Fraction
+
+import pytest
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.calibration import load_record
+from cpcal.certify.fits import load_fits
+from cpcal.cli import app
+from cpcal.cli.checked import check_all
+from cpcal.cli.demo import Plan
+from cpcal.robot import load_study
+
+SMALL = Plan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), script_seconds=1.0)
+
+runner = CliRunner()
+
+
+def run(*arguments):
+    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("demo") / "demo"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cpcal.cli.demo.PLAN", SMALL)
+        outcome = run("demo", "-o", folder, "--seed", 3)
+    return folder, outcome
+
+
+def test_it_goes_the_whole_way(demo):
+    folder, outcome = demo
+    assert outcome.exit_code == 0, outcome.stderr
+    names = ["calibration.json", "campaign", "fits", "report.html", "run", "script", "study", "validation"]
+    assert sorted(p.name for p in folder.iterdir()) == names
+    campaign, record = cpcal.load_campaign(folder / "campaign"), load_record(folder)
+    result, script, fits = (
+        cpcal.load_result(folder / "run"),
+        cpcal.load_result(folder / "script"),
+        load_fits(folder / "fits"),
+    )
+    assert load_study(folder / "study").truth.seed == 3
+    hashes = {found.campaign_sha256 for found in (record, result, script, fits)}
+    assert hashes == {campaign.sha256}
+    assert (result.method, script.method) == ("bound", "timeout")
+    assert not campaign.exact
+
+
+def test_the_model_is_refuted_and_both_methods_agree(demo):
+    folder, outcome = demo
+    leg, scripted = cpcal.load_result(folder / "run").legs[0], cpcal.load_result(folder / "script").legs[0]
+    assert leg.verdict is cpcal.Verdict.PROVED
+    assert leg.eps_lo > 0.0
+    assert scripted.eps_lo <= leg.eps_hi
+    assert leg.eps_lo <= scripted.eps_hi
+    for _, judged in load_fits(folder / "fits").both:
+        assert judged[0].judged.verdict is cpcal.Verdict.REFUTED
+    for text in ("x_c_sigma satisfies", "The paper's script", "accepted all 3 certificates", "report.html"):
+        assert text in outcome.stdout
+
+
+def test_the_page_has_both_methods(demo):
+    page = (demo[0] / "report.html").read_text(encoding="utf-8")
+    for text in ("Table 7", "accepted all 3 certificates", "bound: none below", "24.01"):
+        assert text in page
+
+
+def test_report_writes_the_same_page_again(demo, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(demo[0], folder)
+    page = folder / "report.html"
+    first = page.read_bytes()
+    page.unlink()
+    outcome = run("report", folder)
+    assert outcome.exit_code == 0, outcome.stderr
+    assert page.read_bytes() == first
+    assert run("report", folder, "--campaign", folder / "campaign").exit_code == 2
+    (folder / "fits" / "fits.json").unlink()
+    refused = run("report", folder)
+    assert refused.exit_code == 2
+    assert "fits.json" in refused.stderr
+
+
+def test_what_is_there_is_not_overwritten(demo):
+    outcome = run("demo", "-o", demo[0])
+    assert outcome.exit_code == 2
+    assert "--force" in outcome.stderr
+
+
+def test_a_forged_certificate_is_told(demo, tmp_path):
+    folder = demo[0]
+    good = sorted((folder / "fits").glob("*.cert.jsonl"))
+    accepted, said = check_all(good, folder / "campaign", rational=Fraction)
+    assert accepted
+    assert "all 2 certificates (Python's exact rationals" in said
+    forged = tmp_path / "forged.cert.jsonl"
+    shutil.copyfile(good[0], forged)
+    forged.write_text(forged.read_text().replace('"fails"', '"holds"', 1), encoding="utf-8")
+    accepted, said = check_all([*good, forged], folder / "campaign")
+    assert not accepted
+    assert "REFUSED 1: forged.cert.jsonl" in said
