@@ -113,7 +113,7 @@ def _minimum(
         else "no point was proved to satisfy the constraints; the lower bound is proved."
     )
     if unchecked:
-        status += f" {unchecked} infeasible answers are unchecked: their contractors give no certificate."
+        status += f" {unchecked} infeasible answers are unchecked: they have no certificate."
     return Minimum(
         lo,
         hi,
