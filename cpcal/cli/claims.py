@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction as F
 
 from cpcal.interval import Interval
-from cpcal.proof.checker import Accepted
+from cpcal.proof.claims import Accepted
 from cpcal.report import clean
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cpcal.proof.campaign import ExactCampaign
+from cpcal.proof.claims import Accepted, Claims, Point, fractions, plain
 from cpcal.proof.constraints import read_constraints, read_unknowns
 from cpcal.proof.leg import Leg
 from cpcal.proof.lines import Lines, Rational
@@ -22,47 +23,6 @@ from cpcal.proof.rule import Problem, Rule, Weights
 FORMAT = "cpcal-certificate/2"
 _MOST_OPEN = 100_000  # boxes, so that memory stays bounded
 _MOST_STEPS = 10_000_000  # so that an endless file ends
-
-
-@dataclass(frozen=True)
-class Point:
-    """A point with what is proved of it, measurement by measurement; nothing is said of the others."""
-
-    at: tuple[F, ...]
-    holds: tuple[int, ...]
-    fails: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Claims:
-    """What a certificate says of the problem's box.
-
-    `infeasible`: no solution has an objective up to `cap`. `eps_lo`: none has a smaller objective; `eps_hi`: one has
-    this. `enclosure`: all with an objective up to `cap` lie there. `point`: see Point.
-    """
-
-    cap: F | None
-    infeasible: bool = False
-    eps_lo: F | None = None
-    eps_hi: F | None = None
-    enclosure: tuple[tuple[F, ...], tuple[F, ...]] | None = None
-    point: Point | None = None
-
-
-@dataclass(frozen=True)
-class Accepted:
-    """What a certificate proves, of what, and how much work that was."""
-
-    leg: int | None  # None: of constraints that the certificate states itself
-    unknowns: tuple[str, ...]
-    objective: int | None
-    count: int  # of measurements or constraints
-    chosen: tuple[int, ...]  # those that the certificate speaks of
-    lo: tuple[F, ...]
-    hi: tuple[F, ...]
-    claims: Claims
-    used: frozenset[int]  # measurements with a weight in some step
-    steps: int
 
 
 def check(certificate: Path, campaign: Path | None = None, *, rational: Rational = F) -> Accepted:
@@ -99,8 +59,8 @@ class _Checker:
         for step in lines:
             self._step(step)
         self._conclude()
-        p, lo, hi = self.problem, _fractions(self.root.lo), _fractions(self.root.hi)
-        used, claims = frozenset(self.used), _plain(self.claims)
+        p, lo, hi = self.problem, fractions(self.root.lo), fractions(self.root.hi)
+        used, claims = frozenset(self.used), plain(self.claims)
         return Accepted(self.leg, p.unknowns, p.objective, p.count, p.chosen, lo, hi, claims, used, self.steps)
 
     # the problem and the claims -------------------------------------------------------------------------------
@@ -311,21 +271,3 @@ class _Checker:
                 low, high = claims.enclosure
                 if any(low[i] > lo[i] or high[i] < hi[i] for i in range(self.size)):
                     raise self.lines.refused(f"box {name} reaches out of the enclosure")
-
-
-def _plain(claims: Claims) -> Claims:
-    """With Python's fractions, whatever numbers were used."""
-    cap, lo, hi = (None if v is None else F(str(v)) for v in (claims.cap, claims.eps_lo, claims.eps_hi))
-    hull, point = claims.enclosure, claims.point
-    return Claims(
-        cap,
-        claims.infeasible,
-        lo,
-        hi,
-        None if hull is None else (_fractions(hull[0]), _fractions(hull[1])),
-        None if point is None else Point(_fractions(point.at), point.holds, point.fails),
-    )
-
-
-def _fractions(values: tuple[F, ...]) -> tuple[F, ...]:
-    return tuple(F(str(v)) for v in values)

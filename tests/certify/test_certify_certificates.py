@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.proof.checker import Accepted, check
+from cpcal.proof.checker import check
+from cpcal.proof.claims import Accepted
 from cpcal.result import save_result
 
 SMALL: dict[str, Any] = {"seed": 1, "extremal": False, "random_poses": 16}

@@ -18,7 +18,8 @@ from cpcal import plugins
 from cpcal.calibration import leg_box, leg_network, leg_statement
 from cpcal.interval import Box, get_arithmetic
 from cpcal.network import ConstraintNetwork
-from cpcal.proof.checker import Accepted, check
+from cpcal.proof.checker import check
+from cpcal.proof.claims import Accepted
 from cpcal.proof.exact_network import network_statement
 from cpcal.proof.polynomial import ExactBox
 from cpcal.proof.refusal import Refused

@@ -18,7 +18,8 @@ from typing import Any
 import flint
 import pytest
 
-from cpcal.proof.checker import Accepted, check
+from cpcal.proof.checker import check
+from cpcal.proof.claims import Accepted
 from cpcal.proof.refusal import Refused
 
 TOTAL = int(os.environ.get("CPCAL_MUTATIONS", "2000"))

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.proof.checker import Accepted, check
+from cpcal.proof.checker import check
+from cpcal.proof.claims import Accepted
 from cpcal.proof.exact_network import network_statement
 
 PLACES = np.array([[4.0, 0.0, 1.0], [2.0, 3.5, 0.5], [-2.0, 3.0, 2.0], [-4.0, 0.5, 0.25], [-1.0, -4.0, 3.0],
