@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.existence import ReadingConstraint, reads, upper_ends
 from cpcal.interval import Arithmetic, Box, IntervalArray
 from cpcal.network import Constraint, ConstraintNetwork, Tape
 from cpcal.network.monotone import DecisiveReadings
 from cpcal.network.rewrite import ReadingSets, Row, one_sided_rows
-from cpcal.optimize.witness import ReadingConstraint, reads, upper_ends
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -39,10 +39,12 @@ def judge(network: ConstraintNetwork, point: npt.ArrayLike, engine: Arithmetic) 
     with np.errstate(all="ignore"):
         for constraint in network.constraints:
             good, all_readings = _holds(network, constraint, engine, box, x)
-            holds &= _by_row(good, constraint, count, np.all)
-            for_some += ~_by_row(all_readings, constraint, count, np.all)
+            holds &= _by_row(good, constraint, count, every=True)
+            for_some += ~_by_row(all_readings, constraint, count, every=True)
         for row, lowest in _lowest(network, engine, x):
-            fails |= _by_row(lowest > 0.0, network.constraints[row.constraint], count, np.any, row.elements)
+            violated = np.zeros(int(np.prod(network.constraints[row.constraint].body.shape)), dtype=bool)
+            violated[slice(None) if row.elements is None else row.elements] = lowest > 0.0
+            fails |= _by_row(violated, network.constraints[row.constraint], count, every=False)
     # two constraints that hold for some reading each need not hold for a common one
     return Judgement(holds & (for_some <= 1), fails)
 
@@ -80,19 +82,10 @@ def _over_readings(
     return np.broadcast_to(lowest.ravel(), (int(np.prod(row.expr.shape)),))
 
 
-def _by_row(
-    flags: Flags,
-    constraint: Constraint,
-    count: int,
-    combine: np.ufunc | object,
-    elements: npt.NDArray[np.intp] | None = None,
-) -> Flags:
-    """Flags of flat elements of a constraint, for each of its `count` rows."""
-    neutral = combine is np.all
-    full = np.full(int(np.prod(constraint.body.shape)), neutral)
-    full[slice(None) if elements is None else elements] = flags
+def _by_row(flags: Flags, constraint: Constraint, count: int, *, every: bool) -> Flags:
+    """For each of `count` rows, whether every (or any) element of the constraint there has its flag set."""
     if not constraint.body.shape:
-        return np.full(count, full[0])
-    rows = full.reshape((constraint.body.shape[0], -1))
-    out = np.asarray(rows.all(axis=1) if neutral else rows.any(axis=1))
-    return np.concatenate([out, np.full(count - len(out), neutral)])
+        return np.full(count, flags[0])
+    rows = flags.reshape((constraint.body.shape[0], -1))
+    out = np.asarray(rows.all(axis=1) if every else rows.any(axis=1))
+    return np.concatenate([out, np.full(count - len(out), every)])
