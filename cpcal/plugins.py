@@ -35,33 +35,27 @@ def found(group: str = GROUP) -> dict[str, EntryPoint]:
 
 def load(name: str) -> ContractorFactory:
     """The factory registered under `name`. Raises PluginError, listing those found, for an unknown one."""
-    points = found()
-    if name not in points:
-        raise PluginError(
-            f"no contractor is called {name!r}; found: {', '.join(points) or 'none'}. To register one, name its "
-            f'factory in your package\'s pyproject.toml under [project.entry-points."{GROUP}"] and install it'
-        )
-    factory: ContractorFactory = _loaded(points[name], "contractor")
+    factory: ContractorFactory = _loaded("contractor", name, GROUP)
     return factory
 
 
 def load_strategy(name: str, ours: Iterable[str] = ()) -> StrategyFactory:
     """The strategy registered under `name`. Raises PluginError for an unknown one, listing them and those of `ours`."""
-    points = found(STRATEGY_GROUP)
-    if name not in points:
-        raise PluginError(
-            f"no strategy is called {name!r}; there are: {', '.join([*ours, *points])}. To register one, name its "
-            f'factory in your package\'s pyproject.toml under [project.entry-points."{STRATEGY_GROUP}"] and install it'
-        )
-    factory: StrategyFactory = _loaded(points[name], "strategy")
+    factory: StrategyFactory = _loaded("strategy", name, STRATEGY_GROUP, ours)
     return factory
 
 
-def _loaded(point: EntryPoint, what: str) -> Any:
+def _loaded(what: str, name: str, group: str, ours: Iterable[str] = ()) -> Any:
+    points = found(group)
+    if name not in points:
+        raise PluginError(
+            f"no {what} is called {name!r}; found: {', '.join([*ours, *points]) or 'none'}. To register one, name its "
+            f'factory in your package\'s pyproject.toml under [project.entry-points."{group}"] and install it'
+        )
     try:
-        return point.load()
+        return points[name].load()
     except Exception as error:
-        raise PluginError(f"{what} {point.name!r} ({point.value}) does not load: {error!r}") from error
+        raise PluginError(f"{what} {name!r} ({points[name].value}) does not load: {error!r}") from error
 
 
 def check_names(names: Sequence[str | Contractor]) -> None:

@@ -16,11 +16,14 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.calibration.equations import Form, LegEquations
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose, Robot
 
 Array = npt.NDArray[np.float64]
 Equation = Literal["implicit", "shifted"]
+
+_FORMS: dict[str, Form] = {"implicit": "f", "shifted": "g"}  # as fits call them
 
 
 def leg_jacobian(
@@ -37,21 +40,15 @@ def leg_jacobian(
     if x.shape != (7,) or pose.position.ndim != 2:
         what = f"have the shape {x.shape}, for positions of shape {pose.position.shape}"
         raise InputError([Problem("parameters", what, "give 7 parameters in mm and N poses, (N, 3) and (N, 4)")])
-    rotation = pose.rotation
-    vector = pose.position + rotation @ x[3:6] - x[:3]
-    distance = np.linalg.norm(vector, axis=1)
-    if equation == "implicit":
-        along = np.einsum("ki,kij->kj", vector, rotation)
-        total = distance if length is None else np.asarray(length, dtype=np.float64) + x[6]
-        return 2.0 * np.concatenate([-vector, along, -np.broadcast_to(total, distance.shape)[:, None]], axis=1)
-    if equation != "shifted":
+    if equation not in _FORMS:
         raise InputError([Problem("equation", f"is {equation!r}", 'choose "implicit" (eq. 2) or "shifted" (eq. 15)')])
-    if not (distance > 0.0).all():
+    distance = np.linalg.norm(pose.position + pose.rotation @ x[3:6] - x[:3], axis=1)
+    if equation == "shifted" and not (distance > 0.0).all():
         where = f"pose {int(np.argmin(distance > 0.0))} (from 0)"
         raise InputError([Problem(where, "gives the leg the length 0", "correct the pose or the parameters")])
-    unit = vector / distance[:, None]
-    along = np.einsum("ki,kij->kj", unit, rotation)
-    return np.concatenate([-unit, along, -np.ones((len(unit), 1))], axis=1)
+    readings = distance - x[6] if length is None else np.broadcast_to(np.asarray(length, np.float64), distance.shape)
+    equations = LegEquations(pose.position, pose.rotation, readings[:, None], _FORMS[equation])
+    return equations.by_parameters(x[None])[:, 0]
 
 
 def robot_jacobian(robot: Robot, pose: Pose, *, equation: Equation = "shifted") -> Array:

@@ -36,10 +36,11 @@ def by_bound(
             minimize(network, "eps", contractor, engine=engine, limits=limits, start=start, observe=observe), tell
         )
 
-    useful = certifying(question.parts(network))
+    parts = question.parts(network)
+    useful = certifying(parts)
     statement = question.statement(leg, network.domain) if question.certificates is not None and useful else None
     if statement is None:
-        return Answered(solved(question.contractor(network), None))
+        return Answered(solved(question.composed(parts), None))
     with Recording(statement, network.domain) as recording:
         found = solved(recording.contractor(useful), recording.event)
         if found.interrupted or (found.witness is None and found.lo <= network.domain["eps"].lo):

@@ -47,7 +47,10 @@ class Question:
 
     def contractor(self, network: ConstraintNetwork) -> Contractor:
         """The contractors asked for, one after the other."""
-        return plugins.composed(self.parts(network), self.contractors)
+        return self.composed(self.parts(network))
+
+    def composed(self, parts: Sequence[Contractor]) -> Contractor:
+        return plugins.composed(parts, self.contractors)
 
     def parts(self, network: ConstraintNetwork) -> list[Contractor]:
         return plugins.build_each(network, self.contractors, objective="eps", arithmetic=self.engine.name)

@@ -52,8 +52,9 @@ class _Solver:
     def __init__(self, question: Question, leg: int, network: ConstraintNetwork, keep: ExitStack) -> None:
         self._network, self._keep = network, keep
         self.statement = None if question.certificates is None else question.statement(leg, network.domain)
-        self._contractor = question.contractor(network)
-        self._useful = certifying(question.parts(network)) if self.statement is not None else []
+        parts = question.parts(network)
+        self._contractor = question.composed(parts)
+        self._useful = certifying(parts) if self.statement is not None else []
         self.prover = WitnessProver(network, network.names.index("eps"), question.engine)
         self.best: Witness | None = None
         self.proof: tuple[Recording, Box] | None = None

@@ -19,7 +19,7 @@ from cpcal.network.expression import Expr, as_expr, sqr
 from cpcal.network.network import ConstraintNetwork, topological
 from cpcal.network.rewrite import terms
 from cpcal.proof.constraints import Constraint, Constraints
-from cpcal.proof.polynomial import Polynomial, combined
+from cpcal.proof.polynomial import Polynomial, combined, product
 from cpcal.proof.statement import LONGEST, NetworkStatement
 
 Objects = npt.NDArray[Any]
@@ -149,12 +149,7 @@ class _Poly:
         return _Poly(combined((-1, self.terms)))
 
     def __mul__(self, other: _Poly) -> _Poly:
-        out: Polynomial = {}
-        for m, c in self.terms.items():
-            for n, d in other.terms.items():
-                key = tuple(sorted(m + n))
-                out[key] = out.get(key, F(0)) + c * d
-        return _Poly(out)
+        return _Poly(product(self.terms, other.terms))
 
     def __truediv__(self, other: _Poly) -> _Poly:
         if set(other.terms) != {()}:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction as F
 
-from cpcal.proof.polynomial import ZERO, Polynomial, Vector, add
+from cpcal.proof.polynomial import ZERO, Polynomial, Vector, add, square
 
 A, B, OFFSET, EPS = (0, 1, 2), (3, 4, 5), 6, 7
 AXES = (0, 1, 2)
@@ -72,9 +72,8 @@ def inequality(measurement: Measurement, side: str, reading: tuple[F, ...]) -> P
             add(p, (B[j],), 2 * sign * center[i] * arm[i][j])
             add(p, (A[i], B[j]), -2 * sign * arm[i][j])
     base: Polynomial = {(): measurement.length + e, (OFFSET,): ONE, (EPS,): sign * ONE}
-    for m, c in base.items():  # less (1 + s.s) (L + e + l +- eps)^2
-        for n, f in base.items():
-            add(p, m + n, -sign * kappa * c * f)
+    for monomial, c in square(base).items():  # less (1 + s.s) (L + e + l +- eps)^2
+        add(p, monomial, -sign * kappa * c)
     return p
 
 

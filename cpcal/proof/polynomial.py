@@ -46,12 +46,16 @@ def combined(*weighted: tuple[int, Polynomial]) -> Polynomial:
     return out
 
 
-def square(p: Polynomial) -> Polynomial:
+def product(p: Polynomial, q: Polynomial) -> Polynomial:
     out: Polynomial = {}
     for m, c in p.items():
-        for n, d in p.items():
+        for n, d in q.items():
             add(out, m + n, c * d)
     return out
+
+
+def square(p: Polynomial) -> Polynomial:
+    return product(p, p)
 
 
 def value(p: Polynomial, x: Vector) -> F:
