@@ -1,0 +1,119 @@
+"""The camera: OpenCV's pinhole model with radial and tangential distortion (k1, k2, p1, p2, k3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError, Problem
+from cpcal.robot.robot import frozen_array
+
+Array = npt.NDArray[np.float64]
+
+_NEWTON_STEPS = 50
+_ACCURACY = 1e-14  # of a normalised coordinate
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """What makes pixels of directions.
+
+    width, height  of the image, pixels
+    focal          (2,) fx, fy in pixels
+    center         (2,) cx, cy in pixels; (0, 0) is the centre of the top-left pixel
+    distortion     (5,) k1, k2, p1, p2, k3
+
+    With (x, y) = (X / Z, Y / Z) and r^2 = x^2 + y^2 the image of a point is center + focal * d(x, y),
+
+        d(x, y) = (x, y) (1 + k1 r^2 + k2 r^4 + k3 r^6) + (2 p1 x y + p2 (r^2 + 2 x^2), p1 (r^2 + 2 y^2) + 2 p2 x y)
+
+    Raises InputError when the numbers make no camera.
+    """
+
+    width: int
+    height: int
+    focal: Array
+    center: Array
+    distortion: Array
+
+    def __post_init__(self) -> None:
+        for name, size in (("focal", 2), ("center", 2), ("distortion", 5)):
+            array = frozen_array(getattr(self, name))
+            if array.shape != (size,) or not np.isfinite(array).all():
+                raise InputError([Problem(f"camera {name}", f"is not {size} finite numbers", "give pixels, see docs")])
+            object.__setattr__(self, name, array)
+        if min(self.width, self.height) < 1 or not (self.focal > 0.0).all():
+            raise InputError([Problem("camera", "has no positive size or focal length", "give them in pixels")])
+
+    def project(self, points: npt.ArrayLike) -> Array:
+        """Pixels (..., 2) of points (..., 3) mm in the camera frame, Z > 0."""
+        p = np.asarray(points, dtype=np.float64)
+        return self.pixels(p[..., :2] / p[..., 2:])
+
+    def pixels(self, normalised: npt.ArrayLike) -> Array:
+        """Pixels (..., 2) of the directions (x, y, 1), given as (..., 2)."""
+        return np.asarray(self.center + self.focal * distorted(normalised, self.distortion))
+
+    def normalised(self, pixels: npt.ArrayLike) -> Array:
+        """The directions (..., 2) that pixels (..., 2) show, by Newton's method; nan where there is none nearby."""
+        wanted = (np.asarray(pixels, dtype=np.float64) - self.center) / self.focal
+        x = wanted.copy()
+        for _ in range(_NEWTON_STEPS):
+            step = np.linalg.solve(
+                distortion_jacobian(x, self.distortion), (wanted - distorted(x, self.distortion))[..., None]
+            )
+            x = x + step[..., 0]
+            if not np.abs(step).max(initial=0.0) > _ACCURACY:
+                break
+        missed = ~(np.abs(distorted(x, self.distortion) - wanted).max(axis=-1) < 1e-9)
+        x[missed] = np.nan
+        return x
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Camera):
+            return NotImplemented
+        same = (self.width, self.height) == (other.width, other.height)
+        return same and all(
+            np.array_equal(getattr(self, n), getattr(other, n)) for n in ("focal", "center", "distortion")
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.width, self.height, *self.focal))
+
+
+def distorted(normalised: npt.ArrayLike, distortion: Array) -> Array:
+    """d(x, y), (..., 2) -> (..., 2)."""
+    p = np.asarray(normalised, dtype=np.float64)
+    k1, k2, p1, p2, k3 = distortion
+    x, y = p[..., 0], p[..., 1]
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    dx = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    dy = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    return np.stack([dx, dy], axis=-1)
+
+
+def distortion_jacobian(normalised: npt.ArrayLike, distortion: Array) -> Array:
+    """The derivatives of d by (x, y), (..., 2) -> (..., 2, 2)."""
+    p = np.asarray(normalised, dtype=np.float64)
+    k1, k2, p1, p2, k3 = distortion
+    x, y = p[..., 0], p[..., 1]
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))  # of `radial` by r^2, twice: its gradient is slope * (x, y)
+    cross = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
+    xx = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
+    yy = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+    return np.stack([np.stack([xx, cross], axis=-1), np.stack([cross, yy], axis=-1)], axis=-2)
+
+
+# 1024 x 768 pixels of 4.65 micrometres behind an objective of 4.2 mm; an ordinary lens, a little off its centre
+DELTALAB_CAMERA = Camera(
+    1024,
+    768,
+    focal=np.array([903.2, 903.2]),
+    center=np.array([515.3, 380.6]),
+    distortion=np.array([-0.18, 0.07, 4e-4, -3e-4, 0.0]),
+)

@@ -1,0 +1,136 @@
+"""Rendered images of a target, for tests and the demo: exact geometry, then blur, light and noise.
+
+Each dot is drawn from the exact image of its circle (256 points through pose, perspective and distortion): along lines
+through the fine pixels, finer than the image by `_FINE`, the share of each fine pixel between the two sides of the
+contour is taken exactly. The optics' blur is a Gaussian on fine pixels; an image's pixel is the mean of its fine ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.robot.kinematics import Pose
+from cpcal.robot.motion import transformed
+from cpcal.vision.camera import Camera
+from cpcal.vision.opencv import opencv
+from cpcal.vision.target import Target
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+_FINE = 4  # fine pixels in a pixel, each way
+_LINES = 3  # through a fine pixel
+_CONTOUR = 256  # points
+_REACH = 5.0  # of the blur, in its standard deviations
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the image looks like beside its geometry.
+
+    blur      standard deviation of the optics' blur, pixels
+    noise     standard deviation of each pixel's noise, grey levels of 256
+    bright    grey level of the bright surface, of 256, in the middle of the image
+    dark      of the dark surface
+    gradient  (2,) by which share the light grows from the left border to the right one, and from top to bottom
+    bits      8 or 16
+    """
+
+    blur: float = 0.8
+    noise: float = 2.0
+    bright: float = 200.0
+    dark: float = 30.0
+    gradient: tuple[float, float] = (0.0, 0.0)
+    bits: int = 8
+
+
+def render(
+    target: Target,
+    camera: Camera,
+    pose: Pose,
+    scene: Scene | None = None,
+    *,
+    seed: int = 0,
+    hidden: tuple[int, ...] = (),
+) -> Image:
+    """The image (height, width) of the target at `pose` (target in camera frame, mm), but for its `hidden` dots.
+
+    Dots behind the camera or out of sight are left out; those on the border are cut.
+    """
+    scene = scene or Scene()
+    share = _covered(target, camera, pose, scene.blur, hidden)
+    inside, outside = (scene.bright, scene.dark) if target.bright else (scene.dark, scene.bright)
+    grey = outside + (inside - outside) * share
+    if any(scene.gradient):
+        x = np.linspace(-0.5, 0.5, camera.width, dtype=np.float32)
+        y = np.linspace(-0.5, 0.5, camera.height, dtype=np.float32)
+        grey *= 1.0 + np.float32(scene.gradient[0]) * x + np.float32(scene.gradient[1]) * y[:, None]
+    if scene.noise > 0.0:
+        rng = np.random.default_rng(seed)
+        grey += np.float32(scene.noise) * rng.standard_normal(grey.shape, dtype=np.float32)
+    if scene.bits == 8:
+        return np.clip(np.rint(grey), 0.0, 255.0).astype(np.uint8)
+    return np.clip(np.rint(grey * np.float32(257.0)), 0.0, 65535.0).astype(np.uint16)
+
+
+def contours(target: Target, camera: Camera, pose: Pose) -> Array:
+    """The images (n, 256, 2) of the dots' circles, pixels, counted along the circle; nan behind the camera."""
+    angle = np.linspace(0.0, 2.0 * np.pi, _CONTOUR, endpoint=False)
+    circle = target.radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+    points = transformed(pose, (target.points[:, None, :] + circle).reshape(-1, 3)).reshape(-1, _CONTOUR, 3)
+    points[(points[..., 2] <= 0.0).any(axis=1)] = np.nan
+    return camera.project(points)
+
+
+def _covered(
+    target: Target, camera: Camera, pose: Pose, blur: float, hidden: tuple[int, ...]
+) -> npt.NDArray[np.float32]:
+    """Which share of each pixel's light comes from dots, blurred: (height, width)."""
+    cv2 = opencv()
+    edge = contours(target, camera, pose)[np.setdiff1d(np.arange(len(target.dots)), hidden)]
+    margin = int(np.ceil(_REACH * blur)) + 1
+    low, high = edge.min(axis=1), edge.max(axis=1)
+    seen = ((high > -margin) & (low < [camera.width + margin, camera.height + margin])).all(axis=1)
+    image = np.zeros((camera.height, camera.width), dtype=np.float32)
+    if not seen.any():
+        return image
+    edge, low, high = edge[seen], low[seen], high[seen]
+    corner = np.floor(low).astype(np.int64) - margin
+    size = int(np.ceil((high - low).max())) + 2 * margin + 2
+    fine = _fine_share(edge - corner[:, None, :], size).reshape(-1, size * _FINE)
+    if blur > 0.0:
+        width = 2 * int(np.ceil(_REACH * blur * _FINE)) + 1
+        fine = cv2.GaussianBlur(fine, (width, width), blur * _FINE, borderType=cv2.BORDER_CONSTANT)
+    patches = fine.reshape(len(edge), size, _FINE, size, _FINE).mean(axis=(2, 4))
+    for (left, top), patch in zip(corner, patches, strict=True):
+        y0, y1, x0, x1 = max(top, 0), min(top + size, camera.height), max(left, 0), min(left + size, camera.width)
+        if y0 < y1 and x0 < x1:
+            image[y0:y1, x0:x1] += patch[y0 - top : y1 - top, x0 - left : x1 - left]
+    return image
+
+
+def _fine_share(edge: Array, size: int) -> npt.NDArray[np.float32]:
+    """The share of each fine pixel inside convex contours (m, points, 2), in pixels of patches: (m, fine, fine)."""
+    lines = size * _FINE * _LINES
+    at = (np.arange(lines) + 0.5) / (_FINE * _LINES) - 0.5  # a patch's first pixel reaches from -0.5 to 0.5
+    out = np.empty((len(edge), size * _FINE, size * _FINE), dtype=np.float32)
+    left_of = np.arange(size * _FINE) / _FINE - 0.5
+    for share, points in zip(out, edge, strict=True):
+        begin, end = _sides(points, at)
+        run = np.minimum(end[:, None], left_of + 1.0 / _FINE) - np.maximum(begin[:, None], left_of)
+        share[...] = _FINE * np.clip(run, 0.0, None).reshape(-1, _LINES, size * _FINE).mean(axis=1)
+    return out
+
+
+def _sides(points: Array, at: Array) -> tuple[Array, Array]:
+    """Where a convex contour begins and ends on the lines y = at; an empty run where they miss it."""
+    points = np.roll(points, -int(points[:, 1].argmin()), axis=0)
+    closed = np.concatenate([points, points[:1]])
+    bottom = int(closed[:, 1].argmax())
+    one = np.interp(at, closed[: bottom + 1, 1], closed[: bottom + 1, 0])
+    other = np.interp(at, closed[: bottom - 1 : -1, 1], closed[: bottom - 1 : -1, 0])
+    hit = (at > closed[0, 1]) & (at < closed[bottom, 1])
+    return np.where(hit, np.minimum(one, other), 0.0), np.where(hit, np.maximum(one, other), 0.0)

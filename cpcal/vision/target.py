@@ -1,0 +1,106 @@
+"""The target: dots on a plate, two of whose rows tell where its axes are, whatever it is seen from."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError, Problem
+from cpcal.robot.robot import frozen_array
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Equal round dots in the plane z = 0 of the target frame.
+
+    dots    (n, 2) mm, their centres
+    radius  mm
+    lines   for each identifying row the numbers of its dots in order; the cross-ratios of its first four and its last
+            four dots differ, so that a row is recognised together with its direction (the paper, section 2.3.1)
+    bright  whether the dots are brighter than the plate
+
+    Raises InputError when the values make no target.
+    """
+
+    name: str
+    dots: Array
+    radius: float
+    lines: tuple[tuple[int, ...], ...]
+    bright: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "dots", frozen_array(self.dots))
+        object.__setattr__(self, "lines", tuple(tuple(int(i) for i in line) for line in self.lines))
+        if self.dots.ndim != 2 or self.dots.shape[1] != 2 or not np.isfinite(self.dots).all():
+            raise InputError([Problem("target dots", "are not rows of two finite numbers", "give x and y in mm")])
+        problems = self._problems()
+        if problems:
+            raise InputError(problems)
+
+    def _problems(self) -> list[Problem]:
+        out = []
+        if not self.radius > 0.0:
+            out.append(Problem("target radius", f"is {self.radius}", "give a positive number of mm"))
+        for line in self.lines:
+            if len(line) < 4 or len(set(line)) < len(line) or not all(0 <= i < len(self.dots) for i in line):
+                out.append(Problem("target lines", f"{line} are not four or more of the dots", "number dots from 0"))
+            elif off_line(self.dots[list(line)]) > 1e-6:
+                out.append(Problem("target lines", f"the dots {line} are not collinear", "correct their centres"))
+        return out
+
+    @property
+    def points(self) -> Array:
+        """The centres (n, 3) mm in the target frame."""
+        return np.concatenate([self.dots, np.zeros((len(self.dots), 1))], axis=1)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Target):
+            return NotImplemented
+        mine = (self.name, self.radius, self.lines, self.bright)
+        same = mine == (other.name, other.radius, other.lines, other.bright)
+        return same and np.array_equal(self.dots, other.dots)
+
+    def __hash__(self) -> int:
+        return hash((self.name, len(self.dots), self.radius))
+
+
+def off_line(points: Array) -> float:
+    """The largest distance of points (n, 2) to the line through the first and the last."""
+    along = points[-1] - points[0]
+    normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+    return float(np.abs((points - points[0]) @ normal).max())
+
+
+def cross_ratio(a: float, b: float, c: float, d: float) -> float:
+    """(AC / BC) : (AD / BD) of four points of a line by their coordinates; every projection keeps it."""
+    return ((c - a) * (d - b)) / ((c - b) * (d - a))
+
+
+def two_diagonals(
+    name: str, first: npt.ArrayLike, second: npt.ArrayLike, side: float, pitch: float, radius: float
+) -> Target:
+    """Dots at signed distances (mm) from the middle along the diagonals y = x and y = -x, and on a square grid
+    (`pitch`, up to side / 2 from the middle) wherever no diagonal is nearer than 0.6 of the pitch."""
+    turn = np.sqrt(0.5)
+    up, down = np.asarray(first, dtype=np.float64) * turn, np.asarray(second, dtype=np.float64) * turn
+    steps = int(side // pitch) + 1
+    ticks = (np.arange(steps) - 0.5 * (steps - 1)) * pitch
+    grid = [(x, y) for y, x in itertools.product(ticks, ticks) if min(abs(x - y), abs(x + y)) * turn >= 0.6 * pitch]
+    dots = np.concatenate([np.stack([up, up], axis=1), np.stack([down, -down], axis=1), np.array(grid)])
+    rows = (tuple(range(len(up))), tuple(range(len(up), len(up) + len(down))))
+    return Target(name, dots, radius, rows)
+
+
+DELTALAB_TARGET = two_diagonals(
+    "asymmetric dots 300 mm",
+    (-185.0, -60.0, -30.0, 20.0, 45.0, 70.0, 185.0),
+    (-185.0, -100.0, -75.0, 115.0, 140.0, 185.0),
+    side=280.0,
+    pitch=25.0,
+    radius=6.0,
+)
