@@ -71,9 +71,9 @@ def render(
     if scene.noise > 0.0:
         rng = np.random.default_rng(seed)
         grey += np.float32(scene.noise) * rng.standard_normal(grey.shape, dtype=np.float32)
-    if scene.bits == 8:
-        return np.clip(np.rint(grey), 0.0, 255.0).astype(np.uint8)
-    return np.clip(np.rint(grey * np.float32(257.0)), 0.0, 65535.0).astype(np.uint16)
+    kind, scale = (np.uint8, 1.0) if scene.bits == 8 else (np.uint16, 257.0)
+    image: Image = np.clip(np.rint(grey * np.float32(scale)), 0.0, 255.0 * scale).astype(kind)
+    return image
 
 
 def contours(target: Target, camera: Camera, pose: Pose) -> Array:
