@@ -1,6 +1,5 @@
 """Simulated studies: the frames, the truth, the noise of tables 2 and 3, backlash in two modes, determinism."""
 
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
