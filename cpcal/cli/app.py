@@ -11,10 +11,12 @@ from cpcal.cli.calibrate import calibrate
 from cpcal.cli.certify import certify
 from cpcal.cli.compare import compare_models
 from cpcal.cli.demo import demo
+from cpcal.cli.detect import detect_poses
 from cpcal.cli.plugins import plugins
 from cpcal.cli.report import report
 from cpcal.cli.simulate import simulate
 from cpcal.cli.status import STATUS_HELP, Status
+from cpcal.cli.target import target
 from cpcal.cli.verify import VERIFY_STATUS_HELP, verify
 from cpcal.errors import CpcalError
 from cpcal.report import clean
@@ -64,6 +66,8 @@ def _cpcal(
 app.command(epilog=STATUS_HELP)(certify)
 app.command("compare", epilog=STATUS_HELP)(compare_models)
 app.command()(simulate)
+app.command()(target)
+app.command("detect")(detect_poses)
 app.command()(calibrate)
 app.command(epilog=STATUS_HELP)(demo)
 app.command()(report)

@@ -12,12 +12,15 @@ from cpcal.proof.lines import Rational
 from cpcal.proof.refusal import Refused
 
 
-def check_all(certificates: Iterable[Path], campaign: Path, *, rational: Rational | None = None) -> tuple[bool, str]:
-    """Whether all are accepted for the campaign folder, and a sentence; `rational` as in `check`, default: FLINT's."""
-    steps, files = 0, list(certificates)
+def check_all(pairs: Iterable[tuple[Path, Path]], *, rational: Rational | None = None) -> tuple[bool, str]:
+    """Whether all certificates are accepted, each for the campaign folder beside it, and a sentence.
+
+    `rational` as in `check`, default: FLINT's.
+    """
+    steps, files = 0, list(pairs)
     numbers = flint() if rational is None else rational
     refused = []
-    for path in files:
+    for path, campaign in files:
         try:
             steps += check(path, campaign, rational=numbers).steps
         except Refused as reason:

@@ -9,6 +9,7 @@ import typer
 
 from cpcal import robot as stations
 from cpcal.cli.folders import check_new
+from cpcal.cli.shots import shot_study, write_shots
 from cpcal.errors import InputError, Problem
 from cpcal.report import clean
 
@@ -66,6 +67,14 @@ def simulate(
             help="Rows of single images in each run [default: one row, the mean of 10]", rich_help_panel=_STUDY
         ),
     ] = None,
+    render: Annotated[
+        bool,
+        typer.Option(
+            "--render",
+            help="Write images instead of poses, for `cpcal detect`, with target.toml, camera.toml and leg readings.",
+            rich_help_panel=_STUDY,
+        ),
+    ] = False,
     axis_offset: Annotated[
         float | None,
         typer.Option(metavar="MM", help="Distance of the two axes of each lower joint.", rich_help_panel=_LEGS),
@@ -103,6 +112,7 @@ def simulate(
     only_study: dict[str, object] = {
         "validation_runs": validation_runs,
         "images": images,
+        "render": render or None,
         "axis_offset": axis_offset,
         "joint_offset": joint_offset,
         "backlash": backlash,
@@ -123,7 +133,12 @@ def simulate(
         "stroke": stroke,
     }
     options = common | {name: value for name, value in given.items() if value is not None}
-    if study:
+    if render:
+        del options["render"]
+        whole, shots = shot_study(nominal, options)
+        write_shots(whole, shots, output)
+        rows = f"{len(whole.calibration):,} images for calibration, {len(whole.validation):,} for validation"
+    elif study:
         whole = stations.simulate_study(nominal, **options)  # type: ignore[arg-type]
         stations.save_study(whole, output)
         rows = f"{len(whole.calibration):,} rows for calibration, {len(whole.validation):,} for validation"

@@ -16,6 +16,7 @@ from cpcal.certify.fits import CertifiedFits
 from cpcal.errors import InputError, Problem
 from cpcal.interfaces import Verdict
 from cpcal.report import paper, study_tables
+from cpcal.report.images import ImagesFound
 from cpcal.report.numbers import bracket_text
 from cpcal.report.page import render
 from cpcal.report.study_figures import histogram_svg, validation_svg
@@ -31,6 +32,7 @@ class StudyFound:
 
     result   brackets by branch and bound; script  those by the paper's script, with a time limit
     checked  a sentence on what the checker made of the certificates
+    images   where the poses came from images
     """
 
     campaign: Campaign
@@ -39,6 +41,7 @@ class StudyFound:
     result: Result
     script: Result
     checked: str
+    images: ImagesFound | None = None
 
 
 def write_study_page(found: StudyFound, file: str | os.PathLike[str]) -> Path:
@@ -84,6 +87,7 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "errors": max(max(row) for fit in (record.x_c, record.x_c_sigma) for row in fit.standard_errors),
         "loose": _loose(found.result),
         "exact": _exact_sentence(found.result),
+        "images": found.images,
         "script_seconds": found.script.time_limit,
     }
 

@@ -46,7 +46,7 @@ def camera_above(distance: float = 780.0, *, seed: int = 0) -> Pose:
 class RenderedImages:
     """Images by name, rendered when they are read: the target at the poses (N) of the rows.
 
-    names  (N) such as "e00/1/3.png": pose, run and image; an image "mean" has the noise of a mean of ten
+    names  (N) such as "e00/1/3.png": pose, run and image; an image "mean" has the noise of a mean of ten images
     """
 
     names: tuple[str, ...]
@@ -58,8 +58,10 @@ class RenderedImages:
 
     @classmethod
     def of(cls, table: PoseTable, target: Target, camera: Camera, scene: Scene, *, seed: int) -> RenderedImages:
-        """Of a table with images whose poses are exact (`simulate_study(pose_noise=0, images=...)`)."""
-        names = tuple(f"{row}.png" for row in table.row_ids)
+        """Of a table with images whose poses are exact (`simulate_study(pose_noise=0, images=...)`); an eleventh image
+        of a run is the mean of its ten, as in the paper (section 2.3.2)."""
+        rows = zip(table.pose, table.run, table.image or (), strict=True)
+        names = tuple(f"{pose}/{run}/{MEAN if image == '11' else image}.png" for pose, run, image in rows)
         return cls(names, table.seen, target, camera, scene, seed)
 
     @cached_property

@@ -94,12 +94,12 @@ def test_what_is_there_is_not_overwritten(demo):
 def test_a_forged_certificate_is_told(demo, tmp_path):
     folder = demo[0]
     good = sorted((folder / "fits").glob("*.cert.jsonl"))
-    accepted, said = check_all(good, folder / "campaign", rational=Fraction)
+    accepted, said = check_all([(path, folder / "campaign") for path in good], rational=Fraction)
     assert accepted
     assert "all 2 certificates (Python's exact rationals" in said
     forged = tmp_path / "forged.cert.jsonl"
     shutil.copyfile(good[0], forged)
     forged.write_text(forged.read_text().replace('"fails"', '"holds"', 1), encoding="utf-8")
-    accepted, said = check_all([*good, forged], folder / "campaign")
+    accepted, said = check_all([(path, folder / "campaign") for path in [*good, forged]])
     assert not accepted
     assert "REFUSED 1: forged.cert.jsonl" in said

@@ -1,0 +1,146 @@
+"""`cpcal detect`: from a folder of images to a table of poses; or, with --calibrate, to a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+
+from cpcal.cli.folders import check_writable
+from cpcal.cli.show import terminal
+from cpcal.errors import InputError, Problem
+from cpcal.report import clean
+from cpcal.robot.study_writer import table_bytes
+from cpcal.robot.writer import write_file
+from cpcal.vision.calibrate_images import calibrate_from_images
+from cpcal.vision.camera_file import CameraRecord, load_camera, save_camera
+from cpcal.vision.detect import Detections, ImageFolder, Progress, detect
+from cpcal.vision.detection import Detection, detections_bytes
+from cpcal.vision.readings import load_readings
+from cpcal.vision.study_images import study_table
+from cpcal.vision.target import Target
+from cpcal.vision.target_file import load_target, save_target
+
+_NAMED = 3  # files for each reason
+
+
+def detect_poses(
+    images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Folder of PNG, JPEG or TIFF files, and below.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="What to write: poses.csv, or camera.toml.")
+    ],
+    target: Annotated[Path, typer.Option(metavar="FILE", help="The target's dots: target.toml.")],
+    camera: Annotated[Path | None, typer.Option(metavar="FILE", help="The camera: camera.toml.")] = None,
+    readings: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Leg readings pose,run,L1,...,Ln of images named POSE/RUN/IMAGE.png."),
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="With --readings: the table of a study to write, such as calibration.csv."),
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes [default: one a core]")] = None,
+    calibrate: Annotated[
+        bool, typer.Option("--calibrate", help="The camera from IMAGES, instead of poses; FILE is a camera.toml.")
+    ] = False,
+    refine_dots: Annotated[
+        bool, typer.Option("--refine-dots", help="With --calibrate: the places of the dots on the plate, too.")
+    ] = False,
+) -> None:
+    """Poses of a target in IMAGES. An image that shows none is a row with the reason, and stops no other.
+
+    What is done is kept in FILE.journal: the same command, again, measures only images that are new. Ctrl-C loses
+    nothing. The table is the same, byte for byte, whatever the number of workers.
+    """
+    _check(images, camera, readings, table, calibrate, refine_dots)
+    for file in (output, *([table] if table else [])):
+        check_writable(file.absolute().parent)
+    plate = load_target(target)
+    if camera is None:
+        _calibrate(images, plate, output, refine_dots)
+        return
+    lens = load_camera(camera).camera
+    known = load_readings(readings) if readings else None
+    source = ImageFolder(images)
+    with bar("images") as progress:
+        found = detect(
+            source, plate, lens, journal=output.with_name(f"{output.name}.journal"), workers=workers, progress=progress
+        )
+    write_file(output, detections_bytes(found.rows))
+    show_detections(found, output)
+    if known is not None and table is not None:
+        write_file(table, table_bytes(study_table(found.rows, known)))
+        typer.echo(f"Table of a study: {table}")
+
+
+def show_detections(found: Detections, where: Path) -> None:
+    """Counts, and each reason with some files."""
+    poses = sum(row.found for row in found.rows)
+    work = sum(found.seconds.values())
+    pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
+    typer.echo(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {where}")
+    for reason, files in by_reason(found.rows).items():
+        more = f" and {len(files) - _NAMED:,} more" if len(files) > _NAMED else ""
+        typer.echo(f"  {len(files):,} x {clean(reason)}: {clean(', '.join(files[:_NAMED]))}{more}")
+
+
+def by_reason(rows: Sequence[Detection]) -> dict[str, list[str]]:
+    """The files without a pose, by the reason; the most frequent first."""
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        if not row.found:
+            found.setdefault(row.reason, []).append(row.file)
+    return dict(sorted(found.items(), key=lambda item: -len(item[1])))
+
+
+@contextmanager
+def bar(what: str) -> Generator[Progress | None, None, None]:
+    """A progress bar on stderr while in the block; None where that is no terminal."""
+    console = terminal(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Bar(*columns, console=console, transient=True) as display:
+        task = display.add_task(what, total=None)
+        yield lambda done, all_: display.update(task, completed=done, total=all_)
+
+
+def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool) -> None:
+    """The camera; with refined dots also the target that was found, beside it."""
+    files = [images / name for name in ImageFolder(images).names]
+    found = calibrate_from_images(files, plate, refine_dots=refine_dots)
+    save_camera(CameraRecord(found.camera, found.covariance, found.rms), output)
+    typer.echo(clean(str(found)))
+    typer.echo(f"Camera: {output}")
+    if refine_dots:
+        refined = output.with_name("refined-target.toml")
+        save_target(found.target, refined)
+        typer.echo(f"Target as it was seen: {refined}")
+
+
+def _check(
+    images: Path, camera: Path | None, readings: Path | None, table: Path | None, calibrate: bool, refine_dots: bool
+) -> None:
+    """InputError for options that do not go together, and for a folder without images."""
+    problems = []
+    if calibrate and (camera or readings or table):
+        problems.append(Problem("options", "--calibrate goes with none of --camera, --readings, --table", "choose"))
+    if not calibrate and camera is None:
+        problems.append(Problem("option --camera", "is missing", "name a camera.toml, or make one with --calibrate"))
+    if refine_dots and not calibrate:
+        problems.append(Problem("option --refine-dots", "has no meaning without --calibrate", "leave it out"))
+    if (readings is None) != (table is None):
+        problems.append(Problem("options", "--readings and --table go together", "give both, or none"))
+    if not images.is_dir():
+        what = "is not a folder" if images.exists() else "does not exist"
+        problems.append(Problem(str(images), what, "give a folder with images"))
+    elif not ImageFolder(images).names:
+        problems.append(Problem(str(images), "holds no PNG, JPEG or TIFF files", "give a folder with images"))
+    if problems:
+        raise InputError(problems)

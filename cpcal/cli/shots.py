@@ -1,0 +1,46 @@
+"""`cpcal simulate --study --render`: what an engineer would bring home: images, leg readings, target and camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cpcal.cli.folders import unwritable
+from cpcal.robot import Robot, Study, simulate_study
+from cpcal.robot.study_writer import STUDY_NAME, study_bytes
+from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.camera_file import save_camera
+from cpcal.vision.readings import readings_bytes, readings_of
+from cpcal.vision.render import Scene
+from cpcal.vision.study_images import RenderedImages, camera_above
+from cpcal.vision.target import DELTALAB_TARGET
+from cpcal.vision.target_file import save_target
+
+SCENE = Scene(gradient=(0.25, 0.15))
+IMAGES = "images"
+TARGET_NAME, CAMERA_NAME = "target.toml", "camera.toml"
+TABLES = ("calibration", "validation")
+
+
+def shot_study(nominal: Robot, options: dict[str, Any]) -> tuple[Study, dict[str, RenderedImages]]:
+    """A study with exact poses, and for both of its tables the images of them."""
+    seed = options["seed"]
+    exact = {"images": 1, **options, "pose_noise": 0.0, "camera": camera_above(seed=seed)}
+    study = simulate_study(nominal, **exact)
+    tables = zip(TABLES, (study.calibration, study.validation), strict=True)
+    return study, {
+        name: RenderedImages.of(table, DELTALAB_TARGET, DELTALAB_CAMERA, SCENE, seed=seed) for name, table in tables
+    }
+
+
+def write_shots(study: Study, images: dict[str, RenderedImages], folder: Path) -> None:
+    """The study without its tables of poses: `cpcal detect` makes them. Raises InputError."""
+    try:
+        for name, table in zip(TABLES, (study.calibration, study.validation), strict=True):
+            images[name].write(folder / IMAGES / name)
+            (folder / f"{name}-readings.csv").write_bytes(readings_bytes(readings_of(table)))
+        save_target(DELTALAB_TARGET, folder / TARGET_NAME)
+        save_camera(DELTALAB_CAMERA, folder / CAMERA_NAME)
+        (folder / STUDY_NAME).write_bytes(study_bytes(study))
+    except OSError as error:
+        raise unwritable(folder, error) from None

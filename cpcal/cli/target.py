@@ -1,0 +1,53 @@
+"""`cpcal target`: a target's file and its page to print; the default one, or one designed for another plate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cpcal.cli.folders import check_writable
+from cpcal.errors import InputError, Problem
+from cpcal.report import clean
+from cpcal.vision.target import DELTALAB_TARGET
+from cpcal.vision.target_design import design_target, separation
+from cpcal.vision.target_file import load_target, save_target
+from cpcal.vision.target_print import print_target
+
+
+def target(
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="What to write: target.toml, or a .pdf or .svg page.")
+    ],
+    source: Annotated[
+        Path | None, typer.Option("--from", metavar="FILE", help="Print the target of this target.toml.")
+    ] = None,
+    side: Annotated[
+        float | None, typer.Option(metavar="MM", help="Design one: side of the square that holds the dots' centres.")
+    ] = None,
+    pitch: Annotated[float, typer.Option(metavar="MM", help="Of the designed grid.")] = 25.0,
+    radius: Annotated[float, typer.Option(metavar="MM", help="Of the designed dots.")] = 6.0,
+    dark: Annotated[bool, typer.Option("--dark", help="Design dark dots on a bright plate.")] = False,
+    seed: Annotated[int, typer.Option(help="Of the search for the spacings.")] = 1,
+) -> None:
+    """Write a target: a grid of dots whose two diagonals tell where its axes are, whatever it is seen from.
+
+    Without --from and --side it is the one that the demo's images show, 300 mm wide.
+    """
+    if source is not None and side is not None:
+        raise InputError([Problem("options", "--from and --side exclude each other", "give one of them")])
+    check_writable(output.absolute().parent)
+    if source is not None:
+        plate = load_target(source)
+    elif side is not None:
+        name = f"asymmetric dots, {side:g} mm square"
+        plate = design_target(name, side=side, pitch=pitch, radius=radius, bright=not dark, seed=seed)
+    else:
+        plate = DELTALAB_TARGET
+    if output.suffix == ".toml":
+        save_target(plate, output)
+    else:
+        print_target(plate, output)
+    told = f"; separation of its diagonals {separation(plate).least:.3g}" if plate.lines else ""
+    typer.echo(f"{clean(plate.name)}: {len(plate.dots)} dots{told}: {output}")

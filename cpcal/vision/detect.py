@@ -1,0 +1,147 @@
+"""Poses for thousands of images without a human: in parallel, resumable, the same table whatever the workers.
+
+Every image is measured alone, so nothing depends on the order. What is done is kept in a journal as it comes; who
+writes a table sorts it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from cpcal.vision.camera import Camera
+from cpcal.vision.detection import Detection
+from cpcal.vision.image_file import UnreadableImageError, image_files, read_image
+from cpcal.vision.journal import Journal
+from cpcal.vision.measure import Measured, NotMeasured, measure_pose
+from cpcal.vision.opencv import MissingExtraError, opencv
+from cpcal.vision.parallel import in_parallel
+from cpcal.vision.target import Target
+
+Progress = Callable[[int, int], None]
+
+
+class Source(Protocol):
+    """Images by name. A value that pickles, since workers read their images themselves."""
+
+    @property
+    def names(self) -> Sequence[str]: ...
+
+    def stamp(self, name: str) -> str:
+        """Another text when the image is another one."""
+        ...
+
+    def read(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
+        """Raises UnreadableImageError."""
+        ...
+
+
+@dataclass(frozen=True)
+class ImageFolder:
+    """The image files in a folder and below."""
+
+    folder: Path
+
+    @property
+    def names(self) -> Sequence[str]:
+        return image_files(self.folder)
+
+    def stamp(self, name: str) -> str:
+        stat = (self.folder / name).stat()
+        return f"{stat.st_size}-{stat.st_mtime_ns}"
+
+    def read(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
+        return read_image(self.folder / name)
+
+
+@dataclass(frozen=True)
+class Detections:
+    """What `detect` found: rows in the order of the names, how many were measured now, and seconds of work by stage
+    (all workers together) of these."""
+
+    rows: tuple[Detection, ...]
+    measured: int
+    seconds: dict[str, float]
+
+
+def detect(
+    source: Source,
+    target: Target,
+    camera: Camera,
+    *,
+    journal: Path | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Detections:
+    """The pose of the target in each image, or the reason why there is none: no image stops the others.
+
+    journal   file that keeps what is done: the next call with the same target and camera does none of it again
+    workers   processes; left out: one a core. 1: none, the work is done here
+    executor  any `concurrent.futures.Executor` to use instead; it is not shut down
+    progress  called with the numbers of images done and of all
+
+    KeyboardInterrupt leaves with what is done in the journal. Raises MissingExtraError, InputError (the journal is no
+    journal).
+    """
+    opencv()
+    names = list(source.names)
+    with Journal.opened(journal, target, camera) as kept:
+        done = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
+        todo = [name for name in names if name not in done]
+        seconds: dict[str, float] = {}
+        if progress is not None:
+            progress(len(done), len(names))
+        for rows, spent in in_parallel(_Work(source, target, camera), todo, workers, executor):
+            for row in rows:
+                kept.add(row, source.stamp(row.file))
+                done[row.file] = row
+            for stage, value in spent.items():
+                seconds[stage] = seconds.get(stage, 0.0) + value
+            if progress is not None:
+                progress(len(done), len(names))
+    return Detections(tuple(done[name] for name in sorted(done)), len(todo), seconds)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What a worker does: measures some images."""
+
+    source: Source
+    target: Target
+    camera: Camera
+
+    def __call__(self, names: Sequence[str]) -> tuple[list[Detection], dict[str, float]]:
+        spent = {"read": 0.0, "measure": 0.0}
+        rows = [self._one(name, spent) for name in names]
+        return rows, spent
+
+    def _one(self, name: str, spent: dict[str, float]) -> Detection:
+        start = time.perf_counter()
+        try:
+            image = self.source.read(name)
+            middle = time.perf_counter()
+            spent["read"] += middle - start
+            found = measure_pose(image, self.target, self.camera)
+            spent["measure"] += time.perf_counter() - middle
+            return detection(name, found)
+        except (UnreadableImageError, NotMeasured) as error:
+            return Detection(name, str(error))
+        except MissingExtraError:
+            raise
+        except Exception as error:  # one image must never stop thousands
+            return Detection(name, f"failed unexpectedly: {type(error).__name__}: {error}"[:200])
+
+
+def detection(name: str, found: Measured) -> Detection:
+    """The row of a pose that was measured."""
+    pose = found.estimate.pose
+    sigma = np.sqrt(np.diagonal(found.estimate.covariance))
+    numbers = [*pose.position, *pose.quaternion, *sigma, found.estimate.rms]
+    return Detection(name, "", len(found.estimate.residuals), tuple(float(v) for v in numbers))
