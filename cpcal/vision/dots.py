@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from cpcal.robot.robot import frozen_array
 from cpcal.vision.edge import OUTSIDE, Edges, fitted_edges
-from cpcal.vision.grey import eight_bits, grey_levels
+from cpcal.vision.grey import Grey, eight_bits, grey_levels
 from cpcal.vision.light import light_gradient
 from cpcal.vision.segmentation import Spots, spots
 
@@ -30,6 +30,9 @@ _CONTRAST = 0.25  # of the usual one, at least
 _SLIMMEST = 0.25  # ratio of axes
 _SHARPEST = 0.25  # pixels of blur: a pixel's own square makes 0.29
 _NOISE = 8.0  # contrast at least, in standard deviations of the noise
+_CLEAR = 6.0  # blurs between the edge of a dot and the border: the whole edge and as much of the plate beside it
+_STRANGE = 1.25  # residuals, relative to the usual ones, that ask for light of the dot's own
+_BETTER = 0.95  # residuals with it relative to those without
 _LEAST_ROOM = 1.0  # pixels around a dot
 
 
@@ -74,12 +77,28 @@ def observe_dots(image: object, *, bright: bool | None = None) -> Dots:
     found = spots(eight_bits(grey), bright)
     if not len(found):
         return Dots(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)), found.bright)
-    edges = fitted_edges(grey, found.center, found.spread, _room(found), light_gradient(grey, found))
+    edges = _fitted(grey, found)
     quality = _quality(edges)
     keep = np.flatnonzero(_dot_like(found, edges, quality, grey.shape))
     keep = keep[_alike(edges, keep)]
     covariance = edges.covariance[keep] + FLOOR**2 * np.eye(2)
     return Dots(edges.center[keep], covariance, quality[keep], edges.axes[keep], found.bright)
+
+
+def _fitted(grey: Grey, found: Spots) -> Edges:
+    """The fits of all spots under the light of all; where that leaves strange residuals (a smudge, a shadow), under
+    light of their own if that explains more."""
+    room, light = _room(found), light_gradient(grey, found)
+    edges = fitted_edges(grey, found.center, found.spread, room, light)
+    if np.isnan(light).any():
+        return edges
+    usual = np.nanmedian(edges.noise) if np.isfinite(edges.noise).any() else np.inf
+    strange = np.flatnonzero(~(edges.noise < _STRANGE * usual))
+    if not len(strange):
+        return edges
+    own = fitted_edges(grey, found.center[strange], found.spread[strange], room[strange], np.full((len(strange), 2), np.nan))
+    better = ~(own.noise > _BETTER * edges.noise[strange])
+    return edges.replaced(strange[better], own.kept(better))
 
 
 def _room(found: Spots) -> Array:
@@ -112,8 +131,9 @@ def _dot_like(found: Spots, edges: Edges, quality: Array, shape: tuple[int, ...]
         keep &= axes[:, 1] > _SLIMMEST * axes[:, 0]
         keep &= (edges.blur > _SHARPEST * 0.5) & (edges.blur < axes[:, 1])
         keep &= sign * edges.contrast > _NOISE * edges.noise
-        keep &= (edges.center - extent > -0.5).all(axis=1)
-        keep &= (edges.center + extent < np.array(shape[1::-1]) - 0.5).all(axis=1)
+        around = _CLEAR * edges.blur[:, None]
+        keep &= (edges.center - extent > around).all(axis=1)
+        keep &= (edges.center + extent + around < np.array(shape[1::-1]) - 1.0).all(axis=1)
         size = np.sqrt(axes.prod(axis=1))
         keep &= (size > 0.5 * radius) & (size < 1.5 * radius)
     return np.asarray(keep)

@@ -9,7 +9,7 @@ covariance. What the model leaves out is symmetric about the centre and so moves
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,16 @@ class Edges:
     blur: Array
     noise: Array
     variance: Array
+
+    def kept(self, members: npt.NDArray[Any]) -> Edges:
+        return Edges(*(getattr(self, field.name)[members] for field in fields(self)))
+
+    def replaced(self, members: npt.NDArray[Any], others: Edges) -> Edges:
+        """With `others` in the place of its `members`."""
+        arrays = [getattr(self, field.name).copy() for field in fields(self)]
+        for array, field in zip(arrays, fields(self), strict=True):
+            array[members] = getattr(others, field.name)
+        return Edges(*arrays)
 
     @property
     def axes(self) -> Array:
