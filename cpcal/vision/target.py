@@ -102,10 +102,10 @@ def two_diagonals(
     return Target(name, dots, radius, tuple(row for row in rows if row), bright)
 
 
-DELTALAB_TARGET = two_diagonals(  # the places are those of design_target(): a separation of 2.3 mm
+DELTALAB_TARGET = two_diagonals(  # the places are those of design_target(): a separation of 2.0 mm
     "asymmetric dots 300 mm",
-    (-197.0, -118.0, -100.0, -30.0, 36.0, 160.0, 196.0),
-    (-195.0, -171.0, 4.0, 57.0, 77.0, 152.0),
+    (-187.0, -96.0, -75.0, -27.0, 43.0, 132.0, 152.0),
+    (-165.0, -118.0, -37.0, 10.0, 28.0, 153.0),
     side=280.0,
     pitch=25.0,
     radius=6.0,

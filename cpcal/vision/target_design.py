@@ -63,6 +63,7 @@ def design_target(
     pitch: float = 25.0,
     radius: float = 6.0,
     least_gap: float = 5.6,
+    off_rows: float = 4.0,
     bright: bool = True,
     step: float = 1.0,
     seed: int = 1,
@@ -72,13 +73,15 @@ def design_target(
     side       of the square that holds the dots' centres, mm
     pitch      of the grid, radius of the dots, mm
     least_gap  between the edges of any two dots, mm
+    off_rows   how far the diagonals' dots stay from the grid's rows and columns, mm: a dot next to one of them would
+               look like one of its dots in a distorted image
     step       the diagonals' dots sit at multiples of it from the middle, mm
     seed       of the search; the same arguments give the same target
 
     Raises InputError where the plate has no room.
     """
     plain = two_diagonals(name, (), (), side, pitch, radius, bright)
-    places = _places(plain.dots, side, step, 2.0 * radius + least_gap)
+    places = _places(plain.dots, side, step, 2.0 * radius + least_gap, off_rows)
     criterion = _Criterion(_ROWS, _grid_sequences(plain.dots))
     search = _Search(criterion, places, 2.0 * radius + least_gap, np.random.default_rng(seed))
     best = search.best()
@@ -169,15 +172,17 @@ class _Search:
         return np.asarray(np.minimum(near, across) >= self.distance - 1e-9)
 
 
-def _places(grid: Array, side: float, step: float, distance: float) -> Array:
-    """Multiples of `step` along a diagonal inside the square, far enough from the grid's dots."""
+def _places(grid: Array, side: float, step: float, distance: float, off_rows: float) -> Array:
+    """Multiples of `step` along a diagonal inside the square, far enough from the grid's dots and rows."""
     if not step > 0.0:
         raise InputError([Problem("target step", f"is {step}", "give a positive number of mm")])
     count = int(0.5 * side * np.sqrt(2.0) / step)
     places = np.arange(-count, count + 1) * step
     out = np.ones(len(places), dtype=bool)
     if len(grid):
-        gaps = np.diff(np.unique(grid))
+        ticks = np.unique(grid)
+        gaps = np.diff(ticks)
+        out &= np.abs(places[:, None] * np.sqrt(0.5) - ticks).min(axis=1) >= off_rows - 1e-9
         for sign in (1.0, -1.0):
             dots = places[:, None] * np.array([1.0, sign]) * np.sqrt(0.5)
             out &= np.linalg.norm(dots[:, None] - grid, axis=2).min(axis=1) >= distance - 1e-9
