@@ -41,6 +41,11 @@ class Found:
         """(v, n)."""
         return np.asarray(self.weight.any(axis=(2, 3)))
 
+    @property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """(n,) the dots that are used in some view."""
+        return np.asarray(self.weight.any(axis=(0, 2, 3)))
+
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -129,7 +134,7 @@ def residuals(state: State, found: Found, radius: float) -> Array:
 
 def squares(off: Array, weight: Array) -> Array:
     """r' weight r (v, n) of residuals (v, n, 2); nan stays nan."""
-    return np.einsum("vni,vnij,vnj->vn", off, weight, off)
+    return np.asarray(np.einsum("vni,vnij,vnj->vn", off, weight, off))
 
 
 def normal_equations(state: State, found: Found, radius: float, loss: float | None = None) -> Normal:

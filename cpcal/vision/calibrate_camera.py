@@ -138,7 +138,7 @@ def calibrate_camera(
     spread *= max(scale, 1.0) ** 2
     _determined(fit.state.camera, spread)
     errors = np.sqrt(np.diag(spread)[9:]).reshape(-1, 2)
-    moved = fit.found.used.any(axis=0)[:, None] & refine_dots
+    moved = fit.found.seen[:, None] & refine_dots
     return Calibration(
         fit.state.camera,
         spread[:9, :9],
@@ -152,8 +152,8 @@ def calibrate_camera(
 
 def _named(row: int, view: View | tuple[Array, Array, npt.NDArray[np.intp]]) -> View:
     centers, covariance, numbers, *name = view
-    floats = (np.asarray(values, dtype=np.float64) for values in (centers, covariance))
-    return View(*floats, np.asarray(numbers), str(name[0]) if name and name[0] else f"view {row}")
+    floats = [np.asarray(values, dtype=np.float64) for values in (centers, covariance)]
+    return View(floats[0], floats[1], np.asarray(numbers), str(name[0]) if name and name[0] else f"view {row}")
 
 
 def _check(views: list[View], target: Target, size: tuple[int, int], fixed: Sequence[str]) -> None:
@@ -177,7 +177,7 @@ def _view_problems(view: View, dots: int) -> list[Problem]:
     if count and not (np.linalg.eigvalsh(covariance)[:, 0] > 0.0).all():
         return [Problem(name, "has covariances that are not positive", "give variances in pixels^2")]
     whole = np.issubdtype(numbers.dtype, np.integer) or not count
-    if not whole or (count and not (0 <= numbers.min() and numbers.max() < dots)):
+    if not whole or (count and not (numbers.min() >= 0 and numbers.max() < dots)):
         return [Problem(name, "numbers dots that the target does not have", f"give whole numbers from 0 to {dots - 1}")]
     if len(np.unique(numbers)) < count:
         return [Problem(name, "gives a dot more than once", "give each dot of the target at most once")]

@@ -40,6 +40,7 @@ class Fit:
     free_camera: npt.NDArray[np.bool_]
     refine: bool
     settled: bool = False
+    plain: bool = False  # whether by least squares, and of all dots that are used
 
     def residuals(self) -> Array:
         """(v, n, 2) pixels, nan where a dot is not used."""
@@ -50,7 +51,7 @@ class Fit:
         return np.sqrt(squares(self.residuals(), self.found.weight))
 
     def free(self) -> Free:
-        moving = self.found.used.any(axis=0) if self.refine else np.zeros(len(self.dots), dtype=bool)
+        moving = self.found.seen if self.refine else np.zeros(len(self.dots), dtype=bool)
         return Free.of(self.free_camera, self.dots, moving)
 
     def only(self, keep: npt.NDArray[np.bool_]) -> Fit:
@@ -65,11 +66,11 @@ class Fit:
         if self.refine:
             rare = weight.any(axis=(2, 3)).sum(axis=0) < SIGHTINGS_MIN
             weight[:, rare] = 0.0
-        return replace(self, found=replace(self.found, weight=weight))
+        return replace(self, found=replace(self.found, weight=weight), plain=False)
 
     def adjusted(self, loss: float | None = None, steps: int = 100) -> Fit:
         state, settled = adjusted(self.state, self.found, self.radius, self.free(), loss=loss, steps=steps)
-        return replace(self, state=state, settled=settled)
+        return replace(self, state=state, settled=settled, plain=loss is None)
 
 
 def robust_fit(fit: Fit) -> tuple[Fit, list[int]]:
@@ -81,19 +82,18 @@ def robust_fit(fit: Fit) -> tuple[Fit, list[int]]:
         if good.all() or good.sum() < 2:
             break
         fit = _robustly(fit.only(good))
-    for _ in range(_ROUNDS):
-        fit = fit.adjusted()
+    for _ in range(_ROUNDS):  # the first time by the robust fit, which bad dots have hardly moved
         length = fit.normalised()
         bad = length > _DOT_LIMIT * _scale(length)
         seen = (fit.found.used & ~bad).sum(axis=1) >= DOTS_MIN
-        if not bad.any() and seen.all():
+        if fit.plain and not bad.any() and seen.all():
             break
-        fit = fit.without(bad).only(seen)
+        fit = fit.without(bad).only(seen).adjusted()
     return fit, sorted(set(everything.tolist()) - set(fit.rows.tolist()))
 
 
 def covariance(fit: Fit) -> Array | None:
-    """Of camera and dots, (9 + 2n, 9 + 2n), by the stated covariances of centres; None where the views leave it open."""
+    """Of camera and dots (9 + 2n, 9 + 2n), by the stated covariances; None where the views leave it open."""
     free = fit.free()
     normal = normal_equations(fit.state, fit.found, fit.radius)
     try:

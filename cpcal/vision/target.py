@@ -13,6 +13,8 @@ from cpcal.robot.robot import frozen_array
 
 Array = npt.NDArray[np.float64]
 
+_OFF_LINE = 0.1  # of the radius: a measured plate's dots lie on a line as well as it was printed
+
 
 @dataclass(frozen=True, eq=False)
 class Target:
@@ -38,18 +40,20 @@ class Target:
         object.__setattr__(self, "lines", tuple(tuple(int(i) for i in line) for line in self.lines))
         if self.dots.ndim != 2 or self.dots.shape[1] != 2 or not np.isfinite(self.dots).all():
             raise InputError([Problem("target dots", "are not rows of two finite numbers", "give x and y in mm")])
-        problems = self._problems()
+        problems = self.problems_of(self.dots, self.radius, self.lines)
         if problems:
             raise InputError(problems)
 
-    def _problems(self) -> list[Problem]:
+    @staticmethod
+    def problems_of(dots: Array, radius: float, lines: tuple[tuple[int, ...], ...]) -> list[Problem]:
+        """What keeps finite dots (n, 2) from being a target."""
         out = []
-        if not self.radius > 0.0:
-            out.append(Problem("target radius", f"is {self.radius}", "give a positive number of mm"))
-        for line in self.lines:
-            if len(line) < 4 or len(set(line)) < len(line) or not all(0 <= i < len(self.dots) for i in line):
+        if not 0.0 < radius < np.inf:
+            return [Problem("target radius", f"is {radius}", "give a positive number of mm")]
+        for line in lines:
+            if len(line) < 4 or len(set(line)) < len(line) or not all(0 <= i < len(dots) for i in line):
                 out.append(Problem("target lines", f"{line} are not four or more of the dots", "number dots from 0"))
-            elif off_line(self.dots[list(line)]) > 1e-6:
+            elif not off_line(dots[list(line)]) <= _OFF_LINE * radius:
                 out.append(Problem("target lines", f"the dots {line} are not collinear", "correct their centres"))
         return out
 
@@ -72,8 +76,10 @@ class Target:
 def off_line(points: Array) -> float:
     """The largest distance of points (n, 2) to the line through the first and the last."""
     along = points[-1] - points[0]
-    normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
-    return float(np.abs((points - points[0]) @ normal).max())
+    length = float(np.linalg.norm(along))
+    if not length > 0.0:
+        return np.inf
+    return float(np.abs((points - points[0]) @ np.array([-along[1], along[0]])).max()) / length
 
 
 def cross_ratio(a: float, b: float, c: float, d: float) -> float:

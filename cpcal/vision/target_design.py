@@ -80,6 +80,19 @@ def design_target(
 
     Raises InputError where the plate has no room.
     """
+    lengths = {"side": side, "pitch": pitch, "radius": radius, "step": step}
+    problems = [
+        Problem(f"target {key}", f"is {value}", "give a positive number of mm")
+        for key, value in lengths.items()
+        if not 0.0 < value < np.inf
+    ]
+    problems += [
+        Problem(f"target {key}", f"is {value}", "give mm, from 0")
+        for key, value in {"least_gap": least_gap, "off_rows": off_rows}.items()
+        if not 0.0 <= value < np.inf
+    ]
+    if problems:
+        raise InputError(problems)
     plain = two_diagonals(name, (), (), side, pitch, radius, bright)
     places = _places(plain.dots, side, step, 2.0 * radius + least_gap, off_rows)
     criterion = _Criterion(_ROWS, _grid_sequences(plain.dots))
@@ -93,7 +106,9 @@ class _Criterion:
 
     def __init__(self, rows: tuple[int, ...], grid: Array) -> None:
         """`grid`: the coordinates (g, 4) of sequences of grid dots."""
-        signatures, others, start = [], [], 0
+        signatures: list[list[int]] = []
+        others: list[list[int]] = []
+        start = 0
         for count in rows:
             for four in _fours(count):
                 ends = four in ((0, 1, 2, 3), tuple(range(count - 4, count)))
@@ -174,8 +189,6 @@ class _Search:
 
 def _places(grid: Array, side: float, step: float, distance: float, off_rows: float) -> Array:
     """Multiples of `step` along a diagonal inside the square, far enough from the grid's dots and rows."""
-    if not step > 0.0:
-        raise InputError([Problem("target step", f"is {step}", "give a positive number of mm")])
     count = int(0.5 * side * np.sqrt(2.0) / step)
     places = np.arange(-count, count + 1) * step
     out = np.ones(len(places), dtype=bool)
@@ -190,7 +203,7 @@ def _places(grid: Array, side: float, step: float, distance: float, off_rows: fl
     if out.sum() < max(_ROWS):
         what = "has no room for the diagonals' dots"
         raise InputError([Problem("target", what, "give a larger side or pitch, smaller dots or a smaller least gap")])
-    return places[out]
+    return np.asarray(places[out])
 
 
 def _grid_sequences(grid: Array) -> Array:
@@ -224,4 +237,4 @@ def _log_cross_ratio(places: Array) -> tuple[Array, Array]:
     a, b, c, d = np.moveaxis(places, -1, 0)
     ac, bd, bc, ad = 1.0 / (c - a), 1.0 / (d - b), 1.0 / (c - b), 1.0 / (d - a)
     value = np.log(bc * ad / (ac * bd))
-    return value, (ad - ac) ** 2 + (bc - bd) ** 2 + (ac - bc) ** 2 + (bd - ad) ** 2
+    return np.asarray(value), (ad - ac) ** 2 + (bc - bd) ** 2 + (ac - bc) ** 2 + (bd - ad) ** 2
