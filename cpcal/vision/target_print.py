@@ -34,7 +34,12 @@ _CAPTION = 8.0  # mm, its line below the bar
 _TEXT = 4.0  # mm, its size
 _MM_PER_INCH = 25.4
 _POINTS_PER_MM = 72.0 / _MM_PER_INCH
-_STYLE = {"pdf.fonttype": 42, "pdf.compression": 6, "font.family": ["sans-serif"], "font.sans-serif": ["DejaVu Sans"]}
+_STYLE: dict[Any, Any] = {
+    "pdf.fonttype": 42,
+    "pdf.compression": 6,
+    "font.family": ["sans-serif"],
+    "font.sans-serif": ["DejaVu Sans"],
+}
 
 
 @dataclass(frozen=True)
