@@ -68,6 +68,8 @@ def simulate_study(
     random_poses: int = 64,
     images: int = 0,
     noise: float = 1.0,
+    pose_noise: float | None = None,
+    camera: Pose | None = None,
     truncate: float | None = None,
     deviation: float = 1.0,
     stroke: tuple[float, float] = STROKE,
@@ -87,6 +89,8 @@ def simulate_study(
     random_poses  random configurations ("r000", ...), with `validation_runs` runs each, for validation
     images            rows of single images of each run; 0: one row a run, the mean of ten images
     noise             scale of the paper's standard deviations (Tables 2 and 3)
+    pose_noise        of Table 3 alone, where that is another; 0 gives the true poses, to render images of
+    camera            the base frame in the camera frame, mm; left out: drawn, about a metre above the base
     truncate          noise beyond this many standard deviations is drawn again
     deviation         mm, standard deviation of each true parameter from its nominal value
     stroke            mm, shortest and longest reading
@@ -109,16 +113,19 @@ def simulate_study(
     true_robot = Robot.from_parameters(robot.name, robot.parameters + deviation * shape.standard_normal((6, 7)))
     sizes = {name: options[name] for name in _MECHANISMS}
     mechanisms = Mechanisms.drawn(6, mechanism, joint, **sizes, reference=0.5 * (stroke[0] + stroke[1]))
-    truth = Truth(seed, true_robot, mechanisms, _camera(frames), _target(frames))
+    drawn_camera, target = _camera(frames), _target(frames)
+    truth = Truth(seed, true_robot, mechanisms, drawn_camera if camera is None else camera, target)
+    scales = (noise, noise if pose_noise is None else pose_noise)
 
     def table(extremal: bool, runs: int, approach: Stream, noisy: Stream) -> PoseTable:
         drawn = 0 if extremal else random_poses
         names, readings = configurations(stroke, pose, random_poses=drawn, extremal=extremal)
         poses = true_poses(truth, readings, stroke, runs, approach)
         ids = [(name, str(run)) for name in names for run in range(1, runs + 1)]
-        return _recorded(truth, ids, poses, np.repeat(readings, runs, axis=0), images, noise, truncate, noisy)
+        return _recorded(truth, ids, poses, np.repeat(readings, runs, axis=0), images, scales, truncate, noisy)
 
-    told = {name: value for name, value in options.items() if name != "robot"}
+    left_out = {"robot", "camera", *(("pose_noise",) if pose_noise is None else ())}
+    told = {name: value for name, value in options.items() if name not in left_out}
     return Study(
         robot,
         table(True, runs, approach_c, noise_c),
@@ -150,14 +157,14 @@ def _recorded(
     poses: Pose,
     readings: Array,
     images: int,
-    noise: float,
+    noise: tuple[float, float],
     truncate: float | None,
     stream: Stream,
 ) -> PoseTable:
     """What camera and sensors say of the poses (M), one after the other: M rows, or M images rows."""
     rows = max(images, 1)
-    share = noise if images else noise / math.sqrt(MEAN_OF)
-    length = readings + noise * standard_noise(stream, readings.shape, truncate) * np.array(LENGTH_SIGMA)
+    share = noise[1] if images else noise[1] / math.sqrt(MEAN_OF)
+    length = readings + noise[0] * standard_noise(stream, readings.shape, truncate) * np.array(LENGTH_SIGMA)
     seen = compose(compose(truth.camera, poses), truth.target)
     draw = share * standard_noise(stream, (len(ids) * rows, 6), truncate)
     turn = small_rotation(draw[:, 3:] * np.radians(EULER_SIGMA))
@@ -205,6 +212,7 @@ def _check_options(options: dict[str, Any]) -> None:
     checks.sizes("noise", "deviation", *_MECHANISMS)
     if not checks.problems:
         checks.demand("gain", options["gain"] < 1.0, "give a relative error, such as 0.001")
+    checks.sizes(*(("pose_noise",) if options["pose_noise"] is not None else ()))
     checks.truncate("truncate")
     checks.stroke("stroke")
     checks.finish()

@@ -50,12 +50,13 @@ def read_table(
     problems: Problems,
     saw: Callable[[bytes], object],
     *,
+    required: Callable[[int], list[str]] = reading_columns,
     optional: Callable[[int], list[str]] = override_columns,
 ) -> Table:
     """The table in an open file called `where`, for a robot of `legs` legs (None: not known).
 
-    `optional` names the columns that may be there for n legs: those of half-widths, or "image", which names a row
-    together with pose and run.
+    `required` names the columns for n legs that must be there, `optional` those that may: those of half-widths, or
+    "image", which names a row together with pose and run.
 
     Calls `saw` with every piece of the file that was read, for the digest; adds to `problems`.
     """
@@ -64,7 +65,7 @@ def read_table(
     for number, cells in lines:
         if cells is None:
             return Table()  # an unreadable header; what follows would make no sense
-        columns = _header(cells, number, where, legs, problems, optional)
+        columns = _header(cells, number, where, legs, problems, required, optional)
         return _Rows(columns, where, problems).read(lines) if columns else Table()
     if len(problems) == before:
         problems.add(Problem(where, "is empty", "write a header and one line for each measurement", 1))
@@ -107,13 +108,14 @@ def _header(
     where: str,
     legs: int | None,
     problems: Problems,
+    required_for: Callable[[int], list[str]],
     optional: Callable[[int], list[str]],
 ) -> list[str | None] | None:
     """The name of each column, None where it is unknown or a repetition; no list when none is known."""
     names = [cell.strip() for cell in cells]
     if legs is None:
         legs = len({name for name in names if re.fullmatch(r"L[1-9][0-9]{0,3}", name)})
-    required = reading_columns(legs)
+    required = required_for(legs)
     known = {*required, *optional(legs)}
     if not known.intersection(names):
         remedy = "start with the line " + shorter(",".join(required))

@@ -1,7 +1,5 @@
 """Simulated studies: the frames, the truth, the noise of tables 2 and 3, backlash in two modes, determinism."""
 
-import time
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -9,6 +7,7 @@ from numpy.testing import assert_allclose
 from cpcal.errors import InputError
 from cpcal.robot import (
     DELTALAB,
+    Pose,
     inverse,
     inverse_kinematics,
     quaternion_conjugate,
@@ -161,10 +160,18 @@ def test_backlash_makes_the_lengths_of_a_pose_bimodal():
     assert np.ptp(quiet.position.reshape(64, 11, 3), axis=1).max() == 0.0
 
 
-def test_a_whole_study_is_simulated_fast():
-    start = time.perf_counter()
-    simulate_study(seed=1, **MECHANISMS)
-    assert time.perf_counter() - start < 10.0
+def test_poses_without_noise_and_a_camera_of_ones_own():
+    """What images are rendered from: the true poses, seen by the camera given; leg readings keep their noise."""
+    camera = Pose(np.array([10.0, -20.0, 1100.0]), np.array([0.0, 1.0, 0.0, 0.0]))
+    seen = simulate_study(seed=4, images=2, pose_noise=0.0, camera=camera, **SMALL)
+    exact = simulate_study(seed=4, images=2, noise=0.0, **SMALL)
+    usual = simulate_study(seed=4, images=2, **SMALL)
+    assert np.array_equal(seen.calibration.length, usual.calibration.length)
+    assert_allclose(seen.truth.camera.position, camera.position)
+    bases = (study.truth.mobile_in_base(study.calibration) for study in (seen, exact))
+    assert_allclose(*(pose.position for pose in bases), atol=1e-9)
+    with pytest.raises(InputError, match="option pose_noise"):
+        simulate_study(seed=4, pose_noise=-1.0)
 
 
 def test_all_senseless_options_are_named_at_once(tmp_path):

@@ -1,0 +1,132 @@
+"""The images that a study's camera would have taken, and the way back: from detections to the study's tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError, Problem
+from cpcal.robot.kinematics import Pose
+from cpcal.robot.rotation import quaternion_from_rotation_vector, quaternion_product
+from cpcal.robot.study import PoseTable
+from cpcal.vision.camera import Camera
+from cpcal.vision.detection import POSITION, QUATERNION, Detection, values_of
+from cpcal.vision.image_file import UnreadableImageError
+from cpcal.vision.opencv import opencv
+from cpcal.vision.parallel import in_parallel
+from cpcal.vision.render import Image, Scene, render
+from cpcal.vision.target import Target
+
+Array = npt.NDArray[np.float64]
+
+MEAN = "mean"  # the name of an image that is the mean of a run's others
+_AIM = (0.0, 0.0, 350.0)  # mm, base frame: where the DeltaLab platform is, in the middle of its strokes
+
+
+def camera_above(distance: float = 780.0, *, seed: int = 0) -> Pose:
+    """The base frame seen by a camera `distance` mm above the middle of the platform's workspace, aimed by eye.
+
+    From there the target is 690 to 860 mm away, and wholly in sight but for a few dots at the farthest poses.
+    """
+    rng = np.random.default_rng(seed)
+    turn = quaternion_from_rotation_vector([0.0, 0.0, rng.uniform(-0.2, 0.2)])
+    tilt = quaternion_from_rotation_vector([*rng.normal(0.0, math.radians(1.5), 2), 0.0])
+    quaternion = quaternion_product(tilt, quaternion_product(np.array([0.0, 1.0, 0.0, 0.0]), turn))
+    aimed = Pose(np.array([*rng.normal(0.0, 5.0, 2), distance]), quaternion)
+    return Pose(aimed.position - aimed.rotation @ np.array(_AIM), quaternion)
+
+
+@dataclass(frozen=True)
+class RenderedImages:
+    """Images by name, rendered when they are read: the target at the poses (N) of the rows.
+
+    names  (N) such as "e00/1/3.png": pose, run and image; an image "mean" has the noise of a mean of ten
+    """
+
+    names: tuple[str, ...]
+    poses: Pose
+    target: Target
+    camera: Camera
+    scene: Scene
+    seed: int
+
+    @classmethod
+    def of(cls, table: PoseTable, target: Target, camera: Camera, scene: Scene, *, seed: int) -> RenderedImages:
+        """Of a table with images whose poses are exact (`simulate_study(pose_noise=0, images=...)`)."""
+        names = tuple(f"{row}.png" for row in table.row_ids)
+        return cls(names, table.seen, target, camera, scene, seed)
+
+    @cached_property
+    def _rows(self) -> dict[str, int]:
+        return {name: k for k, name in enumerate(self.names)}
+
+    def stamp(self, name: str) -> str:
+        return f"{self.seed}-{self.scene}"
+
+    def read(self, name: str) -> Image:
+        k = self._rows[name]
+        scene = self.scene
+        if PurePosixPath(name).stem == MEAN:
+            scene = replace(scene, noise=scene.noise / math.sqrt(10.0))
+        pose = Pose(self.poses.position[k], self.poses.quaternion[k])
+        return render(self.target, self.camera, pose, scene, seed=_image_seed(self.seed, name))
+
+    def write(self, folder: Path, *, workers: int | None = None) -> None:
+        """All images as PNG files below `folder`. Raises OSError."""
+        for _ in in_parallel(_Writing(self, folder), self.names, workers):
+            pass
+
+
+@dataclass(frozen=True)
+class _Writing:
+    images: RenderedImages
+    folder: Path
+
+    def __call__(self, names: Sequence[str]) -> None:
+        for name in names:
+            path = self.folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            done, content = opencv().imencode(".png", self.images.read(name))
+            if not done:
+                raise UnreadableImageError(f"{name} cannot be encoded")
+            path.write_bytes(content.tobytes())
+
+
+def _image_seed(seed: int, name: str) -> int:
+    """Of one image: it does not depend on which others there are."""
+    return int(np.random.SeedSequence([seed, *name.encode()]).generate_state(1, np.uint64)[0])
+
+
+def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, str], npt.ArrayLike]) -> PoseTable:
+    """Poses from images and leg readings (n,) mm by pose and run, joined: one row for each image with a pose.
+
+    The last three parts of a file's name tell pose, run and image: "e00/1/3.png". Raises InputError that names every
+    file without readings, and for names that tell nothing.
+    """
+    found = [d for d in detections if d.found]
+    problems = []
+    ids = [_parts(d.file) for d in found]
+    for d, (pose, run, _) in zip(found, ids, strict=True):
+        if (pose, run) not in readings:
+            what = f"no leg readings are given for pose {pose!r}, run {run!r}"
+            problems.append(Problem(d.file, what, "name images POSE/RUN/IMAGE.png, as in the table of readings"))
+    if problems:
+        raise InputError(problems[:50], omitted=max(len(problems) - 50, 0))
+    if not found:
+        raise InputError([Problem("images", "none shows the target", "see the reasons in the table of poses")])
+    values = values_of(found)
+    length = np.array([readings[pose, run] for pose, run, _ in ids], dtype=np.float64)
+    pose, run, image = zip(*ids, strict=True)
+    return PoseTable(pose, run, values[:, POSITION], values[:, QUATERNION], length, image)
+
+
+def _parts(name: str) -> tuple[str, str, str]:
+    parts = PurePosixPath(name).with_suffix("").parts
+    pose, run, image = ("", "", *parts)[-3:]
+    return pose, run, image

@@ -1,0 +1,77 @@
+"""Images from files: every kind that is understood comes back as it was; what is none has a reason."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
+
+from cpcal.vision.image_file import UnreadableImageError, image_files, read_image
+from cpcal.vision.opencv import opencv
+
+GREY = np.arange(64 * 48, dtype=np.uint8).reshape(48, 64)
+
+
+def written(path, image):
+    assert opencv().imwrite(str(path), image)
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "tiff"])
+@pytest.mark.parametrize(
+    "image", [GREY, GREY.astype(np.uint16) * 257, np.dstack([GREY, GREY[::-1], GREY.T.reshape(48, 64)])]
+)
+def test_what_is_written_without_loss_is_read_back(tmp_path, suffix, image):
+    assert np.array_equal(read_image(written(tmp_path / f"image.{suffix}", image)), image)
+
+
+def test_jpeg_and_transparency(tmp_path):
+    flat = np.full((48, 64), 90, np.uint8)
+    assert np.abs(read_image(written(tmp_path / "a.jpg", flat)).astype(int) - 90).max() <= 2
+    four = np.dstack([flat, flat, flat, flat])
+    assert read_image(written(tmp_path / "b.png", four)).shape == (48, 64, 3)
+
+
+def _png_that_claims(width, height):
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
+
+
+def test_what_is_no_image_has_a_reason(tmp_path):
+    good = written(tmp_path / "good.png", GREY).read_bytes()
+    photo = written(tmp_path / "good.jpg", GREY).read_bytes()
+    bad = {
+        "empty.png": (b"", "is empty"),
+        "text.png": (b"this is a text file", "cannot|no image"),
+        "cut.png": (good[: len(good) // 2], "truncated"),
+        "cut.jpg": (photo[: len(photo) // 2], "truncated"),
+        "head.png": (good[:20], "read"),
+        "huge.png": (_png_that_claims(60_000, 60_000), "pixels"),
+        "hollow.png": (_png_that_claims(64, 48), "."),
+        "float.tiff": (None, "float32"),
+    }
+    written(tmp_path / "float.tiff", GREY.astype(np.float32))
+    for name, (content, reason) in bad.items():
+        if content is not None:
+            (tmp_path / name).write_bytes(content)
+        if name == "hollow.png":  # OpenCV may give a black image or none
+            continue
+        with pytest.raises(UnreadableImageError, match=reason) as caught:
+            read_image(tmp_path / name)
+        assert str(tmp_path) not in str(caught.value)
+    with pytest.raises(UnreadableImageError, match="No such file"):
+        read_image(tmp_path / "absent.png")
+
+
+def test_files_are_found_below_a_folder_in_order(tmp_path):
+    for name in ("b/2.PNG", "a.jpg", "b/10.tif", "notes.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    assert image_files(tmp_path) == ["a.jpg", "b/10.tif", "b/2.PNG"]
