@@ -143,6 +143,22 @@ def write_folder(folder: Path, contents: dict[str, bytes], *, head: str) -> None
         shutil.rmtree(draft, ignore_errors=True)
 
 
+def write_file(path: Path, content: bytes) -> None:
+    """Write one file: it appears complete or not at all, and what was there is replaced at the end.
+
+    Raises InputError when it cannot be written.
+    """
+    draft = path.absolute().with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+    try:
+        _write(draft, content)
+        os.replace(draft, path)
+    except OSError as error:
+        what = f"cannot be written: {error.strerror or error}"
+        raise InputError([Problem(str(path), what, "choose a file that can be written to")]) from error
+    finally:
+        draft.unlink(missing_ok=True)
+
+
 def _write(path: Path, content: bytes) -> None:
     with path.open("xb") as file:
         file.write(content)

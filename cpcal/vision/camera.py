@@ -12,6 +12,8 @@ from cpcal.robot.robot import frozen_array
 
 Array = npt.NDArray[np.float64]
 
+CAMERA_NUMBERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+
 _NEWTON_STEPS = 50
 _ACCURACY = 1e-14  # of a normalised coordinate
 
@@ -46,6 +48,15 @@ class Camera:
             object.__setattr__(self, name, array)
         if min(self.width, self.height) < 1 or not (self.focal > 0.0).all():
             raise InputError([Problem("camera", "has no positive size or focal length", "give them in pixels")])
+
+    @property
+    def numbers(self) -> Array:
+        """(9,) in the order of CAMERA_NUMBERS."""
+        return np.concatenate([self.focal, self.center, self.distortion])
+
+    def with_numbers(self, numbers: Array) -> Camera:
+        """The same image size, other numbers (9,). Raises InputError when they make no camera."""
+        return Camera(self.width, self.height, numbers[:2], numbers[2:4], numbers[4:])
 
     def project(self, points: npt.ArrayLike) -> Array:
         """Pixels (..., 2) of points (..., 3) mm in the camera frame, Z > 0."""

@@ -13,6 +13,8 @@ from cpcal.robot.robot import frozen_array
 
 Array = npt.NDArray[np.float64]
 
+_OFF_LINE = 0.1  # of the radius: a measured plate's dots lie on a line as well as it was printed
+
 
 @dataclass(frozen=True, eq=False)
 class Target:
@@ -38,18 +40,20 @@ class Target:
         object.__setattr__(self, "lines", tuple(tuple(int(i) for i in line) for line in self.lines))
         if self.dots.ndim != 2 or self.dots.shape[1] != 2 or not np.isfinite(self.dots).all():
             raise InputError([Problem("target dots", "are not rows of two finite numbers", "give x and y in mm")])
-        problems = self._problems()
+        problems = self.problems_of(self.dots, self.radius, self.lines)
         if problems:
             raise InputError(problems)
 
-    def _problems(self) -> list[Problem]:
+    @staticmethod
+    def problems_of(dots: Array, radius: float, lines: tuple[tuple[int, ...], ...]) -> list[Problem]:
+        """What keeps finite dots (n, 2) from being a target."""
         out = []
-        if not self.radius > 0.0:
-            out.append(Problem("target radius", f"is {self.radius}", "give a positive number of mm"))
-        for line in self.lines:
-            if len(line) < 4 or len(set(line)) < len(line) or not all(0 <= i < len(self.dots) for i in line):
+        if not 0.0 < radius < np.inf:
+            return [Problem("target radius", f"is {radius}", "give a positive number of mm")]
+        for line in lines:
+            if len(line) < 4 or len(set(line)) < len(line) or not all(0 <= i < len(dots) for i in line):
                 out.append(Problem("target lines", f"{line} are not four or more of the dots", "number dots from 0"))
-            elif off_line(self.dots[list(line)]) > 1e-6:
+            elif not off_line(dots[list(line)]) <= _OFF_LINE * radius:
                 out.append(Problem("target lines", f"the dots {line} are not collinear", "correct their centres"))
         return out
 
@@ -72,8 +76,10 @@ class Target:
 def off_line(points: Array) -> float:
     """The largest distance of points (n, 2) to the line through the first and the last."""
     along = points[-1] - points[0]
-    normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
-    return float(np.abs((points - points[0]) @ normal).max())
+    length = float(np.linalg.norm(along))
+    if not length > 0.0:
+        return np.inf
+    return float(np.abs((points - points[0]) @ np.array([-along[1], along[0]])).max()) / length
 
 
 def cross_ratio(a: float, b: float, c: float, d: float) -> float:
@@ -82,7 +88,13 @@ def cross_ratio(a: float, b: float, c: float, d: float) -> float:
 
 
 def two_diagonals(
-    name: str, first: npt.ArrayLike, second: npt.ArrayLike, side: float, pitch: float, radius: float
+    name: str,
+    first: npt.ArrayLike,
+    second: npt.ArrayLike,
+    side: float,
+    pitch: float,
+    radius: float,
+    bright: bool = True,
 ) -> Target:
     """Dots at signed distances (mm) from the middle along the diagonals y = x and y = -x, and on a square grid
     (`pitch`, up to side / 2 from the middle) wherever no diagonal is nearer than 0.6 of the pitch."""
@@ -93,13 +105,13 @@ def two_diagonals(
     grid = [(x, y) for y, x in itertools.product(ticks, ticks) if min(abs(x - y), abs(x + y)) * turn >= 0.6 * pitch]
     dots = np.concatenate([np.stack([up, up], axis=1), np.stack([down, -down], axis=1), np.array(grid)])
     rows = (tuple(range(len(up))), tuple(range(len(up), len(up) + len(down))))
-    return Target(name, dots, radius, rows)
+    return Target(name, dots, radius, tuple(row for row in rows if row), bright)
 
 
-DELTALAB_TARGET = two_diagonals(
+DELTALAB_TARGET = two_diagonals(  # the places are those of design_target(): a separation of 2.0 mm
     "asymmetric dots 300 mm",
-    (-185.0, -60.0, -30.0, 20.0, 45.0, 70.0, 185.0),
-    (-185.0, -100.0, -75.0, 115.0, 140.0, 185.0),
+    (-187.0, -96.0, -75.0, -27.0, 43.0, 132.0, 152.0),
+    (-165.0, -118.0, -37.0, 10.0, 28.0, 153.0),
     side=280.0,
     pitch=25.0,
     radius=6.0,

@@ -1,0 +1,210 @@
+"""Bundle adjustment: one camera, one target and the poses of all views, so that predicted centres fit found ones.
+
+Levenberg-Marquardt on the normal equations. With s the shared parameters (camera and dots) and p those of the poses,
+
+    [ A  B' ] [ds]   [a]         S = A - sum_v B_v' C_v^-1 B_v
+    [ B  C  ] [dp] = [c]         S ds = a - sum_v B_v' C_v^-1 c_v,   dp_v = C_v^-1 (c_v - B_v ds)
+
+where C is block-diagonal (6 x 6 a view), so that time grows with the number of views and no faster. Dots are refined
+up to the similarity that no image can tell: corrections are orthogonal to shifts, turn and scale of the stated dots.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError
+from cpcal.robot.kinematics import Pose
+from cpcal.robot.rotation import normalised, quaternion_from_rotation_vector, quaternion_product
+from cpcal.vision.camera import Camera
+from cpcal.vision.dot_model import centers_of, predict
+
+Array = npt.NDArray[np.float64]
+
+_DAMPING = 1e-4  # at first, of the diagonal
+_DAMPING_MAX = 1e12
+_SETTLED = 1e-10  # the share of the cost that a step must gain, else it was the last
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What was found: centers (v, n, 2) px of each target dot in each view; weight (v, n, 2, 2) px^-2, 0: not used."""
+
+    centers: Array
+    weight: Array
+
+    @property
+    def used(self) -> npt.NDArray[np.bool_]:
+        """(v, n)."""
+        return np.asarray(self.weight.any(axis=(2, 3)))
+
+    @property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """(n,) the dots that are used in some view."""
+        return np.asarray(self.weight.any(axis=(0, 2, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What is adjusted: a camera, the poses (v,) of the target in its frame, the dots (n, 2) mm."""
+
+    camera: Camera
+    poses: Pose
+    dots: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Free:
+    """Which of the shared parameters move: `basis` (9 + 2n, k), whose columns are steps of camera and dots."""
+
+    basis: Array
+
+    @classmethod
+    def of(cls, camera: npt.NDArray[np.bool_], dots: Array, moving: npt.NDArray[np.bool_]) -> Free:
+        """`camera` (9,) which of its numbers move; `moving` (n,) which dots do."""
+        intrinsic = np.eye(9)[:, camera]
+        basis = np.zeros((9 + 2 * len(dots), 0))
+        if moving.any():
+            own = np.repeat(moving, 2)
+            generators = _similarities(dots[moving])
+            complement = np.linalg.qr(generators, mode="complete")[0][:, generators.shape[1] :]
+            basis = np.zeros((len(own) + 9, complement.shape[1]))
+            basis[9:][own] = complement
+        left = np.concatenate([intrinsic, np.zeros((2 * len(dots), intrinsic.shape[1]))])
+        return cls(np.concatenate([left, basis], axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """The normal equations at a state."""
+
+    cost: float
+    shared: Array  # A (s, s)
+    shared_side: Array  # a (s,)
+    mixed: Array  # B (v, 6, s)
+    poses: Array  # C (v, 6, 6)
+    poses_side: Array  # c (v, 6)
+
+    def reduced(self, free: Free, damping: float = 0.0) -> tuple[Array, Array]:
+        """S (k, k) and its right side (k,), on the parameters that move."""
+        damped = self.poses + damping * self.poses * np.eye(6)
+        solved = np.linalg.solve(damped, np.concatenate([self.mixed, self.poses_side[..., None]], axis=2))
+        size = len(self.shared)
+        eliminated = self.mixed.reshape(-1, size).T @ solved.reshape(-1, size + 1)
+        matrix = self.shared + damping * np.diag(np.diag(self.shared)) - eliminated[:, :-1]
+        side = self.shared_side - eliminated[:, -1]
+        return free.basis.T @ matrix @ free.basis, free.basis.T @ side
+
+
+def adjusted(
+    state: State, found: Found, radius: float, free: Free, *, loss: float | None = None, steps: int = 100
+) -> tuple[State, bool]:
+    """The state at a minimum of the cost nearby, and whether it has settled there within `steps`.
+
+    The cost is the sum of e^2 = r' weight r over the dots; with `loss` that of loss^2 log(1 + e^2 / loss^2), to which a
+    dot far off adds little.
+    """
+    damping = _DAMPING
+    normal = normal_equations(state, found, radius, loss)
+    for _ in range(steps):
+        while True:
+            trial = _moved(state, normal, free, damping)
+            cost = np.inf if trial is None else _cost(trial, found, radius, loss)
+            if cost <= normal.cost or damping > _DAMPING_MAX:
+                break
+            damping *= 10.0
+        if trial is None or not cost <= normal.cost:
+            return state, True  # no direction leads down
+        gained = normal.cost - cost
+        state, damping = trial, max(damping * 0.1, 1e-12)
+        if gained <= _SETTLED * normal.cost + 1e-15:
+            return state, True
+        normal = normal_equations(state, found, radius, loss)
+    return state, False
+
+
+def residuals(state: State, found: Found, radius: float) -> Array:
+    """Found minus predicted, (v, n, 2) px; nan where a dot is not used."""
+    off = found.centers - centers_of(state.dots, radius, state.camera, state.poses)
+    return np.where(found.used[..., None], off, np.nan)
+
+
+def squares(off: Array, weight: Array) -> Array:
+    """r' weight r (v, n) of residuals (v, n, 2); nan stays nan."""
+    return np.asarray(np.einsum("vni,vnij,vnj->vn", off, weight, off))
+
+
+def normal_equations(state: State, found: Found, radius: float, loss: float | None = None) -> Normal:
+    """The normal equations of the cost (of its Gauss-Newton model, with `loss` reweighted) at a state."""
+    used = found.used
+    prediction = predict(state.dots, radius, state.camera, state.poses, by_camera=True, by_dots=True)
+    assert prediction.by_camera is not None
+    assert prediction.by_dots is not None
+    off = np.where(used[..., None], found.centers - prediction.centers, 0.0)
+    square = squares(off, found.weight)
+    weight = found.weight
+    if loss is not None:
+        weight = weight / (1.0 + square / loss**2)[..., None, None]
+    mask = used[..., None, None]
+    pose, camera, dots = (
+        np.where(mask, j, 0.0) for j in (prediction.by_pose, prediction.by_camera, prediction.by_dots)
+    )
+    weighted = [np.swapaxes(j, -1, -2) @ weight for j in (pose, camera, dots)]  # (v, n, parameters, 2)
+    sides = [(w @ off[..., None])[..., 0] for w in weighted]
+    size = 9 + 2 * len(state.dots)
+    shared, mixed = np.zeros((size, size)), np.zeros((len(used), 6, size))
+    shared[:9, :9] = (weighted[1] @ camera).sum(axis=(0, 1))
+    shared[:9, 9:] = np.moveaxis((weighted[1] @ dots).sum(axis=0), 0, 1).reshape(9, -1)
+    shared[9:, :9] = shared[:9, 9:].T
+    each = np.arange(len(state.dots))
+    blocks = np.zeros((len(each), 2, len(each), 2))
+    blocks[each, :, each, :] = (weighted[2] @ dots).sum(axis=0)
+    shared[9:, 9:] = blocks.reshape(size - 9, size - 9)
+    mixed[:, :, :9] = (weighted[0] @ camera).sum(axis=1)
+    mixed[:, :, 9:] = np.swapaxes(weighted[0] @ dots, 1, 2).reshape(len(used), 6, -1)
+    return Normal(
+        _total(square, loss),
+        shared,
+        np.concatenate([sides[1].sum(axis=(0, 1)), sides[2].sum(axis=0).ravel()]),
+        mixed,
+        (weighted[0] @ pose).sum(axis=1),
+        sides[0].sum(axis=1),
+    )
+
+
+def _cost(state: State, found: Found, radius: float, loss: float | None) -> float:
+    off = residuals(state, found, radius)
+    if np.isnan(off[found.used]).any():
+        return np.inf  # a dot that was seen would be behind the camera
+    return _total(squares(np.where(found.used[..., None], off, 0.0), found.weight), loss)
+
+
+def _total(square: Array, loss: float | None) -> float:
+    return float(square.sum() if loss is None else loss**2 * np.log1p(square / loss**2).sum())
+
+
+def _moved(state: State, normal: Normal, free: Free, damping: float) -> State | None:
+    """The state after a damped step; None where there is no such step, or it makes no camera."""
+    matrix, side = normal.reduced(free, damping)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(np.float64).tiny))
+    try:
+        step = free.basis @ (scale * np.linalg.solve(matrix * scale[:, None] * scale, side * scale))
+        damped = normal.poses + damping * normal.poses * np.eye(6)
+        turn = np.linalg.solve(damped, (normal.poses_side - normal.mixed @ step)[..., None])[..., 0]
+        camera = state.camera.with_numbers(state.camera.numbers + step[:9])
+    except (np.linalg.LinAlgError, InputError):
+        return None
+    quaternion = quaternion_product(quaternion_from_rotation_vector(turn[:, 3:]), state.poses.quaternion)
+    poses = Pose(state.poses.position + turn[:, :3], normalised(quaternion))
+    return State(camera, poses, state.dots + step[9:].reshape(-1, 2))
+
+
+def _similarities(dots: Array) -> Array:
+    """Steps (2n, 4) of dots (n, 2) that shift, turn or scale them all."""
+    x, y = dots[:, 0] - dots[:, 0].mean(), dots[:, 1] - dots[:, 1].mean()
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    steps = [(one, zero), (zero, one), (-y, x), (x, y)]
+    return np.stack([np.stack(step, axis=1).ravel() for step in steps], axis=1)

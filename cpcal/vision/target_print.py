@@ -1,0 +1,179 @@
+"""A target on paper, at true scale: one PDF or SVG page, whose bytes depend on the target alone.
+
+Printers scale pages unless told not to: a bar of 100 mm stands below the dots to be measured.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
+
+from cpcal.errors import InputError, Problem
+from cpcal.robot.writer import write_file
+from cpcal.vision.target import Target
+
+Array = npt.NDArray[np.float64]
+
+_PAPERS = {"A4": (210, 297), "A3": (297, 420), "A2": (420, 594), "A1": (594, 841), "A0": (841, 1189)}
+_BORDER = 10.0  # mm, of the page
+_FOOT = 18.0  # mm, below the plate: the bar, the name
+_BAR = 100.0  # mm
+_TICK = 3.0  # mm, at each of the bar's ends
+_CAPTION = 8.0  # mm, its line below the bar
+_TEXT = 4.0  # mm, its size
+_MM_PER_INCH = 25.4
+_POINTS_PER_MM = 72.0 / _MM_PER_INCH
+_STYLE: dict[Any, Any] = {
+    "pdf.fonttype": 42,
+    "pdf.compression": 6,
+    "font.family": ["sans-serif"],
+    "font.sans-serif": ["DejaVu Sans"],
+}
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Where everything is on a page, mm from its upper left corner, y down.
+
+    paper   its name, "" for a size of its own
+    size    width, height of the page
+    plate   left, top, width, height of the ground that the dots lie on
+    origin  (2,) where the target's frame begins; its x goes right, its y up
+    bar     left end and height of the bar of 100 mm
+    """
+
+    paper: str
+    size: tuple[float, float]
+    plate: tuple[float, float, float, float]
+    origin: tuple[float, float]
+    bar: tuple[float, float]
+
+    def placed(self, dots: Array) -> Array:
+        """Dots (n, 2) mm on the page."""
+        return np.asarray(np.array(self.origin) + dots * np.array([1.0, -1.0]))
+
+
+def sheet(target: Target) -> Sheet:
+    """The smallest sheet from A4 to A0, upright or lying, that holds the target; else one of the size it needs."""
+    margin = target.radius + max(2.0 * target.radius, 5.0)  # a detector needs ground all around a dot
+    low, high = target.dots.min(axis=0) - margin, target.dots.max(axis=0) + margin
+    width, height = (high - low).tolist()
+    needs = (max(width, _BAR + 2.0 * _TICK) + 2.0 * _BORDER, height + _FOOT + 2.0 * _BORDER)
+    paper, size = next(
+        (
+            (name, (float(across), float(down)))
+            for name, sides in _PAPERS.items()
+            for across, down in (sides, sides[::-1])
+            if needs[0] <= across and needs[1] <= down
+        ),
+        ("", needs),
+    )
+    left, top = 0.5 * (size[0] - width), 0.5 * (size[1] - height - _FOOT)
+    bar = (0.5 * (size[0] - _BAR), top + height + 7.0)
+    return Sheet(paper, size, (left, top, width, height), (left - float(low[0]), top + float(high[1])), bar)
+
+
+def print_target(target: Target, path: str | os.PathLike[str]) -> None:
+    """Write the page to a .pdf or .svg file. Raises InputError for another one, or one that cannot be written."""
+    file = Path(path)
+    if file.suffix == ".pdf":
+        write_file(file, target_pdf(target))
+    elif file.suffix == ".svg":
+        write_file(file, target_svg(target).encode())
+    else:
+        raise InputError([Problem(str(file), "is neither a .pdf nor an .svg file", "name it so")])
+
+
+def target_svg(target: Target) -> str:
+    """The page as SVG; its unit is the mm."""
+    on = sheet(target)
+    width, height = (_number(side) for side in on.size)
+    ground, ink = ("#000000", "#ffffff") if target.bright else ("#ffffff", "#000000")
+    left, top, across, down = (_number(value) for value in on.plate)
+    x, y = on.bar
+    bar = f"M{_number(x)} {_number(y)}h{_number(_BAR)}" + "".join(
+        f"M{_number(end)} {_number(y - _TICK)}v{_number(2.0 * _TICK)}" for end in (x, x + _BAR)
+    )
+    middle, line = _number(0.5 * on.size[0]), _number(y + _CAPTION)
+    radius = _number(target.radius)
+    dots = (f'<circle cx="{_number(u)}" cy="{_number(v)}" r="{radius}"/>' for u, v in on.placed(target.dots).tolist())
+    return "\n".join(
+        [
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}mm" height="{height}mm" '
+            f'viewBox="0 0 {width} {height}">',
+            f"<title>{escape(_title(target))}</title>",
+            f'<rect x="{left}" y="{top}" width="{across}" height="{down}" fill="{ground}"/>',
+            f'<g fill="{ink}">',
+            *dots,
+            "</g>",
+            f'<path d="{bar}" stroke="#000000" stroke-width="0.2" fill="none"/>',
+            f'<text x="{middle}" y="{line}" font-family="sans-serif" font-size="{_number(_TEXT)}" '
+            f'text-anchor="middle">{escape(_caption(target))}</text>',
+            "</svg>",
+            "",
+        ]
+    )
+
+
+def target_pdf(target: Target) -> bytes:
+    """The page as PDF."""
+    on = sheet(target)
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_STYLE)
+        figure = Figure(figsize=(on.size[0] / _MM_PER_INCH, on.size[1] / _MM_PER_INCH))
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set_axis_off()
+        axes.set_xlim(0.0, on.size[0])
+        axes.set_ylim(on.size[1], 0.0)
+        _draw(axes, target, on)
+        buffer = io.BytesIO()
+        none = {"CreationDate": None, "Creator": None, "Producer": None}
+        figure.savefig(buffer, format="pdf", metadata={"Title": _title(target), **none})
+    return buffer.getvalue()
+
+
+def _draw(axes: Axes, target: Target, on: Sheet) -> None:
+    ground, ink = ("black", "white") if target.bright else ("white", "black")
+    left, top, width, height = on.plate
+    axes.add_patch(Rectangle((left, top), width, height, facecolor=ground, linewidth=0.0))
+    for u, v in on.placed(target.dots).tolist():
+        axes.add_patch(Circle((u, v), target.radius, facecolor=ink, linewidth=0.0))
+    x, y = on.bar
+    thin: dict[str, Any] = {"color": "black", "linewidth": 0.2 * _POINTS_PER_MM, "solid_capstyle": "butt"}
+    axes.plot([x, x + _BAR], [y, y], **thin)
+    for end in (x, x + _BAR):
+        axes.plot([end, end], [y - _TICK, y + _TICK], **thin)
+    axes.text(
+        0.5 * on.size[0],
+        y + _CAPTION,
+        _caption(target),
+        fontsize=_TEXT * _POINTS_PER_MM,
+        horizontalalignment="center",
+        parse_math=False,
+    )
+
+
+def _caption(target: Target) -> str:
+    size = _number(2.0 * target.radius)
+    return f"{_title(target)}: {len(target.dots)} dots of {size} mm; the bar is {_BAR:g} mm: print at 100 %"
+
+
+def _title(target: Target) -> str:
+    return "".join(c if c.isprintable() else " " for c in target.name)
+
+
+def _number(value: float) -> str:
+    """Shortest text to a nanometre."""
+    return np.format_float_positional(round(value, 6) + 0.0, trim="-")
