@@ -18,7 +18,7 @@ from cpcal.robot.robot import frozen_array
 from cpcal.vision.edge import OUTSIDE, Edges, fitted_edges
 from cpcal.vision.grey import Grey, eight_bits, grey_levels, noise_level
 from cpcal.vision.light import light_gradient
-from cpcal.vision.segmentation import Spots, spots
+from cpcal.vision.segmentation import Spots, spots, surveys
 
 Array = npt.NDArray[np.float64]
 
@@ -35,6 +35,7 @@ _CLEAR = 6.0  # blurs between the edge of a dot and the border: the whole edge a
 _STRANGE = 1.25  # residuals, relative to the usual ones, that ask for light of the dot's own
 _BETTER = 0.95  # residuals with it relative to those without
 _ROOM = 0.6  # share of the gap to its neighbours that belongs to a dot
+_COMPARED = 100  # ordinary dots that are fitted both ways
 _LEAST_ROOM = 1.0  # pixels around a dot that do at least
 
 
@@ -76,9 +77,15 @@ def observe_dots(image: object, *, bright: bool | None = None) -> Dots:
     an image without dots has none.
     """
     grey = grey_levels(image)
-    found = spots(eight_bits(grey), bright)
+    eight = eight_bits(grey)
+    found = [_observed(grey, spots(eight, survey)) for survey in surveys(eight, bright)]
+    return max(found, key=lambda dots: float(dots.quality.sum()), default=_none(bool(bright)))
+
+
+def _observed(grey: Grey, found: Spots) -> Dots:
+    """The dots among spots."""
     if not len(found):
-        return Dots(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)), found.bright)
+        return _none(found.bright)
     edges = _fitted(grey, found)
     quality = _quality(edges, noise_level(grey))
     keep = np.flatnonzero(_dot_like(found, edges, quality, grey.shape))
@@ -87,28 +94,37 @@ def observe_dots(image: object, *, bright: bool | None = None) -> Dots:
     return Dots(edges.center[keep], covariance, quality[keep], edges.axes[keep], found.bright)
 
 
+def _none(bright: bool) -> Dots:
+    return Dots(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)), bright)
+
+
 def _fitted(grey: Grey, found: Spots) -> Edges:
     """The fits of all spots under the light of all; where that leaves strange residuals (a smudge, a shadow), under
     light of their own if that explains more."""
     gap = _gap(found)
     room, light = np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE), light_gradient(grey, found, gap)
     edges = fitted_edges(grey, found.center, found.spread, room, light)
-    if np.isnan(light).any():
+    if np.isnan(light).any() or np.isnan(edges.noise).all():
         return edges
-    usual = np.nanmedian(edges.noise) if np.isfinite(edges.noise).any() else np.inf
-    strange = np.flatnonzero(~(edges.noise < _STRANGE * usual))
-    if not len(strange):
+    strange = ~(edges.noise < _STRANGE * np.nanmedian(edges.noise))
+    if not strange.any():
         return edges
-    own = fitted_edges(grey, found.center[strange], found.spread[strange], room[strange], np.full((len(strange), 2), np.nan))
-    better = ~(own.noise > _BETTER * edges.noise[strange])
-    return edges.replaced(strange[better], own.kept(better))
+    usual = np.flatnonzero(~strange)
+    again = np.concatenate([np.flatnonzero(strange), usual[:: max(1, len(usual) // _COMPARED)]])
+    own = fitted_edges(grey, found.center[again], found.spread[again], room[again], np.full((len(again), 2), np.nan))
+    # a lens's asymmetry passes for light, too, and moves a dot that has light of its own as far as it would any other
+    change = own.center - edges.center[again]
+    apart = np.isfinite(change).all(axis=1) & ~strange[again]
+    own.center[:] -= np.median(change[apart], axis=0) if apart.any() else 0.0
+    better = strange[again] & ~(own.noise > _BETTER * edges.noise[again])
+    return edges.replaced(again[better], own.kept(better))
 
 
 def _gap(found: Spots) -> Array:
     """How many pixels (n,) lie between a dot and its neighbours."""
     if len(found) < 2:
         return np.full(len(found), np.inf)
-    distance, other = cKDTree(found.center).query(found.center, min(6, len(found)))
+    distance, other = (np.asarray(a) for a in cKDTree(found.center).query(found.center, min(6, len(found))))
     long = 2.0 * np.sqrt(np.linalg.eigvalsh(found.spread)[:, 1])
     gap = (distance[:, 1:] - long[:, None] - long[other[:, 1:]]).min(axis=1)
     return np.asarray(gap)

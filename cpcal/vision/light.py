@@ -38,9 +38,9 @@ def light_gradient(grey: Grey, found: Spots, gap: Array) -> Array:
     half = 0.5 * np.array(grey.shape[::-1])
     values, to_right, to_bottom = _terms(found.center / half - 1.0, degree)
     good = np.ones(len(level), dtype=bool)
-    coefficients = np.zeros(values.shape[1])
+    coefficients: Array = np.zeros(values.shape[1])
     for _ in range(3):
-        coefficients = np.linalg.lstsq(values[good], level[good], rcond=1e-10)[0]
+        coefficients = np.asarray(np.linalg.lstsq(values[good], level[good], rcond=1e-10)[0], dtype=np.float64)
         off = np.abs(level - values @ coefficients)
         good = off <= _OUTLYING * 1.4826 * np.median(off) + 1e-12
     return np.stack([to_right @ coefficients, to_bottom @ coefficients], axis=1) / half
