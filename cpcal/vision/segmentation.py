@@ -30,7 +30,7 @@ _SLIMMEST = 0.2  # ratio of the axes of a spot
 _ELLIPTIC = 0.85  # least ratio of a spot's area to that of the ellipse of the same second moments
 _ALIKE = 2.5  # ratio of a spot's size to the usual one, or its inverse
 _SMALLEST = 8  # pixels, sides of an image with dots
-_MOST_SPOTS = 1_000_000
+_MOST_SPOTS = 300_000
 
 
 @dataclass(frozen=True, eq=False)
