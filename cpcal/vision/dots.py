@@ -28,8 +28,9 @@ _TOLERATED = 0.01  # share of the grey levels' variance that is neither noise no
 _MOVED = 0.35  # of the radius, from the segmentation's centre, at most
 _RATIO = 2.0  # of a dot's radius to the usual one, or its inverse
 _CONTRAST = 0.25  # of the usual one, at least
+_SMALLEST = 1.5  # pixels of radius
 _SLIMMEST = 0.25  # ratio of axes
-_SHARPEST = 0.25  # pixels of blur: a pixel's own square makes 0.29
+_SHARPEST = 0.12  # pixels of blur: a pixel's own square makes 0.29
 _NOISE = 8.0  # contrast at least, in standard deviations of the noise
 _CLEAR = 6.0  # blurs between the edge of a dot and the border: the whole edge and as much of the plate beside it
 _STRANGE = 1.25  # residuals, relative to the usual ones, that ask for light of the dot's own
@@ -87,8 +88,9 @@ def _observed(grey: Grey, found: Spots) -> Dots:
     if not len(found):
         return _none(found.bright)
     edges = _fitted(grey, found)
-    quality = _quality(edges, noise_level(grey))
-    keep = np.flatnonzero(_dot_like(found, edges, quality, grey.shape))
+    noise = noise_level(grey)
+    quality = _quality(edges, noise)
+    keep = np.flatnonzero(_dot_like(found, edges, quality, noise, grey.shape))
     keep = keep[_alike(edges, keep)]
     covariance = edges.covariance[keep] + FLOOR**2 * np.eye(2)
     return Dots(edges.center[keep], covariance, quality[keep], edges.axes[keep], found.bright)
@@ -138,7 +140,9 @@ def _quality(edges: Edges, noise: float) -> Array:
     return np.nan_to_num(1.0 / (1.0 + strange / _TOLERATED))
 
 
-def _dot_like(found: Spots, edges: Edges, quality: Array, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+def _dot_like(
+    found: Spots, edges: Edges, quality: Array, noise: float, shape: tuple[int, ...]
+) -> npt.NDArray[np.bool_]:
     """Which (n,) of the fits are dots for themselves."""
     axes, radius = edges.axes, found.radius
     sign = 1.0 if found.bright else -1.0
@@ -147,13 +151,13 @@ def _dot_like(found: Spots, edges: Edges, quality: Array, shape: tuple[int, ...]
         keep = quality >= _QUALITY
         keep &= np.linalg.norm(edges.center - found.center, axis=1) < _MOVED * radius
         keep &= axes[:, 1] > _SLIMMEST * axes[:, 0]
-        keep &= (edges.blur > _SHARPEST * 0.5) & (edges.blur < axes[:, 1])
-        keep &= sign * edges.contrast > _NOISE * edges.noise
+        keep &= (edges.blur > _SHARPEST) & (edges.blur < axes[:, 1])
+        keep &= sign * edges.contrast > _NOISE * np.maximum(edges.noise, noise)
         around = _CLEAR * edges.blur[:, None]
         keep &= (edges.center - extent > around).all(axis=1)
         keep &= (edges.center + extent + around < np.array(shape[1::-1]) - 1.0).all(axis=1)
         size = np.sqrt(axes.prod(axis=1))
-        keep &= (size > 0.5 * radius) & (size < 1.5 * radius)
+        keep &= (size > 0.5 * radius) & (size < 1.5 * radius) & (size > _SMALLEST)
     return np.asarray(keep)
 
 

@@ -93,7 +93,7 @@ def test_every_kind_of_image_shows_the_same_dots():
         found = observe_dots(kind)
         assert found.bright
         assert np.abs(found.centers - expected.centers).max() < 1e-3
-        assert np.allclose(found.covariance, expected.covariance, rtol=1e-2, atol=1e-9)
+        assert np.allclose(found.covariance, expected.covariance, rtol=0.05, atol=1e-7)
         assert np.array_equal(find_dots(kind), found.centers)
     dark = observe_dots(255 - image)
     assert not dark.bright
@@ -114,7 +114,7 @@ def test_results_are_in_order_and_frozen():
 
 
 def test_dots_at_the_border_are_left_out():
-    pose = Pose(np.array([-120.0, 0.0, 600.0]), TILTED.quaternion)
+    pose = Pose(np.array([-228.0, 0.0, 600.0]), TILTED.quaternion)
     found = observe_dots(render(DELTALAB_TARGET, DELTALAB_CAMERA, pose, Scene(noise=1.0)), bright=True)
     true = true_centers(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
     apart = np.linalg.norm(found.centers[:, None] - true, axis=-1).min(axis=1)
