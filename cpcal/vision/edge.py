@@ -1,0 +1,256 @@
+"""Blurred ellipses fitted to the grey levels round dots, all dots at once: the likeliest centre for pixels' noise.
+
+The model of a pixel at signed distance d inside the ellipse is (1 + g . p) (back + contrast Phi(d / blur)): the edge
+spread of a Gaussian blur (the pixel's own square is part of it), under light that grows linearly (g). The ellipse is
+where the grey is half-way between back and dot. Gauss-Newton steps on all pixels use every bit of information on the
+edge that the image holds, so errors are close to the Cramer-Rao bound, and the inverse normal matrix is their
+covariance. What the model leaves out is symmetric about the centre and so moves the ellipse but not its centre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.vision.edge_model import PARAMETERS, depths, grey_model
+from cpcal.vision.grey import Grey
+
+Array = npt.NDArray[np.float64]
+Single = npt.NDArray[np.float32]
+
+OUTSIDE = 3.5  # pixels beyond the edge that take part
+INSIDE = 4.5  # pixels inside the edge that take part, at least
+_ROUGH_STEPS = 4
+_FINE_STEPS = 3
+_ROUGH = 0.05  # pixels: the change of the centre that ends the rough steps
+_FINE = 0.06  # and the fine ones, of which each leaves less than a twentieth of its change
+_FEW = 150  # pixels, of which the rough steps take them all
+_SAMPLES = 40_000  # in one go, so that they stay in the processor's cache
+_SIZES = 1.25  # the ratio of sizes in one go, at most
+_LIMIT = np.array([0.3, 0.3, 0.5, 0.5, 0.5, np.inf, np.inf, 0.7, 0.2, 0.2])  # of a step
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """The fits of n dots, nan where one failed.
+
+    center      (n, 2) pixels
+    conic       (n, 2, 2): the edge is (p - center)^T conic (p - center) = 1
+    covariance  (n, 2, 2) px^2 of the centre, by the residuals
+    back, contrast  (n,) grey levels around the dot, and how much brighter it is
+    blur        (n,) standard deviation of the edge's spread, pixels
+    noise       (n,) standard deviation of the residuals, grey levels
+    variance    (n,) of the grey levels that took part
+    """
+
+    center: Array
+    conic: Array
+    covariance: Array
+    back: Array
+    contrast: Array
+    blur: Array
+    noise: Array
+    variance: Array
+
+    def kept(self, members: npt.NDArray[Any]) -> Edges:
+        return Edges(*(getattr(self, field.name)[members] for field in fields(self)))
+
+    def replaced(self, members: npt.NDArray[Any], others: Edges) -> Edges:
+        """With `others` in the place of its `members`."""
+        arrays = [getattr(self, field.name).copy() for field in fields(self)]
+        for array, field in zip(arrays, fields(self), strict=True):
+            array[members] = getattr(others, field.name)
+        return Edges(*arrays)
+
+    @property
+    def axes(self) -> Array:
+        """(n, 2) semi-axes, pixels, the longer first."""
+        conic = np.where(np.isfinite(self.conic), self.conic, np.eye(2))
+        axes = 1.0 / np.sqrt(np.maximum(np.linalg.eigvalsh(conic), 1e-12))
+        axes[np.isnan(self.blur)] = np.nan
+        return axes
+
+    @property
+    def extent(self) -> Array:
+        """(n, 2) half the sides of the upright box around the ellipse, pixels."""
+        xx, xy, yy = self.conic[:, 0, 0], self.conic[:, 0, 1], self.conic[:, 1, 1]
+        return np.sqrt(np.stack([yy, xx], axis=1) / (xx * yy - xy * xy)[:, None])
+
+
+def fitted_edges(grey: Grey, center: Array, spread: Array, room: Array, light: Array) -> Edges:
+    """The blurred ellipses next to those of `center` (n, 2) and second moments `spread` (n, 2, 2), pixels; `room` (n,)
+    pixels beyond the edge are the dot's own; `light` (n, 2) the share by which it grows per pixel, nan where each dot
+    has to tell itself. Where the fit fails the numbers are nan."""
+    axes = 2.0 * np.sqrt(np.linalg.eigvalsh(spread))
+    out = np.full((len(center), 13), np.nan)
+    for part in _parts(axes[:, 1]):
+        out[part] = _Fit(grey, _stencil(axes[part]), center[part], spread[part], room[part], light[part]).run()
+    conic, covariance = out[:, [[2, 3], [3, 4]]], out[:, [[8, 9], [9, 10]]]
+    return Edges(out[:, :2], conic, covariance, *out[:, [5, 6, 7, 11, 12]].T)
+
+
+def _parts(long: Array) -> list[npt.NDArray[np.int64]]:
+    """The dots of one go each: of about one size, and not too many."""
+    order = np.argsort(long, kind="stable")
+    parts = []
+    while len(order):
+        reach = int(np.searchsorted(long[order], _SIZES * long[order[0]], side="right"))
+        pixels = np.pi * (long[order[reach - 1]] + OUTSIDE + 0.7) ** 2
+        goes = -(-reach * int(pixels) // _SAMPLES)
+        parts += np.array_split(order[:reach], min(goes, reach))
+        order = order[reach:]
+    return parts
+
+
+def _stencil(axes: Array) -> npt.NDArray[np.int64]:
+    """The pixels (k, 2) relative to the centre's that some of these ellipses need; every other one comes first."""
+    far, near = axes[:, 1].max() + OUTSIDE + 0.7, axes[:, 0].min() - INSIDE - 0.7
+    ticks = np.arange(-int(far) - 1, int(far) + 2)
+    x, y = (a.ravel() for a in np.meshgrid(ticks, ticks))
+    distance = np.hypot(x, y)
+    keep = np.flatnonzero((distance <= far) & (distance >= near))
+    keep = keep[np.argsort((x + y)[keep] % 2, kind="stable")]
+    return np.stack([x[keep], y[keep]], axis=1)
+
+
+class _Fit:
+    """One go: n dots, k pixels each. Coordinates are in units of each dot's mean radius, from its first centre."""
+
+    def __init__(
+        self, grey: Grey, stencil: npt.NDArray[np.int64], center: Array, spread: Array, room: Array, light: Array
+    ) -> None:
+        at = np.rint(center).astype(np.int64)
+        self.level, inside = _levels(grey, at, stencil)
+        self.radius = 2.0 * np.linalg.det(spread) ** 0.25
+        self.first = center
+        scale = (1.0 / self.radius)[:, None]
+        self.x: Single = ((stencil[:, 0] - (center - at)[:, :1]) * scale).astype(np.float32)
+        self.y: Single = ((stencil[:, 1] - (center - at)[:, 1:]) * scale).astype(np.float32)
+        conic = 0.25 * np.linalg.inv(spread) * (self.radius**2)[:, None, None]
+        self.p = np.zeros((len(center), PARAMETERS))
+        self.p[:, 2:5] = conic[:, [0, 0, 1], [0, 1, 1]]
+        known = bool(np.isfinite(light).all())
+        self.used = PARAMETERS - 2 if known else PARAMETERS
+        if known:
+            self.p[:, 8:] = light * self.radius[:, None]
+        self.rough = stencil.shape[0] if stencil.shape[0] < _FEW else int(np.sum(stencil.sum(axis=1) % 2 == 0))
+        self.alive = np.ones(len(center), dtype=bool)
+        pixels = depths(self.p, self.x, self.y)
+        pixels *= _column(self.radius)
+        own = (pixels > -_column(room)) & (pixels < np.float32(INSIDE))
+        self.weight: Single = (own if inside is None else own & inside).astype(np.float32)
+        self._start(pixels[:, : self.rough])
+
+    def _start(self, pixels: Single) -> None:
+        """Back, contrast and blur to begin with."""
+        level, weight = self.level[:, : self.rough], self.weight[:, : self.rough]
+        outer = weight * (pixels < np.float32(-1.5))
+        inner = weight * (pixels > np.minimum(np.float32(1.5), np.float32(0.4) * pixels.max(axis=1, keepdims=True)))
+        back = np.einsum("nk,nk->n", outer, level) / np.maximum(outer.sum(axis=1), 1.0)
+        front = np.einsum("nk,nk->n", inner, level) / np.maximum(inner.sum(axis=1), 1.0)
+        self.p[:, 5], self.p[:, 6] = back, front - back
+        self.p[:, 7] = -np.log(self.radius)  # one pixel
+        off = weight * (level - _column(back))
+        count = np.maximum(weight.sum(axis=1), 1.0)
+        self.variance = np.einsum("nk,nk->n", off, off) / count - (off.sum(axis=1) / count) ** 2
+
+    def run(self) -> Array:
+        for _ in range(_ROUGH_STEPS):
+            moved, *_ = self._step(self.rough)
+            if not (moved > _ROUGH).any():
+                break
+        for _ in range(_FINE_STEPS):
+            moved, normal, squares = self._step(self.x.shape[1])
+            if not (moved > _FINE).any():
+                break
+        self.alive &= moved <= _FINE
+        return self._result(normal, squares)
+
+    def _step(self, count: int) -> tuple[Array, Array, Array]:
+        """A Gauss-Newton step on the first `count` pixels: how far (n,) pixels the centres of those alive moved, the
+        normal matrix, and the sum (n,) of squared residuals after the step, to first order."""
+        weight = self.weight[:, :count]
+        level, slopes = grey_model(self.p, self.x[:, :count], self.y[:, :count], self.used)
+        slopes *= weight[:, None, :]
+        residual = self.level[:, :count] - level
+        residual *= weight
+        normal = (slopes @ slopes.transpose(0, 2, 1)).astype(np.float64)
+        right = (slopes @ residual[:, :, None])[..., 0].astype(np.float64)
+        step, fine = _solved(normal, right)
+        self.alive &= fine
+        squares = np.einsum("nk,nk->n", residual, residual).astype(np.float64) - (right * step).sum(axis=1)
+        self._take(step)
+        return np.where(self.alive, np.abs(step[:, :2]).max(axis=1) * self.radius, 0.0), normal, squares
+
+    def _take(self, step: Array) -> None:
+        limit = _LIMIT[: self.used]
+        self.p[:, : self.used] += np.where(self.alive[:, None], np.clip(step, -limit, limit), 0.0)
+        p = self.p
+        sound = (p[:, 2] * p[:, 4] - p[:, 3] ** 2 > 1e-3) & (p[:, 2] > 0.0) & (np.abs(p[:, 2:5]) < 20.0).all(axis=1)
+        sound &= (np.abs(p[:, :2]) < 1.0).all(axis=1) & (np.abs(p[:, 7]) < 6.0)
+        self.alive &= sound
+        p[~self.alive] = [0, 0, 1, 0, 1, 0, 0, 0, 0, 0]
+
+    def _result(self, normal: Array, squares: Array) -> Array:
+        count = self.weight.sum(axis=1, dtype=np.float64)
+        variance = np.maximum(squares, 0.0) / np.maximum(count - self.used, 1.0)
+        self.alive &= count > 2 * PARAMETERS
+        inverse, fine = _inverse(normal)
+        self.alive &= fine
+        covariance = (variance * self.radius**2)[:, None, None] * inverse[:, :2, :2]
+        parts = [
+            self.first + self.p[:, :2] * self.radius[:, None],
+            self.p[:, 2:5] / (self.radius**2)[:, None],
+            self.p[:, 5:7],
+            (np.exp(self.p[:, 7]) * self.radius)[:, None],
+            covariance[:, [0, 0, 1], [0, 1, 1]],
+            np.sqrt(variance)[:, None],
+            self.variance[:, None],
+        ]
+        out = np.concatenate(parts, axis=1)
+        out[~self.alive] = np.nan
+        return out
+
+
+def _levels(
+    grey: Grey, at: npt.NDArray[np.int64], stencil: npt.NDArray[np.int64]
+) -> tuple[Single, npt.NDArray[np.bool_] | None]:
+    """The grey levels (n, k) of a stencil's pixels around others (n, 2), and which are in the image; None: all."""
+    height, width = grey.shape
+    low, high = at.min(axis=0) + stencil.min(axis=0), at.max(axis=0) + stencil.max(axis=0)
+    if (low >= 0).all() and (high < [width, height]).all():
+        index = (at[:, 1:] * width + at[:, :1]) + (stencil[:, 1] * width + stencil[:, 0])
+        return grey.ravel()[index].astype(np.float32), None
+    column, row = at[:, :1] + stencil[:, 0], at[:, 1:] + stencil[:, 1]
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    index = np.clip(row, 0, height - 1) * width + np.clip(column, 0, width - 1)
+    return grey.ravel()[index].astype(np.float32), inside
+
+
+def _column(values: Array) -> Single:
+    return values[:, None].astype(np.float32)
+
+
+def _scaled(normal: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Normal matrices with a unit diagonal, the scale, and where they are regular."""
+    scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
+    unit = normal / (scale[:, :, None] * scale[:, None, :])
+    fine = np.isfinite(unit).all(axis=(1, 2)) & (scale > 1e-12).all(axis=1)
+    unit[~fine] = np.eye(unit.shape[1])
+    unit += 1e-7 * np.eye(unit.shape[1])
+    return unit, scale, fine
+
+
+def _inverse(normal: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+    unit, scale, fine = _scaled(normal)
+    return np.linalg.inv(unit) / (scale[:, :, None] * scale[:, None, :]), fine
+
+
+def _solved(normal: Array, right: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+    unit, scale, fine = _scaled(normal)
+    step = np.linalg.solve(unit, (right / scale)[..., None])[..., 0] / scale
+    fine &= np.isfinite(step).all(axis=1)
+    return np.where(fine[:, None], step, 0.0), fine
