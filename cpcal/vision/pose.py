@@ -26,7 +26,7 @@ from cpcal.robot.rotation import (
 )
 from cpcal.robot.rotation import quaternion_conjugate as conjugate
 from cpcal.vision.camera import Camera
-from cpcal.vision.dot_model import predict
+from cpcal.vision.dot_model import centers_of, predict
 from cpcal.vision.homography import fitted
 from cpcal.vision.target import Target
 
@@ -62,7 +62,7 @@ class PoseEstimate:
     chi_square, degrees, p_value   of the others
     scale       1, or chi_square / degrees when the p-value is below 0.001: then the residuals are larger than the dots'
                 covariances say (the camera or the target is not quite as stated)
-    rival       by how much the chi-square of the plane's second pose is larger (inf when there is none), over `scale`
+    rival       by how much, at least, the chi-square of the plane's second pose is larger, over `scale`; inf: there is none
     """
 
     pose: Pose
@@ -91,7 +91,7 @@ def estimate_pose(
     if not np.isfinite(rays).all():
         raise NoPose("the camera cannot see some of the dots where they are: its distortion has no inverse there")
     dots = target.dots[which]
-    information = np.linalg.inv(spread)
+    information: Array = np.asarray(np.linalg.inv(spread), dtype=np.float64)
 
     def on_pixels(used: Bools) -> Model:
         def model(pose: Pose) -> tuple[Array, Array]:
@@ -101,7 +101,7 @@ def estimate_pose(
         return model
 
     everyone = np.ones(len(which), dtype=bool)
-    sharpness = np.median(np.trace(information, axis1=1, axis2=2)) / 2.0 * camera.focal.mean() ** 2
+    sharpness = 0.5 * float(np.median(np.trace(information, axis1=1, axis2=2)) * camera.focal.mean() ** 2)
     round_ones = np.broadcast_to(sharpness * np.eye(2), information.shape)
     plain = _pinhole(dots, rays)
     first = _fit(plain, _start(dots, rays), round_ones)
@@ -111,16 +111,20 @@ def estimate_pose(
     scale = final.chi_square / degrees if p_value < POOR else 1.0
     second = _fit(plain, _turned_over(final.pose, dots), round_ones)
     rival = np.inf
-    if second.chi_square < 100.0 * max(first.chi_square, 1.0) and not _same(second.pose, final):
-        second = _fit(on_pixels(used), second.pose, information[used])
-        rival = np.inf if _same(second.pose, final) else (second.chi_square - final.chi_square) / scale
+    if not _same(second.pose, final):
+        # the dot model differs from the plain one by no more than the first pose's residuals in both tell
+        least = np.sqrt(second.chi_square) - np.sqrt(first.chi_square) - np.sqrt(final.chi_square)
+        rival = (max(least, 0.0) ** 2 - final.chi_square) / scale
+        if rival < AMBIGUOUS:
+            second = _fit(on_pixels(used), second.pose, information[used])
+            rival = np.inf if _same(second.pose, final) else (second.chi_square - final.chi_square) / scale
     if rival < AMBIGUOUS:
         raise NoPose(f"ambiguous: two poses fit about equally well, chi-square {rival:.1f} apart")
-    residuals = seen - predict(dots, target.radius, camera, final.pose).centers
+    residuals = seen - centers_of(dots, target.radius, camera, final.pose)
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
     return PoseEstimate(
         final.pose,
-        scale * np.linalg.inv(final.normal),
+        np.asarray(scale * np.linalg.inv(final.normal), dtype=np.float64),
         residuals,
         ~used,
         rms,
@@ -193,7 +197,10 @@ def _pinhole(dots: Array, rays: Array) -> Model:
         slope = np.zeros((len(dots), 2, 6))
         slope[:, 0, 0] = slope[:, 1, 1] = 1.0 / z
         slope[:, 0, 2], slope[:, 1, 2] = -u / z, -v / z
-        slope[:, :, 3:] = np.cross(arm[:, None, :], slope[:, :, :3])
+        x, y, z = arm.T
+        for slope_of in slope.transpose(1, 2, 0):  # the vector product of the arm and the derivatives by position
+            a, b, c = slope_of[:3]
+            slope_of[3:] = y * c - z * b, z * a - x * c, x * b - y * a
         return rays - np.stack([u, v], axis=1), slope
 
     return model
@@ -206,15 +213,15 @@ def _fit(model: Model, pose: Pose, information: Array) -> _Fit:
     if not np.isfinite(current[0]):
         return _Fit(pose, np.inf, np.eye(6), current[3])
     for _ in range(_STEPS):
-        chi_square, normal, gradient, residuals = current
+        chi_square, normal, gradient, residuals, slope = current
         scaled = normal + damping * np.diag(np.diag(normal))
         try:
-            step = np.linalg.solve(scaled, gradient)
+            step: Array = np.asarray(np.linalg.solve(scaled, gradient), dtype=np.float64)
         except np.linalg.LinAlgError:
             raise NoPose("the dots do not determine the pose") from None
         moved = _moved(pose, step)
         if step @ normal @ step < _SMALL**2 and damping < 1e-3:
-            return _Fit(moved, chi_square - float(step @ gradient), normal, residuals)
+            return _Fit(moved, chi_square - float(step @ gradient), normal, residuals - slope @ step)
         trial = _evaluated(model, moved, information)
         if trial[0] <= chi_square:
             pose, current, damping = moved, trial, 0.1 * damping
@@ -223,15 +230,20 @@ def _fit(model: Model, pose: Pose, information: Array) -> _Fit:
     return _Fit(pose, current[0], current[1], current[3])
 
 
-def _evaluated(model: Model, pose: Pose, information: Array) -> tuple[float, Array, Array, Array]:
-    """Chi-square, normal matrix (6, 6), half its gradient's negative (6,) and residuals; chi-square inf for nonsense."""
+def _evaluated(model: Model, pose: Pose, information: Array) -> tuple[float, Array, Array, Array, Array]:
+    """Chi-square (inf for nonsense), normal matrix (6, 6), minus half the gradient (6,), residuals, slopes."""
     residuals, slope = model(pose)
     weighted = np.swapaxes(slope, 1, 2) @ information  # (m, 6, 2)
-    chi_square = float(np.einsum("mi,mij,mj->", residuals, information, residuals))
+    chi_square = float(_squares(residuals, information).sum())
     if not np.isfinite(chi_square):
-        return np.inf, np.eye(6), np.zeros(6), residuals
+        return np.inf, np.eye(6), np.zeros(6), residuals, slope
     flat = np.swapaxes(weighted, 1, 2).reshape(-1, 6)
-    return chi_square, flat.T @ slope.reshape(-1, 6), flat.T @ residuals.ravel(), residuals
+    return chi_square, flat.T @ slope.reshape(-1, 6), flat.T @ residuals.ravel(), residuals, slope
+
+
+def _squares(residuals: Array, information: Array) -> Array:
+    """The squares (m,) of residuals (m, 2) in standard deviations."""
+    return np.asarray(((information @ residuals[..., None])[..., 0] * residuals).sum(axis=1))
 
 
 def _moved(pose: Pose, step: Array) -> Pose:
@@ -245,8 +257,11 @@ def _screened(on_pixels: Callable[[Bools], Model], pose: Pose, information: Arra
     cut = 2.0 * np.log(len(used) / OUTLIER)
     while True:
         fit = _fit(on_pixels(used), pose, information[used])
-        residuals, _ = on_pixels(np.ones(len(used), dtype=bool))(fit.pose)
-        square = np.einsum("mi,mij,mj->m", residuals, information, residuals)
+        if used.all():
+            residuals = fit.residuals
+        else:
+            residuals, _ = on_pixels(np.ones(len(used), dtype=bool))(fit.pose)
+        square = _squares(residuals, information)
         level = max(1.0, float(np.median(square)) / _MEDIAN)
         good = square <= cut * level
         if (~good).sum() > OUTLIERS * len(good):
