@@ -12,9 +12,10 @@ import numpy.typing as npt
 from cpcal.errors import CpcalError, InputError, Problem
 from cpcal.robot.kinematics import Pose
 from cpcal.vision.adjustment import Found, State
-from cpcal.vision.calibration_start import first_camera, first_pose, homography, homography_rms
+from cpcal.vision.calibration_start import first_camera, first_pose, homography_rms
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.camera_fit import DOTS_MIN, Fit, covariance, excess, robust_fit
+from cpcal.vision.homography import fitted
 from cpcal.vision.target import Target
 
 Array = npt.NDArray[np.float64]
@@ -27,7 +28,7 @@ _REMEDY = "take 10 to 20 views with the target tilted by 20 to 30 degrees in dif
 _DISTORTION = CAMERA_NUMBERS[4:]
 
 
-class View(NamedTuple):
+class TargetView(NamedTuple):
     """The dots of one image.
 
     centers     (m, 2) pixels, of the conics through their contours
@@ -107,7 +108,7 @@ class Calibration:
 
 
 def calibrate_camera(
-    views: Sequence[View | tuple[Array, Array, npt.NDArray[np.intp]]],
+    views: Sequence[TargetView | tuple[Array, Array, npt.NDArray[np.intp]]],
     target: Target,
     size: tuple[int, int],
     *,
@@ -150,13 +151,13 @@ def calibrate_camera(
     )
 
 
-def _named(row: int, view: View | tuple[Array, Array, npt.NDArray[np.intp]]) -> View:
+def _named(row: int, view: TargetView | tuple[Array, Array, npt.NDArray[np.intp]]) -> TargetView:
     centers, covariance, numbers, *name = view
     floats = [np.asarray(values, dtype=np.float64) for values in (centers, covariance)]
-    return View(floats[0], floats[1], np.asarray(numbers), str(name[0]) if name and name[0] else f"view {row}")
+    return TargetView(floats[0], floats[1], np.asarray(numbers), str(name[0]) if name and name[0] else f"view {row}")
 
 
-def _check(views: list[View], target: Target, size: tuple[int, int], fixed: Sequence[str]) -> None:
+def _check(views: list[TargetView], target: Target, size: tuple[int, int], fixed: Sequence[str]) -> None:
     problems = [problem for view in views for problem in _view_problems(view, len(target.dots))]
     if min(size) < 1:
         problems.append(Problem("size", f"is {size}", "give the images' width and height in pixels"))
@@ -167,7 +168,7 @@ def _check(views: list[View], target: Target, size: tuple[int, int], fixed: Sequ
         raise InputError(problems)
 
 
-def _view_problems(view: View, dots: int) -> list[Problem]:
+def _view_problems(view: TargetView, dots: int) -> list[Problem]:
     centers, covariance, numbers, name = view
     count = len(centers)
     if centers.shape != (count, 2) or covariance.shape != (count, 2, 2) or numbers.shape != (count,):
@@ -185,7 +186,7 @@ def _view_problems(view: View, dots: int) -> list[Problem]:
 
 
 def _start(
-    views: list[View],
+    views: list[TargetView],
     target: Target,
     size: tuple[int, int],
     free: npt.NDArray[np.bool_],
@@ -199,7 +200,7 @@ def _start(
         if len(dots) < DOTS_MIN or np.linalg.matrix_rank(dots - dots.mean(axis=0), tol=target.radius) < 2:
             reasons[row] = f"fewer than {DOTS_MIN} dots, or all of them on a line"
             continue
-        homographies[row] = homography(dots, view.centers)
+        homographies[row] = fitted(dots, view.centers)
         if homography_rms(homographies[row], dots, view.centers) > _HOMOGRAPHY_LIMIT * max(size):
             del homographies[row]
             reasons[row] = "its dots are not where those of a plane can be: wrong numbers?"
@@ -212,7 +213,7 @@ def _start(
     return Fit(rows, found, State(camera, stacked, target.dots), target.dots, target.radius, free, refine)
 
 
-def _arranged(views: list[View], dots: int) -> Found:
+def _arranged(views: list[TargetView], dots: int) -> Found:
     """Views (v) as arrays by the target's dots."""
     centers, weight = np.zeros((len(views), dots, 2)), np.zeros((len(views), dots, 2, 2))
     for row, view in enumerate(views):
@@ -221,7 +222,7 @@ def _arranged(views: list[View], dots: int) -> Found:
     return Found(centers, weight)
 
 
-def _enough(count: int, reasons: dict[int, str], views: list[View]) -> None:
+def _enough(count: int, reasons: dict[int, str], views: list[TargetView]) -> None:
     if count >= _VIEWS_MIN and count >= (1.0 - _BAD_SHARE) * len(views):
         return
     said = "".join(f"\n  {views[row].name}: {reason}" for row, reason in sorted(reasons.items()))
@@ -237,7 +238,7 @@ def _determined(camera: Camera, spread: Array) -> None:
         raise NotCalibratedError(f"the views hardly determine the focal length and the centre ({names}): {_REMEDY}")
 
 
-def _results(views: list[View], fit: Fit, reasons: dict[int, str]) -> tuple[CalibratedView, ...]:
+def _results(views: list[TargetView], fit: Fit, reasons: dict[int, str]) -> tuple[CalibratedView, ...]:
     residuals = dict(zip(fit.rows.tolist(), fit.residuals(), strict=True))
     poses = fit.state.poses
     place = {row: i for i, row in enumerate(fit.rows.tolist())}

@@ -12,30 +12,16 @@ import numpy.typing as npt
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import quaternion_from_matrix
 from cpcal.vision.camera import Camera
+from cpcal.vision.homography import mapped
 
 Array = npt.NDArray[np.float64]
 
 _FOCAL_RANGE = (0.2, 20.0)  # of the image's longer side: else the equations say nothing
 
 
-def homography(dots: Array, centers: Array) -> Array:
-    """The H (3, 3), up to scale, that takes dots (m, 2) best to centers (m, 2); m >= 4 (normalised linear solution)."""
-    from_dots, from_centers = _normaliser(dots), _normaliser(centers)
-    p = _with_one(dots) @ from_dots.T
-    u = (_with_one(centers) @ from_centers.T)[:, :2]
-    zero = np.zeros_like(p)
-    rows = np.concatenate(
-        [np.concatenate([p, zero, -u[:, :1] * p], axis=1), np.concatenate([zero, p, -u[:, 1:] * p], axis=1)]
-    )
-    solution = np.linalg.svd(rows.T @ rows)[2][-1].reshape(3, 3)
-    return np.asarray(np.linalg.solve(from_centers, solution @ from_dots))
-
-
 def homography_rms(matrix: Array, dots: Array, centers: Array) -> float:
-    """How far, in pixels per axis, the homography is from taking dots to centers."""
-    mapped = _with_one(dots) @ matrix.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        off = mapped[:, :2] / mapped[:, 2:] - centers
+    """How far, in pixels per axis, a homography (3, 3) is from taking dots (m, 2) to centers (m, 2)."""
+    off = mapped(matrix, dots) - centers
     return float(np.sqrt(np.mean(off**2))) if np.isfinite(off).all() else np.inf
 
 
@@ -71,14 +57,3 @@ def _focal(left: Array, right: Array) -> tuple[float, ...] | None:
     focal = inverse_squares**-0.5
     inside = (focal > _FOCAL_RANGE[0]) & (focal < _FOCAL_RANGE[1])
     return tuple(focal.tolist()) if inside.all() else None
-
-
-def _normaliser(points: Array) -> Array:
-    """The (3, 3) that moves points to the origin and gives them a mean distance of about one."""
-    middle = points.mean(axis=0)
-    scale = 1.0 / max(float(np.sqrt(np.mean((points - middle) ** 2))), np.finfo(np.float64).tiny)
-    return np.array([[scale, 0.0, -scale * middle[0]], [0.0, scale, -scale * middle[1]], [0.0, 0.0, 1.0]])
-
-
-def _with_one(points: Array) -> Array:
-    return np.concatenate([points, np.ones((len(points), 1))], axis=1)
