@@ -2,13 +2,14 @@
 
 The target is flat: with barycentric coordinates (u, v, w) of dot i with respect to three dots A, B, C that lie on no
 line, the dot is at X_i = u X_A + v X_B + w X_C in the camera frame, whatever the pose. So the half-spaces g . X_i <= 0
-of its viewing pyramid are *linear* in the nine coordinates of A, B and C. They are homogeneous, and all Z are positive:
-scaling by 1 / (Z_A + Z_B + Z_C) leaves eight unknowns with bounds that are known beforehand (0 <= Z <= 1, and X / Z within
-the pyramid). Linear programs, their bounds proved from their multipliers, give a box of these unknowns.
+of its viewing pyramid are *linear* in the nine coordinates of A, B and C. They are homogeneous, and all Z are
+positive: scaling by 1 / (Z_A + Z_B + Z_C) leaves eight unknowns with bounds that are known beforehand (0 <= Z <= 1,
+and X / Z within the pyramid). Linear programs, their bounds proved from their multipliers, give a box of these
+unknowns.
 
 The columns h1, h2 of the homography and its translation are linear in them; a rigid motion has |h1| = |h2| = 1 after
-scaling back, which gives the scale, and h3 = h1 x h2. So every pose that shows all dots in their boxes lies in what comes
-out, and no region to look in has to be stated.
+scaling back, which gives the scale, and h3 = h1 x h2. So every pose that shows all dots in their boxes lies in what
+comes out, and no region to look in has to be stated.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy.typing as npt
 
 from cpcal.interfaces import Contractor
 from cpcal.interval import IntervalArray
+from cpcal.network import ConstraintNetwork
 from cpcal.solver import Network
 from cpcal.vision.enclosed import (
     ENGINE,
@@ -61,7 +63,7 @@ def corner_dots(dots: Array) -> tuple[int, int, int] | None:
 
 
 def first_motions(
-    dots: Array, pyramids: Pyramids, contractor_of: Callable[[Network], Contractor]
+    dots: Array, pyramids: Pyramids, contractor_of: Callable[[ConstraintNetwork], Contractor]
 ) -> Motions | str | None:
     """All motions that show dot i, at dots (m, 2) mm of the plane z = 0, within pyramid i, in front of the camera.
 
@@ -70,8 +72,7 @@ def first_motions(
     corners = corner_dots(dots)
     if corners is None:
         return "the dots are on a line, or fewer than three"
-    barycentric = _barycentric(dots, corners)
-    network = _network(barycentric, corners, pyramids)
+    network = homography_network(dots, pyramids)
     contractor = contractor_of(network)
     box = network.domain
     for _ in range(_PASSES):
@@ -99,8 +100,14 @@ def _area(x: IntervalArray, y: IntervalArray) -> IntervalArray:
     return e.sub(e.mul(x[..., 0], y[..., 1]), e.mul(x[..., 1], y[..., 0]))
 
 
-def _network(barycentric: IntervalArray, corners: tuple[int, int, int], pyramids: Pyramids) -> Network:
-    """g . X_i <= 0 and Z_i >= 0 in X_A, Y_A, X_B, Y_B, X_C, Y_C, Z_A, Z_B, with Z_C = 1 - Z_A - Z_B."""
+def homography_network(dots: Array, pyramids: Pyramids) -> Network:
+    """g . X_i <= 0 and Z_i >= 0 in X_A, Y_A, X_B, Y_B, X_C, Y_C, Z_A, Z_B, with Z_C = 1 - Z_A - Z_B.
+
+    The dots (m, 2) must not lie on a line.
+    """
+    corners = corner_dots(dots)
+    assert corners is not None
+    barycentric = _barycentric(dots, corners)
     e = ENGINE
     ahead = np.broadcast_to([0.0, 0.0, -1.0], (len(pyramids.planes), 1, 3))
     planes = exact(np.concatenate([pyramids.planes, ahead], axis=1).reshape(-1, 3))

@@ -1,15 +1,16 @@
 """The constraints of a pose set as polynomial rows, and boxes of poses about a centre.
 
-The unknown pose is that of a mobile frame in a base frame, x_base = P + R x_mobile; the base frame in the camera frame and
-the target frame in the mobile frame are exact motions (`Frames`; by default both are the identity, and the pose is that of
-the target in the camera frame). With a centre (P0, q0) of floats the six unknowns W (mm) and s are
+The unknown pose is that of a mobile frame in a base frame, x_base = P + R x_mobile; the base frame in the camera frame
+and the target frame in the mobile frame are exact motions (`Frames`; by default both are the identity, and the pose is
+that of the target in the camera frame). With a centre (P0, q0) of floats the six unknowns W (mm) and s are
 
     P = P0 + W / (1 + s.s),        R = R(1, s) R(q0),        R(1, s) v = v + 2 (s x v + s (s.v) - s.s v) / (1 + s.s)
 
-so that (1 + s.s) times a point in the camera frame has degree two: for dot i, at v = R(q0) m in the directions of the base
-frame, with c = Rc^T g for a half-space g . X <= 0 of its viewing pyramid,
+so that (1 + s.s) times a point in the camera frame has degree two: for dot i, at v = R(q0) m in the directions of the
+base frame, with c = Rc^T g for a half-space g . X <= 0 of its viewing pyramid,
 
-    (1 + s.s) g . X  =  g . (Pc + Rc (P0 + v)) + c . W + 2 s . (v x c) + s.s (g . (Pc + Rc P0) - c . v) + 2 (s . c) (s . v)
+    (1 + s.s) g . X  =  g . (Pc + Rc (P0 + v)) + c . W + 2 s . (v x c)
+                        + s.s (g . (Pc + Rc P0) - c . v) + 2 (s . c) (s . v)
 
 1 + s.s is positive, so g . X <= 0 and this <= 0 are the same. Twelve monomials serve all dots. The coefficients are
 enclosed, then weakened to rows of floats on the box of W and s at hand: exact data for solver and certificate.
@@ -22,8 +23,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.errors import InputError, Problem
 from cpcal.interval import Box, IntervalArray
 from cpcal.robot.kinematics import Pose
+from cpcal.robot.robot import frozen_array
 from cpcal.robot.rotation import normalised, quaternion_conjugate, quaternion_product
 from cpcal.solver import Network
 from cpcal.vision.enclosed import (
@@ -48,16 +51,44 @@ _PAIRS = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)])
 _IDENTITY = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frames:
     """Exact motions between which the pose stands, of the floats that they are (quaternions divided by |q|^2).
 
     camera  the base frame seen in the camera frame: `x_camera = P + R x_base`, mm
     target  the target frame seen in the mobile frame: `x_mobile = P + R x_target`, mm
+
+    Raises InputError when one of them is not one motion.
     """
 
     camera: Pose = _IDENTITY
     target: Pose = _IDENTITY
+
+    def __post_init__(self) -> None:
+        problems = []
+        for name in ("camera", "target"):
+            pose: Pose = getattr(self, name)
+            one = Pose(frozen_array(pose.position), frozen_array(pose.quaternion))
+            object.__setattr__(self, name, one)
+            numbers = np.concatenate([one.position.ravel(), one.quaternion.ravel()])
+            if one.position.shape != (3,) or one.quaternion.shape != (4,) or not np.isfinite(numbers).all():
+                problems.append(Problem(f"frames {name}", "is not one motion", "give (3,) mm and a quaternion (4,)"))
+            elif not one.quaternion.any():
+                problems.append(Problem(f"frames {name}", "has the quaternion zero", "give a unit quaternion"))
+        if problems:
+            raise InputError(problems)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Frames):
+            return NotImplemented
+        pairs = ((self.camera, other.camera), (self.target, other.target))
+        return all(
+            np.array_equal(one.position, two.position) and np.array_equal(one.quaternion, two.quaternion)
+            for one, two in pairs
+        )
+
+    def __hash__(self) -> int:
+        return hash((*self.camera.position, *self.target.position))
 
     def in_mobile(self, points: Array) -> IntervalArray:
         """Points (m, 3) of the target frame in the mobile frame."""
@@ -123,7 +154,7 @@ def pose_box(motions: Motions, center: Pose) -> PoseBox | None:
 
 @dataclass(frozen=True)
 class PoseRows:
-    """Rows `linear @ (W, s) + bilinear @ (s0 s0, s1 s1, s2 s2, s0 s1, s0 s2, s1 s2) + constant <= 0` of floats, in pixels.
+    """Rows `linear @ (W, s) + bilinear @ (s0 s0, s1 s1, s2 s2, s0 s1, s0 s2, s1 s2) + constant <= 0` of floats.
 
     Every pose in the box that they were made for, with dot k in its pixel box, satisfies rows 4 k to 4 k + 3.
     """
@@ -132,15 +163,14 @@ class PoseRows:
     bilinear: Array
     constant: Array
 
-    def network(self, box: Box, rows: npt.NDArray[np.intp] | None = None) -> Network:
-        """All (W, s) in a box that satisfy the rows (or some of them)."""
-        chosen = np.arange(len(self.constant)) if rows is None else rows
+    def network(self, box: Box) -> Network:
+        """All (W, s) in a box that satisfy the rows."""
         network = Network()
-        move, turn = network.variable("W", 3, (box.lo[:3], box.hi[:3])), network.variable("s", 3, (box.lo[3:], box.hi[3:]))
-        linear, bilinear = self.linear[chosen], self.bilinear[chosen]
-        moved = network.constant(linear[:, :3]) @ move + network.constant(linear[:, 3:]) @ turn
-        bent = network.constant(bilinear) @ (turn[_PAIRS[:, 0]] * turn[_PAIRS[:, 1]])
-        network.add(moved + bent + self.constant[chosen] <= 0.0)
+        move = network.variable("W", 3, (box.lo[:3], box.hi[:3]))
+        turn = network.variable("s", 3, (box.lo[3:], box.hi[3:]))
+        moved = network.constant(self.linear[:, :3]) @ move + network.constant(self.linear[:, 3:]) @ turn
+        bent = network.constant(self.bilinear) @ (turn[_PAIRS[:, 0]] * turn[_PAIRS[:, 1]])
+        network.add(moved + bent + self.constant <= 0.0)
         return network
 
     def refuted(self, box: Box) -> npt.NDArray[np.bool_]:

@@ -1,12 +1,12 @@
 """Pixel boxes as viewing pyramids: the planes through the camera's centre that enclose what a box can show.
 
-A pixel is F(x) = center + focal d(x) of the direction x = (X / Z, Y / Z), with d the lens distortion. Which x have F(x) in
-a box of pixels? By the mean value theorem, on any box N of directions with midpoint c,
+A pixel is F(x) = center + focal d(x) of the direction x = (X / Z, Y / Z), with d the lens distortion. Which x have
+F(x) in a box of pixels? By the mean value theorem, on any box N of directions with midpoint c,
 
     F(x) in F(c) + F'(N) (x - c)                for all x in N,
 
-so that, first, cells of the field whose F misses the pixel box are left out, secondly Newton's interval operator narrows
-what is left, C (F(x) - F(c)) being in C F'(N) (x - c), and at last, for any real matrix J in place of F'(N),
+so that, first, cells of the field whose F misses the pixel box are left out, secondly Newton's interval operator
+narrows what is left, C (F(x) - F(c)) being in C F'(N) (x - c), and at last, for any real matrix J in place of F'(N),
 
     J x  in  box - F(c) + J c - (F'(N) - J) (N - c),
 
@@ -138,8 +138,9 @@ def _field(camera: Camera) -> tuple[IntervalArray, IntervalArray]:
 def _cells(camera: Camera, pixels: IntervalArray) -> IntervalArray:
     """The hull (m, 2) of those cells of the field that may be shown in a pixel box."""
     cells, shown = _field(camera)
-    meets = ((shown.lo <= pixels.hi[:, None, :]) & (shown.hi >= pixels.lo[:, None, :])).all(axis=2)
-    _refuse(~meets.any(axis=1))
+    below, above = shown.lo <= pixels.hi[:, None, :], shown.hi >= pixels.lo[:, None, :]
+    meets = np.asarray((below & above).all(axis=2))
+    _refuse(np.asarray(~meets.any(axis=1)))
     inside = meets[:, :, None]
     lo, hi = np.where(inside, cells.lo, np.inf), np.where(inside, cells.hi, -np.inf)
     return IntervalArray(lo.min(axis=1), hi.max(axis=1))
@@ -154,11 +155,9 @@ def _narrowed(camera: Camera, pixels: IntervalArray, x: IntervalArray) -> Interv
         misfit = e.sub(pixels, pixels_of(camera, exact(center)))
         product = stacked([inner(inverse, _column(slope, k)) for k in range(2)])
         rest = e.sub(exact(np.eye(2)), product)
-        step = e.add(
-            inner(inverse, misfit[:, None, :]), inner(rest, e.sub(x, exact(center))[:, None, :])
-        )
+        step = e.add(inner(inverse, misfit[:, None, :]), inner(rest, e.sub(x, exact(center))[:, None, :]))
         new = x.intersect(e.add(exact(center), step))
-        _refuse(new.empty.any(axis=1))
+        _refuse(np.asarray(new.empty.any(axis=1)))
         paid = bool((new.hi - new.lo < _PAYS * (x.hi - x.lo)).any())
         x = new
         if not paid:

@@ -1,14 +1,15 @@
 """Pose sets when up to q dots may lie outside their pixel boxes, nobody knows which.
 
-Why it is sound. Let (P, R) be a pose that shows at least n - q of n dots in their boxes. Deal the dots into G >= 2 q + 1
-groups without common dots: at most q groups contain one of the at most q dots outside, so the pose shows *all* dots of at
-least G - q groups, and lies in the enclosures of those. The hull of the points that lie in at least G - q of G boxes (the
-plug-in `qinter`, exact) therefore holds it. G - q > q, so that wrong groups alone, whatever they agree upon, never make such a point.
+Why it is sound. Let (P, R) be a pose that shows at least n - q of n dots in their boxes. Deal the dots into G >= 2 q +
+1 groups without common dots: at most q groups contain one of the at most q dots outside, so the pose shows *all* dots
+of at least G - q groups, and lies in the enclosures of those. The hull of the points that lie in at least G - q of G
+boxes (the plug-in `qinter`, exact) therefore holds it. G - q > q, so that wrong groups alone, whatever they agree
+upon, never make such a point.
 
-A dot that is outside its box for every pose of that hull is outside for (P, R) too. If there are j such dots, the pose shows
-at least (n - j) - (q - j) of the n - j others: the question again with n - j dots and q - j outliers, and none when j > q. With
-no outlier left over all others must be in their boxes, which is the plain question. Else the dots are dealt anew, which
-holds again all of the set, as long as that narrows the hull.
+A dot that is outside its box for every pose of that hull is outside for (P, R) too. If there are j such dots, the pose
+shows at least (n - j) - (q - j) of the n - j others: the question again with n - j dots and q - j outliers, and none
+when j > q. With no outlier left over all others must be in their boxes, which is the plain question. Else the dots are
+dealt anew, which holds again all of the set, as long as that narrows the hull.
 """
 
 from __future__ import annotations
@@ -24,12 +25,11 @@ from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import normalised
 from cpcal.solver import Network
 from cpcal.vision.enclosed import joined
+from cpcal.vision.pose_enclosure import Found, View, contracted, enclosed
 from cpcal.vision.pose_rows import PoseBox, pose_rows
-from cpcal.vision.pose_set import View, contracted, enclosed
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
-Found = PoseBox | str | None
 
 _LEAST = 6  # dots of a group
 _DEALS = 6  # at most
