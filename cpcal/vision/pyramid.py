@@ -30,7 +30,9 @@ from cpcal.vision.enclosed import ENGINE, exact, inner, stacked
 Array = npt.NDArray[np.float64]
 
 _MARGIN = 0.1  # of the field beyond the image's border, as a share of its half-widths
-_BORDER = 64  # points on each side of the image
+_RAYS, _STEPS = 96, 400
+_WIDEST = 4.0  # tangent of the largest angle to the axis
+_TURNS = 0.01  # determinant of the distortion's derivative, 1 on the axis, at which a lens is said to turn back
 _CELLS = 32  # of the field, each way
 _ROUNDS = 12  # of Newton's operator at most
 _PAYS = 0.9  # it goes on while some box of directions shrinks below this share
@@ -53,18 +55,19 @@ class Pyramids:
 def field_of_view(camera: Camera) -> tuple[Array, Array]:
     """The directions that count, as a box lo (2,), hi (2,): what the image shows and a tenth more on every side.
 
-    The polynomial of the distortion is a model of the lens there and nowhere else; far outside it folds back.
-    Raises InputError when the border of the image is not the image of anything.
+    Along each ray from the axis the field ends where the image does, or where the lens model turns back (its polynomial is
+    a model of the lens up to there and nowhere else): what is beyond is not taken for a direction that could be seen.
     """
-    x = np.linspace(-0.5, camera.width - 0.5, _BORDER)
-    y = np.linspace(-0.5, camera.height - 0.5, _BORDER)
-    sides = [np.stack([x, np.full_like(x, end)], axis=1) for end in (y[0], y[-1])]
-    sides += [np.stack([np.full_like(y, end), y], axis=1) for end in (x[0], x[-1])]
-    border = camera.normalised(np.concatenate(sides))
-    if not np.isfinite(border).all():
-        what = "no direction is shown at parts of the image's border"
-        raise InputError([Problem("camera distortion", what, "calibrate again with dots all over the image")])
-    lo, hi = border.min(axis=0), border.max(axis=0)
+    angle = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False)
+    radius = np.linspace(0.0, _WIDEST, _STEPS)
+    rays = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    jacobian = distortion_jacobian(rays, camera.distortion)
+    onward = np.linalg.det(jacobian) > _TURNS
+    pixels = camera.pixels(rays)
+    shown = ((pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])).all(axis=2)
+    last = np.logical_and.accumulate(onward & shown, axis=0).sum(axis=0)
+    ends = rays[np.minimum(last, _STEPS - 1), np.arange(_RAYS)]
+    lo, hi = ends.min(axis=0), ends.max(axis=0)
     more = 0.5 * _MARGIN * (hi - lo)
     return lo - more, hi + more
 
