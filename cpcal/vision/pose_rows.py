@@ -42,7 +42,7 @@ from cpcal.vision.enclosed import (
     with_float_coefficients,
 )
 from cpcal.vision.enclosed import quaternion_product as enclosed_product
-from cpcal.vision.homography import Motions
+from cpcal.vision.proved_homography import Motions
 
 Array = npt.NDArray[np.float64]
 

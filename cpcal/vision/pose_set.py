@@ -10,7 +10,7 @@ and with `outliers` = q the larger set of poses for which this holds for all dot
 gives a box that is proved to hold the set, wherever it is: rotation and position are not restricted beforehand.
 
 Three stages, each an outer enclosure of all that is left: viewing pyramids instead of pixels (`pyramid`), a first box
-by linear programs in the homography (`homography`), then the constraints themselves, polynomials in position and
+by linear programs in the homography (`proved_homography`), then the constraints themselves, polynomials in position and
 rotation (`pose_rows`), contracted by the general solver until the box no longer shrinks.
 """
 
@@ -29,7 +29,7 @@ from cpcal.robot.kinematics import Pose
 from cpcal.robot.robot import frozen_array
 from cpcal.vision.camera import Camera
 from cpcal.vision.enclosed import exact, rotation
-from cpcal.vision.homography import Motions
+from cpcal.vision.proved_homography import Motions
 from cpcal.vision.pixel_boxes import PixelBoxes
 from cpcal.vision.pose_certificate import write_certificate
 from cpcal.vision.pose_enclosure import Found, Indices, View, contractor_of, enclosed
