@@ -71,7 +71,8 @@ def errors(kind: str, slopes: Array, half_width: float, rng: np.random.Generator
     if kind == "uniform":
         return rng.uniform(-size, size, slopes.shape[:2])
     scale = np.sqrt((slopes**2).sum(axis=(0, 1)))
-    return size * np.sign(slopes @ (rng.standard_normal(6) / scale))
+    pushed: Array = size * np.sign(slopes @ (rng.standard_normal(6) / scale))
+    return pushed
 
 
 def trial(kind: str, half_width: float, outliers: int, rng: np.random.Generator) -> dict[str, Any]:

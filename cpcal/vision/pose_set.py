@@ -29,11 +29,11 @@ from cpcal.robot.kinematics import Pose
 from cpcal.robot.robot import frozen_array
 from cpcal.vision.camera import Camera
 from cpcal.vision.enclosed import exact, rotation
-from cpcal.vision.proved_homography import Motions
 from cpcal.vision.pixel_boxes import PixelBoxes
 from cpcal.vision.pose_certificate import write_certificate
 from cpcal.vision.pose_enclosure import Found, Indices, View, contractor_of, enclosed
 from cpcal.vision.pose_rows import Frames, PoseBox, pose_box
+from cpcal.vision.proved_homography import Motions
 from cpcal.vision.pyramid import pyramids
 from cpcal.vision.robust_pose_set import enclosed_but
 from cpcal.vision.target import Target

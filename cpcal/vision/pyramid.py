@@ -29,8 +29,8 @@ from cpcal.vision.enclosed import ENGINE, exact, inner, stacked
 
 Array = npt.NDArray[np.float64]
 
-_MARGIN = 0.1  # of the field beyond the image's border, as a share of its half-widths
-_RAYS, _STEPS = 96, 400
+_MARGIN = 0.1  # of the field beyond the image's border, as a share of the distance from the axis
+_RAYS, _STEPS = 97, 400
 _WIDEST = 4.0  # tangent of the largest angle to the axis
 _TURNS = 0.01  # determinant of the distortion's derivative, 1 on the axis, at which a lens is said to turn back
 _CELLS = 32  # of the field, each way
@@ -52,24 +52,34 @@ class Pyramids:
     hi: Array
 
 
-def field_of_view(camera: Camera) -> tuple[Array, Array]:
-    """The directions that count, as a box lo (2,), hi (2,): what the image shows and a tenth more on every side.
+@lru_cache(maxsize=8)
+def field_of_view(camera: Camera) -> IntervalArray:
+    """The directions that count, as cells (c, 2): what the image shows and a tenth more on every side.
 
-    Along each ray from the axis the field ends where the image does, or where the lens model turns back (its polynomial is
-    a model of the lens up to there and nowhere else): what is beyond is not taken for a direction that could be seen.
+    Along each ray from the axis the field ends where the image does, or where the lens model turns back (its
+    polynomial is a model of the lens up to there): what is beyond is not taken for a direction that could be seen.
     """
-    angle = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False)
+    angle, radius = _rim(camera)
+    rim = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    cuts = np.linspace(rim.min(axis=0), rim.max(axis=0), _CELLS + 1)
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(_CELLS), np.arange(_CELLS), indexing="ij"))
+    lo, hi = np.stack([cuts[i, 0], cuts[j, 1]], axis=1), np.stack([cuts[i + 1, 0], cuts[j + 1, 1]], axis=1)
+    middle = 0.5 * (lo + hi)
+    reach = np.interp(np.arctan2(middle[:, 1], middle[:, 0]), angle, radius)
+    within = np.linalg.norm(middle, axis=1) <= reach + np.linalg.norm(hi - middle, axis=1)
+    return IntervalArray(lo[within], hi[within])
+
+
+def _rim(camera: Camera) -> tuple[Array, Array]:
+    """Angles from -pi to pi, and how far the field reaches there from the axis: radii in normalised coordinates."""
+    angle = np.linspace(-np.pi, np.pi, _RAYS)
     radius = np.linspace(0.0, _WIDEST, _STEPS)
     rays = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    jacobian = distortion_jacobian(rays, camera.distortion)
-    onward = np.linalg.det(jacobian) > _TURNS
+    onward = np.linalg.det(distortion_jacobian(rays, camera.distortion)) > _TURNS
     pixels = camera.pixels(rays)
     shown = ((pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])).all(axis=2)
     last = np.logical_and.accumulate(onward & shown, axis=0).sum(axis=0)
-    ends = rays[np.minimum(last, _STEPS - 1), np.arange(_RAYS)]
-    lo, hi = ends.min(axis=0), ends.max(axis=0)
-    more = 0.5 * _MARGIN * (hi - lo)
-    return lo - more, hi + more
+    return angle, (1.0 + _MARGIN) * radius[np.minimum(last, _STEPS - 1)]
 
 
 def pyramids(camera: Camera, lo: Array, hi: Array) -> Pyramids:
@@ -123,30 +133,24 @@ def pixel_slopes(camera: Camera, x: IntervalArray) -> IntervalArray:
     return e.mul(exact(camera.focal[:, None]), jacobian)
 
 
-@lru_cache(maxsize=8)
-def _field(camera: Camera) -> tuple[IntervalArray, IntervalArray]:
-    """The cells (c, 2) that the field is divided into, and the pixels (c, 2) that each may be shown at."""
-    low, high = field_of_view(camera)
-    cuts = np.linspace(low, high, _CELLS + 1)
-    cuts[-1] = high
-    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(_CELLS), np.arange(_CELLS), indexing="ij"))
-    lo = np.stack([cuts[i, 0], cuts[j, 1]], axis=1)
-    hi = np.stack([cuts[i + 1, 0], cuts[j + 1, 1]], axis=1)
-    cells = IntervalArray(lo, hi)
-    center, e = cells.mid, ENGINE
-    away = e.sub(cells, exact(center))[:, None, :]
-    return cells, e.add(pixels_of(camera, exact(center)), inner(pixel_slopes(camera, cells), away))
-
-
 def _cells(camera: Camera, pixels: IntervalArray) -> IntervalArray:
     """The hull (m, 2) of those cells of the field that may be shown in a pixel box."""
-    cells, shown = _field(camera)
+    cells, shown = field_of_view(camera), _shown(camera)
     below, above = shown.lo <= pixels.hi[:, None, :], shown.hi >= pixels.lo[:, None, :]
     meets = np.asarray((below & above).all(axis=2))
-    _refuse(np.asarray(~meets.any(axis=1)))
+    _refuse(np.logical_not(meets.any(axis=1)))
     inside = meets[:, :, None]
     lo, hi = np.where(inside, cells.lo, np.inf), np.where(inside, cells.hi, -np.inf)
     return IntervalArray(lo.min(axis=1), hi.max(axis=1))
+
+
+@lru_cache(maxsize=8)
+def _shown(camera: Camera) -> IntervalArray:
+    """Enclosures (c, 2) of the pixels at which the cells of the field are shown."""
+    cells, e = field_of_view(camera), ENGINE
+    center = exact(cells.mid)
+    away = e.sub(cells, center)[:, None, :]
+    return e.add(pixels_of(camera, center), inner(pixel_slopes(camera, cells), away))
 
 
 def _narrowed(camera: Camera, pixels: IntervalArray, x: IntervalArray) -> IntervalArray:
