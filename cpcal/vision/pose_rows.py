@@ -173,14 +173,17 @@ class PoseRows:
         network.add(moved + bent + self.constant <= 0.0)
         return network
 
+    def right_side(self, box: Box) -> Array:
+        """Numbers with `linear @ x <= right side` for every x of the box that satisfies the rows: linear ones alone."""
+        e, s = ENGINE, box.array[3:]
+        products = joined([e.sqr(s), e.mul(s[_PAIRS[3:, 0]], s[_PAIRS[3:, 1]])])
+        bent = inner(exact(self.bilinear), products)
+        return e.neg(e.add(bent, exact(self.constant))).hi
+
     def refuted(self, box: Box) -> npt.NDArray[np.bool_]:
         """For which dots no pose of a box has them in their pixel boxes: some row is positive on all of it."""
-        e, x = ENGINE, box.array
-        s = x[3:]
-        products = joined([e.sqr(s), e.mul(s[_PAIRS[3:, 0]], s[_PAIRS[3:, 1]])])
-        value = e.add(inner(exact(self.linear), x), inner(exact(self.bilinear), products))
-        lowest = e.add(value, exact(self.constant)).lo
-        return np.asarray((lowest > 0.0).reshape(-1, 4).any(axis=1))
+        lowest = inner(exact(self.linear), box.array).lo
+        return np.asarray((lowest > self.right_side(box)).reshape(-1, 4).any(axis=1))
 
 
 def pose_rows(planes: Array, points: IntervalArray, frames: Frames, center: Pose, box: Box) -> PoseRows:

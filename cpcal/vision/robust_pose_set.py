@@ -8,8 +8,8 @@ upon, never make such a point.
 
 A dot that is outside its box for every pose of that hull is outside for (P, R) too. If there are j such dots, the pose
 shows at least (n - j) - (q - j) of the n - j others: the question again with n - j dots and q - j outliers, and none
-when j > q. With no outlier left over all others must be in their boxes, which is the plain question. Else the dots are
-dealt anew, which holds again all of the set, as long as that narrows the hull.
+when j > q. With no outlier left over all others must be in their boxes, which is the plain question. With one or two
+left over `all_but` narrows the hull. With more the dots are dealt anew, as long as that narrows it.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from cpcal.interval import IntervalArray
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import normalised
 from cpcal.solver import Network
+from cpcal.vision.all_but import MOST, all_but
 from cpcal.vision.enclosed import joined
 from cpcal.vision.pose_enclosure import Found, View, contracted, enclosed
 from cpcal.vision.pose_rows import PoseBox, pose_rows
@@ -32,7 +33,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 _LEAST = 6  # dots of a group
-_DEALS = 6  # at most
+_TURNS = 8  # at most
 _PAYS = 0.95
 
 
@@ -40,27 +41,35 @@ def enclosed_but(view: View, outliers: int) -> tuple[Found, Indices]:
     """All poses that satisfy a view but for at most so many dots; and which dots none of those poses satisfies."""
     active = np.arange(len(view.dots))
     box: PoseBox | None = None
-    for deal in range(_DEALS):
+    for turn in range(_TURNS):
         left = outliers - (len(view.dots) - len(active))
-        found = _one_deal(view, active, left, deal, box)
+        found = _one_turn(view, active, left, turn, box)
         if not isinstance(found, PoseBox):
-            # an earlier hull remains true when a later deal fails
+            # an earlier hull remains true when a later turn fails
             return (box if box is not None and isinstance(found, str) else found), _others(view, active)
         before, box = box, found
         wrong = _refuted(view.part(active), box)
         active = active[~wrong]
         if len(view.dots) - len(active) > outliers:
             return None, _others(view, active)
-        if left == 0 or (not wrong.any() and not _narrower(before, box)):
+        last = left == 0 or not (wrong.any() or _narrower(before, box))
+        if last or (not wrong.any() and before is not None and left <= MOST):
             break
     return box, _others(view, active)
 
 
-def _one_deal(view: View, active: Indices, outliers: int, deal: int, box: PoseBox | None) -> Found:
-    """The hull of one division into groups; with no outlier left, of all."""
+def _one_turn(view: View, active: Indices, outliers: int, turn: int, box: PoseBox | None) -> Found:
+    """What all dots leave when none is an outlier, the linear programs of few, one division into groups of many."""
+    part = view.part(active)
     if outliers == 0:
-        part = view.part(active)
         return enclosed(part) if box is None else contracted(part, box)
+    if box is not None and outliers <= MOST:
+        return all_but(part, box, outliers)
+    return _one_deal(view, active, outliers, turn, box)
+
+
+def _one_deal(view: View, active: Indices, outliers: int, deal: int, box: PoseBox | None) -> Found:
+    """The hull of one division into groups."""
     count = 2 * outliers + 1
     if len(active) < _LEAST * count:
         return f"{len(active)} dots are too few for {outliers} outliers: {count} groups of {_LEAST} are needed"
