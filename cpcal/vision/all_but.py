@@ -1,0 +1,92 @@
+"""The box around all poses that satisfy all but q dots, q small: to first order the narrowest there is.
+
+A bound from a linear program holds because of the dots T that have a multiplier in its proof: it holds for every pose
+that satisfies those, whatever all other dots do. A pose that satisfies all dots but q either satisfies T, or violates
+a t in T and satisfies all other dots but q - 1. So the bound with q outliers is the worst of the bound and, for each t
+in T, the bound with q - 1 outliers among the dots without t. T has hardly more members than there are unknowns, so
+there are about 7^q programs for each of the twelve bounds, where trying all subsets of dots would need n^q.
+
+The rows are those of `pose_rows`, their products of unknowns replaced by what they are at least on the box; every
+bound is proved from its multipliers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.interfaces import LinearStatus
+from cpcal.interval import IntervalArray
+from cpcal.linear import Glop, LazyRows, lower_bound
+from cpcal.vision.enclosed import ENGINE, exact
+from cpcal.vision.pose_enclosure import Found, View
+from cpcal.vision.pose_rows import PoseBox, pose_rows
+
+Array = npt.NDArray[np.float64]
+Dots = frozenset[int]
+
+MOST = 2  # outliers
+
+
+def all_but(view: View, box: PoseBox, outliers: int) -> Found:
+    """The poses of a box that satisfy all dots of a view but at most so many; None: there are none."""
+    unknowns = box.unknowns
+    rows = pose_rows(view.pyramids.planes, view.points, view.frames, box.center, unknowns)
+    programs = _Programs(rows.linear, rows.right_side(unknowns), unknowns.array)
+    sides = [[programs.least(k, sign, outliers) for k in range(len(unknowns))] for sign in (1.0, -1.0)]
+    lo, hi = np.array(sides[0]), -np.array(sides[1])
+    if (lo > hi).any():
+        return None
+    narrower = box.with_unknowns(unknowns.with_bounds(np.maximum(unknowns.lo, lo), np.minimum(unknowns.hi, hi)))
+    return narrower.about(narrower.middle) or box
+
+
+class _Programs:
+    """`matrix @ x <= rhs` in a box, four rows for each dot."""
+
+    def __init__(self, matrix: Array, rhs: Array, box: IntervalArray) -> None:
+        self._matrix, self._rhs, self._box = matrix, rhs, box
+        self._center, self._radius = box.mid, box.rad
+        inner = matrix * self._radius
+        largest = np.abs(inner).max(axis=1)
+        self._scale = np.where(largest > 0.0, largest, 1.0)
+        self._scaled = inner / self._scale[:, None], (rhs - matrix @ self._center) / self._scale
+        self._known: dict[tuple[int, float, Dots], tuple[float, Dots]] = {}
+
+    def least(self, k: int, sign: float, outliers: int, without: Dots = frozenset()) -> float:
+        """A lower bound of sign x_k over all x that satisfy all dots but those `without` and so many outliers more.
+
+        Infinite when there are no such x.
+        """
+        key = (k, sign, without)
+        if key not in self._known:
+            self._known[key] = self._bound(k, sign, without)
+        bound, carriers = self._known[key]
+        whole = float(self._box.lo[k] if sign > 0.0 else -self._box.hi[k])
+        for dot in sorted(carriers) if outliers else ():
+            if bound <= whole:
+                break
+            bound = min(bound, self.least(k, sign, outliers - 1, without | {dot}))
+        return max(bound, whole)
+
+    def _bound(self, k: int, sign: float, without: Dots) -> tuple[float, Dots]:
+        """The bound when all dots but these hold, and those that carry its proof."""
+        kept = np.setdiff1d(np.arange(len(self._rhs)), [4 * dot + j for dot in without for j in range(4)])
+        objective = np.zeros(len(self._center))
+        objective[k] = sign
+        ends = (-np.ones(len(objective)), np.ones(len(objective)))
+        nothing = (np.zeros((0, len(objective))), np.zeros(0))
+        rows = LazyRows(Glop(), nothing, (self._scaled[0][kept], self._scaled[1][kept]), ends)
+        solution = rows.minimize(objective)
+        chosen = np.flatnonzero(solution.multipliers > 0.0)
+        used = kept[rows.active[chosen]]
+        weights = solution.multipliers[chosen] / self._scale[used]
+        carriers = frozenset((used // 4).tolist())
+        if solution.status is LinearStatus.INFEASIBLE:
+            empty = self._proved(used, weights, np.zeros(len(objective))) > 0.0
+            return (np.inf if empty else -np.inf), carriers
+        return self._proved(used, weights * self._radius[k], objective), carriers
+
+    def _proved(self, used: npt.NDArray[np.intp], weights: Array, objective: Array) -> float:
+        matrix = exact(self._matrix[used])
+        return lower_bound(ENGINE, matrix, self._rhs[used], weights, objective, self._box)

@@ -1,0 +1,149 @@
+"""Guaranteed pose sets: all poses that show the dots of a target within stated boxes of pixels.
+
+What is assumed of the image: the centre of each dot i listed, projected with the distortion, lies in the box `lo_i <=
+pixel <= hi_i`. (Measured centres are those of ellipses: take `unbiased_boxes`.) Camera and target are exact, the
+numbers that their floats are. The pose set is
+
+    { (P, R) : for every i, dot i is in front of the camera, in its field of view, and its pixel is in box i }
+
+and with `outliers` = q the larger set of poses for which this holds for all dots but at most q of them. `enclose_pose`
+gives a box that is proved to hold the set, wherever it is: rotation and position are not restricted beforehand.
+
+Three stages, each an outer enclosure of all that is left: viewing pyramids instead of pixels (`pyramid`), a first box
+by linear programs in the homography (`proved_homography`), then the constraints themselves, polynomials in position and
+rotation (`pose_rows`), contracted by the general solver until the box no longer shrinks.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError, Problem
+from cpcal.interfaces import Verdict
+from cpcal.robot.kinematics import Pose
+from cpcal.robot.robot import frozen_array
+from cpcal.vision.camera import Camera
+from cpcal.vision.enclosed import exact, rotation
+from cpcal.vision.pixel_boxes import PixelBoxes
+from cpcal.vision.pose_certificate import write_certificate
+from cpcal.vision.pose_enclosure import Found, Indices, View, contractor_of, enclosed
+from cpcal.vision.pose_rows import Frames, PoseBox, pose_box
+from cpcal.vision.proved_homography import Motions
+from cpcal.vision.pyramid import pyramids
+from cpcal.vision.robust_pose_set import enclosed_but
+from cpcal.vision.target import Target
+
+__all__ = ["Frames", "PixelBoxes", "PoseSet", "enclose_pose"]
+
+Array = npt.NDArray[np.float64]
+
+CONTRACTORS = ("lifted",)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSet:
+    """What is proved of the poses that show the dots in their pixel boxes.
+
+    PROVED   all of them have |P - pose.position| <= position_radius and R = R(1, s) R(pose.quaternion) with
+             |2 s| <= rotation_radius, componentwise, in exact arithmetic on these floats: the reading set of a
+             campaign. Whether there is one at all is not said.
+    REFUTED  there is none: pose and radii are None
+    UNKNOWN  nothing bounded was proved, for the `reason` told
+
+    pose      of the mobile frame in the base frame of `frames`: of the target in the camera frame if none were given
+    outliers  how many dots may lie outside their boxes
+    refuted   numbers of dots that are outside for every pose of the set: outliers for sure
+    seconds   that it took
+    """
+
+    verdict: Verdict
+    pose: Pose | None
+    position_radius: Array | None
+    rotation_radius: Array | None
+    frames: Frames
+    outliers: int = 0
+    refuted: tuple[int, ...] = ()
+    reason: str = ""
+    seconds: float = 0.0
+
+    @property
+    def status(self) -> str:
+        """A sentence."""
+        but = f" but at most {self.outliers}" if self.outliers else ""
+        if self.verdict is Verdict.PROVED:
+            return f"All poses that show all dots{but} in their pixel boxes are enclosed: proved."
+        if self.verdict is Verdict.REFUTED:
+            return f"No pose shows all dots{but} in their pixel boxes: proved."
+        return f"Nothing is proved: {self.reason}."
+
+    def __contains__(self, pose: Pose) -> bool:
+        """Whether a pose (of exact floats) is proved to lie in the enclosure."""
+        if self.pose is None or self.position_radius is None or self.rotation_radius is None:
+            return False
+        motion = Motions(rotation(pose.quaternion), exact(pose.position))
+        found = pose_box(motion, self.pose)
+        if found is None:
+            return False
+        near = (found.position.mag <= self.position_radius).all()
+        return bool(near and (2.0 * found.half_turn.mag <= self.rotation_radius).all())
+
+
+def enclose_pose(
+    boxes: PixelBoxes,
+    target: Target,
+    camera: Camera,
+    *,
+    frames: Frames | None = None,
+    outliers: int = 0,
+    contractors: tuple[str, ...] = CONTRACTORS,
+    certificate: str | os.PathLike[str] | None = None,
+) -> PoseSet:
+    """A box that is proved to hold every pose that shows all dots but at most `outliers` in their pixel boxes.
+
+    `frames` are exact motions: then the poses are those of the mobile frame in the base frame, which is where the
+    box's axes are. `certificate` names a file for the proof of the last stage (see `cpcal.vision.pose_certificate`);
+    there is none with outliers.
+
+    Raises InputError for boxes that are not of this target, or that show nothing of the camera's field of view.
+    """
+    begin = time.perf_counter()
+    frames = frames or Frames()
+    _check(boxes, target, outliers, certificate is not None)
+    dots = target.dots[boxes.numbers]
+    points = frames.in_mobile(target.points[boxes.numbers])
+    view = View(dots, pyramids(camera, boxes.lo, boxes.hi), frames, points, contractor_of(contractors))
+    refuted: Indices = np.zeros(0, dtype=np.intp)
+    if outliers:
+        found, refuted = enclosed_but(view, outliers)
+    else:
+        found = enclosed(view)
+        if certificate is not None:
+            found = write_certificate(certificate, view, found)
+    wrong = tuple(int(k) for k in np.sort(boxes.numbers[refuted]))
+    return _pose_set(found, frames, outliers, wrong, time.perf_counter() - begin)
+
+
+def _pose_set(found: Found, frames: Frames, outliers: int, refuted: tuple[int, ...], seconds: float) -> PoseSet:
+    if isinstance(found, PoseBox):
+        radii = frozen_array(found.position.mag), frozen_array(2.0 * found.half_turn.mag)
+        return PoseSet(Verdict.PROVED, found.center, *radii, frames, outliers, refuted, "", seconds)
+    verdict, reason = (Verdict.REFUTED, "") if found is None else (Verdict.UNKNOWN, found)
+    return PoseSet(verdict, None, None, None, frames, outliers, refuted, reason, seconds)
+
+
+def _check(boxes: PixelBoxes, target: Target, outliers: int, certified: bool) -> None:
+    problems = [
+        Problem(f"pixel box of dot {k}", f"{target.name!r} has dots 0 to {len(target.dots) - 1}", "number dots from 0")
+        for k in boxes.numbers[(boxes.numbers < 0) | (boxes.numbers >= len(target.dots))]
+    ]
+    if outliers < 0:
+        problems.append(Problem("outliers", f"is {outliers}", "give a number of dots >= 0"))
+    if outliers and certified:
+        problems.append(Problem("certificate", "none can be written with outliers", "leave one of both out"))
+    if problems:
+        raise InputError(problems)

@@ -1,0 +1,198 @@
+"""Pixel boxes as pyramids, and their rows: checked against exact fractions of what they enclose."""
+
+from __future__ import annotations
+
+from fractions import Fraction as F
+
+import numpy as np
+import pytest
+
+from cpcal.errors import InputError
+from cpcal.interval import Box, IntervalArray
+from cpcal.robot import Pose, normalised
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera, distortion_jacobian
+from cpcal.vision.enclosed import exact, half_vector, rotation
+from cpcal.vision.pose_rows import NAMES, Frames, PoseBox, pose_rows
+from cpcal.vision.pyramid import field_of_view, pixel_slopes, pixels_of, pyramids
+
+MIDDLE = np.array([511.0, 380.0])
+CAMERAS = (
+    DELTALAB_CAMERA,
+    Camera(1024, 768, np.array([600.0, 601.0]), MIDDLE, np.array([-0.33, 0.15, 1e-3, -1e-3, -0.03])),
+    Camera(1024, 768, np.array([600.0, 601.0]), MIDDLE, np.array([-0.6, 0.0, 1e-3, -1e-3, 0.0])),
+    Camera(640, 480, np.array([500.0, 520.0]), MIDDLE / 2, np.array([0.2, 0.1, 0.0, 0.0, 0.01])),
+)
+
+
+def exact_pixel(camera: Camera, x: F, y: F) -> list[F]:
+    k1, k2, p1, p2, k3 = map(F, camera.distortion.tolist())
+    r2 = x * x + y * y
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    bent = (
+        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+    )
+    return [F(c) + F(f) * d for c, f, d in zip(camera.center.tolist(), camera.focal.tolist(), bent, strict=True)]
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_pixels_and_slopes_are_enclosed(camera: Camera) -> None:
+    rng = np.random.default_rng(0)
+    cells = field_of_view(camera)
+    points = rng.uniform(cells.lo, cells.hi)[:: len(cells.lo) // 50]
+    pixels = pixels_of(camera, exact(points))
+    for k, (x, y) in enumerate(points.tolist()):
+        for low, value, high in zip(pixels.lo[k], exact_pixel(camera, F(x), F(y)), pixels.hi[k], strict=True):
+            assert low <= value <= high
+            assert high - low < 1e-9
+    slopes = pixel_slopes(camera, IntervalArray(points - 0.01, points + 0.01))
+    for corner in ((0.01, 0.01), (-0.01, 0.0), (0.0, 0.0)):
+        inside = camera.focal[:, None] * distortion_jacobian(points + corner, camera.distortion)
+        assert ((slopes.lo <= inside + 1e-9) & (inside - 1e-9 <= slopes.hi)).all()
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_pyramids_hold_what_their_boxes_show_and_little_more(camera: Camera) -> None:
+    rng = np.random.default_rng(1)
+    pixels = rng.uniform([0.3, 0.3], [0.7, 0.7], (40, 2)) * [camera.width, camera.height]
+    size = 0.1
+    found = pyramids(camera, pixels - size, pixels + size)
+    for planes, lo, hi, pixel in zip(found.planes, found.lo, found.hi, pixels, strict=True):
+        for corner in rng.choice([-1.0, 1.0], (5, 2)) * rng.choice([1.0, 0.3], (5, 1)):
+            direction = camera.normalised(pixel + 0.9999999 * size * corner)
+            shown = exact_pixel(camera, *map(F, direction.tolist()))
+            assert max(abs(a - F(b)) for a, b in zip(shown, pixel.tolist(), strict=True)) <= F(size)
+            assert (lo <= direction).all()
+            assert (direction <= hi).all()
+            point = [F(v) for v in (*direction.tolist(), 1.0)]
+            assert all(sum(F(g) * x for g, x in zip(plane, point, strict=True)) <= 0 for plane in planes.tolist())
+        for side in ([1.001, 0.0], [-1.001, 0.0], [0.0, 1.001], [0.0, -1.001]):
+            direction = camera.normalised(pixel + size * np.array(side))
+            assert (planes @ [*direction, 1.0]).max() > 0.0
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_the_field_is_what_the_image_shows_before_the_lens_turns_back(camera: Camera) -> None:
+    rng = np.random.default_rng(5)
+    cells = field_of_view(camera)
+    angle = rng.uniform(-np.pi, np.pi, 200)
+    radius = np.linspace(0.0, 3.0, 1000)
+    for ray in np.stack([np.cos(angle), np.sin(angle)], axis=1):
+        points = radius[:, None] * ray
+        pixels = camera.pixels(points)
+        shown = ((pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])).all(axis=1)
+        onward = np.linalg.det(distortion_jacobian(points, camera.distortion)) > 0.02
+        count = int(np.logical_and.accumulate(shown & onward).sum())
+        for k in (0, count // 2, count - 1):
+            assert ((cells.lo <= points[k]) & (points[k] <= cells.hi)).all(axis=1).any()
+        beyond = points[min(int(1.3 * count) + 20, len(points) - 1)]
+        assert not ((cells.lo <= beyond) & (beyond <= cells.hi)).all(axis=1).any()
+
+
+def test_boxes_beside_the_image_are_refused() -> None:
+    with pytest.raises(InputError, match="pixel box 1"):
+        pyramids(
+            DELTALAB_CAMERA, np.array([[500.0, 300.0], [5000.0, 300.0]]), np.array([[501.0, 301.0], [5001.0, 301.0]])
+        )
+
+
+def exact_rotation(q: list[F]) -> list[list[F]]:
+    w, x, y, z = q
+    n = w * w + x * x + y * y + z * z
+    rows = [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+    return [[v / n for v in row] for row in rows]
+
+
+def times(matrix: list[list[F]], vector: list[F]) -> list[F]:
+    return [sum((a * b for a, b in zip(row, vector, strict=True)), F()) for row in matrix]
+
+
+def plus(left: list[F], right: list[F]) -> list[F]:
+    return [a + b for a, b in zip(left, right, strict=True)]
+
+
+def fractions(values: np.ndarray) -> list[F]:
+    return [F(v) for v in values.tolist()]
+
+
+def drawn_motion(rng: np.random.Generator) -> Pose:
+    return Pose(rng.uniform(-300.0, 300.0, 3), rng.standard_normal(4))
+
+
+def test_rows_are_what_the_geometry_says() -> None:
+    """Each row is (1 + s.s) g.X, times one power of two for all, or less by no more than its rounding."""
+    rng = np.random.default_rng(2)
+    frames, center = Frames(drawn_motion(rng), drawn_motion(rng)), drawn_motion(rng)
+    points, planes = rng.uniform(-150.0, 150.0, (3, 3)), rng.uniform(-900.0, 900.0, (3, 4, 3))
+    size = np.array([20.0, 20.0, 20.0, 0.05, 0.05, 0.05])
+    rows = pose_rows(planes, frames.in_mobile(points), frames, center, Box(NAMES, -size, size))
+    values, expected = [], []
+    for x in rng.uniform(-size, size, (4, 6)):
+        moved, s = fractions(x[:3]), fractions(x[3:])
+        stretch = 1 + sum(v * v for v in s)
+        turn, near = exact_rotation([F(1), *s]), exact_rotation(fractions(center.quaternion))
+        position = plus(fractions(center.position), [v / stretch for v in moved])
+        for k, point in enumerate(points):
+            mobile = plus(
+                fractions(frames.target.position),
+                times(exact_rotation(fractions(frames.target.quaternion)), fractions(point)),
+            )
+            base = plus(position, times(turn, times(near, mobile)))
+            seen = plus(
+                fractions(frames.camera.position), times(exact_rotation(fractions(frames.camera.quaternion)), base)
+            )
+            for j in range(4):
+                expected.append(stretch * sum(F(g) * v for g, v in zip(planes[k, j].tolist(), seen, strict=True)))
+                r = 4 * k + j
+                pairs = [s[0] ** 2, s[1] ** 2, s[2] ** 2, s[0] * s[1], s[0] * s[2], s[1] * s[2]]
+                terms = [F(a) * b for a, b in zip(rows.linear[r].tolist(), [*moved, *s], strict=True)]
+                terms += [F(a) * b for a, b in zip(rows.bilinear[r].tolist(), pairs, strict=True)]
+                values.append(sum(terms, F(float(rows.constant[r]))))
+    scale = F(2) ** round(np.log2(float(values[0] / expected[0])))
+    for value, wanted in zip(values, expected, strict=True):
+        assert 0 <= scale * wanted - value < F(1e-8)
+
+
+def test_boxes_about_another_centre_hold_the_same_poses() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        center = Pose(rng.uniform(-300.0, 300.0, 3), normalised(rng.standard_normal(4)))
+        size, half = rng.uniform(0.0, 5.0, 3), rng.uniform(0.0, 0.1, 3)
+        box = PoseBox(center, IntervalArray(-size, 2.0 * size), IntervalArray(-half, 2.0 * half))
+        again = box.about(box.middle)
+        assert again is not None
+        x = rng.uniform(np.concatenate([-size, -half]), 2.0 * np.concatenate([size, half]))
+        turned = times_quaternion([F(1), *fractions(x[3:])], fractions(center.quaternion))
+        to = fractions(again.center.quaternion)
+        w, *v = times_quaternion(turned, [to[0], -to[1], -to[2], -to[3]])
+        for k in range(3):
+            assert again.half_turn.lo[k] <= v[k] / w <= again.half_turn.hi[k]
+            moved = F(float(x[k])) + F(float(center.position[k])) - F(float(again.center.position[k]))
+            assert again.position.lo[k] <= moved <= again.position.hi[k]
+        assert (again.half_turn.rad <= 1.1 * box.half_turn.rad.max()).all()
+    opposite = Pose(
+        box.center.position, np.array(times_quaternion(box.center.quaternion.tolist(), [0.0, 1.0, 0.0, 0.0]))
+    )
+    assert box.about(opposite) is None
+
+
+def times_quaternion(p: list, q: list) -> list:
+    return [
+        p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
+        p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
+        p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1],
+        p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0],
+    ]
+
+
+def test_half_vectors_of_rotations() -> None:
+    rng = np.random.default_rng(4)
+    for s in rng.standard_normal((20, 3)):
+        found = half_vector(rotation([1.0, *s]))
+        assert found is not None
+        assert ((found.lo <= s) & (s <= found.hi)).all()
+    assert half_vector(rotation([0.0, 1.0, 0.0, 0.0])) is None
