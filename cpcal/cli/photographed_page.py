@@ -46,16 +46,16 @@ def _said(done: Photographed) -> tuple[str, ...]:
 
 
 def _counts(done: Photographed) -> TextTable:
-    rows = []
+    lines: list[tuple[str, ...]] = []
     for name, found in done.found.items():
         values = values_of(found.rows)
         dots = np.median([row.dots for row in found.rows if row.found])
         rms = np.median(values[:, _RMS])
-        rows.append((name, f"{len(found.rows):,}", f"{len(values):,}", f"{dots:.0f}", f"{rms:.4f}"))
-        rows += [
+        lines.append((name, f"{len(found.rows):,}", f"{len(values):,}", f"{dots:.0f}", f"{rms:.4f}"))
+        lines += [
             (f"no pose: {reason}", f"{len(files):,}", "", "", "") for reason, files in by_reason(found.rows).items()
         ]
-    return TextTable(("images of", "images", "poses", "dots, median", "residual, median RMS [px]"), tuple(rows))
+    return TextTable(("images of", "images", "poses", "dots, median", "residual, median RMS [px]"), tuple(lines))
 
 
 def _errors(done: Photographed) -> TextTable:
@@ -63,9 +63,8 @@ def _errors(done: Photographed) -> TextTable:
     errors, sigmas = [], []
     for (name, found), table in zip(done.found.items(), (done.exact.calibration, done.exact.validation), strict=True):
         true = dict(zip(done.shots[name].names, range(len(table)), strict=True))
-        rows = [row for row in found.rows if row.found]
-        values = values_of(rows)
-        errors.append(_pose_errors(values, table, [true[row.file] for row in rows]))
+        values = values_of(found.rows)
+        errors.append(_pose_errors(values, table, [true[row.file] for row in found.rows if row.found]))
         sigmas.append(values[:, SIGMA])
     error, sigma = np.concatenate(errors), np.concatenate(sigmas)
     scaled = np.where(np.arange(6) < 3, 1e3, 1e3 * 180.0 / math.pi)
@@ -89,7 +88,7 @@ def _pose_errors(values: Array, table: PoseTable, rows: list[int]) -> Array:
 
 def _time(done: Photographed) -> TextTable:
     count = sum(found.measured for found in done.found.values())
-    work = {}
+    work: dict[str, float] = {}
     for found in done.found.values():
         for stage, seconds in found.seconds.items():
             work[stage] = work.get(stage, 0.0) + seconds

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from cpcal.errors import InputError
 from cpcal.vision.camera import Camera
 from cpcal.vision.detection import Detection
 from cpcal.vision.image_file import UnreadableImageError, image_files, read_image
@@ -63,7 +64,7 @@ class ImageFolder:
 @dataclass(frozen=True)
 class Detections:
     """What `detect` found: rows in the order of the names, how many were measured now, and seconds of work by stage
-    (all workers together) of these."""
+    (all workers together) of those with a pose."""
 
     rows: tuple[Detection, ...]
     measured: int
@@ -102,8 +103,7 @@ def detect(
             for row in rows:
                 kept.add(row, source.stamp(row.file))
                 done[row.file] = row
-            for stage, value in spent.items():
-                seconds[stage] = seconds.get(stage, 0.0) + value
+            _add(seconds, spent)
             if progress is not None:
                 progress(len(done), len(names))
     return Detections(tuple(done[name] for name in sorted(done)), len(todo), seconds)
@@ -118,7 +118,7 @@ class _Work:
     camera: Camera
 
     def __call__(self, names: Sequence[str]) -> tuple[list[Detection], dict[str, float]]:
-        spent = {"read": 0.0, "measure": 0.0}
+        spent: dict[str, float] = {}
         rows = [self._one(name, spent) for name in names]
         return rows, spent
 
@@ -126,17 +126,23 @@ class _Work:
         start = time.perf_counter()
         try:
             image = self.source.read(name)
-            middle = time.perf_counter()
-            spent["read"] += middle - start
+            _add(spent, {"read": time.perf_counter() - start})
             found = measure_pose(image, self.target, self.camera)
-            spent["measure"] += time.perf_counter() - middle
+            _add(spent, found.seconds)
             return detection(name, found)
         except (UnreadableImageError, NotMeasured) as error:
             return Detection(name, str(error))
+        except InputError as error:
+            return Detection(name, "; ".join(problem.what for problem in error.problems))
         except MissingExtraError:
             raise
         except Exception as error:  # one image must never stop thousands
             return Detection(name, f"failed unexpectedly: {type(error).__name__}: {error}"[:200])
+
+
+def _add(total: dict[str, float], more: dict[str, float]) -> None:
+    for stage, value in more.items():
+        total[stage] = total.get(stage, 0.0) + value
 
 
 def detection(name: str, found: Measured) -> Detection:
@@ -144,4 +150,4 @@ def detection(name: str, found: Measured) -> Detection:
     pose = found.estimate.pose
     sigma = np.sqrt(np.diagonal(found.estimate.covariance))
     numbers = [*pose.position, *pose.quaternion, *sigma, found.estimate.rms]
-    return Detection(name, "", len(found.estimate.residuals), tuple(float(v) for v in numbers))
+    return Detection(name, "", len(found.numbers), tuple(float(v) for v in numbers))

@@ -16,7 +16,7 @@ _AXIS = 0.3  # of the target's size
 _QUALITY = 82
 
 
-def drawn(image: npt.NDArray[np.generic], found: Measured, target: Target, camera: Camera, width: int) -> bytes:
+def drawn(image: npt.NDArray[np.integer], found: Measured, target: Target, camera: Camera, width: int) -> bytes:
     """JPEG of the image, `width` pixels wide: rings round the dots that were used, the target's rows and axes."""
     cv2 = opencv()
     scale = width / image.shape[1]
@@ -35,9 +35,9 @@ def drawn(image: npt.NDArray[np.generic], found: Measured, target: Target, camer
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())
 
 
-def _grey8(image: npt.NDArray[np.generic]) -> npt.NDArray[np.uint8]:
+def _grey8(image: npt.NDArray[np.integer]) -> npt.NDArray[np.uint8]:
     grey = image if image.ndim == 2 else image[..., 1]
-    return np.asarray(grey >> 8 if grey.dtype == np.uint16 else grey, dtype=np.uint8)
+    return (grey // (257 if grey.dtype == np.uint16 else 1)).astype(np.uint8)
 
 
 def _lines(

@@ -48,6 +48,16 @@ class Measured:
         return self.estimate.pose
 
     @property
+    def numbers(self) -> npt.NDArray[np.intp]:
+        """(m,) of the target's dots that the pose rests on."""
+        return np.asarray(self.identification.numbers[~self.estimate.outliers], dtype=np.intp)
+
+    @property
+    def centers(self) -> Array:
+        """(m, 2) pixels, of these dots."""
+        return self.dots.centers[self.identification.found[~self.estimate.outliers]]
+
+    @property
     def covariance(self) -> Array:
         """(6, 6) of position (mm) and rotation vector (rad) in the camera frame."""
         return self.estimate.covariance

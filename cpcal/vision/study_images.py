@@ -124,8 +124,8 @@ def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, st
         raise InputError([Problem("images", "none shows the target", "see the reasons in the table of poses")])
     values = values_of(found)
     length = np.array([readings[pose, run] for pose, run, _ in ids], dtype=np.float64)
-    pose, run, image = zip(*ids, strict=True)
-    return PoseTable(pose, run, values[:, POSITION], values[:, QUATERNION], length, image)
+    poses, runs, images = (tuple(part[k] for part in ids) for k in range(3))
+    return PoseTable(poses, runs, values[:, POSITION], values[:, QUATERNION], length, images)
 
 
 def _parts(name: str) -> tuple[str, str, str]:
