@@ -40,7 +40,10 @@ def light_gradient(grey: Grey, found: Spots, gap: Array) -> Array:
     good = np.ones(len(level), dtype=bool)
     coefficients: Array = np.zeros(values.shape[1])
     for _ in range(3):
-        coefficients = np.asarray(np.linalg.lstsq(values[good], level[good], rcond=1e-10)[0], dtype=np.float64)
+        some = values[good]
+        normal = some.T @ some
+        normal += 1e-9 * len(some) * np.eye(len(normal))  # in case dots lie on few lines
+        coefficients = np.asarray(np.linalg.solve(normal, some.T @ level[good]), dtype=np.float64)
         off = np.abs(level - values @ coefficients)
         good = off <= _OUTLYING * 1.4826 * np.median(off) + 1e-12
     slope = np.stack([to_right @ coefficients, to_bottom @ coefficients], axis=1)
