@@ -64,7 +64,7 @@ def found_dots(
 
 def _strewn(rng: np.random.Generator, target: Target, camera: Camera, pose: Pose, count: int, on_rows: bool) -> Array:
     """False dots; those on rows are exact images of places on the target, clear of its dots."""
-    places = []
+    places: list[Array] = []
     while len(places) < count:
         if on_rows:
             line = target.dots[list(target.lines[rng.integers(len(target.lines))])]

@@ -63,11 +63,11 @@ def eight_bits(grey: Grey) -> npt.NDArray[np.uint8]:
     return out
 
 
-def noise_level(image: npt.NDArray[np.uint8]) -> float:
+def noise_level(image: Grey) -> float:
     """The standard deviation of the pixels' noise (grey levels), from the median second difference along rows of
     pixels spread over the image; at least that of rounding."""
     step = max(1, int(np.sqrt(image.size / 30_000)))
-    rows = image[::step].astype(np.int16)
+    rows = image[::step].astype(np.int32)
     if rows.shape[1] < 3:
         return _ROUNDING
     second = np.abs(rows[:, 2::step] - 2 * rows[:, 1:-1:step] + rows[:, :-2:step])

@@ -48,9 +48,9 @@ def orientation(homography: Array, points: Array) -> Array:
 
 
 def line_maps(places: Array, images: Array) -> Array:
-    """The 1-D homographies (..., 3) a, b, c, s -> (a s + b) / (c s + 1 - c s_0), through three places and images (..., 3).
+    """The 1-D homographies (..., 3) a, b, c that take three places (..., 3) to their images (..., 3).
 
-    s_0 is the first place: written so that the denominator is 1 there and never vanishes by mere translation.
+    s goes to (a s + b) / (1 + c (s - s_0)) with s_0 the first place, where the denominator is 1.
     """
     s1, s2 = places[..., 1] - places[..., 0], places[..., 2] - places[..., 0]
     t0 = images[..., 0]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.special import bdtrc
 
 from cpcal.vision.homography import fitted, mapped, orientation
-from cpcal.vision.runs import RowMatches, collinear, match_rows, row_places
+from cpcal.vision.runs import RowMatches, collinear, match_rows
 from cpcal.vision.symmetry import self_maps
 from cpcal.vision.target import Target
 from cpcal.vision.views import View
@@ -65,7 +65,7 @@ def hypotheses(view: View, target: Target, neighbours: int, span: int) -> Iterat
 def _crossing_pairs(
     target: Target, k: int, m: int, one: RowMatches, other: RowMatches, view: View
 ) -> list[tuple[int, int]]:
-    """Matches of two rows that see the crossing point of the rows in one place; all pairs when the rows are parallel."""
+    """Matches of two rows that see the crossing point of the rows in one place; any when the rows are parallel."""
     if not len(one.line) or not len(other.line):
         return []
     different = one.line[:, None] != other.line
@@ -93,7 +93,8 @@ def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis
     if len(np.unique(found)) < len(found):
         return None
     homography = fitted(target.dots[numbers], view.points[found])
-    for reach in (0.2 * view.spacing, max(0.1 * view.spacing, view.reach), view.reach):
+    reaches = (0.2 * view.spacing, view.reach)
+    for reach in reaches if view.camera is not None else (reaches[0], *reaches):
         grown = pairs(view, mapped(homography, target.dots), max(reach, view.reach))
         if len(grown[0]) < _BEYOND:
             return None
@@ -121,7 +122,9 @@ def judged(view: View, target: Target, homography: Array) -> Hypothesis:
     in_view = view.in_view(predicted, target.radius * _scale(homography, target.dots))
     in_view[numbers] = True
     errors = int(in_view.sum()) - len(numbers) + len(view.points) - len(found)
-    mirrored = bool(np.median(orientation(homography, target.dots)) > 0.0)  # y points up on the target, down in the view
+    mirrored = bool(
+        np.median(orientation(homography, target.dots)) > 0.0
+    )  # y points up on the target, down in the view
     return Hypothesis(homography, found, numbers, in_view, errors, mirrored)
 
 

@@ -34,7 +34,8 @@ ACCIDENTS = 1e-9  # expected number of hypotheses as good by chance
 MARGIN = 4  # errors by which every rival must be worse
 FEWEST = 12  # dots: two rows of four, and four more that speak for them
 _SHARE = 0.5
-_EFFORTS = ((8, 3), (12, 5), (24, 9), (10**9, 16))  # near neighbours that lines start from; span of compared dots
+_NEARLY = 0.1  # errors per dot with which no better guess of the distortion is looked for
+_EFFORTS = ((8, 3), (8, 5), (10, 7), (24, 16))  # near neighbours that lines start from; span of compared dots
 
 
 class Unidentified(CpcalError):
@@ -82,36 +83,57 @@ def identify(
     Raises Unidentified with the reason. Centres that are not finite count as false dots.
     """
     pixels = np.asarray(centers, dtype=np.float64).reshape(-1, 2)
-    usable = np.isfinite(pixels).all(axis=1)
-    if usable.sum() < FEWEST:
-        raise Unidentified(f"{usable.sum()} dots are too few: at least {FEWEST} are needed")
+    usable = np.flatnonzero(np.isfinite(pixels).all(axis=1))
+    _check_count(len(usable), target)
     if camera is None:
-        numbers = np.flatnonzero(usable)
-        return _of_all(_by_guesses(pixels[numbers], target, size, tolerance), numbers, len(pixels))
-    view = seen_by(camera, pixels, tolerance)
-    numbers = np.flatnonzero(np.isfinite(view.points).all(axis=1))
-    return _of_all(_identified(replace(view, points=view.points[numbers]), target), numbers, len(pixels))
-
-
-def _of_all(found: Identification, usable: Ints, count: int) -> Identification:
-    """The same with dots numbered among all given ones."""
-    mine = usable[found.found]
-    return replace(found, found=mine, false=np.setdiff1d(np.arange(count), mine))
-
-
-def _identified(view: View, target: Target) -> Identification:
-    if len(view.points) < FEWEST:
-        raise Unidentified(f"{len(view.points)} dots are too few: at least {FEWEST} are needed")
-    if view.spacing <= 0.0:
+        seen = tuple(guesses(pixels[usable], size, tolerance))
+    else:
+        view = seen_by(camera, pixels[usable], tolerance)
+        shown = np.isfinite(view.points).all(axis=1)
+        usable = usable[shown]
+        _check_count(len(usable), target)
+        seen = (replace(view, points=view.points[shown]),)
+    if not seen[0].spacing > 0.0:
         raise Unidentified("most dots lie on one another")
+    found = _identified(seen, target)
+    mine = usable[found.found]
+    return replace(found, found=mine, false=np.setdiff1d(np.arange(len(pixels)), mine))
+
+
+def _check_count(count: int, target: Target) -> None:
+    if count < FEWEST:
+        raise Unidentified(f"{count} dots are too few: at least {FEWEST} are needed")
+    if count > len(target.dots) / _SHARE:
+        raise Unidentified(f"{count} dots are too many: the target has {len(target.dots)}")
+
+
+def _identified(seen: tuple[View, ...], target: Target) -> Identification:
+    """The first view that explains nearly all, or the best of the first effort that finds anything."""
     reason = "no two rows of the target were recognised among the dots"
     for neighbours, span in _EFFORTS:
-        for hypothesis, candidates in hypotheses(view, target, neighbours, span):
-            answer = _judgement(view, target, hypothesis, candidates)
-            if isinstance(answer, Identification):
+        best: Identification | None = None
+        for view in seen:
+            answer = _in_view(view, target, neighbours, span)
+            if isinstance(answer, str):
+                reason = answer or reason
+                continue
+            if best is None or len(answer.found) > len(best.found):
+                best = answer
+            if len(answer.missing) + len(answer.false) <= _NEARLY * len(view.points):
                 return answer
-            reason = answer or reason
+        if best is not None:
+            return best
     raise Unidentified(reason)
+
+
+def _in_view(view: View, target: Target, neighbours: int, span: int) -> Identification | str:
+    reason = ""
+    for hypothesis, candidates in hypotheses(view, target, neighbours, span):
+        answer = _judgement(view, target, hypothesis, candidates)
+        if isinstance(answer, Identification):
+            return answer
+        reason = answer or reason
+    return reason
 
 
 def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> Identification | str:
@@ -134,20 +156,3 @@ def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> 
     false = np.setdiff1d(np.arange(len(view.points)), fit.found)
     missing = np.flatnonzero(fit.in_view & ~seen)
     return Identification(fit.found, fit.numbers, fit.homography, false, missing, by_chance, margin)
-
-
-def _by_guesses(pixels: Array, target: Target, size: tuple[int, int] | None, tolerance: float | None) -> Identification:
-    """The best over guesses of the distortion."""
-    best: Identification | None = None
-    reason = ""
-    for view in guesses(pixels, size, tolerance):
-        try:
-            found = _identified(view, target)
-        except Unidentified as refusal:
-            reason = reason or str(refusal)
-            continue
-        if best is None or len(found.found) > len(best.found):
-            best = found
-    if best is None:
-        raise Unidentified(reason)
-    return best

@@ -72,7 +72,7 @@ def _frames(dots: Array, tree: cKDTree) -> Ints:
     frames = np.concatenate([np.stack([np.arange(len(dots)), near[:, a], near[:, b]], axis=1) for a, b in both])
     edges = _matrices(dots, frames)
     lengths = np.linalg.norm(edges, axis=1)
-    return frames[np.abs(np.linalg.det(edges)) > 0.3 * lengths[:, 0] * lengths[:, 1]]
+    return np.asarray(frames[np.abs(np.linalg.det(edges)) > 0.3 * lengths[:, 0] * lengths[:, 1]])
 
 
 def _matrices(dots: Array, frames: Ints) -> Array:

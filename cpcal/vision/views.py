@@ -40,7 +40,9 @@ class View:
         low, high = self.points.min(axis=0), self.points.max(axis=0)
         if self.camera is not None:
             low, high = _seen_rectangle(self.camera)
-        inside = np.isfinite(predicted).all(axis=-1) & (predicted >= low).all(axis=-1) & (predicted <= high).all(axis=-1)
+        inside = (
+            np.isfinite(predicted).all(axis=-1) & (predicted >= low).all(axis=-1) & (predicted <= high).all(axis=-1)
+        )
         if self.camera is None:
             return np.asarray(inside)
         pixels = self.camera.pixels(np.where(inside[..., None], predicted, 0.0))
