@@ -129,13 +129,10 @@ def calibrated(kind: Kind, seed: int) -> dict[str, Any]:
     return figures
 
 
-def studied(seeds: int, setting: Setting, off: float) -> dict[str, dict[str, Any]]:
-    """For each kind of calibration the means of its figures over seeds, (9,) or a number."""
-    result: dict[str, dict[str, Any]] = {}
-    for name, kind in kinds(setting, off).items():
-        rows = [calibrated(kind, seed) for seed in range(seeds)]
-        result[name] = {key: np.mean([row[key] for row in rows], axis=0).tolist() for key in rows[0]}
-    return result
+def studied(kind: Kind, seeds: int) -> dict[str, Any]:
+    """The means of a kind's figures over seeds, (9,) or a number."""
+    rows = [calibrated(kind, seed) for seed in range(seeds)]
+    return {key: np.mean([row[key] for row in rows], axis=0).tolist() for key in rows[0]}
 
 
 def main() -> None:
@@ -147,13 +144,14 @@ def main() -> None:
     parser.add_argument("--dots", type=float, default=0.05, help="mm, standard deviation of dots off their places")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
-    found = studied(options.seeds, Setting(options.views, options.noise, options.tilt), options.dots)
+    found: dict[str, dict[str, Any]] = {}
     print(f"variances of normalised errors, {options.seeds} seeds of {options.views} views, noise {options.noise:g} px")
     print(f"{'':32}" + "".join(f"{name:>8}" for name in CAMERA_NUMBERS) + "     all  scale  x, y mm    s")
-    for name, figures in found.items():
+    for name, kind in kinds(Setting(options.views, options.noise, options.tilt), options.dots).items():
+        found[name] = figures = studied(kind, options.seeds)
         cells = "".join(f"{value:8.2f}" for value in figures["single"])
         rest = f"{figures['all']:8.2f}{figures['scale']:7.2f}{figures['across'] ** 0.5:9.4f}{figures['seconds']:5.1f}"
-        print(f"{name:32}{cells}{rest}")
+        print(f"{name:32}{cells}{rest}", flush=True)
     refined = found["dots off, refined"]
     print(f"refined dots: errors {refined['dots'] ** 0.5:.4f} mm RMS,", end=" ")
     print(f"variance of normalised errors {refined['dots normalised']:.2f}")

@@ -100,7 +100,7 @@ class Normal:
 
 
 def adjusted(
-    state: State, found: Found, radius: float, free: Free, *, loss: float | None = None, steps: int = 100
+    state: State, found: Found, radius: float, free: Free, *, loss: float | None = None, steps: int = 50
 ) -> tuple[State, bool]:
     """The state at a minimum of the cost nearby, and whether it has settled there within `steps`.
 

@@ -14,6 +14,7 @@ from cpcal.robot.kinematics import Pose
 from cpcal.vision.adjustment import Found, State
 from cpcal.vision.calibration_start import first_camera, first_pose, homography_rms
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
+from cpcal.vision.camera_file import CameraRecord
 from cpcal.vision.camera_fit import DOTS_MIN, Fit, covariance, excess, robust_fit
 from cpcal.vision.homography import fitted
 from cpcal.vision.target import Target
@@ -97,6 +98,10 @@ class Calibration:
     def standard_errors(self) -> Array:
         """(9,) of fx, fy, cx, cy (pixels), k1, k2, p1, p2, k3."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def record(self, provenance: dict[str, str] | None = None) -> CameraRecord:
+        """What goes into camera.toml."""
+        return CameraRecord(self.camera, self.covariance, self.rms, provenance or {})
 
     def __str__(self) -> str:
         used = sum(not view.reason for view in self.views)

@@ -68,7 +68,7 @@ class Fit:
             weight[:, rare] = 0.0
         return replace(self, found=replace(self.found, weight=weight), plain=False)
 
-    def adjusted(self, loss: float | None = None, steps: int = 100) -> Fit:
+    def adjusted(self, loss: float | None = None, steps: int = 50) -> Fit:
         state, settled = adjusted(self.state, self.found, self.radius, self.free(), loss=loss, steps=steps)
         return replace(self, state=state, settled=settled, plain=loss is None)
 
@@ -107,7 +107,8 @@ def covariance(fit: Fit) -> Array | None:
     if not values[0] > _CONDITION_MIN * values[-1]:
         return None
     half = free.basis @ (vectors / scale[:, None] / np.sqrt(values))
-    return np.asarray(half @ half.T)
+    full = half @ half.T
+    return np.asarray(0.5 * (full + full.T))
 
 
 def excess(fit: Fit) -> float:

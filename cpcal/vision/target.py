@@ -103,7 +103,7 @@ def two_diagonals(
     steps = int(side // pitch) + 1
     ticks = (np.arange(steps) - 0.5 * (steps - 1)) * pitch
     grid = [(x, y) for y, x in itertools.product(ticks, ticks) if min(abs(x - y), abs(x + y)) * turn >= 0.6 * pitch]
-    dots = np.concatenate([np.stack([up, up], axis=1), np.stack([down, -down], axis=1), np.array(grid)])
+    dots = np.concatenate([np.stack([up, up], axis=1), np.stack([down, -down], axis=1), np.reshape(grid, (-1, 2))])
     rows = (tuple(range(len(up))), tuple(range(len(up), len(up) + len(down))))
     return Target(name, dots, radius, tuple(row for row in rows if row), bright)
 

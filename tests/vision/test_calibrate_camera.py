@@ -1,0 +1,233 @@
+"""Calibration of a camera from dots: the truth within stated covariances, bad data left out, too little refused."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmarks.camera import Setting, aligned, normalised_errors, simulated_views
+from cpcal.errors import InputError
+from cpcal.vision.calibrate_camera import NotCalibratedError, TargetView, calibrate_camera
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.target import DELTALAB_TARGET, two_diagonals
+
+SIZE = (1024, 768)
+FEWER = two_diagonals(  # the default target with a coarser grid: quicker
+    "fewer dots", (-187.0, -96.0, -27.0, 43.0, 132.0), (-165.0, -37.0, 28.0, 153.0), side=280.0, pitch=45.0, radius=6.0
+)
+NEAR = Setting(views=15, tilt=45.0, distance=(250.0, 400.0))
+
+
+def views(seed, target=FEWER, setting=Setting(), camera=DELTALAB_CAMERA):  # noqa: B008
+    return simulated_views(np.random.default_rng(seed), target, camera, setting)
+
+
+def calibrated(seed, target=FEWER, assumed=None, setting=Setting(), **options):  # noqa: B008
+    return calibrate_camera(views(seed, target, setting)[0], assumed or target, SIZE, **options)
+
+
+def refused(found, target=FEWER, **options):
+    with pytest.raises(NotCalibratedError) as caught:
+        calibrate_camera(found, target, SIZE, **options)
+    return str(caught.value)
+
+
+def test_exact_centres_give_the_exact_camera_and_poses():
+    found, poses = views(1)
+    exact, _ = simulated_views(np.random.default_rng(1), FEWER, DELTALAB_CAMERA, replace(Setting(), noise=0.0))
+    given = [view._replace(centers=e.centers) for view, e in zip(found, exact, strict=True)]
+    result = calibrate_camera(given, FEWER, SIZE)
+    np.testing.assert_allclose(result.camera.numbers, DELTALAB_CAMERA.numbers, rtol=1e-8, atol=1e-7)
+    for view, pose in zip(result.views, poses, strict=True):
+        np.testing.assert_allclose(view.pose.position, pose.position, rtol=1e-8, atol=1e-6)
+        np.testing.assert_allclose(view.pose.rotation, pose.rotation, atol=1e-8)
+    assert result.rms < 1e-9
+
+
+def test_errors_are_those_of_the_stated_covariance():
+    setting = replace(Setting(), views=10)
+    errors = [normalised_errors(calibrated(seed, setting=setting), DELTALAB_CAMERA)[1] for seed in range(24)]
+    variance = np.mean(np.square(errors))
+    assert 0.75 < variance < 1.25  # 216 numbers: a standard deviation of 0.1
+
+
+def test_residuals_are_those_of_the_noise():
+    result = calibrated(3, DELTALAB_TARGET, setting=replace(Setting(), noise=0.03))
+    assert result.rms == pytest.approx(0.03, rel=0.05)
+    assert result.scale == pytest.approx(1.0, abs=0.05)
+    assert all(view.used.all() and view.rms == pytest.approx(0.03, rel=0.3) for view in result.views)
+
+
+def test_covariances_that_are_stated_too_small_are_scaled_up():
+    found, _ = views(5)
+    small = [view._replace(covariance=view.covariance / 9.0) for view in found]
+    honest, scaled = (calibrate_camera(given, FEWER, SIZE) for given in (found, small))
+    assert scaled.scale == pytest.approx(3.0 * honest.scale, rel=1e-6)
+    np.testing.assert_allclose(
+        scaled.standard_errors, honest.standard_errors * honest.scale / max(honest.scale, 1.0), rtol=1e-4
+    )
+
+
+def test_without_the_dots_size_the_camera_is_wrong():
+    large = replace(FEWER, radius=9.0)
+    right = calibrated(2, large, setting=NEAR)
+    wrong = calibrated(2, large, replace(large, radius=1e-3), setting=NEAR)
+    assert np.abs(normalised_errors(right, DELTALAB_CAMERA)[0]).max() < 4.0
+    assert np.abs(normalised_errors(wrong, DELTALAB_CAMERA)[0]).max() > 10.0
+    assert right.scale < 1.05 < wrong.scale
+
+
+def test_points_are_calibrated_as_opencv_does():
+    points = replace(FEWER, radius=1e-3)
+    found, _ = views(4, points, replace(Setting(), noise=0.1))
+    result = calibrate_camera(found, points, SIZE)
+    stated = [points.points[view.numbers].astype(np.float32) for view in found]
+    seen = [view.centers.astype(np.float32) for view in found]
+    rms, matrix, distortion, *_ = cv2.calibrateCamera(stated, seen, SIZE, None, None)
+    theirs = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *np.ravel(distortion)[:5]])
+    assert (np.abs(result.camera.numbers - theirs) < 0.05 * result.standard_errors).all()
+    assert result.rms * np.sqrt(2.0) == pytest.approx(rms, rel=1e-4)
+
+
+def test_dots_off_their_places_are_found():
+    rng = np.random.default_rng(8)
+    stated = replace(FEWER, lines=())
+    true = replace(stated, dots=stated.dots + 0.05 * rng.standard_normal(stated.dots.shape))
+    plain, refined = (calibrated(58, true, stated, refine_dots=refine) for refine in (False, True))
+    assert plain.scale > 3.0
+    assert plain.target == stated
+    assert np.isnan(plain.dot_errors).all()
+    assert refined.scale == pytest.approx(1.0, abs=0.1)
+    error = refined.target.dots - aligned(true.dots, stated.dots)
+    assert np.sqrt(np.mean(error**2)) < 0.004
+    assert np.mean((error / refined.dot_errors) ** 2) == pytest.approx(1.0, abs=0.5)
+    assert np.abs(normalised_errors(refined, DELTALAB_CAMERA)[0]).max() < 4.0
+    np.testing.assert_allclose(refined.target.dots.mean(axis=0), stated.dots.mean(axis=0), atol=1e-9)
+
+
+def test_a_dot_that_is_hardly_seen_is_not_refined():
+    found, _ = views(9)
+    rare = [replace_dots(view, view.numbers != 7) if row > 1 else view for row, view in enumerate(found)]
+    result = calibrate_camera(rare, FEWER, SIZE, refine_dots=True)
+    assert np.isnan(result.dot_errors[7]).all()
+    assert np.isfinite(np.delete(result.dot_errors, 7, axis=0)).all()
+    np.testing.assert_array_equal(result.target.dots[7], FEWER.dots[7])
+    assert not any(view.used[given.numbers == 7].any() for view, given in zip(result.views, rare, strict=True))
+
+
+def replace_dots(view, keep):
+    return TargetView(view.centers[keep], view.covariance[keep], view.numbers[keep], view.name)
+
+
+def test_coefficients_can_be_held_at_zero():
+    result = calibrated(6, fixed=("k3", "p1"))
+    numbers = result.camera.numbers
+    assert numbers[8] == numbers[6] == 0.0
+    assert not result.covariance[[6, 8]].any()
+    free = calibrated(6)
+    assert (result.standard_errors[4:6] < free.standard_errors[4:6]).all()
+
+
+def test_views_and_dots_that_do_not_fit_are_left_out_and_said():
+    rng = np.random.default_rng(0)
+    found, _ = views(7)
+    found[2] = found[2]._replace(numbers=rng.permutation(found[2].numbers), name="shuffled")
+    found[4] = found[4]._replace(centers=found[4].centers + rng.standard_normal(found[4].centers.shape), name="shaken")
+    found[5] = replace_dots(found[5], np.arange(len(found[5].numbers)) < 7)._replace(name="few")
+    off = found[8].centers.copy()
+    off[[3, 11]] += [[2.0, 1.0], [0.0, 0.3]]
+    found[8] = found[8]._replace(centers=off)
+    result = calibrate_camera(found, FEWER, SIZE)
+    reasons = {view.name: view.reason for view in result.views if view.reason}
+    assert list(reasons) == ["shuffled", "shaken", "few"]
+    assert "wrong numbers" in reasons["shuffled"]
+    assert "do not fit the other views" in reasons["shaken"]
+    assert "fewer than 8 dots" in reasons["few"]
+    assert np.flatnonzero(~result.views[8].used).tolist() == [3, 11]
+    assert sum((~view.used).sum() for view in result.views if not view.reason) == 2
+    assert np.isnan(result.views[2].rms)
+    assert np.abs(normalised_errors(result, DELTALAB_CAMERA)[0]).max() < 4.0
+    assert "left out: shaken" in str(result)
+    assert result.record({"by": "test"}).camera == result.camera
+    assert result.record().rms == result.rms
+
+
+def test_the_order_of_views_and_dots_does_not_matter():
+    found, _ = views(10, setting=replace(Setting(), views=6))
+    rng = np.random.default_rng(1)
+    mixed = [replace_dots(view, rng.permutation(len(view.numbers))) for view in reversed(found)]
+    one, other = calibrate_camera(found, FEWER, SIZE), calibrate_camera(mixed, FEWER, SIZE)
+    np.testing.assert_allclose(one.camera.numbers, other.camera.numbers, rtol=1e-7, atol=1e-7)
+    assert [view.name for view in one.views] == [f"view {i}" for i in range(1, 7)]
+
+
+def test_other_lenses_and_distances_are_found_too():
+    wide = Camera(
+        1600, 1200, np.array([1100.0, 1090.0]), np.array([780.0, 640.0]), np.array([-0.3, 0.1, 0.0, 1e-3, 0.0])
+    )
+    long = Camera(2448, 2048, np.array([7000.0, 7000.0]), np.array([1200.0, 1050.0]), np.zeros(5))
+    for camera, setting in ((wide, NEAR), (long, Setting(views=20, distance=(1500.0, 2500.0), tilt=40.0))):
+        found, _ = views(11, setting=setting, camera=camera)
+        result = calibrate_camera(found, FEWER, (camera.width, camera.height))
+        assert np.abs(normalised_errors(result, camera)[0]).max() < 4.0
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.1, 1.0])
+def test_views_that_are_fronto_parallel_are_refused(tilt):
+    found, _ = views(1, setting=replace(Setting(), tilt=tilt, views=8))
+    assert "tilted by 20 to 30 degrees" in refused(found)
+
+
+def test_views_that_are_the_same_are_refused():
+    found, _ = views(1, setting=replace(Setting(), views=1))
+    rng = np.random.default_rng(2)
+    same = [found[0]._replace(centers=found[0].centers + 0.01 * rng.standard_normal(found[0].centers.shape))] * 12
+    assert "tilted by 20 to 30 degrees" in refused(same)
+
+
+def test_too_few_views_are_refused_with_all_reasons():
+    found, _ = views(1, setting=replace(Setting(), views=4))
+    assert "there are no views" in refused([])
+    assert "only 2 of 2 views" in refused(found[:2])
+    few = [*found[:2], *(replace_dots(view, np.arange(5)) for view in found[2:])]
+    assert refused(few).count("fewer than 8 dots") == 2
+    on_line = [replace_dots(view, np.isin(view.numbers, FEWER.lines[0])) for view in found]
+    assert "only 0 of 4" in refused(on_line)
+
+
+def test_noise_alone_is_refused():
+    rng = np.random.default_rng(3)
+    nonsense = [
+        TargetView(rng.uniform(0.0, 700.0, (40, 2)), np.tile(1e-4 * np.eye(2), (40, 1, 1)), np.arange(40))
+        for _ in range(9)
+    ]
+    assert "only 0 of 9 views" in refused(nonsense)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"centers": np.zeros((8, 3))}, "other shapes"),
+        ({"covariance": np.ones((8, 2))}, "other shapes"),
+        ({"numbers": np.arange(7)}, "other shapes"),
+        ({"centers": np.full((8, 2), np.nan)}, "not finite"),
+        ({"covariance": np.zeros((8, 2, 2))}, "not positive"),
+        ({"numbers": np.arange(8) + 1000}, "does not have"),
+        ({"numbers": np.arange(8) - 1}, "does not have"),
+        ({"numbers": np.arange(8) + 0.5}, "does not have"),
+        ({"numbers": np.zeros(8, dtype=int)}, "more than once"),
+    ],
+)
+def test_what_is_no_view_is_refused(changed, said):
+    good = {"centers": np.ones((8, 2)), "covariance": np.tile(np.eye(2), (8, 1, 1)), "numbers": np.arange(8)}
+    view = TargetView(**(good | changed), name="mine")
+    with pytest.raises(InputError, match=f"mine: .*{said}"):
+        calibrate_camera([TargetView(**good), view], FEWER, SIZE)
+
+
+def test_options_that_mean_nothing_are_refused():
+    with pytest.raises(InputError, match="'fx' cannot be held"):
+        calibrate_camera([], FEWER, SIZE, fixed=("fx",))
+    with pytest.raises(InputError, match="width and height"):
+        calibrate_camera([], FEWER, (0, 768))

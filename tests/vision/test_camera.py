@@ -1,0 +1,99 @@
+"""The camera: projection and distortion against OpenCV's, there and back, derivatives, and what makes no camera."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from cpcal.errors import InputError
+from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera, distorted, distortion_jacobian
+
+STRONG = Camera(
+    2000, 1500, np.array([1500.0, 1480.0]), np.array([980.0, 760.0]), np.array([-0.3, 0.15, 2e-3, -1e-3, -0.03])
+)
+CAMERAS = [DELTALAB_CAMERA, STRONG, replace(STRONG, distortion=np.zeros(5))]
+
+
+def matrix(camera):
+    (fx, fy), (cx, cy) = camera.focal, camera.center
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def image_grid(camera):
+    x, y = np.meshgrid(np.linspace(0.0, camera.width - 1.0, 21), np.linspace(0.0, camera.height - 1.0, 17))
+    return np.stack([x, y], axis=-1)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_points_are_projected_as_opencv_does(camera):
+    rng = np.random.default_rng(0)
+    points = np.stack([*rng.uniform(-0.6, 0.6, (2, 500)), np.ones(500)], axis=1) * rng.uniform(100.0, 2000.0, (500, 1))
+    theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix(camera), camera.distortion)
+    np.testing.assert_allclose(camera.project(points), theirs[:, 0], atol=1e-9)
+    np.testing.assert_array_equal(camera.project(points.reshape(5, 100, 3)), camera.project(points).reshape(5, 100, 2))
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_pixels_show_the_directions_that_make_them(camera):
+    pixels = image_grid(camera)
+    directions = camera.normalised(pixels)
+    np.testing.assert_allclose(camera.pixels(directions), pixels, atol=1e-9)
+
+
+def test_a_pixel_that_no_direction_makes_is_said_so():
+    barrel = replace(DELTALAB_CAMERA, distortion=np.array([-0.5, 0.0, 0.0, 0.0, 0.0]))  # r - r^3 / 2 is at most 0.544
+    far = barrel.center + barrel.focal * [0.6, 0.0]
+    found = barrel.normalised(np.stack([far, barrel.center]))
+    assert np.isnan(found[0]).all()
+    np.testing.assert_allclose(found[1], 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_derivatives_of_the_distortion_are_those_of_differences(camera):
+    points = camera.normalised(image_grid(camera))
+    step = 1e-6
+    for axis in range(2):
+        move = step * np.eye(2)[axis]
+        slope = (distorted(points + move, camera.distortion) - distorted(points - move, camera.distortion)) / (2 * step)
+        np.testing.assert_allclose(distortion_jacobian(points, camera.distortion)[..., axis], slope, atol=1e-8)
+
+
+def test_the_nine_numbers_go_and_come_back():
+    assert len(STRONG.numbers) == len(CAMERA_NUMBERS) == 9
+    assert STRONG.with_numbers(STRONG.numbers) == STRONG
+    assert dict(zip(CAMERA_NUMBERS, STRONG.numbers, strict=True))["p2"] == -1e-3
+    with pytest.raises(InputError):
+        STRONG.with_numbers(-STRONG.numbers)
+
+
+def test_cameras_are_equal_by_value_and_cannot_be_written_to():
+    same = Camera(1024, 768, [903.2, 903.2], [515.3, 380.6], [-0.18, 0.07, 4e-4, -3e-4, 0.0])
+    assert same == DELTALAB_CAMERA
+    assert hash(same) == hash(DELTALAB_CAMERA)
+    for other in (
+        replace(same, width=1025),
+        replace(same, center=[515.3, 380.7]),
+        replace(same, distortion=[0.0] * 5),
+        3,
+    ):
+        assert other != same
+    with pytest.raises(ValueError, match="read-only"):
+        DELTALAB_CAMERA.focal[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"focal": np.array([900.0])}, "camera focal"),
+        ({"focal": np.array([900.0, np.nan])}, "camera focal"),
+        ({"focal": np.array([900.0, 0.0])}, "no positive size or focal length"),
+        ({"center": np.zeros(3)}, "camera center"),
+        ({"distortion": np.zeros(4)}, "camera distortion"),
+        ({"distortion": np.array([np.inf, 0.0, 0.0, 0.0, 0.0])}, "camera distortion"),
+        ({"width": 0}, "no positive size or focal length"),
+    ],
+)
+def test_what_is_no_camera_is_refused(changed, said):
+    with pytest.raises(InputError, match=said):
+        replace(DELTALAB_CAMERA, **changed)

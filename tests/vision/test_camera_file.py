@@ -1,0 +1,143 @@
+"""camera.toml: round trips byte for byte; unusable files with every problem, its line and remedy."""
+
+import numpy as np
+import pytest
+
+from cpcal.errors import InputError
+from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.camera_file import CameraRecord, camera_bytes, load_camera, save_camera
+
+HALF = np.tril(np.random.default_rng(0).standard_normal((9, 9)))
+COVARIANCE = HALF @ HALF.T
+COVARIANCE = 0.5 * (COVARIANCE + COVARIANCE.T)
+
+TOML = """\
+format = "cpcal-camera/1"
+
+[camera]
+width = 1024
+height = 768
+focal = [903.2, 903]
+center = [515.3, 380.6]
+distortion = [-0.18, 0.07, 4e-4, -3e-4, 0]
+
+[calibration]
+rms = 0.01
+covariance = [
+    ROWS
+]
+
+[provenance]
+by = "hand"
+"""
+ROWS = "\n    ".join(f"{[4.0 if i == j else 0 for j in range(9)]}," for i in range(9))
+TOML = TOML.replace("ROWS", ROWS)
+
+
+def load(folder, text):
+    (folder / "camera.toml").write_text(text, encoding="utf-8")
+    return load_camera(folder / "camera.toml")
+
+
+def refused(folder, text):
+    """(line, what) of every problem; each has a remedy and names the file."""
+    with pytest.raises(InputError) as caught:
+        load(folder, text)
+    assert all(p.remedy and p.where == str(folder / "camera.toml") for p in caught.value.problems)
+    return [(p.line, p.what) for p in caught.value.problems]
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        CameraRecord(DELTALAB_CAMERA),
+        CameraRecord(DELTALAB_CAMERA, COVARIANCE, 0.0123, {"made by": 'a "test"'}),
+        CameraRecord(DELTALAB_CAMERA, rms=1 / 3),
+        CameraRecord(DELTALAB_CAMERA, np.zeros((9, 9))),
+    ],
+)
+def test_what_is_saved_is_loaded_and_saved_again_byte_for_byte(tmp_path, record):
+    path = tmp_path / "camera.toml"
+    save_camera(record, path)
+    first = path.read_bytes()
+    again = load_camera(path)
+    assert again == record
+    assert again.camera == record.camera
+    assert again.rms == record.rms
+    assert again.provenance == record.provenance
+    if record.covariance is None:
+        assert again.covariance is None
+    else:
+        np.testing.assert_array_equal(again.covariance, record.covariance)
+    save_camera(again, path)
+    assert path.read_bytes() == first == camera_bytes(record)
+
+
+def test_a_camera_alone_can_be_written(tmp_path):
+    save_camera(DELTALAB_CAMERA, tmp_path / "camera.toml")
+    assert load_camera(tmp_path / "camera.toml") == CameraRecord(DELTALAB_CAMERA)
+
+
+def test_a_file_written_by_hand_is_read(tmp_path):
+    record = load(tmp_path, TOML)
+    np.testing.assert_array_equal(record.camera.numbers, [903.2, 903, 515.3, 380.6, -0.18, 0.07, 4e-4, -3e-4, 0])
+    np.testing.assert_array_equal(record.covariance, 4.0 * np.eye(9))
+    assert (record.camera.width, record.camera.height, record.rms) == (1024, 768, 0.01)
+    assert record.provenance == {"by": "hand"}
+
+
+def test_every_problem_is_said_at_once_with_its_line(tmp_path):
+    text = TOML.replace("1024", "1024.5").replace("903.2", "inf").replace("4e-4, ", "").replace("rms", "rsm")
+    assert refused(tmp_path, text) == [
+        (11, "unknown key 'rsm' in [calibration]"),
+        (4, "width is 1024.5"),
+        (6, "focal holds inf"),
+        (8, "distortion has 4 numbers, not 5"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problems"),
+    [
+        ("cpcal-camera/1", "cpcal-target/1", [(1, "the format is 'cpcal-target/1'")]),
+        ("[camera]", "[kamera]", [(3, "unknown key 'kamera'"), (None, "the section [camera] is missing")]),
+        ("width = 1024\n", "", [(3, "the key 'width' is missing in [camera]")]),
+        ("width = 1024", "width = 0", [(4, "width is 0")]),
+        ("width = 1024", "width = true", [(4, "width is True")]),
+        ("height = 768", "height = 100_000_000", [(5, "height is 100000000")]),
+        ("903.2, 903]", "903.2, -903]", [(6, "focal holds the negative number -903")]),
+        ("903.2, 903]", "903.2, 0]", [(6, "focal holds 0")]),
+        ("903.2, 903]", "903.2]", [(6, "focal has 1 numbers, not 2")]),
+        ("[515.3, 380.6]", "515.3", [(7, "center is not a list of numbers")]),
+        ("rms = 0.01", "rms = -0.01", [(11, "rms holds the negative number -0.01")]),
+        ("rms = 0.01", 'rms = "0.01"', [(11, "rms holds '0.01', which is not a number")]),
+        ("[4.0, 0, 0", "[4.0, 1, 0", [(12, "covariance is not symmetric")]),
+        ("[4.0, 0, 0", "[-4.0, 0, 0", [(12, "covariance is of no random numbers: it is not positive semidefinite")]),
+        ("    [4.0, 0, 0, 0, 0, 0, 0, 0, 0],\n", "", [(12, "covariance is not 9 rows of 9 finite numbers")]),
+        ("[4.0, 0, 0", "[4.0, 0", [(12, "row 0 of covariance has 8 numbers, not 9")]),
+        ("[provenance]", "[provenance]\n[truth]", [(25, "unknown key 'truth'")]),
+    ],
+)
+def test_each_problem_has_its_line(tmp_path, old, new, problems):
+    assert refused(tmp_path, TOML.replace(old, new, 1)) == problems
+
+
+def test_a_missing_file_is_said_so(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        load_camera(tmp_path / "nothing.toml")
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"covariance": np.eye(8)}, "9 rows of 9"),
+        ({"covariance": np.full((9, 9), np.nan)}, "9 rows of 9"),
+        ({"covariance": np.eye(9) + np.eye(9, k=1)}, "not symmetric"),
+        ({"covariance": -np.eye(9)}, "positive semidefinite"),
+        ({"rms": -1.0}, "is -1.0"),
+        ({"rms": np.nan}, "is nan"),
+    ],
+)
+def test_what_is_no_record_is_refused(values, said):
+    with pytest.raises(InputError, match=said):
+        CameraRecord(DELTALAB_CAMERA, **values)

@@ -1,0 +1,133 @@
+"""target.toml: round trips byte for byte; unusable files with every problem, its line and remedy."""
+
+import numpy as np
+import pytest
+
+from cpcal.errors import InputError
+from cpcal.vision.target import DELTALAB_TARGET, Target
+from cpcal.vision.target_file import load_target, save_target, target_bytes
+
+TOML = """\
+format = "cpcal-target/1"
+
+[target]
+name = "five"
+bright = false
+radius = 2.5
+lines = [
+    [0, 1, 2, 3],
+]
+dots = [
+    [0, 0],
+    [10, 10],
+    [30, 30.0],
+    [45, 45],
+    [0, 20],
+]
+
+[provenance]
+printed = "by hand"
+"""
+
+
+def load(folder, text):
+    (folder / "target.toml").write_text(text, encoding="utf-8")
+    return load_target(folder / "target.toml")
+
+
+def refused(folder, text):
+    """(line, what) of every problem; each has a remedy and names the file."""
+    with pytest.raises(InputError) as caught:
+        load(folder, text)
+    assert all(p.remedy and p.where == str(folder / "target.toml") for p in caught.value.problems)
+    return [(p.line, p.what) for p in caught.value.problems]
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        DELTALAB_TARGET,
+        Target(
+            'name with "quotes", \\ and \n a break', np.array([[1 / 3, -1e-17], [1e300, 2.0]]), 1e-3, (), bright=False
+        ),
+    ],
+)
+def test_what_is_saved_is_loaded_and_saved_again_byte_for_byte(tmp_path, target):
+    path = tmp_path / "target.toml"
+    save_target(target, path, {"made by": "the test"})
+    first = path.read_bytes()
+    assert load_target(path) == target
+    save_target(load_target(path), path, {"made by": "the test"})
+    assert path.read_bytes() == first
+    assert [p.name for p in tmp_path.iterdir()] == ["target.toml"]
+
+
+def test_a_file_written_by_hand_is_read(tmp_path):
+    target = load(tmp_path, TOML)
+    assert (target.name, target.bright, target.radius, target.lines) == ("five", False, 2.5, ((0, 1, 2, 3),))
+    np.testing.assert_array_equal(target.dots, [[0, 0], [10, 10], [30, 30], [45, 45], [0, 20]])
+    assert b"radius = 2.5\n" in target_bytes(target)
+
+
+def test_every_problem_is_said_at_once_with_its_line(tmp_path):
+    text = TOML.replace('"five"', "5").replace("false", '"no"').replace("2.5", "-2.5")
+    text = text.replace("[10, 10]", "[10, nan]").replace("[30, 30.0]", "[30]").replace("printed", "[unknown]\nprinted")
+    assert refused(tmp_path, text) == [
+        (19, "unknown key 'unknown'"),
+        (4, "name is 5, not text"),
+        (5, "bright is 'no'"),
+        (6, "radius is -2.5"),
+        (10, "row 1 of dots holds nan"),
+        (10, "row 2 of dots has 1 numbers, not 2"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problems"),
+    [
+        ("cpcal-target/1", "cpcal-target/2", [(1, "the format is 'cpcal-target/2'")]),
+        ('format = "cpcal-target/1"\n', "", [(None, "the key 'format' is missing")]),
+        ("radius = 2.5\n", "", [(3, "the key 'radius' is missing in [target]")]),
+        ("radius = 2.5", "radius = true", [(6, "radius holds True, which is not a number")]),
+        ("radius = 2.5", "radius = 0", [(6, "radius is 0")]),
+        ("radius = 2.5", "radius = 2.5\nRadius = 2", [(7, "unknown key 'Radius' in [target]")]),
+        ("radius = 2.5", "radius = ", [(6, "is not TOML: Invalid value")]),
+        ("[0, 1, 2, 3]", "[0, 1, 2]", [(7, "(0, 1, 2) are not four or more of the dots")]),
+        ("[0, 1, 2, 3]", "[0, 1, 2, 4]", [(7, "the dots (0, 1, 2, 4) are not collinear")]),
+        ("[0, 1, 2, 3]", "[0, 1, 2, 5]", [(7, "row 0 of lines names the dot 5, which is not there")]),
+        ("[0, 1, 2, 3]", "[0, 1, 2, -1]", [(7, "row 0 of lines names the dot -1, which is not there")]),
+        ("[0, 1, 2, 3]", "[0, 1, 2, 3.5]", [(7, "row 0 of lines holds 3.5")]),
+        ("[0, 1, 2, 3]", "[0, 1, 2, true]", [(7, "row 0 of lines holds True")]),
+        ("    [0, 1, 2, 3],", "0, 1, 2, 3", [(7, "lines is not a list of rows")]),
+        ("[10, 10]", "10", [(10, "row 1 of dots is not a list of numbers")]),
+        ("[10, 10]", '[10, "10"]', [(10, "row 1 of dots holds '10', which is not a number")]),
+        ("[target]", "[targets]", [(3, "unknown key 'targets'"), (None, "the section [target] is missing")]),
+        ("[target]\n", "target = 3\n[x]\n", [(4, "unknown key 'x'"), (3, "'target' is not a section")]),
+    ],
+)
+def test_each_problem_has_its_line(tmp_path, old, new, problems):
+    assert refused(tmp_path, TOML.replace(old, new, 1)) == problems
+
+
+def test_no_dots_are_a_problem(tmp_path):
+    head, _, rest = TOML.partition("dots = [")
+    tail = rest.partition("]\n\n")[2]
+    assert refused(tmp_path, head + "dots = []\n\n" + tail) == [(10, "dots is not a list of rows")]
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[[[[", b"a.b = 1\n" * 3])
+def test_what_is_no_such_file_is_refused(tmp_path, content):
+    (tmp_path / "target.toml").write_bytes(content)
+    with pytest.raises(InputError):
+        load_target(tmp_path / "target.toml")
+
+
+def test_a_missing_file_and_a_folder_that_cannot_be_written_to(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        load_target(tmp_path / "nothing.toml")
+    with pytest.raises(InputError, match="cannot be written"):
+        save_target(DELTALAB_TARGET, tmp_path / "nowhere" / "target.toml")
+    (tmp_path / "target.toml").mkdir()
+    with pytest.raises(InputError, match="cannot be written"):
+        save_target(DELTALAB_TARGET, tmp_path / "target.toml")
+    assert [p.name for p in tmp_path.iterdir()] == ["target.toml"]

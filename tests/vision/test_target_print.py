@@ -1,0 +1,152 @@
+"""A target on paper: distances in the SVG and the PDF are the target's, to the micrometre; the same bytes each time."""
+
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ElementTree
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cpcal.errors import InputError
+from cpcal.vision.dots import observe_dots
+from cpcal.vision.image_file import read_image
+from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
+from cpcal.vision.target_print import print_target, sheet, target_pdf, target_svg
+
+SMALL = two_diagonals(
+    "small & <dark>, $5", (-60.0, -31.0, -9.0, 22.0, 55.0), (-58.0, -20.0, 40.0, 63.0), 100.0, 25.0, 3.0, bright=False
+)
+TARGETS = [DELTALAB_TARGET, SMALL]
+SVG = "{http://www.w3.org/2000/svg}"
+NUMBER = r"(-?[\d.]+)"
+
+
+def relative(dots):
+    """Dots (n, 2) as drawn with y down: from their mean, y up."""
+    return (dots - dots.mean(axis=0)) * [1.0, -1.0]
+
+
+def expected(target):
+    return target.dots - target.dots.mean(axis=0)
+
+
+def pdf_paths(target):
+    """The page's size (mm), and each path in its only stream as (n, 2) mm from the upper left corner, y down."""
+    content = target_pdf(target)
+    box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", content)
+    size = np.array([float(side) for side in box.groups()]) * 25.4 / 72.0
+    streams = [
+        zlib.decompress(body)
+        for body in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", content, re.S)
+        if body[0] == 0x78
+    ]
+    page = next(text for text in streams if b" m\n" in text).decode("latin-1")
+    paths, points = [], []
+    for line in page.splitlines():
+        if re.fullmatch(rf"{NUMBER} {NUMBER} m", line):
+            points = [line.split()[:2]]
+        elif re.fullmatch(rf"({NUMBER} )+[lc]", line):
+            points.append(line.split()[-3:-1])
+        elif line in ("f", "S", "b", "B") and points:
+            paths.append(np.array(points, dtype=np.float64) * 25.4 / 72.0 * [1.0, -1.0] + [0.0, size[1]])
+            points = []
+    return size, paths
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name[:5])
+def test_the_svg_has_every_dot_at_its_place_in_mm(target):
+    root = ElementTree.fromstring(target_svg(target))
+    width, height = (float(root.get(side).removesuffix("mm")) for side in ("width", "height"))
+    assert root.get("viewBox") == f"0 0 {width:g} {height:g}"
+    circles = root.findall(f".//{SVG}circle")
+    dots = np.array([[float(c.get("cx")), float(c.get("cy"))] for c in circles])
+    np.testing.assert_allclose(relative(dots), expected(target), atol=2e-6)
+    assert {float(c.get("r")) for c in circles} == {target.radius}
+    assert root.find(f"{SVG}title").text == target.name
+    plate = [float(root.find(f"{SVG}rect").get(key)) for key in ("x", "y", "width", "height")]
+    assert (dots - target.radius > plate[:2]).all()
+    assert (dots + target.radius < np.add(plate[:2], plate[2:])).all()
+    assert min(plate[0], plate[1], width - plate[0] - plate[2], height - plate[1] - plate[3]) >= 10.0
+    assert root.find(f"{SVG}g").get("fill") == ("#ffffff" if target.bright else "#000000")
+
+
+def test_the_svg_has_a_bar_of_100_mm():
+    bar = ElementTree.fromstring(target_svg(SMALL)).find(f"{SVG}path").get("d")
+    whole = re.fullmatch(rf"M{NUMBER} {NUMBER}h100M{NUMBER} {NUMBER}v6M{NUMBER} {NUMBER}v6", bar)
+    start, _, left, _, right, _ = map(float, whole.groups())
+    assert left == start
+    assert right - left == 100.0
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name[:5])
+def test_the_pdf_has_every_dot_at_its_place_and_a_bar_of_100_mm(target):
+    size, paths = pdf_paths(target)
+    np.testing.assert_allclose(size, sheet(target).size, atol=1e-6)
+    circles = [path for path in paths if len(path) == 9]  # eight arcs
+    low, high = (np.array([extent(path, axis=0) for path in circles]) for extent in (np.min, np.max))
+    np.testing.assert_allclose(relative(0.5 * (low + high)), expected(target), atol=2e-6)
+    np.testing.assert_allclose(0.5 * (high - low), target.radius, atol=2e-6)
+    lines = [path for path in paths if len(path) == 2]
+    assert max(np.ptp(line[:, 0]) for line in lines) == pytest.approx(100.0, abs=2e-6)
+
+
+@pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm is not installed")
+def test_the_printed_page_is_seen_as_the_target(tmp_path):
+    print_target(SMALL, tmp_path / "target.pdf")
+    subprocess.run(["pdftoppm", "-r", "127", "-png", "-gray", "target.pdf", "page"], cwd=tmp_path, check=True)
+    (page,) = tmp_path.glob("page*.png")
+    found = observe_dots(read_image(page), bright=False)
+    wanted = sheet(SMALL).placed(SMALL.dots) * 5.0 - 0.5  # 127 dots an inch: 5 pixels a mm; pixel centres are whole
+    nearest = np.linalg.norm(found.centers[:, None] - wanted, axis=2)
+    assert (nearest.min(axis=0) < 0.1).all()
+    radii = found.axes[nearest.argmin(axis=0)].mean(axis=1)
+    np.testing.assert_allclose(radii, 5.0 * SMALL.radius, atol=0.2)
+
+
+def test_the_same_target_gives_the_same_bytes():
+    assert target_pdf(SMALL) == target_pdf(replace(SMALL))
+    assert target_svg(SMALL) == target_svg(replace(SMALL))
+    assert b"Date" not in target_pdf(SMALL)
+
+
+def test_settings_of_matplotlib_do_not_show():
+    import matplotlib
+
+    before = target_pdf(SMALL)
+    with matplotlib.rc_context({"figure.facecolor": "red", "pdf.fonttype": 3, "lines.linewidth": 9.0}):
+        assert target_pdf(SMALL) == before
+
+
+@pytest.mark.parametrize(
+    ("extent", "paper", "size"),
+    [
+        ((100.0, 150.0), "A4", (210.0, 297.0)),
+        ((200.0, 100.0), "A4", (297.0, 210.0)),
+        ((200.0, 250.0), "A3", (297.0, 420.0)),
+        ((1000.0, 700.0), "A0", (1189.0, 841.0)),
+        ((2000.0, 2000.0), "", (2034.0, 2052.0)),
+    ],
+)
+def test_the_page_is_the_smallest_that_holds_the_target(extent, paper, size):
+    corners = np.array([[0.0, 0.0], extent, [0.0, extent[1]]])
+    found = sheet(Target("t", corners, 2.0, ()))
+    assert (found.paper, found.size) == (paper, pytest.approx(size))
+
+
+def test_files_are_written_by_their_suffix(tmp_path):
+    for suffix, begin in ((".pdf", b"%PDF"), (".svg", b"<svg")):
+        print_target(SMALL, tmp_path / f"target{suffix}")
+        assert (tmp_path / f"target{suffix}").read_bytes().startswith(begin)
+    with pytest.raises(InputError, match=r"neither a \.pdf nor an \.svg"):
+        print_target(SMALL, tmp_path / "target.png")
+    with pytest.raises(InputError, match="cannot be written"):
+        print_target(SMALL, tmp_path / "nowhere" / "target.svg")
+
+
+def test_a_name_that_xml_cannot_hold_is_shown_without_it():
+    odd = replace(SMALL, name="line\nbreak \x00")
+    assert ElementTree.fromstring(target_svg(odd)).find(f"{SVG}title").text == "line break  "
+    assert target_pdf(odd)
