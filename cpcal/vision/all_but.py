@@ -16,29 +16,40 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.interfaces import LinearStatus
-from cpcal.interval import IntervalArray
+from cpcal.interval import Box, IntervalArray
 from cpcal.linear import Glop, LazyRows, lower_bound
 from cpcal.vision.enclosed import ENGINE, exact
 from cpcal.vision.pose_enclosure import Found, View
-from cpcal.vision.pose_rows import PoseBox, pose_rows
+from cpcal.vision.pose_rows import PoseBox, PoseRows, pose_rows
 
 Array = npt.NDArray[np.float64]
 Dots = frozenset[int]
 
 MOST = 2  # outliers
+_ROUNDS = 3
+_STRAIGHT = 0.02  # another round is made on boxes where products of unknowns count for more,
+_PAYS = 0.8  # if some width shrinks below this share
 
 
 def all_but(view: View, box: PoseBox, outliers: int) -> Found:
     """The poses of a box that satisfy all dots of a view but at most so many; None: there are none."""
-    unknowns = box.unknowns
-    rows = pose_rows(view.pyramids.planes, view.points, view.frames, box.center, unknowns)
+    for _ in range(_ROUNDS):
+        unknowns = box.unknowns
+        rows = pose_rows(view.pyramids.planes, view.points, view.frames, box.center, unknowns)
+        after = _narrowed(rows, unknowns, outliers)
+        if after.is_empty:
+            return None
+        narrower = box.with_unknowns(after)
+        box = narrower.about(narrower.middle) or box
+        if rows.bend(unknowns) < _STRAIGHT or not (after.width < _PAYS * unknowns.width).any():
+            break
+    return box
+
+
+def _narrowed(rows: PoseRows, unknowns: Box, outliers: int) -> Box:
     programs = _Programs(rows.linear, rows.right_side(unknowns), unknowns.array)
-    sides = [[programs.least(k, sign, outliers) for k in range(len(unknowns))] for sign in (1.0, -1.0)]
-    lo, hi = np.array(sides[0]), -np.array(sides[1])
-    if (lo > hi).any():
-        return None
-    narrower = box.with_unknowns(unknowns.with_bounds(np.maximum(unknowns.lo, lo), np.minimum(unknowns.hi, hi)))
-    return narrower.about(narrower.middle) or box
+    lowest, highest = ([programs.least(k, sign, outliers) for k in range(len(unknowns))] for sign in (1.0, -1.0))
+    return unknowns.with_bounds(np.array(lowest), -np.array(highest))
 
 
 class _Programs:

@@ -180,6 +180,14 @@ class PoseRows:
         bent = inner(exact(self.bilinear), products)
         return e.neg(e.add(bent, exact(self.constant))).hi
 
+    def bend(self, box: Box) -> float:
+        """How much the products of unknowns may count on a box, as a share of the half-widths of the pixel boxes."""
+        s = box.array.mag[3:]
+        most = np.abs(self.bilinear) @ (s[_PAIRS[:, 0]] * s[_PAIRS[:, 1]])
+        sides = self.constant.reshape(-1, 4)
+        half = -0.5 * (sides[:, :2] + sides[:, 2:])
+        return float((most.reshape(-1, 2, 2).max(axis=1) / np.maximum(half, np.finfo(np.float64).tiny)).max())
+
     def refuted(self, box: Box) -> npt.NDArray[np.bool_]:
         """For which dots no pose of a box has them in their pixel boxes: some row is positive on all of it."""
         lowest = inner(exact(self.linear), box.array).lo

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import cpcal
 from cpcal.errors import InputError
 from cpcal.robot import (
     Pose,
@@ -26,9 +27,9 @@ ALL = np.arange(len(DELTALAB_TARGET.dots))
 STUDY = simulate_study(seed=2, runs=1, validation_runs=1, random_poses=1, noise=0.0)
 TRUTH = STUDY.truth
 assert TRUTH is not None
-ROWS = 3
 POSES = TRUTH.mobile_in_base(STUDY.calibration)
-TRUE = [Pose(POSES.position[k], POSES.quaternion[k]) for k in range(ROWS)]
+TRUE = [Pose(POSES.position[k], POSES.quaternion[k]) for k in range(0, 64, 6)]
+ROWS = len(TRUE)
 
 
 def pose_set(pose: Pose, seed: int, frames: Frames, spoiled: float = 0.0) -> PoseSet:
@@ -42,6 +43,7 @@ def pose_set(pose: Pose, seed: int, frames: Frames, spoiled: float = 0.0) -> Pos
 
 
 def test_a_campaign_of_pose_sets_holds_the_truth(tmp_path: Path) -> None:
+    """From pixels to a certificate: all parameters with which the model holds are enclosed, the true ones too."""
     assert TRUTH is not None
     frames = Frames(TRUTH.camera, TRUTH.target)
     sets = [pose_set(pose, k, frames) for k, pose in enumerate(TRUE)]
@@ -63,6 +65,10 @@ def test_a_campaign_of_pose_sets_holds_the_truth(tmp_path: Path) -> None:
     assert campaign.position_radius.max() < 0.1
     assert (campaign.length_radius == 0.03).all()
     assert len(np.unique(campaign.rotation_radius)) == 3 * ROWS  # each row has its own
+    [leg] = cpcal.certify(campaign, delta=10.0, legs=[2]).legs
+    assert leg.eps_hi == 0.0
+    assert TRUTH.robot.parameters[1] in leg.enclosure
+    assert leg.enclosure.width.max() < 4.0
 
 
 def test_what_is_not_proved_makes_no_campaign() -> None:
