@@ -34,12 +34,12 @@ def _said(done: Photographed) -> tuple[str, ...]:
     images = next(iter(done.shots.values()))
     scene, camera, target = images.scene, images.camera, images.target
     count = sum(len(found.rows) for found in done.found.values())
-    light = ", ".join(f"{100 * share:.0f} %" for share in scene.gradient)
+    light = [f"{100 * share:.0f} %" for share in scene.gradient]
     return (
         f"The poses of this study come from {count:,} rendered images of {camera.width} x {camera.height} pixels: a "
         f"camera with a focal length of {camera.focal[0]:.0f} pixels and an ordinary lens's distortion, aimed by eye, "
         f"sees the target “{target.name}” of {len(target.dots)} dots. Blur {scene.blur:g} px, noise {scene.noise:g} "
-        f"grey levels of 256, light that grows by {light} from border to border.",
+        f"grey levels of 256, light that grows by {light[0]} from left to right and by {light[1]} downwards.",
         "Dots are found to a hundredth of a pixel or better, told apart by the cross-ratios along the two diagonals, "
         "and the pose is fitted to where the model of an imaged dot says its centre should be.",
     )

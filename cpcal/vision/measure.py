@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 import numpy.typing as npt
@@ -69,14 +69,14 @@ def measure_pose(image: npt.NDArray[np.generic], target: Target, camera: Camera)
     Raises NotMeasured with the reason for an image without a reliable pose, and InputError for what is no image.
     """
     _check_size(np.asarray(image), camera)
-    marks = [perf_counter()]
+    marks = [process_time()]
     dots = observe_dots(image, bright=target.bright)
-    marks.append(perf_counter())
+    marks.append(process_time())
     try:
         identification = identify(dots.centers, target, camera)
     except Unidentified as reason:
         raise NotMeasured(f"not identified: {reason}") from reason
-    marks.append(perf_counter())
+    marks.append(process_time())
     if len(identification.found) < FEWEST:
         raise NotMeasured(f"{len(identification.found)} dots of the target are too few: at least {FEWEST} are needed")
     mine = identification.found
@@ -84,7 +84,7 @@ def measure_pose(image: npt.NDArray[np.generic], target: Target, camera: Camera)
         estimate = estimate_pose(dots.centers[mine], dots.covariance[mine], identification.numbers, target, camera)
     except NoPose as reason:
         raise NotMeasured(f"no pose: {reason}") from reason
-    marks.append(perf_counter())
+    marks.append(process_time())
     if estimate.rms > _RESIDUAL:
         raise NotMeasured(
             f"the residuals are {estimate.rms:.2f} pixels (rms), more than {_RESIDUAL}: "
