@@ -8,6 +8,7 @@ fitted as well, and when it fits about as well the answer is a refusal.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -20,7 +21,6 @@ from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import (
     normalised,
     quaternion_from_matrix,
-    quaternion_from_rotation_vector,
     quaternion_product,
     rotation_vector,
 )
@@ -123,7 +123,7 @@ def estimate_pose(
     residuals = seen - centers_of(dots, target.radius, camera, final.pose)
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
     return PoseEstimate(
-        final.pose,
+        Pose(final.pose.position, normalised(final.pose.quaternion)),
         np.asarray(scale * np.linalg.inv(final.normal), dtype=np.float64),
         residuals,
         ~used,
@@ -247,8 +247,21 @@ def _squares(residuals: Array, information: Array) -> Array:
 
 
 def _moved(pose: Pose, step: Array) -> Pose:
-    turn = quaternion_from_rotation_vector(step[3:])
-    return Pose(pose.position + step[:3], normalised(quaternion_product(turn, pose.quaternion)))
+    """position + step[:3] and R(step[3:]) R; in plain floats, because this is done a dozen times an image."""
+    x, y, z = step[3:].tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
+    c, s = math.cos(0.5 * angle), 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
+    x, y, z = s * x, s * y, s * z
+    w0, x0, y0, z0 = pose.quaternion.tolist()
+    turned = np.array(
+        [
+            c * w0 - x * x0 - y * y0 - z * z0,
+            c * x0 + x * w0 + y * z0 - z * y0,
+            c * y0 + y * w0 + z * x0 - x * z0,
+            c * z0 + z * w0 + x * y0 - y * x0,
+        ]
+    )
+    return Pose(pose.position + step[:3], turned / math.sqrt(float(turned @ turned)))
 
 
 def _screened(on_pixels: Callable[[Bools], Model], pose: Pose, information: Array, used: Bools) -> tuple[Bools, _Fit]:
