@@ -41,6 +41,7 @@ OUTLIER = 0.01  # expected number of good dots screened, per image
 OUTLIERS = 0.1  # share of the dots that may be screened
 POOR = 1e-3  # p-value below which the covariance is scaled by the residuals
 _MEDIAN = 2.0 * np.log(2.0)  # of a chi-square variable with two degrees of freedom
+_SLIM = 0.01  # breadth by length of all dots, below which they are as good as on a line
 _STEPS = 30
 _SMALL = 1e-3  # standard deviations: a step that ends the fit
 
@@ -91,6 +92,7 @@ def estimate_pose(
     if not np.isfinite(rays).all():
         raise NoPose("the camera cannot see some of the dots where they are: its distortion has no inverse there")
     dots = target.dots[which]
+    _check_spread(dots)
     information: Array = np.asarray(np.linalg.inv(spread), dtype=np.float64)
 
     def on_pixels(used: Bools) -> Model:
@@ -156,6 +158,12 @@ def _checked(
     return seen, spread, which
 
 
+def _check_spread(dots: Array) -> None:
+    spread = np.linalg.svd(dots - dots.mean(axis=0), compute_uv=False)
+    if spread[1] < _SLIM * spread[0]:
+        raise NoPose("the dots lie on a line or nearly so")
+
+
 @dataclass(frozen=True, eq=False)
 class _Fit:
     pose: Pose
@@ -169,9 +177,7 @@ def _start(dots: Array, rays: Array) -> Pose:
     homography = fitted(dots, rays)
     homography = homography * (2.0 / np.linalg.norm(homography[:, :2], axis=0).sum())
     matrix = np.column_stack([homography[:, :2], np.cross(homography[:, 0], homography[:, 1])])
-    left, values, right = np.linalg.svd(matrix)
-    if not (np.isfinite(values).all() and values[1] > 1e-6):
-        raise NoPose("the dots lie on a line or nearly so")
+    left, _, right = np.linalg.svd(matrix)
     return Pose(
         homography[:, 2], quaternion_from_matrix(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
     )

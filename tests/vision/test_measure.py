@@ -65,8 +65,8 @@ def test_there_is_a_reason_for_every_image_without_a_target() -> None:
 def test_a_wrong_camera_shows_in_the_residuals() -> None:
     pose = one(facing_poses(np.random.default_rng(2), 1, depth=(700.0, 700.0)), 0)
     image = render(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
-    off = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, DELTALAB_CAMERA.distortion * 0.7)
-    with pytest.raises(NotMeasured, match="residuals|identified|do not fit"):
+    off = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, DELTALAB_CAMERA.distortion * 0.5)
+    with pytest.raises(NotMeasured, match="the camera or the target is not as stated"):
         measure_pose(image, DELTALAB_TARGET, off)
 
 
