@@ -21,8 +21,8 @@ from cpcal.vision.grey import Grey
 Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
 
-OUTSIDE = 3.5  # pixels beyond the edge that take part
-INSIDE = 4.5  # pixels inside the edge that take part, at least
+OUTSIDE = 3.0  # pixels beyond the edge that take part
+INSIDE = 3.5  # pixels inside the edge that take part, at least
 _ROUGH_STEPS = 4
 _FINE_STEPS = 3
 _ROUGH = 0.05  # pixels: the change of the centre that ends the rough steps
@@ -126,9 +126,10 @@ class _Fit:
         self.level, inside = _levels(grey, at, stencil)
         self.radius = 2.0 * np.linalg.det(spread) ** 0.25
         self.first = center
-        scale = (1.0 / self.radius)[:, None]
-        self.x: Single = ((stencil[:, 0] - (center - at)[:, :1]) * scale).astype(np.float32)
-        self.y: Single = ((stencil[:, 1] - (center - at)[:, 1:]) * scale).astype(np.float32)
+        scale, shift = _column(1.0 / self.radius), (at - center).astype(np.float32)
+        offset = stencil.astype(np.float32)
+        self.x: Single = (offset[:, 0] + shift[:, :1]) * scale
+        self.y: Single = (offset[:, 1] + shift[:, 1:]) * scale
         conic = 0.25 * np.linalg.inv(spread) * (self.radius**2)[:, None, None]
         self.p = np.zeros((len(center), PARAMETERS))
         self.p[:, 2:5] = conic[:, [0, 0, 1], [0, 1, 1]]

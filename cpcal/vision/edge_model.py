@@ -30,10 +30,10 @@ def grey_model(parameters: Array, x: Single, y: Single, used: int) -> tuple[Sing
     p = parameters.astype(np.float32)
     depth, x, y, u, v, slope = _depths(p, x, y)
     back, contrast, light_x, light_y = p[:, 5:6], p[:, 6:7], p[:, 8:9], p[:, 9:10]
-    blur = np.exp(p[:, 7:8])
+    blur: Single = np.exp(p[:, 7:8])
     out = np.empty((len(p), used, depth.shape[1]), dtype=np.float32)
-    z = depth / blur
-    density = np.exp(np.float32(-0.5) * z * z)
+    z: Single = depth / blur
+    density: Single = np.exp(np.float32(-0.5) * z * z)
     share = _normal_share(z, density)
     light = light_x * x
     light += light_y * y
@@ -63,7 +63,7 @@ def grey_model(parameters: Array, x: Single, y: Single, used: int) -> tuple[Sing
 
 
 def _depths(p: Single, x: Single, y: Single) -> tuple[Single, ...]:
-    """Distance inside, the coordinates from the centre, half the gradient (u, v) of the quadratic form, 1 / |(u, v)|."""
+    """Distance inside, coordinates from the centre, half the gradient (u, v) of the quadratic form, 1 / |(u, v)|."""
     x, y = x - p[:, :1], y - p[:, 1:2]
     u = p[:, 2:3] * x
     u += p[:, 3:4] * y
