@@ -1,0 +1,157 @@
+"""Folders of images to poses: the same table whatever the workers, nothing redone, a reason for every bad image."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
+
+from cpcal.errors import InputError
+from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector, simulate_study
+from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.detect import ImageFolder, detect
+from cpcal.vision.detection import POSITION, QUATERNION, SIGMA, detections_bytes, values_of
+from cpcal.vision.opencv import opencv
+from cpcal.vision.render import Scene
+from cpcal.vision.study_images import MEAN, RenderedImages, camera_above
+from cpcal.vision.target import DELTALAB_TARGET
+
+BAD = {
+    "bad/empty.png": "is empty",
+    "bad/text.jpg": "cannot be read",
+    "bad/black.png": "not identified",
+    "bad/white.png": "not identified",
+    "bad/noise.png": "not identified",
+    "bad/dot.png": "the image is 1 x 1 pixels",
+    "bad/large.png": "the image is 4000 x 3000 pixels",
+    "bad/cut.png": "is truncated",
+}
+
+
+@pytest.fixture(scope="module")
+def rendered():
+    """Twelve images of three configurations, with the poses they were rendered from."""
+    study = simulate_study(
+        seed=3, runs=2, validation_runs=1, random_poses=3, images=2, pose_noise=0.0, camera=camera_above(seed=3)
+    )
+    every = RenderedImages.of(study.calibration, DELTALAB_TARGET, DELTALAB_CAMERA, Scene(), seed=3)
+    return RenderedImages(every.names[:12], every.poses, every.target, every.camera, every.scene, every.seed)
+
+
+@pytest.fixture(scope="module")
+def folder(rendered, tmp_path_factory):
+    path = tmp_path_factory.mktemp("images")
+    rendered.write(path, workers=1)
+    (path / "bad").mkdir()
+    grey = np.random.default_rng(0).integers(0, 256, (768, 1024), dtype=np.uint8)
+    images = {
+        "black": np.zeros_like(grey),
+        "white": np.full_like(grey, 255),
+        "noise": grey,
+        "dot": grey[:1, :1],
+        "large": np.zeros((3000, 4000), np.uint8),
+    }
+    for name, image in images.items():
+        opencv().imwrite(str(path / "bad" / f"{name}.png"), image)
+    (path / "bad" / "empty.png").write_bytes(b"")
+    (path / "bad" / "text.jpg").write_text("no image")
+    good = (path / rendered.names[0]).read_bytes()
+    (path / "bad" / "cut.png").write_bytes(good[: len(good) // 2])
+    return path
+
+
+@pytest.fixture(scope="module")
+def alone(folder):
+    return detect(ImageFolder(folder), DELTALAB_TARGET, DELTALAB_CAMERA, workers=1)
+
+
+def test_poses_are_right_and_bad_images_have_their_reasons(alone, rendered):
+    reasons = {row.file: row.reason for row in alone.rows if not row.found}
+    assert reasons.keys() == BAD.keys()
+    for name, reason in BAD.items():
+        assert reason in reasons[name]
+    rows = [row for row in alone.rows if row.found]
+    assert [row.file for row in rows] == sorted(rendered.names)
+    values = values_of(rows)
+    true = [rendered.names.index(row.file) for row in rows]
+    turn = quaternion_product(values[:, QUATERNION], quaternion_conjugate(rendered.poses.quaternion[true]))
+    error = np.concatenate([values[:, POSITION] - rendered.poses.position[true], rotation_vector(turn)], axis=1)
+    assert np.abs(error / values[:, SIGMA]).max() < 5.0
+    assert np.abs(error[:, :3]).max() < 0.03
+    assert np.degrees(np.abs(error[:, 3:])).max() < 0.01
+
+
+def test_the_table_does_not_depend_on_who_works(alone, folder):
+    expected = detections_bytes(alone.rows)
+    pair = detect(ImageFolder(folder), DELTALAB_TARGET, DELTALAB_CAMERA, workers=2)
+    assert detections_bytes(pair.rows) == expected
+    with ThreadPoolExecutor(3) as pool:
+        threads = detect(ImageFolder(folder), DELTALAB_TARGET, DELTALAB_CAMERA, executor=pool)
+    assert detections_bytes(threads.rows) == expected
+
+
+def test_a_restart_redoes_nothing(alone, folder, tmp_path):
+    journal = tmp_path / "poses.csv.journal"
+
+    class Enough(Exception):
+        pass
+
+    def stop(done, count):
+        if done >= 8:
+            raise Enough
+
+    given = (ImageFolder(folder), DELTALAB_TARGET, DELTALAB_CAMERA)
+    with pytest.raises(Enough):
+        detect(*given, workers=1, journal=journal, progress=stop)
+    kept = journal.read_text().count("\n") - 1
+    assert kept >= 8
+    with journal.open("a") as file:
+        file.write('{"file": "e00/1/1.png", "st')  # as a crash leaves it
+    seen = []
+    again = detect(*given, workers=1, journal=journal, progress=lambda *numbers: seen.append(numbers))
+    assert again.measured == len(alone.rows) - kept
+    assert seen[0] == (kept, len(alone.rows))
+    assert seen[-1] == (len(alone.rows), len(alone.rows))
+    assert detections_bytes(again.rows) == detections_bytes(alone.rows)
+    assert detect(*given, workers=1, journal=journal).measured == 0
+    (folder / "bad" / "black.png").touch()  # perhaps another image now
+    assert detect(*given, workers=1, journal=journal).measured == 1
+    head, *_ = journal.read_text().splitlines()
+    journal.write_text(json.dumps({**json.loads(head), "of": "another camera"}) + "\n")
+    stale = RenderedImages(("e00/1/1.png",), *_of(alone))
+    assert detect(stale, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal).measured == 1
+    journal.write_text("not a journal\n")
+    with pytest.raises(InputError, match="is not a journal"):
+        detect(*given, workers=1, journal=journal)
+
+
+def _of(alone):
+    """Poses, target, camera, scene and seed of one rendered image."""
+    row = next(row for row in alone.rows if row.found)
+    values = values_of([row])
+    poses = Pose(values[:, POSITION], values[:, QUATERNION])
+    return poses, DELTALAB_TARGET, DELTALAB_CAMERA, Scene(), 0
+
+
+def test_an_image_of_its_own_seed_whatever_the_others(rendered):
+    name = rendered.names[5]
+    few = RenderedImages(rendered.names[3:7], *_rest(rendered, slice(3, 7)))
+    assert np.array_equal(few.read(name), rendered.read(name))
+    assert not np.array_equal(rendered.read(rendered.names[0]), rendered.read(rendered.names[1]))
+
+
+def _rest(rendered, chosen):
+    poses = Pose(rendered.poses.position[chosen], rendered.poses.quaternion[chosen])
+    return poses, rendered.target, rendered.camera, rendered.scene, rendered.seed
+
+
+def test_the_mean_of_ten_images_is_less_noisy(rendered):
+    poses, target, camera, scene, seed = _rest(rendered, slice(0, 2))
+    flat = RenderedImages(("e00/1/1.png", f"e00/1/{MEAN}.png"), poses, target, camera, scene, seed)
+    single, mean = (flat.read(name)[:100, :100].astype(float).std() for name in flat.names)
+    assert 1.7 < single < 2.3
+    assert mean < 0.45 * single
