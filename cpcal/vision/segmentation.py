@@ -195,5 +195,6 @@ def _alike(found: Spots) -> Spots:
     """Those whose radius is within a ratio of the middle one."""
     if not len(found):
         return found
-    middle = float(np.median(found.radius))
-    return found.kept((found.radius < _ALIKE * middle) & (_ALIKE * found.radius > middle))
+    radius = found.radius
+    middle = float(np.median(radius))
+    return found.kept((radius < _ALIKE * middle) & (_ALIKE * radius > middle))
