@@ -27,7 +27,7 @@ def light_gradient(grey: Grey, found: Spots, gap: Array) -> Array:
     """By which share the light grows per pixel to the right and down, at each dot: (n, 2); nan with too few dots.
     `gap` (n,) pixels lie between a dot and its neighbours.
 
-    A polynomial of the place is fitted to the levels, three times: without outliers but at first.
+    A polynomial of the place is fitted to the levels, twice: the second time without outliers.
     """
     degree = _MOST_DEGREE
     while degree > 0 and len(found) < _EACH * (degree + 1) * (degree + 2) // 2:
@@ -39,8 +39,11 @@ def light_gradient(grey: Grey, found: Spots, gap: Array) -> Array:
     values, to_right, to_bottom = _terms(found.center / half - 1.0, degree)
     good = np.ones(len(level), dtype=bool)
     coefficients: Array = np.zeros(values.shape[1])
-    for _ in range(3):
-        coefficients = np.asarray(np.linalg.lstsq(values[good], level[good], rcond=1e-10)[0], dtype=np.float64)
+    for _ in range(2):
+        some = values[good]
+        normal = some.T @ some
+        normal += 1e-9 * len(some) * np.eye(len(normal))  # in case dots lie on few lines
+        coefficients = np.asarray(np.linalg.solve(normal, some.T @ level[good]), dtype=np.float64)
         off = np.abs(level - values @ coefficients)
         good = off <= _OUTLYING * 1.4826 * np.median(off) + 1e-12
     slope = np.stack([to_right @ coefficients, to_bottom @ coefficients], axis=1)

@@ -71,17 +71,26 @@ def surveys(image: Grey8, bright: bool | None = None) -> list[Survey]:
     if min(image.shape) < _SMALLEST:
         return []
     cv2 = opencv()
-    half = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    half = _halved(image)
     least = max(_NOISE * noise_level(half), _LEAST)
     kinds = (True, False) if bright is None else (bright,)
-    looks = [_doubled(_alike(_standing_out(half, _WIDEST, least, kind))) for kind in kinds]
+    mean = cv2.blur(half, (_WIDEST, _WIDEST))
+    looks = [_doubled(_standing_out(half, mean, least, kind)) for kind in kinds]
     most = max(looks, key=len)
     if len(most) < _ENOUGH or np.median(most.radius) < _SMALL:
         least = max(_NOISE * noise_level(image), _LEAST)
-        looks += [_alike(_standing_out(image, _NARROW, least, kind)) for kind in kinds]
+        looks += [_standing_out(image, _mean(image, half, _NARROW), least, kind) for kind in kinds]
     best = [max((found for found in looks if found.bright == kind), key=len) for kind in kinds]
     best.sort(key=len, reverse=True)
-    return [_survey(image, half, found) for found in best if len(found) > _LIKELY * len(best[0])]
+    return [_survey(image, half, mean, found) for found in best if len(found) > _LIKELY * len(best[0])]
+
+
+def _mean(image: Grey8, half: Grey8, side: float) -> Grey8:
+    """The mean over the square of a side around every pixel, by the image of half the size: smooth, so that it does."""
+    odd = 2 * int(np.ceil(0.25 * side)) + 1
+    cv2 = opencv()
+    mean: Grey8 = cv2.resize(cv2.blur(half, (odd, odd)), image.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return mean
 
 
 def _doubled(found: Spots) -> Spots:
@@ -89,9 +98,8 @@ def _doubled(found: Spots) -> Spots:
     return Spots(2.0 * found.center + 0.5, 4.0 * found.spread, found.bright)
 
 
-def _survey(image: Grey8, half: Grey8, found: Spots) -> Survey:
+def _survey(image: Grey8, half: Grey8, mean: Grey8, found: Spots) -> Survey:
     at = np.minimum((0.5 * found.center).astype(np.int64), np.array(half.shape[::-1]) - 1)
-    mean = opencv().blur(half, (_WIDEST, _WIDEST))
     contrast = np.abs(half[at[:, 1], at[:, 0]].astype(np.float64) - mean[at[:, 1], at[:, 0]])
     least = max(_NOISE * noise_level(image), _LEAST, _CONTRAST * float(np.median(contrast)))
     return Survey(found.bright, len(found), float(np.median(found.radius)), least)
@@ -99,19 +107,25 @@ def _survey(image: Grey8, half: Grey8, found: Spots) -> Survey:
 
 def spots(image: Grey8, survey: Survey) -> Spots:
     """The candidates for dots in an image, all brighter or all darker than around them, clear of its border."""
-    side = 2 * int(np.ceil(0.5 * _NEIGHBOURHOOD * survey.radius)) + 1
-    return _alike(_standing_out(image, side, survey.contrast, survey.bright))
+    mean = _mean(image, _halved(image), _NEIGHBOURHOOD * survey.radius)
+    return _standing_out(image, mean, survey.contrast, survey.bright)
+
+
+def _halved(image: Grey8) -> Grey8:
+    cv2 = opencv()
+    half: Grey8 = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    return half
 
 
 def _none(bright: bool) -> Spots:
     return Spots(np.zeros((0, 2)), np.zeros((0, 2, 2)), bright)
 
 
-def _standing_out(image: Grey8, side: int, least: float, bright: bool) -> Spots:
-    """The elliptic regions at least `least` brighter (or darker) than the mean of the square of `side` around."""
+def _standing_out(image: Grey8, mean: Grey8, least: float, bright: bool) -> Spots:
+    """The elliptic regions of about one size that are at least `least` brighter (or darker) than the mean around."""
     cv2 = opencv()
-    kind, shift = (cv2.THRESH_BINARY, -least) if bright else (cv2.THRESH_BINARY_INV, least)
-    mask = cv2.adaptiveThreshold(image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, kind, side, shift)
+    excess = cv2.subtract(image, mean) if bright else cv2.subtract(mean, image)
+    mask = cv2.threshold(excess, least, 255.0, cv2.THRESH_BINARY)[1]
     if _too_many(mask):
         return _none(bright)
     outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
@@ -128,7 +142,7 @@ def _standing_out(image: Grey8, side: int, least: float, bright: bool) -> Spots:
     low, high = _boxes(outlines)
     clear = (low > 0).all(axis=1) & (high < [image.shape[1] - 1, image.shape[0] - 1]).all(axis=1)
     keep = (area > 0.0) & elliptic & clear & (slim > _SLIMMEST)
-    return Spots(center[keep], spread[keep], bright)
+    return _alike(Spots(center[keep], spread[keep], bright))
 
 
 def _too_many(mask: Grey8) -> bool:
@@ -181,5 +195,6 @@ def _alike(found: Spots) -> Spots:
     """Those whose radius is within a ratio of the middle one."""
     if not len(found):
         return found
-    middle = float(np.median(found.radius))
-    return found.kept((found.radius < _ALIKE * middle) & (_ALIKE * found.radius > middle))
+    radius = found.radius
+    middle = float(np.median(radius))
+    return found.kept((radius < _ALIKE * middle) & (_ALIKE * radius > middle))

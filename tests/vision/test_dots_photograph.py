@@ -24,6 +24,6 @@ def test_every_dot_of_the_photograph_to_a_hundredth_of_a_pixel():
     assert not found.bright
     assert len(found) == 4315
     assert figures["off the grid"] == 0
-    assert max(figures["degree 7"]) < 0.012
-    assert max(figures["degree 6"]) < 0.0125
-    assert 0.8 < figures["stated"] / np.mean(figures["degree 7"]) < 1.6  # JPEG's noise is not white
+    for degree in (5, 6, 7):
+        assert max(figures[f"degree {degree}"]) <= 0.012
+    assert 0.8 < figures["stated"] / np.mean(figures["degree 7"]) < 1.7  # JPEG's noise is not white
