@@ -1,6 +1,6 @@
 """Whether a calibrated camera's stated covariance tells the truth, on simulated views of a target.
 
-    python -m benchmarks.camera [--seeds 200] [--views 15] [--noise 0.01] [--tilt 30] [--dots 0.05] [--json FILE]
+    python -m benchmarks.camera [--seeds 200] [--views 15] [--noise 0.01] [--tilt 30] [--dots 0.05] [--only NAME]
 
 Views 550 to 850 mm away, tilted to 30 degrees, centres with noise of 0.01 px. For each of the camera's nine numbers the
 variance of (estimate - truth) / standard error, which is 1 when the covariance is right (with 200 seeds to within 0.1),
@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
+from benchmarks.vision_scenes import facing_poses, one
+from cpcal.robot import Pose
 from cpcal.vision.calibrate_camera import Calibration, TargetView, calibrate_camera
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
@@ -46,21 +47,13 @@ class Setting:
     distance: tuple[float, float] = (550.0, 850.0)
 
 
-def simulated_pose(rng: np.random.Generator, setting: Setting) -> Pose:
-    """The target before the camera, turned by any angle, tilted, a little off the middle."""
-    azimuth, turn = rng.uniform(-np.pi, np.pi, 2)
-    angle = np.radians(rng.uniform(0.0, setting.tilt))
-    facing = quaternion_product([0.0, 1.0, 0.0, 0.0], [np.cos(0.5 * turn), 0.0, 0.0, np.sin(0.5 * turn)])
-    tilted = quaternion_from_rotation_vector([angle * np.cos(azimuth), angle * np.sin(azimuth), 0.0])
-    depth = rng.uniform(*setting.distance)
-    return Pose(depth * np.array([*rng.uniform(-1.0, 1.0, 2) * (0.1, 0.07), 1.0]), quaternion_product(tilted, facing))
-
-
 def simulated_views(
     rng: np.random.Generator, target: Target, camera: Camera, setting: Setting
 ) -> tuple[list[TargetView], list[Pose]]:
     """Views of the dots that are at least 10 px clear of the image's border, and the true poses."""
-    views, poses = [], [simulated_pose(rng, setting) for _ in range(setting.views)]
+    views = []
+    every = facing_poses(rng, setting.views, depth=setting.distance, tilt=setting.tilt)
+    poses = [one(every, k) for k in range(setting.views)]
     for pose in poses:
         centers = predicted_centers(target, camera, pose)
         clear = (centers > 10.0) & (centers < np.array([camera.width - 11.0, camera.height - 11.0]))
@@ -142,19 +135,22 @@ def main() -> None:
     parser.add_argument("--noise", type=float, default=0.01, help="px")
     parser.add_argument("--tilt", type=float, default=30.0, help="degrees, at most")
     parser.add_argument("--dots", type=float, default=0.05, help="mm, standard deviation of dots off their places")
+    parser.add_argument("--only", default="", help="kinds of calibration whose names hold this")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
     found: dict[str, dict[str, Any]] = {}
     print(f"variances of normalised errors, {options.seeds} seeds of {options.views} views, noise {options.noise:g} px")
     print(f"{'':32}" + "".join(f"{name:>8}" for name in CAMERA_NUMBERS) + "     all  scale  x, y mm    s")
     for name, kind in kinds(Setting(options.views, options.noise, options.tilt), options.dots).items():
+        if options.only not in name:
+            continue
         found[name] = figures = studied(kind, options.seeds)
         cells = "".join(f"{value:8.2f}" for value in figures["single"])
         rest = f"{figures['all']:8.2f}{figures['scale']:7.2f}{figures['across'] ** 0.5:9.4f}{figures['seconds']:5.1f}"
         print(f"{name:32}{cells}{rest}", flush=True)
-    refined = found["dots off, refined"]
-    print(f"refined dots: errors {refined['dots'] ** 0.5:.4f} mm RMS,", end=" ")
-    print(f"variance of normalised errors {refined['dots normalised']:.2f}")
+        if kind.refine:
+            print(f"{'':32}refined dots: errors {figures['dots'] ** 0.5:.4f} mm RMS,", end=" ")
+            print(f"variance of normalised errors {figures['dots normalised']:.2f}")
     if options.json:
         options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 

@@ -27,6 +27,7 @@ Array = npt.NDArray[np.float64]
 _DAMPING = 1e-4  # at first, of the diagonal
 _DAMPING_MAX = 1e12
 _SETTLED = 1e-10  # the share of the cost that a step must gain, else it was the last
+_NEARLY_SETTLED = 1e-3  # with a loss, whose scale is to change anyway
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +121,7 @@ def adjusted(
             return state, True  # no direction leads down
         gained = normal.cost - cost
         state, damping = trial, max(damping * 0.1, 1e-12)
-        if gained <= _SETTLED * normal.cost + 1e-15:
+        if gained <= (_SETTLED if loss is None else _NEARLY_SETTLED) * normal.cost + 1e-15:
             return state, True
         normal = normal_equations(state, found, radius, loss)
     return state, False

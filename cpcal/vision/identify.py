@@ -8,9 +8,10 @@ homography, and every other dot is predicted and looked for. What is accepted ha
   P(hits or more of those predicted in view, beyond the dots that made the hypothesis), must be below 1e-9;
 - shares: at least half of the dots predicted in view are found, and at least half of the found ones are explained;
 - rivals: call each dot missing in view and each found dot unexplained an error. Every other way to lay the target onto
-  the found dots (its near-symmetries of `cpcal.vision.symmetry`, and the other hypotheses) must have four errors more.
-  When errors come singly, one dot in thirty, that is a likelihood ratio above 1e5. So for a target whose nearest self
-  map has d errors no d + 3 errors or fewer, wherever they are, can make that self map win;
+  the found dots by one of its near-symmetries (`cpcal.vision.symmetry`) must make four errors more. If errors come
+  singly, in one dot of thirty, that is a likelihood ratio near a million. It is also a guarantee: where a near-symmetry
+  makes d errors on the perfect target, it makes at least d - e on one with e errors, so it can only win when
+  2 e >= d + 4. For the DeltaLab target d is 18 (its turns), so no ten errors, wherever they are, make it wrong;
 - orientation: a camera never sees a target mirrored, and mirrored near-symmetries are rivals like all others.
 """
 

@@ -47,9 +47,9 @@ def test_exact_centres_give_the_exact_camera_and_poses():
 
 def test_errors_are_those_of_the_stated_covariance():
     setting = replace(Setting(), views=10)
-    errors = [normalised_errors(calibrated(seed, setting=setting), DELTALAB_CAMERA)[1] for seed in range(24)]
+    errors = [normalised_errors(calibrated(seed, setting=setting), DELTALAB_CAMERA)[1] for seed in range(16)]
     variance = np.mean(np.square(errors))
-    assert 0.75 < variance < 1.25  # 216 numbers: a standard deviation of 0.1
+    assert 0.7 < variance < 1.3  # 144 numbers: a standard deviation of 0.12
 
 
 def test_residuals_are_those_of_the_noise():

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.camera import Setting, normalised_errors, simulated_pose
+from benchmarks.camera import normalised_errors
+from benchmarks.vision_scenes import facing_poses, one
 from cpcal.vision.calibrate_camera import NotCalibratedError
 from cpcal.vision.calibrate_images import calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
@@ -13,8 +14,8 @@ from cpcal.vision.target import DELTALAB_TARGET
 
 
 def test_a_camera_is_calibrated_from_images_and_others_are_left_out(tmp_path):
-    rng = np.random.default_rng(5)
-    poses = [simulated_pose(rng, Setting()) for _ in range(6)]
+    every = facing_poses(np.random.default_rng(5), 6)
+    poses = [one(every, k) for k in range(6)]
     images = [render(DELTALAB_TARGET, DELTALAB_CAMERA, pose, seed=i) for i, pose in enumerate(poses)]
     cv2.imwrite(str(tmp_path / "view.png"), images[5])
     (tmp_path / "broken.png").write_bytes((tmp_path / "view.png").read_bytes()[:5000])
