@@ -205,7 +205,8 @@ def pose_rows(planes: Array, points: IntervalArray, frames: Frames, center: Pose
     v = IntervalArray(np.repeat(arm.lo, 4, axis=0), np.repeat(arm.hi, 4, axis=0))
     turn = rotation(frames.camera.quaternion)
     c = times(transposed(turn), g)
-    origin = inner(g, e.add(exact(frames.camera.position), times(turn, exact(center.position))))
+    seen = e.add(exact(frames.camera.position), times(turn, exact(center.position)))
+    origin = inner(g, seen)
     along = inner(c, v)
     two = exact(2.0)
     swing = e.mul(two, cross(v, c))
@@ -214,8 +215,8 @@ def pose_rows(planes: Array, points: IntervalArray, frames: Frames, center: Pose
     odd = e.mul(two, e.add(e.mul(c[:, i], v[:, j]), e.mul(c[:, j], v[:, i])))
     size = box.array.mag
     largest = np.concatenate([size, np.nextafter(size[3:][_PAIRS[:, 0]] * size[3:][_PAIRS[:, 1]], np.inf)])
-    depth = float(np.abs(origin.mid / np.maximum(np.linalg.norm(planes.reshape(-1, 3), axis=1), 1.0)).max(initial=1.0))
-    share = exact(2.0 ** -round(float(np.log2(depth))))  # of two: rows in pixels, nothing is rounded
+    depth = max(float(np.linalg.norm(seen.mid)), 1.0)
+    share = exact(2.0 ** -round(float(np.log2(depth))))  # nearly pixels, and a power of two rounds nothing
     coefficients = e.mul(joined([c, swing, even, odd], axis=1), share)
     matrix, constant = with_float_coefficients(coefficients, e.mul(e.add(origin, along), share), largest)
     return PoseRows(matrix[:, :6], matrix[:, 6:], constant)

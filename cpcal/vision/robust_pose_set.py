@@ -32,7 +32,7 @@ from cpcal.vision.pose_rows import PoseBox, pose_rows
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-_LEAST = 6  # dots of a group
+_LEAST = 5  # dots of a group
 _TURNS = 8  # at most
 _PAYS = 0.95
 
@@ -85,7 +85,8 @@ def _groups(dots: Array, count: int, deal: int) -> list[Indices]:
 
     So each group is all over the plate. Who gets which is drawn, the same in every run.
     """
-    cells = np.floor((dots - dots.min(axis=0)) / np.ptp(dots, axis=0).max() * 15.999).astype(np.int64)
+    away = dots - dots.min(axis=0)
+    cells = np.floor(away / max(float(away.max()), 1e-300) * 15.999).astype(np.int64)
     code = sum(((cells[:, k] >> bit) & 1) << (2 * bit + k) for bit in range(4) for k in range(2))
     order = np.argsort(code, kind="stable")
     rng = np.random.default_rng(deal)
