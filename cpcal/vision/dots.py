@@ -31,7 +31,7 @@ _CONTRAST = 0.25  # of the usual one, at least
 _SMALLEST = 1.5  # pixels of radius
 _SLIMMEST = 0.25  # ratio of axes
 _SHARPEST = 0.12  # pixels of blur: a pixel's own square makes 0.29
-_NOISE = 8.0  # contrast at least, in standard deviations of the noise
+_NOISE = 8.0  # contrast that a dot's middle reaches at least, in standard deviations of the noise
 _CLEAR = 6.0  # blurs between the edge of a dot and the border: the whole edge and as much of the plate beside it
 _STRANGE = 1.5  # residuals, relative to the usual ones, that ask for light of the dot's own
 _BETTER = 0.95  # residuals with it relative to those without
@@ -42,7 +42,7 @@ _LEAST_ROOM = 1.0  # pixels around a dot that do at least
 
 @dataclass(frozen=True, eq=False)
 class Dots:
-    """What was found, in the order of the rows of pixels from the bottom.
+    """What was found, in no order.
 
     centers     (n, 2) pixels, x right and y down from the centre of the top-left pixel
     covariance  (n, 2, 2) px^2 of the centres
@@ -152,7 +152,7 @@ def _dot_like(
         keep &= np.linalg.norm(edges.center - found.center, axis=1) < _MOVED * radius
         keep &= axes[:, 1] > _SLIMMEST * axes[:, 0]
         keep &= (edges.blur > _SHARPEST) & (edges.blur < axes[:, 1])
-        keep &= sign * edges.contrast > _NOISE * np.maximum(edges.noise, noise)
+        keep &= sign * edges.contrast * edges.fullness > _NOISE * np.maximum(edges.noise, noise)
         around = _CLEAR * edges.blur[:, None]
         keep &= (edges.center - extent > around).all(axis=1)
         keep &= (edges.center + extent + around < np.array(shape[1::-1]) - 1.0).all(axis=1)

@@ -29,7 +29,7 @@ _ROUGH = 0.05  # pixels: the change of the centre that ends the rough steps
 _FINE = 0.08  # and the fine ones, of which each leaves less than a twentieth of its change
 _FEW = 150  # pixels, of which the rough steps take them all
 _SAMPLES = 80_000  # in one go, so that they stay near the processor
-_SIZES = 1.25  # the ratio of sizes in one go, at most
+_SIZES = 1.6  # the ratio of sizes in one go, at most
 _LIMIT = np.array([0.3, 0.3, 0.5, 0.5, 0.5, np.inf, np.inf, 0.7, 0.2, 0.2])  # of a step
 
 
@@ -72,6 +72,11 @@ class Edges:
         axes = 1.0 / np.sqrt(np.maximum(np.linalg.eigvalsh(conic), 1e-12))
         axes[np.isnan(self.blur)] = np.nan
         return axes
+
+    @property
+    def fullness(self) -> Array:
+        """(n,) the share of the contrast that a dot's middle reaches, for circles."""
+        return np.asarray(1.0 - np.exp(-0.5 * self.axes.prod(axis=1) / self.blur**2))
 
     @property
     def extent(self) -> Array:
@@ -195,7 +200,7 @@ class _Fit:
         self.alive &= count > 2 * PARAMETERS
         inverse, fine = _inverse(normal)
         self.alive &= fine
-        covariance = (variance * self.unit**2)[:, None, None] * inverse[:, :2, :2]
+        covariance = (variance * self.unit**2)[:, None, None] * inverse[:, :2]
         parts = [
             self.at + self.p[:, :2] * self.unit,
             self.p[:, 2:5] / self.unit**2,
@@ -240,8 +245,11 @@ def _scaled(normal: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
 
 
 def _inverse(normal: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """The inverse matrices' first two columns (n, m, 2), and where they are regular."""
     unit, scale, fine = _scaled(normal)
-    return np.linalg.inv(unit) / (scale[:, :, None] * scale[:, None, :]), fine
+    first = np.broadcast_to(np.eye(unit.shape[1])[:, :2], (*unit.shape[:2], 2))
+    columns = np.linalg.solve(unit, first)
+    return columns / (scale[:, :, None] * scale[:, None, :2]), fine
 
 
 def _solved(normal: Array, right: Array) -> tuple[Array, npt.NDArray[np.bool_]]:

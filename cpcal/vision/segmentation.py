@@ -28,6 +28,7 @@ _CONTRAST = 0.2  # of the usual contrast that it must stand out by
 _LEAST = 4.0  # grey levels of 256 that it must stand out by
 _SLIMMEST = 0.2  # ratio of the axes of a spot
 _ELLIPTIC = 0.85  # least ratio of a spot's area to that of the ellipse of the same second moments
+_LARGEST = 60.0  # pixels of radius
 _ALIKE = 2.5  # ratio of a spot's size to the usual one, or its inverse
 _SMALLEST = 8  # pixels, sides of an image with dots
 _MOST_SPOTS = 300_000
@@ -142,7 +143,8 @@ def _standing_out(image: Grey8, mean: Grey8, least: float, bright: bool) -> Spot
     low, high = _boxes(outlines)
     clear = (low > 0).all(axis=1) & (high < [image.shape[1] - 1, image.shape[0] - 1]).all(axis=1)
     keep = (area > 0.0) & elliptic & clear & (slim > _SLIMMEST)
-    return _alike(Spots(center[keep], spread[keep], bright))
+    found = Spots(center[keep], spread[keep], bright)
+    return _alike(found.kept(found.radius < _LARGEST))
 
 
 def _too_many(mask: Grey8) -> bool:
