@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import bdtrc
 
+from cpcal.vision import one_row
 from cpcal.vision.homography import fitted, mapped, orientation
 from cpcal.vision.runs import RowMatches, collinear, match_rows
 from cpcal.vision.symmetry import self_maps
@@ -23,6 +24,7 @@ _PER_EFFORT = 30  # hypotheses followed
 _CROSSING = 0.3  # of the spacing: how far apart two rows may see their crossing point
 _NEAREST = 0.3  # of the spacing: no further from its predicted place is a dot looked for
 _NEARLY_ALL = 0.9  # of the dots: a homography that needs no more growing
+ONE_ROW = 12  # from this span on, one row is tried with two dots beside it
 _BEYOND = 8  # dots that make a hypothesis and so do not speak for it
 
 
@@ -61,6 +63,16 @@ def hypotheses(view: View, target: Target, neighbours: int, span: int) -> Iterat
         fit = _grown(view, target, found[found >= 0], numbers[found >= 0])
         if fit is not None:
             yield fit, max(len(candidates), 1)
+    if span >= ONE_ROW:
+        yield from _from_one_row(view, target, rows)
+
+
+def _from_one_row(view: View, target: Target, rows: list[RowMatches]) -> Iterator[tuple[Hypothesis, int]]:
+    for row, matches in enumerate(rows):
+        for found, numbers in one_row.seeds(view, target, row, matches):
+            fit = _grown(view, target, found, numbers) if len(found) >= _BEYOND else None
+            if fit is not None:
+                yield fit, len(rows) * len(matches.count) * one_row.CHOICES**4
 
 
 def _crossing_pairs(

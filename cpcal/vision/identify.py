@@ -115,8 +115,10 @@ def _identified(seen: tuple[View, ...], target: Target) -> Identification:
         best: Identification | None = None
         for view in seen:
             answer = _in_view(view, target, neighbours, span)
-            if isinstance(answer, str):
-                reason = answer or reason
+            if isinstance(answer, _Refusal):
+                reason = answer.reason or reason
+                if answer.final and len(seen) == 1:
+                    raise Unidentified(reason)
                 continue
             if best is None or len(answer.found) > len(best.found):
                 best = answer
@@ -127,32 +129,40 @@ def _identified(seen: tuple[View, ...], target: Target) -> Identification:
     raise Unidentified(reason)
 
 
-def _in_view(view: View, target: Target, neighbours: int, span: int) -> Identification | str:
-    reason = ""
+@dataclass(frozen=True)
+class _Refusal:
+    """Why not ("" when that is not worth telling), and whether no other hypothesis could change that."""
+
+    reason: str
+    final: bool = False
+
+
+def _in_view(view: View, target: Target, neighbours: int, span: int) -> Identification | _Refusal:
+    refusal = _Refusal("")
     for hypothesis, candidates in hypotheses(view, target, neighbours, span):
         answer = _judgement(view, target, hypothesis, candidates)
-        if isinstance(answer, Identification):
+        if isinstance(answer, Identification) or answer.final:
             return answer
-        reason = answer or reason
-    return reason
+        refusal = answer if answer.reason else refusal
+    return refusal
 
 
-def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> Identification | str:
-    """The four tests: the identification, or why not ("" when that is not worth telling)."""
+def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> Identification | _Refusal:
+    """The four tests."""
     in_view = int(fit.in_view.sum())
     by_chance = accidents(view, fit, candidates)
     if by_chance > ACCIDENTS or len(fit.found) < FEWEST:
-        return ""
+        return _Refusal("")
     if len(fit.found) < _SHARE * in_view:
-        return f"only {len(fit.found)} of the {in_view} dots of the target that should be in view were found"
+        return _Refusal(f"only {len(fit.found)} of the {in_view} dots of the target that should be in view were found")
     if len(fit.found) < _SHARE * len(view.points):
-        return f"only {len(fit.found)} of the {len(view.points)} dots found would be the target's"
+        return _Refusal(f"only {len(fit.found)} of the {len(view.points)} dots found would be the target's")
     margin, reflected = best_rival(view, target, fit, MARGIN)
     if fit.mirrored:
-        return "the dots show the target's mirror image" if margin == MARGIN else ""
+        return _Refusal("the dots show the target's mirror image" if margin == MARGIN else "", margin == MARGIN)
     if margin < MARGIN:
         other = "the target's mirror image fits" if reflected else "another assignment fits"
-        return f"ambiguous: {other} as well or nearly so"
+        return _Refusal(f"ambiguous: {other} as well or nearly so", margin > -MARGIN)  # else the other is to be found
     seen = np.isin(np.arange(len(target.dots)), fit.numbers)
     false = np.setdiff1d(np.arange(len(view.points)), fit.found)
     missing = np.flatnonzero(fit.in_view & ~seen)
