@@ -82,7 +82,13 @@ def cross_ratio(a: float, b: float, c: float, d: float) -> float:
 
 
 def two_diagonals(
-    name: str, first: npt.ArrayLike, second: npt.ArrayLike, side: float, pitch: float, radius: float
+    name: str,
+    first: npt.ArrayLike,
+    second: npt.ArrayLike,
+    side: float,
+    pitch: float,
+    radius: float,
+    bright: bool = True,
 ) -> Target:
     """Dots at signed distances (mm) from the middle along the diagonals y = x and y = -x, and on a square grid
     (`pitch`, up to side / 2 from the middle) wherever no diagonal is nearer than 0.6 of the pitch."""
@@ -93,13 +99,13 @@ def two_diagonals(
     grid = [(x, y) for y, x in itertools.product(ticks, ticks) if min(abs(x - y), abs(x + y)) * turn >= 0.6 * pitch]
     dots = np.concatenate([np.stack([up, up], axis=1), np.stack([down, -down], axis=1), np.array(grid)])
     rows = (tuple(range(len(up))), tuple(range(len(up), len(up) + len(down))))
-    return Target(name, dots, radius, rows)
+    return Target(name, dots, radius, tuple(row for row in rows if row), bright)
 
 
-DELTALAB_TARGET = two_diagonals(
+DELTALAB_TARGET = two_diagonals(  # the places are those of design_target(): a separation of 2.0 mm
     "asymmetric dots 300 mm",
-    (-185.0, -60.0, -30.0, 20.0, 45.0, 70.0, 185.0),
-    (-185.0, -100.0, -75.0, 115.0, 140.0, 185.0),
+    (-187.0, -96.0, -75.0, -27.0, 43.0, 132.0, 152.0),
+    (-165.0, -118.0, -37.0, 10.0, 28.0, 153.0),
     side=280.0,
     pitch=25.0,
     radius=6.0,

@@ -1,0 +1,100 @@
+"""The predicted centre is the centre of the conic through the dot's contour, and its derivatives are exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from cpcal.robot.kinematics import Pose
+from cpcal.robot.rotation import quaternion_from_rotation_vector, quaternion_product
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.dot_model import centers_of, predict, predicted_centers
+from cpcal.vision.render import contours
+from cpcal.vision.target import DELTALAB_TARGET
+
+Array = npt.NDArray[np.float64]
+DOTS, RADIUS = DELTALAB_TARGET.dots, DELTALAB_TARGET.radius
+
+
+def seen(rng: np.random.Generator, count: int) -> Pose:
+    """Targets that face the camera: 550 to 850 mm away, turned at will, tilted up to 30 degrees."""
+    spin = quaternion_from_rotation_vector(rng.uniform(-np.pi, np.pi, (count, 1)) * [0.0, 0.0, 1.0])
+    axis = rng.uniform(0.0, 2.0 * np.pi, count)
+    tilt = rng.uniform(0.0, np.radians(30.0), (count, 1)) * np.stack([np.cos(axis), np.sin(axis), 0.0 * axis], axis=1)
+    facing = quaternion_product(quaternion_from_rotation_vector(tilt), np.array([0.0, 1.0, 0.0, 0.0]))
+    position = rng.uniform([-60.0, -50.0, 550.0], [60.0, 50.0, 850.0], (count, 3))
+    return Pose(position, quaternion_product(spin, facing))
+
+
+def conic_centers(contour: Array) -> Array:
+    """Centres of the algebraic least-squares conics through (n, points, 2), in coordinates where each is a circle."""
+    mean = contour.mean(axis=1, keepdims=True)
+    moved = contour - mean
+    spread = np.linalg.cholesky(2.0 * np.swapaxes(moved, 1, 2) @ moved / contour.shape[1])
+    x, y = np.moveaxis(moved @ np.swapaxes(np.linalg.inv(spread), 1, 2), -1, 0)
+    rows = np.stack([x * x, x * y, y * y, x, y, np.ones_like(x)], axis=-1)
+    a = np.linalg.svd(rows, full_matrices=False)[2][:, -1]
+    matrix = np.stack([np.stack([2.0 * a[:, 0], a[:, 1]], -1), np.stack([a[:, 1], 2.0 * a[:, 2]], -1)], -2)
+    return np.asarray(mean + np.swapaxes(spread @ np.linalg.solve(matrix, -a[:, 3:5, None]), 1, 2))[:, 0]
+
+
+def test_the_centre_is_that_of_the_conic_through_the_contour() -> None:
+    rng = np.random.default_rng(1)
+    poses = seen(rng, 12)
+    predicted = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, poses)
+    for k in range(12):
+        pose = Pose(poses.position[k], poses.quaternion[k])
+        wanted = conic_centers(contours(DELTALAB_TARGET, DELTALAB_CAMERA, pose))
+        assert np.abs(predicted[k] - wanted).max() < 1e-5
+
+
+def test_without_distortion_it_is_exact() -> None:
+    rng = np.random.default_rng(1)
+    straight = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, np.zeros(5))
+    poses = seen(rng, 1)
+    pose = Pose(poses.position[0], poses.quaternion[0])
+    wanted = conic_centers(contours(DELTALAB_TARGET, straight, pose))
+    assert np.abs(predicted_centers(DELTALAB_TARGET, straight, pose) - wanted).max() < 1e-9
+
+
+def moved(pose: Pose, by: Array) -> Pose:
+    turn = quaternion_from_rotation_vector(by[3:])
+    return Pose(pose.position + by[:3], quaternion_product(turn, pose.quaternion))
+
+
+def lens(numbers: Array) -> Camera:
+    return Camera(1024, 768, numbers[:2], numbers[2:4], numbers[4:])
+
+
+@pytest.mark.parametrize("distortion", [DELTALAB_CAMERA.distortion, np.array([-0.25, 0.11, 2e-3, -3e-3, 0.05])])
+def test_the_derivatives_are_exact(distortion: Array) -> None:
+    rng = np.random.default_rng(2)
+    camera = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, distortion)
+    numbers = np.concatenate([camera.focal, camera.center, camera.distortion])
+    poses = seen(rng, 3)
+    found = predict(DOTS, RADIUS, camera, poses, by_camera=True, by_dots=True)
+    assert np.array_equal(found.centers, centers_of(DOTS, RADIUS, camera, poses))
+    assert found.by_camera is not None
+    assert found.by_dots is not None
+    for k in range(6):
+        step = (1e-2 if k < 3 else 1e-5) * np.eye(6)[k]
+        ahead, behind = (centers_of(DOTS, RADIUS, camera, moved(poses, s * step)) for s in (1.0, -1.0))
+        slope = (ahead - behind) / (2.0 * np.abs(step).max())
+        assert np.abs(found.by_pose[..., k] - slope).max() < 1e-7 * max(1.0, np.abs(slope).max())
+    for k in range(9):
+        step = 1e-4 * np.eye(9)[k]
+        ahead, behind = (centers_of(DOTS, RADIUS, lens(numbers + s * step), poses) for s in (1.0, -1.0))
+        assert np.abs(found.by_camera[..., k] - (ahead - behind) / 2e-4).max() < 1e-7
+    for k in range(2):
+        step = 1e-2 * np.eye(2)[k]
+        ahead, behind = (centers_of(DOTS + s * step, RADIUS, camera, poses) for s in (1.0, -1.0))
+        assert np.abs(found.by_dots[..., k] - (ahead - behind) / 2e-2).max() < 1e-7
+
+
+def test_a_dot_that_reaches_behind_the_camera_is_not_seen() -> None:
+    edge_on = Pose(np.array([0.0, 0.0, 100.0]), quaternion_from_rotation_vector(np.array([0.5 * np.pi, 0.0, 0.0])))
+    centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, edge_on)
+    depth = 100.0 + DELTALAB_TARGET.dots[:, 1]  # y of the target is z of the camera
+    assert np.array_equal(np.isnan(centers).any(axis=1), depth <= DELTALAB_TARGET.radius)
+    assert (depth <= DELTALAB_TARGET.radius).any()
