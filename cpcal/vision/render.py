@@ -2,7 +2,7 @@
 
 Each dot is drawn from the exact image of its circle (256 points through pose, perspective and distortion): along lines
 through the fine pixels, finer than the image by `_FINE`, the share of each fine pixel between the two sides of the
-contour is taken exactly. The optics' blur is a Gaussian on fine pixels; an image's pixel is the mean of its fine ones.
+contour is taken exactly, the lines lying at Gauss-Legendre nodes; centres are right to 2e-4 pixels. The optics' blur is a Gaussian on fine pixels; an image's pixel is the mean of its fine ones.
 """
 
 from __future__ import annotations
@@ -114,14 +114,17 @@ def _covered(
 
 def _fine_share(edge: Array, size: int) -> npt.NDArray[np.float32]:
     """The share of each fine pixel inside convex contours (m, points, 2), in pixels of patches: (m, fine, fine)."""
-    lines = size * _FINE * _LINES
-    at = (np.arange(lines) + 0.5) / (_FINE * _LINES) - 0.5  # a patch's first pixel reaches from -0.5 to 0.5
     out = np.empty((len(edge), size * _FINE, size * _FINE), dtype=np.float32)
-    left_of = np.arange(size * _FINE) / _FINE - 0.5
+    sides = np.arange(size * _FINE + 1) / _FINE - 0.5  # a patch's first pixel reaches from -0.5 to 0.5
+    nodes, weights = np.polynomial.legendre.leggauss(_LINES)
     for share, points in zip(out, edge, strict=True):
-        begin, end = _sides(points, at)
-        run = np.minimum(end[:, None], left_of + 1.0 / _FINE) - np.maximum(begin[:, None], left_of)
-        share[...] = _FINE * np.clip(run, 0.0, None).reshape(-1, _LINES, size * _FINE).mean(axis=1)
+        # lines between the contour's top and bottom only, or the caps' square roots would spoil the quadrature
+        clipped = np.clip(sides, points[:, 1].min(), points[:, 1].max())
+        part = 0.5 * np.diff(clipped)[:, None]
+        begin, end = _sides(points, (clipped[:-1, None] + part * (1.0 + nodes)).ravel())
+        run = np.minimum(end[:, None], sides[1:]) - np.maximum(begin[:, None], sides[:-1])
+        runs = np.clip(run, 0.0, None).reshape(-1, _LINES, size * _FINE)
+        share[...] = _FINE**2 * np.einsum("rl,rlc->rc", part * weights, runs)
     return out
 
 

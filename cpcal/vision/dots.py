@@ -1,0 +1,150 @@
+"""Dots in an image: sub-pixel centres, with covariance and quality.
+
+The centre of a dot is that of the ellipse on which the grey level is half-way between the dot and the plate; it is not
+the image of the dot's centre, which the pose step accounts for. Dots are told from all else by their shape (a blurred
+ellipse explains their grey levels), their size and their contrast, both compared with those of the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from cpcal.robot.robot import frozen_array
+from cpcal.vision.edge import OUTSIDE, Edges, fitted_edges
+from cpcal.vision.grey import Grey, eight_bits, grey_levels
+from cpcal.vision.light import light_gradient
+from cpcal.vision.segmentation import Spots, spots
+
+Array = npt.NDArray[np.float64]
+
+FLOOR = 5e-4  # pixels: what the model of the edge leaves out, whatever the noise
+_QUALITY = 0.8  # at least
+_MOVED = 0.35  # of the radius, from the segmentation's centre, at most
+_RATIO = 2.0  # of a dot's radius to the usual one, or its inverse
+_CONTRAST = 0.25  # of the usual one, at least
+_SLIMMEST = 0.25  # ratio of axes
+_SHARPEST = 0.25  # pixels of blur: a pixel's own square makes 0.29
+_NOISE = 8.0  # contrast at least, in standard deviations of the noise
+_CLEAR = 6.0  # blurs between the edge of a dot and the border: the whole edge and as much of the plate beside it
+_STRANGE = 1.25  # residuals, relative to the usual ones, that ask for light of the dot's own
+_BETTER = 0.95  # residuals with it relative to those without
+_LEAST_ROOM = 1.0  # pixels around a dot
+
+
+@dataclass(frozen=True, eq=False)
+class Dots:
+    """What was found, in the order of the rows of pixels from the bottom.
+
+    centers     (n, 2) pixels, x right and y down from the centre of the top-left pixel
+    covariance  (n, 2, 2) px^2 of the centres
+    quality     (n,) in [0, 1]: the share of the grey levels' variance round a dot that is neither noise nor explained by
+                a blurred ellipse, from 1
+    axes        (n, 2) semi-axes, pixels, the longer first
+    bright      whether the dots are brighter than around them
+    """
+
+    centers: Array
+    covariance: Array
+    quality: Array
+    axes: Array
+    bright: bool
+
+    def __post_init__(self) -> None:
+        for name in ("centers", "covariance", "quality", "axes"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+
+    def __len__(self) -> int:
+        return len(self.centers)
+
+
+def find_dots(image: object, *, bright: bool | None = None) -> Array:
+    """The centres (n, 2) of an image's dots, pixels: see `observe_dots`."""
+    return observe_dots(image, bright=bright).centers
+
+
+def observe_dots(image: object, *, bright: bool | None = None) -> Dots:
+    """The dots of an image (height, width) or (height, width, colours), 8 or 16 bits, that are clear of its border.
+
+    `bright` states whether they are brighter than around them; None finds out. Raises InputError when `image` is none;
+    an image without dots has none.
+    """
+    grey = grey_levels(image)
+    found = spots(eight_bits(grey), bright)
+    if not len(found):
+        return Dots(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)), found.bright)
+    edges = _fitted(grey, found)
+    quality = _quality(edges)
+    keep = np.flatnonzero(_dot_like(found, edges, quality, grey.shape))
+    keep = keep[_alike(edges, keep)]
+    covariance = edges.covariance[keep] + FLOOR**2 * np.eye(2)
+    return Dots(edges.center[keep], covariance, quality[keep], edges.axes[keep], found.bright)
+
+
+def _fitted(grey: Grey, found: Spots) -> Edges:
+    """The fits of all spots under the light of all; where that leaves strange residuals (a smudge, a shadow), under
+    light of their own if that explains more."""
+    room, light = _room(found), light_gradient(grey, found)
+    edges = fitted_edges(grey, found.center, found.spread, room, light)
+    if np.isnan(light).any():
+        return edges
+    usual = np.nanmedian(edges.noise) if np.isfinite(edges.noise).any() else np.inf
+    strange = np.flatnonzero(~(edges.noise < _STRANGE * usual))
+    if not len(strange):
+        return edges
+    own = fitted_edges(grey, found.center[strange], found.spread[strange], room[strange], np.full((len(strange), 2), np.nan))
+    better = ~(own.noise > _BETTER * edges.noise[strange])
+    return edges.replaced(strange[better], own.kept(better))
+
+
+def _room(found: Spots) -> Array:
+    """How many pixels (n,) beyond its edge are a dot's own: half of what lies between it and its neighbours."""
+    if len(found) < 2:
+        return np.full(len(found), OUTSIDE)
+    near = min(6, len(found))
+    distance, other = cKDTree(found.center).query(found.center, near)
+    long = 2.0 * np.sqrt(np.linalg.eigvalsh(found.spread)[:, 1])
+    gap = (distance[:, 1:] - long[:, None] - long[other[:, 1:]]).min(axis=1)
+    return np.clip(0.6 * gap, _LEAST_ROOM, OUTSIDE)
+
+
+def _quality(edges: Edges) -> Array:
+    """The share (n,) of the grey levels' variance that is noise or explained; the usual residual counts as noise."""
+    with np.errstate(invalid="ignore"):
+        usual = np.nanmedian(edges.noise) if np.isfinite(edges.noise).any() else 0.0
+        strange = np.maximum(edges.noise**2 - usual**2, 0.0)
+        return np.nan_to_num(np.clip(1.0 - strange / np.maximum(edges.variance, 1e-12), 0.0, 1.0))
+
+
+def _dot_like(found: Spots, edges: Edges, quality: Array, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+    """Which (n,) of the fits are dots for themselves."""
+    axes, radius = edges.axes, found.radius
+    sign = 1.0 if found.bright else -1.0
+    extent = edges.extent
+    with np.errstate(invalid="ignore"):
+        keep = quality >= _QUALITY
+        keep &= np.linalg.norm(edges.center - found.center, axis=1) < _MOVED * radius
+        keep &= axes[:, 1] > _SLIMMEST * axes[:, 0]
+        keep &= (edges.blur > _SHARPEST * 0.5) & (edges.blur < axes[:, 1])
+        keep &= sign * edges.contrast > _NOISE * edges.noise
+        around = _CLEAR * edges.blur[:, None]
+        keep &= (edges.center - extent > around).all(axis=1)
+        keep &= (edges.center + extent + around < np.array(shape[1::-1]) - 1.0).all(axis=1)
+        size = np.sqrt(axes.prod(axis=1))
+        keep &= (size > 0.5 * radius) & (size < 1.5 * radius)
+    return np.asarray(keep)
+
+
+def _alike(edges: Edges, members: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """Which (m,) of the members have about the usual size and contrast."""
+    if not len(members):
+        return np.zeros(0, dtype=bool)
+    size = np.sqrt(edges.axes[members].prod(axis=1))
+    contrast = np.abs(edges.contrast[members])
+    usual = np.median(size)
+    alike = (size < _RATIO * usual) & (_RATIO * size > usual) & (contrast > _CONTRAST * np.median(contrast))
+    return np.asarray(alike)

@@ -1,0 +1,77 @@
+"""What counts as an image, and its grey levels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError, Problem
+from cpcal.vision.opencv import opencv
+
+Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+MOST_PIXELS = 150_000_000
+_REMEDY = "give an array (height, width) or (height, width, 1, 3 or 4) of uint8 or uint16, as cv2.imread makes it"
+
+
+def grey_levels(image: object) -> Grey:
+    """An image's grey levels (height, width) in its own 8 or 16 bits; colours are OpenCV's BGR or BGRA.
+
+    Raises InputError when it is no image, has no pixels or more than `MOST_PIXELS`.
+    """
+    problem = _problem(image)
+    if problem is not None:
+        raise InputError([Problem("image", problem, _REMEDY)])
+    assert isinstance(image, np.ndarray)
+    pixels: npt.NDArray[Any] = image.astype(image.dtype.newbyteorder("="), copy=False)
+    if pixels.ndim == 3:
+        cv2 = opencv()
+        pixels = pixels[..., 0] if pixels.shape[2] == 1 else pixels[..., :3]
+        pixels = np.ascontiguousarray(pixels)
+        if pixels.ndim == 3:
+            pixels = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
+    return np.ascontiguousarray(pixels)
+
+
+def _problem(image: object) -> str | None:
+    if image is None:
+        return "is None: the file was not there, or is no image"
+    if not isinstance(image, np.ndarray):
+        return f"is no array but a {type(image).__name__}"
+    if image.dtype.newbyteorder("=") not in (np.dtype(np.uint8), np.dtype(np.uint16)):
+        return f"has values of type {image.dtype}"
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+        return f"has the shape {image.shape}"
+    if image.size == 0:
+        return f"has no pixels, its shape is {image.shape}"
+    if image.shape[0] * image.shape[1] > MOST_PIXELS or max(image.shape[:2]) >= 2**15:
+        return f"is too large, {image.shape[1]} x {image.shape[0]}"
+    return None
+
+
+def eight_bits(grey: Grey) -> npt.NDArray[np.uint8]:
+    """The same with 8 bits: 16 bits are stretched so that the darkest and the brightest 0.05 % saturate."""
+    if isinstance(grey[0, 0], np.uint8):
+        return grey.astype(np.uint8, copy=False)
+    step = max(1, int(np.sqrt(grey.size / 50_000)))
+    low, high = np.quantile(grey[::step, ::step], [0.0005, 0.9995])
+    scale = 255.0 / max(float(high - low), 255.0)
+    out: npt.NDArray[np.uint8] = opencv().convertScaleAbs(np.maximum(grey, np.uint16(low)), alpha=scale, beta=-low * scale)
+    return out
+
+
+def noise_level(grey: Grey) -> float:
+    """The standard deviation of the pixels' noise (grey levels), from the median second difference along rows of
+    pixels spread over the image; at least that of rounding."""
+    step = max(1, int(np.sqrt(grey.size / 100_000)))
+    rows = grey[::step].astype(np.float32)
+    if rows.shape[1] < 3:
+        return float(np.sqrt(1.0 / 12.0))
+    second = np.abs(rows[:, 2::step] - 2.0 * rows[:, 1:-1:step] + rows[:, :-2:step])
+    # the median of |N(0, 1)| is 0.6745; half a level spreads what rounding lumped together
+    median = float(np.median(second)) if second.size else 0.0
+    count_below, count_at = float((second < median).mean()), float((second == median).mean())
+    spread = median + ((0.5 - count_below) / count_at - 0.5 if count_at > 0.0 else 0.0)
+    return float(max(spread / (0.6745 * np.sqrt(6.0)), np.sqrt(1.0 / 12.0)))

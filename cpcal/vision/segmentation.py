@@ -1,0 +1,151 @@
+"""Where dots may be: spots that stand out from the mean of their neighbourhood, elliptic and about as large.
+
+A first pass over the image at half its size, with a neighbourhood as wide as the largest dot, tells how large the dots
+are and whether they are bright; the second uses a neighbourhood made for them, so that uneven light matters little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.vision.grey import noise_level
+from cpcal.vision.opencv import opencv
+
+Array = npt.NDArray[np.float64]
+Grey8 = npt.NDArray[np.uint8]
+
+_WIDEST = 61  # neighbourhood in the half image, for dots of at most 45 pixels radius in the whole one
+_NEIGHBOURHOOD = 6.0  # radii of a dot
+_NOISE = 5.0  # standard deviations of noise that a spot must stand out by
+_CONTRAST = 0.2  # of the usual contrast that it must stand out by
+_LEAST = 4.0  # grey levels of 256 that it must stand out by
+_SLIMMEST = 0.2  # ratio of the axes of a spot
+_ELLIPTIC = 0.85  # least ratio of a spot's area to that of the ellipse of the same second moments
+_ALIKE = 2.5  # ratio of a spot's size to the usual one, or its inverse
+_MOST_SPOTS = 1_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """center (n, 2) pixels; spread (n, 2, 2) the second moments of the ellipse, a quarter of its squared semi-axes,
+    px^2; bright: than around them."""
+
+    center: Array
+    spread: Array
+    bright: bool
+
+    def __len__(self) -> int:
+        return len(self.center)
+
+    @property
+    def radius(self) -> Array:
+        """(n,) of the circle of the same area, pixels."""
+        return 2.0 * np.asarray(np.linalg.det(self.spread)) ** 0.25
+
+    def kept(self, keep: npt.NDArray[Any]) -> Spots:
+        return Spots(self.center[keep], self.spread[keep], self.bright)
+
+
+def spots(image: Grey8, bright: bool | None = None) -> Spots:
+    """The candidates for dots in an image, all brighter or all darker than around them; none when there is no image
+    of dots. `bright` is found out when it is not stated: whichever gives more spots of one size."""
+    cv2 = opencv()
+    height, width = image.shape
+    if min(height, width) < 8:
+        return _none(bool(bright))
+    half = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    least = max(_NOISE * noise_level(half), _LEAST)
+    kinds = (True, False) if bright is None else (bright,)
+    rough = max((_alike(_standing_out(half, _WIDEST, least, kind)) for kind in kinds), key=len)
+    if not len(rough):
+        return rough
+    at = np.rint(rough.center).astype(np.int64)
+    mean = cv2.blur(half, (_WIDEST, _WIDEST))
+    contrast = np.abs(half[at[:, 1], at[:, 0]].astype(np.float64) - mean[at[:, 1], at[:, 0]])
+    least = max(_NOISE * noise_level(image), _LEAST, _CONTRAST * float(np.median(contrast)))
+    side = 2 * int(np.ceil(_NEIGHBOURHOOD * float(np.median(rough.radius)))) + 1
+    return _alike(_standing_out(image, side, least, rough.bright))
+
+
+def _none(bright: bool) -> Spots:
+    return Spots(np.zeros((0, 2)), np.zeros((0, 2, 2)), bright)
+
+
+def _standing_out(image: Grey8, side: int, least: float, bright: bool) -> Spots:
+    """The elliptic regions at least `least` brighter (or darker) than the mean of the square of `side` around."""
+    cv2 = opencv()
+    kind, shift = (cv2.THRESH_BINARY, -least) if bright else (cv2.THRESH_BINARY_INV, least)
+    mask = cv2.adaptiveThreshold(image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, kind, side, shift)
+    if _too_many(mask):
+        return _none(bright)
+    outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    outlines = [outline for outline in outlines if len(outline) >= 4]
+    if not outlines:
+        return _none(bright)
+    area, center, moments = _moments(outlines)
+    inner = np.linalg.eigvalsh(np.where((area > 0.0)[:, None, None], moments, np.eye(2)))
+    elliptic = area > _ELLIPTIC * 4.0 * np.pi * np.sqrt(np.maximum(inner[:, 0] * inner[:, 1], 0.0))
+    # an outline runs through the centres of pixels: the region reaches half a pixel farther, in every direction
+    growth = (0.25 + np.sqrt(np.maximum(inner, 1e-4))) ** 2 - inner
+    spread = moments + growth.mean(axis=1)[:, None, None] * np.eye(2)
+    slim = np.sqrt((inner[:, 0] + growth[:, 0]) / (inner[:, 1] + growth[:, 1]))
+    low, high = _boxes(outlines)
+    clear = (low > 0).all(axis=1) & (high < [image.shape[1] - 1, image.shape[0] - 1]).all(axis=1)
+    keep = (area > 0.0) & elliptic & clear & (slim > _SLIMMEST)
+    return Spots(center[keep], spread[keep], bright)
+
+
+def _too_many(mask: Grey8) -> bool:
+    """Whether a large image has more regions than any target, by the number of their upper left corners."""
+    if mask.size < 16 * _MOST_SPOTS:
+        return False
+    corners = (mask[1:, 1:] > 0) & (mask[:-1, 1:] == 0) & (mask[1:, :-1] == 0)
+    return int(np.count_nonzero(corners)) > _MOST_SPOTS
+
+
+def _boxes(outlines: list[npt.NDArray[np.int32]]) -> tuple[Array, Array]:
+    points = np.concatenate(outlines)[:, 0, :]
+    first = np.cumsum([0] + [len(outline) for outline in outlines[:-1]])
+    return np.minimum.reduceat(points, first), np.maximum.reduceat(points, first)
+
+
+def _moments(outlines: list[npt.NDArray[np.int32]]) -> tuple[Array, Array, Array]:
+    """Area (n,), centroid (n, 2) and second moments (n, 2, 2) of polygons by Green's formula; holes have negative
+    areas."""
+    size = np.array([len(outline) for outline in outlines])
+    first = np.cumsum(size) - size
+    points = np.concatenate(outlines)[:, 0, :].astype(np.float64)
+    start = points[first]
+    points -= np.repeat(start, size, axis=0)
+    after = np.arange(1, len(points) + 1)
+    after[first + size - 1] = first
+    (x0, y0), (x1, y1) = points.T, points[after].T
+    cross = x1 * y0 - x0 * y1  # OpenCV goes round a region with y/x turned this way
+    sums = np.stack(
+        [
+            cross,
+            cross * (x0 + x1),
+            cross * (y0 + y1),
+            cross * (x0 * x0 + x0 * x1 + x1 * x1),
+            cross * (2.0 * (x0 * y0 + x1 * y1) + x0 * y1 + x1 * y0),
+            cross * (y0 * y0 + y0 * y1 + y1 * y1),
+        ]
+    )
+    area, x, y, xx, xy, yy = np.add.reduceat(sums, first, axis=1) * np.array([1 / 2, 1 / 6, 1 / 6, 1 / 12, 1 / 24, 1 / 12])[:, None]
+    weight = np.where(area == 0.0, 1.0, area)
+    x, y = x / weight, y / weight
+    xx, xy, yy = xx / weight - x * x, xy / weight - x * y, yy / weight - y * y
+    moments = np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+    return area, start + np.stack([x, y], axis=-1), moments
+
+
+def _alike(found: Spots) -> Spots:
+    """Those whose radius is within a ratio of the middle one."""
+    if not len(found):
+        return found
+    middle = float(np.median(found.radius))
+    return found.kept((found.radius < _ALIKE * middle) & (_ALIKE * found.radius > middle))
