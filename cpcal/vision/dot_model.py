@@ -59,7 +59,8 @@ def centers_of(dots: Array, radius: float, camera: Camera, pose: Pose) -> Array:
     """`predicted_centers` for dots (n, 2) mm of a given radius."""
     points, normal = _placed(dots, pose)
     center, shape = _ellipse(_dual(points, normal, radius))
-    return np.asarray(camera.center + camera.focal * _bent(jet(center, camera.distortion), shape))
+    lens = jet(center, camera.distortion)
+    return np.asarray(camera.center + camera.focal * _bent(lens, shape, _growth(lens)[1]))
 
 
 def predict(
@@ -70,16 +71,17 @@ def predict(
     dual = _dual(points, normal, radius)
     center, shape = _ellipse(dual)
     lens = jet(center, camera.distortion)
-    bent = _bent(lens, shape)
-    slope = camera.focal[:, None, None] * _by_dual(dual, lens, shape)  # (..., n, 2, 3, 3)
-    by_point = -2.0 * np.einsum("...iab,...b->...ia", slope, points)
-    by_normal = -2.0 * radius * radius * np.einsum("...iab,...b->...ia", slope, np.broadcast_to(normal, points.shape))
+    growth = _growth(lens)
+    bent = _bent(lens, shape, growth[1])
+    slope = camera.focal[:, None, None] * _by_dual(dual, lens, shape, growth)  # (..., n, 2, 3, 3)
+    by_point = -2.0 * (slope @ points[..., None, :, None])[..., 0]
+    by_normal = (-2.0 * radius * radius) * (slope @ normal[..., None, :, None])[..., 0]
     arm = (points - pose.position[..., None, :])[..., None, :]
-    by_turn = np.cross(arm, by_point) + np.cross(normal[..., None, :], by_normal)
+    by_turn = _crossed(arm, by_point) + _crossed(normal[..., None, :], by_normal)
     return Prediction(
         camera.center + camera.focal * bent,
         np.concatenate([by_point, by_turn], axis=-1),
-        _by_camera(center, camera, lens, bent, shape) if by_camera else None,
+        _by_camera(center, camera, lens, bent, shape, growth) if by_camera else None,
         by_point @ pose.rotation[..., None, :, :2] if by_dots else None,
     )
 
@@ -108,18 +110,24 @@ def _outer(left: Array, right: Array) -> Array:
     return left[..., :, None] * right[..., None, :]
 
 
-def _by_dual(dual: Array, lens: Jet, shape: Array) -> Array:
+def _crossed(left: Array, right: Array) -> Array:
+    """The vector product, several times faster than numpy's."""
+    a, b, c = left[..., 0], left[..., 1], left[..., 2]
+    x, y, z = right[..., 0], right[..., 1], right[..., 2]
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
+
+
+def _by_dual(dual: Array, lens: Jet, shape: Array, growth: tuple[Array, Array]) -> Array:
     """M (..., n, 2, 3, 3), symmetric: the distorted centre moves by M : dD when the dual conic moves by dD.
 
     With D = [[B, a], [a', w]]: c = a / w and S = c c' - B / w, so dc = (da - c dw) / w and
     dS = dc c' + c dc' - dB / w + B dw / w^2.
     """
     center, scale = dual[..., :2, 2] / dual[..., 2:, 2], dual[..., None, 2, 2]
-    _, growth = _growth(lens)
-    turned = lens.first[..., :, None] * growth[..., None, None, :]
+    turned = lens.first[..., :, None] * growth[1][..., None, None, :]
     by_shape = 0.125 * (lens.second + turned + np.swapaxes(turned, -1, -2))
-    by_center = np.swapaxes(_bent_direction(lens, shape, _along_axes(lens)), -1, -2)
-    by_center = by_center + 2.0 * np.einsum("...iab,...b->...ia", by_shape, center)
+    by_center = np.swapaxes(_bent_direction(lens, shape, _along_axes(lens), growth), -1, -2)
+    by_center = by_center + 2.0 * (by_shape @ center[..., None, :, None])[..., 0]
     out = np.empty((*by_center.shape[:-1], 3, 3))
     out[..., :2, :2] = -by_shape / scale[..., None, None]
     out[..., :2, 2] = out[..., 2, :2] = 0.5 * by_center / scale[..., None]
@@ -137,10 +145,9 @@ def _growth(lens: Jet) -> tuple[Array, Array]:
     return inverse, np.einsum("...ba,...abc->...c", inverse, lens.second)
 
 
-def _bent(lens: Jet, shape: Array) -> Array:
+def _bent(lens: Jet, shape: Array, growth: Array) -> Array:
     """The distorted centre (..., 2): d + (H : S + 2 J S g) / 8."""
-    _, growth = _growth(lens)
-    second = np.einsum("...abc,...bc->...a", lens.second, shape)
+    second = (lens.second * shape[..., None, :, :]).sum(axis=(-1, -2))
     first = lens.first @ (shape @ growth[..., None])
     return np.asarray(lens.value + 0.125 * (second + 2.0 * first[..., 0]))
 
@@ -148,16 +155,16 @@ def _bent(lens: Jet, shape: Array) -> Array:
 def _along_axes(lens: Jet) -> Jet:
     """How the jet changes along x and y: an axis of 2 after those of the points. (Third derivatives: not needed.)"""
     return Jet(
-        np.moveaxis(lens.first, -1, -2), np.moveaxis(lens.second, -1, -3), np.moveaxis(lens.third, -1, -4), lens.third
+        np.swapaxes(lens.first, -1, -2), np.moveaxis(lens.second, -1, -3), np.moveaxis(lens.third, -1, -4), lens.third
     )
 
 
-def _bent_direction(lens: Jet, shape: Array, moved: Jet) -> Array:
+def _bent_direction(lens: Jet, shape: Array, moved: Jet, growing: tuple[Array, Array]) -> Array:
     """How the distorted centre moves as the jet does in m ways, (..., m, 2); the shape stays.
 
     The change of g = tr J^-1 dJ is tr J^-1 dH - tr J^-1 dJ J^-1 H.
     """
-    inverse, growth = _growth(lens)
+    inverse, growth = growing
     turned = inverse[..., None, :, :] @ moved.first @ inverse[..., None, :, :]
     d_growth = np.einsum("...ba,...mabc->...mc", inverse, moved.second) - np.einsum(
         "...mba,...abc->...mc", turned, lens.second
@@ -168,12 +175,14 @@ def _bent_direction(lens: Jet, shape: Array, moved: Jet) -> Array:
     return np.asarray(moved.value + 0.125 * (second + 2.0 * (first + last)))
 
 
-def _by_camera(center: Array, camera: Camera, lens: Jet, bent: Array, shape: Array) -> Array:
+def _by_camera(
+    center: Array, camera: Camera, lens: Jet, bent: Array, shape: Array, growth: tuple[Array, Array]
+) -> Array:
     """(..., n, 2, 9) by fx, fy, cx, cy, k1, k2, p1, p2, k3."""
     out = np.zeros((*bent.shape, 9))
     for axis in range(2):
         out[..., axis, axis] = bent[..., axis]
         out[..., axis, 2 + axis] = 1.0
-    by_lens = _bent_direction(lens, shape, jets_by_coefficient(center))
+    by_lens = _bent_direction(lens, shape, jets_by_coefficient(center), growth)
     out[..., 4:] = np.swapaxes(by_lens * camera.focal, -1, -2)
     return out

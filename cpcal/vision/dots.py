@@ -16,14 +16,15 @@ from scipy.spatial import cKDTree
 
 from cpcal.robot.robot import frozen_array
 from cpcal.vision.edge import OUTSIDE, Edges, fitted_edges
-from cpcal.vision.grey import Grey, eight_bits, grey_levels
+from cpcal.vision.grey import Grey, eight_bits, grey_levels, noise_level
 from cpcal.vision.light import light_gradient
 from cpcal.vision.segmentation import Spots, spots
 
 Array = npt.NDArray[np.float64]
 
 FLOOR = 5e-4  # pixels: what the model of the edge leaves out, whatever the noise
-_QUALITY = 0.8  # at least
+_QUALITY = 0.22  # at least: that of a square of 8 pixels behind an ordinary blur is 0.19
+_TOLERATED = 0.01  # share of the grey levels' variance that is neither noise nor explained: a quality of one half
 _MOVED = 0.35  # of the radius, from the segmentation's centre, at most
 _RATIO = 2.0  # of a dot's radius to the usual one, or its inverse
 _CONTRAST = 0.25  # of the usual one, at least
@@ -33,7 +34,8 @@ _NOISE = 8.0  # contrast at least, in standard deviations of the noise
 _CLEAR = 6.0  # blurs between the edge of a dot and the border: the whole edge and as much of the plate beside it
 _STRANGE = 1.25  # residuals, relative to the usual ones, that ask for light of the dot's own
 _BETTER = 0.95  # residuals with it relative to those without
-_LEAST_ROOM = 1.0  # pixels around a dot
+_ROOM = 0.6  # share of the gap to its neighbours that belongs to a dot
+_LEAST_ROOM = 1.0  # pixels around a dot that do at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +44,8 @@ class Dots:
 
     centers     (n, 2) pixels, x right and y down from the centre of the top-left pixel
     covariance  (n, 2, 2) px^2 of the centres
-    quality     (n,) in [0, 1]: the share of the grey levels' variance round a dot that is neither noise nor explained by
-                a blurred ellipse, from 1
+    quality     (n,) in [0, 1]: 1 where a blurred ellipse and noise explain every grey level round the dot, one half
+                where a hundredth of their variance is left
     axes        (n, 2) semi-axes, pixels, the longer first
     bright      whether the dots are brighter than around them
     """
@@ -78,7 +80,7 @@ def observe_dots(image: object, *, bright: bool | None = None) -> Dots:
     if not len(found):
         return Dots(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)), found.bright)
     edges = _fitted(grey, found)
-    quality = _quality(edges)
+    quality = _quality(edges, noise_level(grey))
     keep = np.flatnonzero(_dot_like(found, edges, quality, grey.shape))
     keep = keep[_alike(edges, keep)]
     covariance = edges.covariance[keep] + FLOOR**2 * np.eye(2)
@@ -88,7 +90,8 @@ def observe_dots(image: object, *, bright: bool | None = None) -> Dots:
 def _fitted(grey: Grey, found: Spots) -> Edges:
     """The fits of all spots under the light of all; where that leaves strange residuals (a smudge, a shadow), under
     light of their own if that explains more."""
-    room, light = _room(found), light_gradient(grey, found)
+    gap = _gap(found)
+    room, light = np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE), light_gradient(grey, found, gap)
     edges = fitted_edges(grey, found.center, found.spread, room, light)
     if np.isnan(light).any():
         return edges
@@ -101,23 +104,22 @@ def _fitted(grey: Grey, found: Spots) -> Edges:
     return edges.replaced(strange[better], own.kept(better))
 
 
-def _room(found: Spots) -> Array:
-    """How many pixels (n,) beyond its edge are a dot's own: half of what lies between it and its neighbours."""
+def _gap(found: Spots) -> Array:
+    """How many pixels (n,) lie between a dot and its neighbours."""
     if len(found) < 2:
-        return np.full(len(found), OUTSIDE)
-    near = min(6, len(found))
-    distance, other = cKDTree(found.center).query(found.center, near)
+        return np.full(len(found), np.inf)
+    distance, other = cKDTree(found.center).query(found.center, min(6, len(found)))
     long = 2.0 * np.sqrt(np.linalg.eigvalsh(found.spread)[:, 1])
     gap = (distance[:, 1:] - long[:, None] - long[other[:, 1:]]).min(axis=1)
-    return np.clip(0.6 * gap, _LEAST_ROOM, OUTSIDE)
+    return np.asarray(gap)
 
 
-def _quality(edges: Edges) -> Array:
-    """The share (n,) of the grey levels' variance that is noise or explained; the usual residual counts as noise."""
+def _quality(edges: Edges, noise: float) -> Array:
+    """1 / (1 + strange / tolerated) (n,) of the share of the grey levels' variance that is strange: neither explained
+    by a blurred ellipse nor the image's noise (grey levels)."""
     with np.errstate(invalid="ignore"):
-        usual = np.nanmedian(edges.noise) if np.isfinite(edges.noise).any() else 0.0
-        strange = np.maximum(edges.noise**2 - usual**2, 0.0)
-        return np.nan_to_num(np.clip(1.0 - strange / np.maximum(edges.variance, 1e-12), 0.0, 1.0))
+        strange = np.maximum(edges.noise**2 - noise**2, 0.0) / np.maximum(edges.variance, 1e-12)
+    return np.nan_to_num(1.0 / (1.0 + strange / _TOLERATED))
 
 
 def _dot_like(found: Spots, edges: Edges, quality: Array, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:

@@ -12,6 +12,7 @@ from cpcal.vision.opencv import opencv
 
 Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
+_ROUNDING = float(np.sqrt(1.0 / 12.0))
 MOST_PIXELS = 150_000_000
 _REMEDY = "give an array (height, width) or (height, width, 1, 3 or 4) of uint8 or uint16, as cv2.imread makes it"
 
@@ -62,16 +63,17 @@ def eight_bits(grey: Grey) -> npt.NDArray[np.uint8]:
     return out
 
 
-def noise_level(grey: Grey) -> float:
+def noise_level(image: Grey) -> float:
     """The standard deviation of the pixels' noise (grey levels), from the median second difference along rows of
     pixels spread over the image; at least that of rounding."""
-    step = max(1, int(np.sqrt(grey.size / 100_000)))
-    rows = grey[::step].astype(np.float32)
+    step = max(1, int(np.sqrt(image.size / 30_000)))
+    rows = image[::step].astype(np.int32)
     if rows.shape[1] < 3:
-        return float(np.sqrt(1.0 / 12.0))
-    second = np.abs(rows[:, 2::step] - 2.0 * rows[:, 1:-1:step] + rows[:, :-2:step])
-    # the median of |N(0, 1)| is 0.6745; half a level spreads what rounding lumped together
-    median = float(np.median(second)) if second.size else 0.0
-    count_below, count_at = float((second < median).mean()), float((second == median).mean())
-    spread = median + ((0.5 - count_below) / count_at - 0.5 if count_at > 0.0 else 0.0)
-    return float(max(spread / (0.6745 * np.sqrt(6.0)), np.sqrt(1.0 / 12.0)))
+        return _ROUNDING
+    second = np.abs(rows[:, 2::step] - 2 * rows[:, 1:-1:step] + rows[:, :-2:step])
+    # the median between whole numbers: those that are equal are spread evenly over one grey level
+    counts = np.bincount(second.ravel())
+    below = np.cumsum(counts) - counts
+    at = int(np.searchsorted(below, 0.5 * second.size, side="right")) - 1
+    median = max(at - 0.5 + (0.5 * second.size - below[at]) / counts[at], 0.0)
+    return max(float(median) / (0.6745 * np.sqrt(6.0)), _ROUNDING)  # the median of |N(0, 1)| is 0.6745

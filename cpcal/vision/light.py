@@ -16,13 +16,16 @@ Array = npt.NDArray[np.float64]
 
 _MOST_DEGREE = 4
 _EACH = 8  # dots for each coefficient
-_BESIDE = 2.5  # pixels beyond the edge
+_BESIDE = 4.5  # pixels beyond the edge of a dark dot, at most
 _OUTLYING = 4.0  # robust standard deviations
+_TURNS = np.arange(16) * (np.pi / 8.0)
+_AROUND = np.stack([np.cos(_TURNS), np.sin(_TURNS)], axis=1)
 _CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
 
 
-def light_gradient(grey: Grey, found: Spots) -> Array:
+def light_gradient(grey: Grey, found: Spots, gap: Array) -> Array:
     """By which share the light grows per pixel to the right and down, at each dot: (n, 2); nan with too few dots.
+    `gap` (n,) pixels lie between a dot and its neighbours.
 
     A polynomial of the place is fitted to the logarithms of the levels, twice: the second time without outliers.
     """
@@ -31,7 +34,7 @@ def light_gradient(grey: Grey, found: Spots) -> Array:
         degree -= 1
     if degree == 0:
         return np.full((len(found), 2), np.nan)
-    level = np.log(np.maximum(_levels(grey, found), 1.0))
+    level = np.log(np.maximum(_levels(grey, found, gap), 1.0))
     half = 0.5 * np.array(grey.shape[::-1])
     values, to_right, to_bottom = _terms(found.center / half - 1.0, degree)
     good = np.ones(len(level), dtype=bool)
@@ -43,18 +46,17 @@ def light_gradient(grey: Grey, found: Spots) -> Array:
     return np.stack([to_right @ coefficients, to_bottom @ coefficients], axis=1) / half
 
 
-def _levels(grey: Grey, found: Spots) -> Array:
+def _levels(grey: Grey, found: Spots, gap: Array) -> Array:
     """Grey levels (n,) of the bright surface: in the middle of bright dots, beside dark ones."""
     if found.bright:
         points = found.center[:, None, :] + _CORNERS
     else:
         inverse = np.linalg.inv(found.spread)
-        turn = _CORNERS[np.abs(_CORNERS).max(axis=1) > 0.0]
-        turn = turn / np.linalg.norm(turn, axis=1)[:, None]
-        reach = 2.0 / np.sqrt(np.einsum("ki,nij,kj->nk", turn, inverse, turn))
-        points = found.center[:, None, :] + (reach + _BESIDE)[..., None] * turn
+        reach = 2.0 / np.sqrt(np.einsum("ki,nij,kj->nk", _AROUND, inverse, _AROUND))
+        beside = np.clip(0.5 * gap, 1.5, _BESIDE)
+        points = found.center[:, None, :] + (reach + beside[:, None])[..., None] * _AROUND
     at = np.clip(np.rint(points).astype(np.int64), 0, np.array(grey.shape[::-1]) - 1)
-    return np.median(grey[at[..., 1], at[..., 0]], axis=1) if not found.bright else grey[at[..., 1], at[..., 0]].mean(axis=1)
+    return np.asarray(grey[at[..., 1], at[..., 0]].mean(axis=1))
 
 
 def _terms(at: Array, degree: int) -> tuple[Array, Array, Array]:

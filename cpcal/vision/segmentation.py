@@ -19,6 +19,8 @@ Array = npt.NDArray[np.float64]
 Grey8 = npt.NDArray[np.uint8]
 
 _WIDEST = 61  # neighbourhood in the half image, for dots of at most 45 pixels radius in the whole one
+_NARROW = 15  # another, for small dots close together, where the first tells none apart
+_ENOUGH = 10  # spots to do without the other
 _NEIGHBOURHOOD = 6.0  # radii of a dot
 _NOISE = 5.0  # standard deviations of noise that a spot must stand out by
 _CONTRAST = 0.2  # of the usual contrast that it must stand out by
@@ -60,7 +62,11 @@ def spots(image: Grey8, bright: bool | None = None) -> Spots:
     half = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
     least = max(_NOISE * noise_level(half), _LEAST)
     kinds = (True, False) if bright is None else (bright,)
-    rough = max((_alike(_standing_out(half, _WIDEST, least, kind)) for kind in kinds), key=len)
+    rough = _none(bool(bright))
+    for side in (_WIDEST, _NARROW):
+        rough = max([rough, *(_alike(_standing_out(half, side, least, kind)) for kind in kinds)], key=len)
+        if len(rough) >= _ENOUGH:
+            break
     if not len(rough):
         return rough
     at = np.rint(rough.center).astype(np.int64)

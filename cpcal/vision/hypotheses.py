@@ -1,0 +1,171 @@
+"""From two recognised rows to a homography that explains the dots, and what rivals it has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import bdtrc
+
+from cpcal.vision.homography import fitted, mapped, orientation
+from cpcal.vision.runs import RowMatches, collinear, match_rows
+from cpcal.vision.symmetry import self_maps
+from cpcal.vision.target import Target
+from cpcal.vision.views import View
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+_PER_EFFORT = 30  # hypotheses followed
+_CROSSING = 0.3  # of the spacing: how far apart two rows may see their crossing point
+_NEAREST = 0.3  # of the spacing: no further from its predicted place is a dot looked for
+_BEYOND = 8  # dots that make a hypothesis and so do not speak for it
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A homography (target mm to points of the view) with the pairs that it explains.
+
+    found, numbers (m,) pairs; in_view (n,) which of the target's dots should be seen; errors: dots in view without a
+    found one, and found dots without one of the target
+    """
+
+    homography: Array
+    found: Ints
+    numbers: Ints
+    in_view: Bools
+    errors: int
+    mirrored: bool
+
+
+def hypotheses(view: View, target: Target, neighbours: int, span: int) -> Iterator[tuple[Hypothesis, int]]:
+    """Fits to pairs of recognised rows, best first, each with the number of pairs that there were to choose from."""
+    lines = collinear(view.points, view.fine, neighbours)
+    if not len(lines.origin):
+        return
+    rows = match_rows(target, lines, view.fine, span, _NEAREST * view.spacing)
+    candidates = [
+        (one.count[i] + other.count[j], one.dots[i], other.dots[j], k, m)
+        for k, one in enumerate(rows)
+        for m, other in enumerate(rows[k + 1 :], start=k + 1)
+        for i, j in _crossing_pairs(target, k, m, one, other, view)
+    ]
+    candidates.sort(key=lambda candidate: -int(candidate[0]))
+    for _, one_dots, other_dots, k, m in candidates[:_PER_EFFORT]:
+        numbers = np.array(target.lines[k] + target.lines[m])
+        found = np.concatenate([one_dots, other_dots])
+        fit = _grown(view, target, found[found >= 0], numbers[found >= 0])
+        if fit is not None:
+            yield fit, max(len(candidates), 1)
+
+
+def _crossing_pairs(
+    target: Target, k: int, m: int, one: RowMatches, other: RowMatches, view: View
+) -> list[tuple[int, int]]:
+    """Matches of two rows that see the crossing point of the rows in one place; any when the rows are parallel."""
+    if not len(one.line) or not len(other.line):
+        return []
+    different = one.line[:, None] != other.line
+    places = _crossing(target, k, m)
+    if places is not None:
+        gap = one.place(places[0])[:, None, :] - other.place(places[1])
+        different &= (gap * gap).sum(axis=2) <= (_CROSSING * view.spacing) ** 2
+    return [(int(i), int(j)) for i, j in np.argwhere(different)]
+
+
+def _crossing(target: Target, k: int, m: int) -> tuple[float, float] | None:
+    """Where two rows cross, along each of them (mm from its first dot)."""
+    first, second = (target.dots[list(target.lines[i])] for i in (k, m))
+    along = np.stack([first[-1] - first[0], -(second[-1] - second[0])], axis=1)
+    lengths = np.linalg.norm(along, axis=0)
+    along = along / lengths
+    if abs(np.linalg.det(along)) < 0.05:
+        return None
+    s, t = np.linalg.solve(along, second[0] - first[0])
+    return float(s), float(t)
+
+
+def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis | None:
+    """The homography of some pairs, grown over all dots that it predicts."""
+    if len(np.unique(found)) < len(found):
+        return None
+    homography = fitted(target.dots[numbers], view.points[found])
+    for reach in (0.2 * view.spacing, max(0.1 * view.spacing, view.reach), view.reach):
+        grown = pairs(view, mapped(homography, target.dots), max(reach, view.reach))
+        if len(grown[0]) < _BEYOND:
+            return None
+        found, numbers = grown
+        homography = fitted(target.dots[numbers], view.points[found])
+    return judged(view, target, homography)
+
+
+def pairs(view: View, predicted: Array, reach: float) -> tuple[Ints, Ints]:
+    """Found dots and predicted ones (n, 2) that are each other's nearest, within `reach`."""
+    dx = view.points[:, 0] - predicted[:, None, 0]
+    dy = view.points[:, 1] - predicted[:, None, 1]
+    square = dx * dx + dy * dy
+    square[np.isnan(square)] = np.inf
+    nearest = square.argmin(axis=1)
+    away = square[np.arange(len(predicted)), nearest]
+    mutual = square.argmin(axis=0)[nearest] == np.arange(len(predicted))
+    numbers = np.flatnonzero(mutual & (away <= reach * reach))
+    return nearest[numbers], numbers
+
+
+def judged(view: View, target: Target, homography: Array) -> Hypothesis:
+    predicted = mapped(homography, target.dots)
+    found, numbers = pairs(view, predicted, view.reach)
+    in_view = view.in_view(predicted, target.radius * _scale(homography, target.dots))
+    in_view[numbers] = True
+    errors = int(in_view.sum()) - len(numbers) + len(view.points) - len(found)
+    mirrored = bool(
+        np.median(orientation(homography, target.dots)) > 0.0
+    )  # y points up on the target, down in the view
+    return Hypothesis(homography, found, numbers, in_view, errors, mirrored)
+
+
+def _scale(homography: Array, points: Array) -> Array:
+    """How much H enlarges lengths at each of the points (..., 2), in the mean over all ways."""
+    depth = points @ homography[2, :2] + homography[2, 2]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.sqrt(np.abs(np.linalg.det(homography) / depth**3)))
+
+
+def accidents(view: View, hypothesis: Hypothesis, candidates: int) -> float:
+    """Expected number of hypotheses that explain as many dots if the dots were strewn at random."""
+    chance = min(1.0, len(view.points) * np.pi * view.reach**2 / max(view.area, 1e-300))
+    hits, trials = len(hypothesis.found) - _BEYOND, int(hypothesis.in_view.sum()) - _BEYOND
+    if hits <= 0:
+        return float(candidates)
+    return float(candidates * bdtrc(hits - 1, trials, chance))
+
+
+def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tuple[int, bool]:
+    """How many errors more than `fit` the best near-symmetric hypothesis makes (counted up to `margin`), and whether it
+    is mirrored to it. Maps that cannot come within the margin are passed over."""
+    maps = self_maps(target)
+    seen = np.zeros(len(target.dots), dtype=bool)
+    seen[fit.numbers] = True
+    false = len(view.points) - len(fit.found)
+    unexplained = (seen & (maps.image < 0)).sum(axis=1) - false  # at least: false dots may become true ones
+    close = np.flatnonzero(unexplained < fit.errors + margin)
+    if not len(close):
+        return margin, False
+    back = np.linalg.inv(maps.matrix[close])
+    predicted = mapped(
+        fit.homography, ((target.dots - maps.shift[close][:, None, :]) @ np.swapaxes(back, 1, 2)).reshape(-1, 2)
+    ).reshape(len(close), -1, 2)
+    errors = np.array([_errors(view, target, fit, places) for places in predicted]) - fit.errors
+    best = int(errors.argmin())
+    return min(int(errors[best]), margin), bool(maps.mirrored[close[best]])
+
+
+def _errors(view: View, target: Target, fit: Hypothesis, predicted: Array) -> int:
+    found, numbers = pairs(view, predicted, view.reach)
+    radius = target.radius * float(np.median(_scale(fit.homography, target.dots)))
+    in_view = view.in_view(predicted, np.full(len(predicted), radius))
+    in_view[numbers] = True
+    return int(in_view.sum()) - len(numbers) + len(view.points) - len(found)

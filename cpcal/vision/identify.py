@@ -1,0 +1,158 @@
+"""Which found dot is which dot of the target.
+
+Two rows of the target are recognised by cross-ratios along collinear runs (`cpcal.vision.runs`); together they give a
+homography, and every other dot is predicted and looked for. What is accepted has passed four tests:
+
+- chance: were the found dots strewn at random, each predicted dot would be hit with a probability p (the share of the
+  area near found dots). The expected number of hypotheses as good by accident, hypotheses tried times the binomial tail
+  P(hits or more of those predicted in view, beyond the dots that made the hypothesis), must be below 1e-9;
+- shares: at least half of the dots predicted in view are found, and at least half of the found ones are explained;
+- rivals: call each dot missing in view and each found dot unexplained an error. Every other way to lay the target onto
+  the found dots (its near-symmetries of `cpcal.vision.symmetry`, and the other hypotheses) must have four errors more.
+  When errors come singly, one dot in thirty, that is a likelihood ratio above 1e5. So for a target whose nearest self
+  map has d errors no d + 3 errors or fewer, wherever they are, can make that self map win;
+- orientation: a camera never sees a target mirrored, and mirrored near-symmetries are rivals like all others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import CpcalError
+from cpcal.vision.camera import Camera
+from cpcal.vision.hypotheses import Hypothesis, accidents, best_rival, hypotheses
+from cpcal.vision.target import Target
+from cpcal.vision.views import View, guesses, seen_by
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+ACCIDENTS = 1e-9  # expected number of hypotheses as good by chance
+MARGIN = 4  # errors by which every rival must be worse
+FEWEST = 12  # dots: two rows of four, and four more that speak for them
+_SHARE = 0.5
+_NEARLY = 0.1  # errors per dot with which no better guess of the distortion is looked for
+_EFFORTS = ((8, 3), (8, 5), (10, 7), (24, 16))  # near neighbours that lines start from; span of compared dots
+
+
+class Unidentified(CpcalError):
+    """The found dots are not, or not certainly, those of the target. Its text is the reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Pairs of found dots and dots of the target.
+
+    found       (m,) which of the given centres
+    numbers     (m,) which dots of the target they are
+    homography  (3, 3) from the target's plane (mm) to the coordinates of the view: directions when a camera was given,
+                otherwise pixels freed from an estimated distortion
+    false       found dots that are none of the target's
+    missing     dots of the target that should be in view and were not found
+    accidents   expected number of hypotheses as good by chance
+    margin      how many errors more the best rival has
+    """
+
+    found: Ints
+    numbers: Ints
+    homography: Array
+    false: Ints
+    missing: Ints
+    accidents: float
+    margin: int
+
+
+def identify(
+    centers: npt.ArrayLike,
+    target: Target,
+    camera: Camera | None = None,
+    *,
+    size: tuple[int, int] | None = None,
+    tolerance: float | None = None,
+) -> Identification:
+    """Which of the centres (n, 2), pixels, is which dot of the target.
+
+    With a camera its distortion is taken away first. Without one an ordinary lens is allowed for: radial distortion of
+    one parameter is searched for, about the middle of the image when its `size` (width, height) is given.
+    `tolerance` is how far a dot may be off its predicted place, as a share of the median distance between nearest
+    neighbours (default 0.015 with a camera, 0.06 without).
+
+    Raises Unidentified with the reason. Centres that are not finite count as false dots.
+    """
+    pixels = np.asarray(centers, dtype=np.float64).reshape(-1, 2)
+    usable = np.flatnonzero(np.isfinite(pixels).all(axis=1))
+    _check_count(len(usable), target)
+    if camera is None:
+        seen = tuple(guesses(pixels[usable], size, tolerance))
+    else:
+        view = seen_by(camera, pixels[usable], tolerance)
+        shown = np.isfinite(view.points).all(axis=1)
+        usable = usable[shown]
+        _check_count(len(usable), target)
+        seen = (replace(view, points=view.points[shown]),)
+    if not seen[0].spacing > 0.0:
+        raise Unidentified("most dots lie on one another")
+    found = _identified(seen, target)
+    mine = usable[found.found]
+    return replace(found, found=mine, false=np.setdiff1d(np.arange(len(pixels)), mine))
+
+
+def _check_count(count: int, target: Target) -> None:
+    if count < FEWEST:
+        raise Unidentified(f"{count} dots are too few: at least {FEWEST} are needed")
+    if count > len(target.dots) / _SHARE:
+        raise Unidentified(f"{count} dots are too many: the target has {len(target.dots)}")
+
+
+def _identified(seen: tuple[View, ...], target: Target) -> Identification:
+    """The first view that explains nearly all, or the best of the first effort that finds anything."""
+    reason = "no two rows of the target were recognised among the dots"
+    for neighbours, span in _EFFORTS:
+        best: Identification | None = None
+        for view in seen:
+            answer = _in_view(view, target, neighbours, span)
+            if isinstance(answer, str):
+                reason = answer or reason
+                continue
+            if best is None or len(answer.found) > len(best.found):
+                best = answer
+            if len(answer.missing) + len(answer.false) <= _NEARLY * len(view.points):
+                return answer
+        if best is not None:
+            return best
+    raise Unidentified(reason)
+
+
+def _in_view(view: View, target: Target, neighbours: int, span: int) -> Identification | str:
+    reason = ""
+    for hypothesis, candidates in hypotheses(view, target, neighbours, span):
+        answer = _judgement(view, target, hypothesis, candidates)
+        if isinstance(answer, Identification):
+            return answer
+        reason = answer or reason
+    return reason
+
+
+def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> Identification | str:
+    """The four tests: the identification, or why not ("" when that is not worth telling)."""
+    in_view = int(fit.in_view.sum())
+    by_chance = accidents(view, fit, candidates)
+    if by_chance > ACCIDENTS or len(fit.found) < FEWEST:
+        return ""
+    if len(fit.found) < _SHARE * in_view:
+        return f"only {len(fit.found)} of the {in_view} dots of the target that should be in view were found"
+    if len(fit.found) < _SHARE * len(view.points):
+        return f"only {len(fit.found)} of the {len(view.points)} dots found would be the target's"
+    margin, reflected = best_rival(view, target, fit, MARGIN)
+    if fit.mirrored:
+        return "the dots show the target's mirror image" if margin == MARGIN else ""
+    if margin < MARGIN:
+        other = "the target's mirror image fits" if reflected else "another assignment fits"
+        return f"ambiguous: {other} as well or nearly so"
+    seen = np.isin(np.arange(len(target.dots)), fit.numbers)
+    false = np.setdiff1d(np.arange(len(view.points)), fit.found)
+    missing = np.flatnonzero(fit.in_view & ~seen)
+    return Identification(fit.found, fit.numbers, fit.homography, false, missing, by_chance, margin)

@@ -1,0 +1,97 @@
+"""The whole chain for one image: dots, identification, pose; or the reason why there is no pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import CpcalError
+from cpcal.robot.kinematics import Pose
+from cpcal.vision.camera import Camera
+from cpcal.vision.dots import Dots, observe_dots
+from cpcal.vision.identify import Identification, Unidentified, identify
+from cpcal.vision.pose import NoPose, PoseEstimate, estimate_pose
+from cpcal.vision.target import Target
+
+Array = npt.NDArray[np.float64]
+
+FEWEST = 20  # dots of the target
+LARGEST = 100_000_000  # pixels: larger images are refused before they are looked at
+_RESIDUAL = 0.25  # pixels: a larger rms says that camera, target or identification is wrong
+_STAGES = ("dots", "identification", "pose")
+
+
+class NotMeasured(CpcalError):
+    """An image shows no pose that could be relied on. Its text is the reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A pose of the target in the camera frame, and all that it came from.
+
+    dots            what was found in the image
+    identification  which of the dots are the target's
+    estimate        pose, covariance, residuals; its m dots are those of the identification, in its order
+    seconds         for each stage: dots, identification, pose
+    """
+
+    dots: Dots
+    identification: Identification
+    estimate: PoseEstimate
+    seconds: dict[str, float]
+
+    @property
+    def pose(self) -> Pose:
+        return self.estimate.pose
+
+    @property
+    def covariance(self) -> Array:
+        """(6, 6) of position (mm) and rotation vector (rad) in the camera frame."""
+        return self.estimate.covariance
+
+
+def measure_pose(image: npt.NDArray[np.generic], target: Target, camera: Camera) -> Measured:
+    """The pose that an image (height, width) or (height, width, 3), 8 or 16 bits, of the camera shows.
+
+    Raises NotMeasured with the reason for an image without a reliable pose, and InputError for what is no image.
+    """
+    _check_size(np.asarray(image), camera)
+    marks = [perf_counter()]
+    dots = observe_dots(image, bright=target.bright)
+    marks.append(perf_counter())
+    try:
+        identification = identify(dots.centers, target, camera)
+    except Unidentified as reason:
+        raise NotMeasured(f"not identified: {reason}") from reason
+    marks.append(perf_counter())
+    if len(identification.found) < FEWEST:
+        raise NotMeasured(f"{len(identification.found)} dots of the target are too few: at least {FEWEST} are needed")
+    mine = identification.found
+    try:
+        estimate = estimate_pose(dots.centers[mine], dots.covariance[mine], identification.numbers, target, camera)
+    except NoPose as reason:
+        raise NotMeasured(f"no pose: {reason}") from reason
+    marks.append(perf_counter())
+    if estimate.rms > _RESIDUAL:
+        raise NotMeasured(
+            f"the residuals are {estimate.rms:.2f} pixels (rms), more than {_RESIDUAL}: "
+            "the camera or the target is not as stated"
+        )
+    return Measured(dots, identification, estimate, dict(zip(_STAGES, np.diff(marks).tolist(), strict=True)))
+
+
+def _check_size(image: npt.NDArray[np.generic], camera: Camera) -> None:
+    if image.ndim < 2:
+        return  # the next station says what an image is
+    height, width = image.shape[:2]
+    if height * width > LARGEST:
+        raise NotMeasured(
+            f"the image of {width} x {height} pixels is too large: at most {LARGEST} pixels are looked at"
+        )
+    if (width, height) != (camera.width, camera.height):
+        raise NotMeasured(
+            f"the image is {width} x {height} pixels, the camera's images are {camera.width} x {camera.height}"
+        )

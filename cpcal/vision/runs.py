@@ -1,0 +1,253 @@
+"""Collinear runs of found dots, and which rows of a target they may show, by cross-ratios.
+
+Candidate lines pass through two dots that are near neighbours. A line's dots in order are compared with a row of the
+target by the cross-ratios of four dots each, consecutive ones first; every match fixes a 1-D homography between row
+and line, and the row's other dots are then predicted along it. So dots may be missing on the line, and false ones may
+stand there.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.vision.homography import line_maps, on_line
+from cpcal.vision.target import Target
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+_SAMPLE = [0, 1, 3]  # of four matched dots, those that fix the 1-D homography; the fourth agrees by its cross-ratio
+_KEPT = 60  # matches of each row
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lines x = origin + t direction with their dots in order.
+
+    origin, direction (L, 2); members (L, m) numbers of found dots, -1 at the end; at (L, m) their t, nan at the end
+    """
+
+    origin: Array
+    direction: Array
+    members: Ints
+    at: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RowMatches:
+    """Possible images of one row of the target, best first.
+
+    dots (M, k) for each dot of the row the found dot or -1; count (M,) how many; crossing points are found with
+    `place`: maps (M, 3) and start (M,) of the 1-D homographies, line (M,)
+    """
+
+    dots: Ints
+    count: Ints
+    maps: Array
+    start: Array
+    line: Ints
+    lines: Lines
+
+    def place(self, s: float) -> Array:
+        """Where each match sees the place s (mm along the row): (M, 2)."""
+        t = on_line(self.maps, self.start, np.full((len(self.line), 1), s))
+        return np.asarray(self.lines.origin[self.line] + t * self.lines.direction[self.line])
+
+
+def collinear(points: Array, tolerance: float, neighbours: int) -> Lines:
+    """Lines through pairs of near neighbours with at least four of the points (n, 2) within `tolerance`."""
+    i, j = _near_pairs(points, neighbours)
+    middle, along = 0.5 * (points[i] + points[j]), points[j] - points[i]
+    length = np.sqrt((along * along).sum(axis=1))
+    keep = length > 0.0
+    middle, along, length = middle[keep], along[keep] / length[keep, None], length[keep]
+    # errors of the two dots grow with the distance from them
+    reach = np.abs(_along(points, middle, along)) * (2.0 / length[:, None])
+    inside = np.abs(_across(points, middle, along)) <= tolerance * np.maximum(1.0, 0.25 * reach)
+    inside = _distinct(inside[inside.sum(axis=1) >= 4])
+    if not len(inside):
+        return Lines(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)))
+    origin, direction = _fitted_lines(points, inside)
+    inside = np.abs(_across(points, origin, direction)) <= tolerance
+    inside, first = _distinct_rows(inside)
+    enough = inside.sum(axis=1) >= 4
+    return _ordered(points, inside[enough], origin[first][enough], direction[first][enough])
+
+
+def _near_pairs(points: Array, neighbours: int) -> tuple[Ints, Ints]:
+    n = len(points)
+    if neighbours >= n - 1:
+        upper = np.triu_indices(n, 1)
+        return np.asarray(upper[0], dtype=np.int64), np.asarray(upper[1], dtype=np.int64)
+    square = _squared_distances(points, points)
+    near = np.argpartition(square, neighbours, axis=1)[:, : neighbours + 1]
+    chosen = np.zeros((n, n), dtype=bool)
+    np.put_along_axis(chosen, near, True, axis=1)
+    i, j = np.nonzero(np.triu(chosen | chosen.T, 1))
+    return i, j
+
+
+def _squared_distances(points: Array, others: Array) -> Array:
+    dx = points[:, None, 0] - others[None, :, 0]
+    dy = points[:, None, 1] - others[None, :, 1]
+    return np.asarray(dx * dx + dy * dy)
+
+
+def _along(points: Array, origin: Array, direction: Array) -> Array:
+    return np.asarray(direction @ points.T - (direction * origin).sum(axis=1, keepdims=True))
+
+
+def _across(points: Array, origin: Array, direction: Array) -> Array:
+    return _along(points, origin, np.stack([-direction[:, 1], direction[:, 0]], axis=1))
+
+
+def _distinct(inside: Bools) -> Bools:
+    return _distinct_rows(inside)[0]
+
+
+def _distinct_rows(inside: Bools) -> tuple[Bools, Ints]:
+    """Distinct rows and where each came first; rows are told apart by two random weights a column."""
+    weights = np.random.default_rng(0).standard_normal((inside.shape[1], 2)) @ np.array([1.0, np.sqrt(2.0)])
+    _, first = np.unique(np.round(inside @ weights, 9), return_index=True)
+    return inside[first], first
+
+
+def _fitted_lines(points: Array, inside: Bools) -> tuple[Array, Array]:
+    """Least-squares lines through the points of each row: origins and unit directions."""
+    mean = points.mean(axis=0)
+    p = points - mean
+    moments = inside @ np.stack([np.ones(len(p)), p[:, 0], p[:, 1], p[:, 0] ** 2, p[:, 0] * p[:, 1], p[:, 1] ** 2], 1)
+    count, x, y, xx, xy, yy = moments.T
+    x, y = x / count, y / count
+    xx, xy, yy = xx / count - x * x, xy / count - x * y, yy / count - y * y
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    return np.stack([x, y], axis=1) + mean, np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _ordered(points: Array, inside: Bools, origin: Array, direction: Array) -> Lines:
+    at = np.where(inside, _along(points, origin, direction), np.inf)
+    longest = int(inside.sum(axis=1).max(initial=4))
+    order = np.argsort(at, axis=1)[:, :longest]
+    at = np.take_along_axis(at, order, axis=1)
+    beyond = np.isinf(at)
+    return Lines(origin, direction, np.where(beyond, -1, order), np.where(beyond, np.nan, at))
+
+
+@dataclass(frozen=True, eq=False)
+class _Quads:
+    """Four dots of each row of the target: by cross-ratio, both ways along the row."""
+
+    ratio: Array  # (Q,) rising
+    row: Ints  # (Q,)
+    dots: Ints  # (Q, 4) positions in the row, rising or falling
+    amplified: Array  # (Q, k) how errors of the three sampled dots grow at each dot of the longest row
+
+
+def row_places(target: Target, row: int) -> Array:
+    """The places (k,) mm of a row's dots along it, from its first."""
+    dots = target.dots[list(target.lines[row])]
+    along = dots[-1] - dots[0]
+    return np.asarray((dots - dots[0]) @ along / np.linalg.norm(along))
+
+
+@lru_cache(maxsize=8)
+def _target_quads(target: Target, span: int) -> _Quads:
+    """All fours of dots no further than `span` apart in their row."""
+    longest = max(len(line) for line in target.lines)
+    ratio, rows, dots, amplified = [], [], [], []
+    for row, line in enumerate(target.lines):
+        s = row_places(target, row)
+        for four in itertools.combinations(range(len(line)), 4):
+            if four[3] - four[0] > span:
+                continue
+            for chosen in (four, four[::-1]):
+                ratio.append(float(_cross_ratios(*s[list(chosen)])))
+                rows.append(row)
+                dots.append(chosen)
+                a, b, c = s[np.array(chosen)[_SAMPLE]]
+                growth = abs((s - b) * (s - c) / ((a - b) * (a - c))) + abs((s - a) * (s - c) / ((b - a) * (b - c)))
+                growth = growth + abs((s - a) * (s - b) / ((c - a) * (c - b)))
+                amplified.append(np.pad(growth, (0, longest - len(line))))
+    order = np.argsort(ratio, kind="stable")
+    return _Quads(np.array(ratio)[order], np.array(rows)[order], np.array(dots)[order], np.array(amplified)[order])
+
+
+def _cross_ratios(a: Array, b: Array, c: Array, d: Array) -> Array:
+    return np.asarray(((c - a) * (d - b)) / ((c - b) * (d - a)))
+
+
+def match_rows(target: Target, lines: Lines, tolerance: float, span: int, nearest: float) -> list[RowMatches]:
+    """For each row of the target the lines that may be its image.
+
+    tolerance  of a dot's place along its line, in the units of the points
+    span       the furthest apart that four compared dots may stand in the order of their line and row
+    nearest    predicted dots are looked for no further away than this
+    """
+    quads = _target_quads(target, span)
+    line, members, which = _ratio_matches(lines, quads, tolerance, span)
+    return [
+        _row_matches(target, row, lines, quads, line[mine], members[mine], which[mine], tolerance, nearest)
+        for row in range(len(target.lines))
+        for mine in [quads.row[which] == row]
+    ]
+
+
+def _ratio_matches(lines: Lines, quads: _Quads, tolerance: float, span: int) -> tuple[Ints, Ints, Ints]:
+    """Lines, fours of members (their order numbers) and quads of the target with equal cross-ratios."""
+    ratio, margin, line, members = [], [], [], []
+    longest = lines.at.shape[1]
+    for b, c, d in itertools.combinations(range(1, min(span, longest - 1) + 1), 3):
+        steps = [lines.at[:, k : longest - d + k] for k in (0, b, c, d)]
+        valid = ~np.isnan(steps[3])
+        t = [step[valid] for step in steps]
+        ratio.append(_cross_ratios(*t))
+        relative = 1.0 / (t[2] - t[0]) + 1.0 / (t[3] - t[1]) + 1.0 / (t[2] - t[1]) + 1.0 / (t[3] - t[0])
+        margin.append(tolerance * relative * ratio[-1])
+        i, first = np.nonzero(valid)
+        line.append(i)
+        members.append(first[:, None] + np.array([0, b, c, d]))
+    if not ratio:
+        empty = np.zeros(0, dtype=np.int64)
+        return empty, np.zeros((0, 4), dtype=np.int64), empty
+    all_ratios, margins = np.concatenate(ratio), np.concatenate(margin)
+    low = np.searchsorted(quads.ratio, all_ratios - margins)
+    count = np.searchsorted(quads.ratio, all_ratios + margins, side="right") - low
+    found = np.repeat(np.arange(len(count)), count)
+    which = np.arange(len(found)) - np.repeat(np.cumsum(count) - count, count) + low[found]
+    return np.concatenate(line)[found], np.concatenate(members)[found], which
+
+
+def _row_matches(
+    target: Target,
+    row: int,
+    lines: Lines,
+    quads: _Quads,
+    line: Ints,
+    members: Ints,
+    which: Ints,
+    tolerance: float,
+    nearest: float,
+) -> RowMatches:
+    """The best match of each line and way along it."""
+    s = row_places(target, row)
+    places = s[quads.dots[which][:, _SAMPLE]]
+    maps = line_maps(places, np.take_along_axis(lines.at[line], members[:, _SAMPLE], axis=1))
+    predicted = on_line(maps, places[:, 0], np.broadcast_to(s, (len(line), len(s))))
+    gap = np.abs(predicted[:, :, None] - lines.at[line][:, None, :])
+    gap = np.where(np.isnan(gap), np.inf, gap)
+    closest = gap.argmin(axis=2)
+    off = np.take_along_axis(gap, closest[..., None], axis=2)[..., 0]
+    hit = off <= np.minimum(tolerance * (1.0 + quads.amplified[which][:, : len(s)]), nearest)
+    dots = np.where(hit, np.take_along_axis(lines.members[line], closest, axis=1), -1)
+    count = hit.sum(axis=1)
+    rising = quads.dots[which][:, 3] > quads.dots[which][:, 0]
+    order = np.lexsort([np.where(hit, off, 0.0).sum(axis=1), -count])
+    _, first = np.unique((2 * line + rising)[order], return_index=True)
+    best = order[np.sort(first)][:_KEPT]
+    return RowMatches(dots[best], count[best], maps[best], places[best, 0], line[best], lines)
