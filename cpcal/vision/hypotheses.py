@@ -93,7 +93,8 @@ def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis
     if len(np.unique(found)) < len(found):
         return None
     homography = fitted(target.dots[numbers], view.points[found])
-    for reach in (0.2 * view.spacing, max(0.1 * view.spacing, view.reach), view.reach):
+    reaches = (0.2 * view.spacing, view.reach)
+    for reach in reaches if view.camera is not None else (reaches[0], *reaches):
         grown = pairs(view, mapped(homography, target.dots), max(reach, view.reach))
         if len(grown[0]) < _BEYOND:
             return None

@@ -62,7 +62,7 @@ class PoseEstimate:
     chi_square, degrees, p_value   of the others
     scale       1, or chi_square / degrees when the p-value is below 0.001: then the residuals are larger than the dots'
                 covariances say (the camera or the target is not quite as stated)
-    rival       by how much, at least, the chi-square of the plane's second pose is larger, over `scale`; inf: there is none
+    rival       by how much at least the chi-square of the plane's second pose is larger, over `scale`; inf: none is
     """
 
     pose: Pose
@@ -111,7 +111,7 @@ def estimate_pose(
     scale = final.chi_square / degrees if p_value < POOR else 1.0
     second = _fit(plain, _turned_over(final.pose, dots), round_ones)
     rival = np.inf
-    if not _same(second.pose, final):
+    if not _same(second.pose, first):
         # the dot model differs from the plain one by no more than the first pose's residuals in both tell
         least = np.sqrt(second.chi_square) - np.sqrt(first.chi_square) - np.sqrt(final.chi_square)
         rival = (max(least, 0.0) ** 2 - final.chi_square) / scale
