@@ -1,13 +1,14 @@
-"""Rendered boards of black and white cells (ChArUco, AprilTag), with light and noise as `cpcal.vision.render` makes them.
+"""Rendered boards of black and white cells (ChArUco, AprilTag), with the light and noise of `cpcal.vision.render`.
 
-The reference plane is seen through the exact inverse: pixel, lens, homography of the pose, cell of the board. Each fine
-pixel straddles at most one border of cells each way; the share of it on either side is a ramp as wide as the fine pixel
-is across the border (its variance is the pixel's, and being odd it leaves the border where it is). Then, as for dots,
-the blur is a Gaussian on the fine pixels and an image's pixel is the mean of its fine ones.
+The plane of the board is seen through the exact inverse: pixel, lens, homography of the pose, cell of the board. A fine
+pixel straddles at most one border of cells each way; its share on either side is a ramp as wide as the fine pixel is
+across the border (as a blur it has the fine pixel's variance, and being even it leaves the border where it is). Then,
+as for dots, the blur is a Gaussian on the fine pixels and an image's pixel is the mean of its fine ones.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,7 +86,7 @@ def _extent(board: Board, camera: Camera, pose: Pose, margin: int) -> tuple[Any,
     rows, columns = board.cells.shape
     along = np.linspace(0.0, 1.0, 33)[:, None]
     corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows], [0, 0]], dtype=np.float64)
-    outline = np.concatenate([a + along * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)])
+    outline = np.concatenate([a + along * (b - a) for a, b in itertools.pairwise(corners)])
     seen = camera.project(transformed(pose, board.on_plate(outline)))
     low = np.floor(seen.min(axis=0)).astype(np.int64) - margin
     high = np.ceil(seen.max(axis=0)).astype(np.int64) + margin + 1
@@ -106,18 +107,21 @@ def _fine_share(board: Board, camera: Camera, pose: Pose, low: Any, high: Any) -
     upper, lower = flat[corner], flat[corner + stride]
     upper += (flat[corner + np.int32(1)] - upper) * across
     lower += (flat[corner + (stride + np.int32(1))] - lower) * across
-    return np.asarray(upper + (lower - upper) * below)
+    out: npt.NDArray[np.float32] = upper + (lower - upper) * below
+    return out
 
 
 def _coefficients() -> Array:
     """(nodes, nodes): from values at the nodes to the coefficients of the Chebyshev polynomial through them."""
-    return np.linalg.inv(chebyshev.chebvander(chebyshev.chebpts1(_NODES), _NODES - 1))
+    inverse: Array = np.linalg.inv(chebyshev.chebvander(chebyshev.chebpts1(_NODES), _NODES - 1)).astype(np.float64)
+    return inverse
 
 
 def _carried(count: int) -> Array:
     """(count, nodes): from values at the nodes to those at the middles of `count` equal parts of [-1, 1]."""
     middles = (2.0 * np.arange(count) + 1.0) / count - 1.0
-    return np.asarray(chebyshev.chebvander(middles, _NODES - 1) @ _coefficients())
+    carried: Array = chebyshev.chebvander(middles, _NODES - 1) @ _coefficients()
+    return carried
 
 
 def _sides(

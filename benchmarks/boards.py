@@ -1,18 +1,18 @@
-"""Our dots beside OpenCV's ChArUco and AprilTag boards: the same poses, plate, camera, light, blur and noise, in one run.
+"""Our dots beside OpenCV's ChArUco and AprilTag boards: the same poses, plate, camera, light, blur and noise.
 
     python -m benchmarks.boards [--images 100] [--seed 1] [--settings nominal,sharp,poor] [-o FILE]
 
 Each image's plate is 550 to 850 mm away, tilted by up to 30 degrees, turned at will and anywhere in view; every board
-spans 292 mm of it. Pixel errors are per axis and against the exact projection; they are those of the dots or corners
-that the method used. Pose errors are those of the middle of the plate (lateral: per axis across the camera's axis) and
-of the rotation vector, per axis, all in the camera's frame. No image and no corner is left out but those that a method
-does not find, which are counted; a pose off by more than 5 mm or a degree is counted as wrong and stays in the errors.
-Times are of the CPU, from the image to the pose, in one thread: medians, the methods taking turns.
+spans 292 mm of it. Pixel errors are per axis and against the exact projection, of all dots or corners that the method
+identified. Pose errors are those of the middle of the plate (lateral: per axis across the camera's axis) and of the
+rotation vector, per axis, all in the camera's frame. No image is left out: those without a pose are counted with their
+reasons, and a pose off by more than 5 mm or a degree is counted as wrong and stays in the errors. Times are of the CPU,
+from the image to the pose, in one thread: medians, the methods taking turns.
 
 The peers' pose minimises the reprojection error of the corners they found, with the exact camera (OpenCV's SQPNP and
-solvePnPRefineLM, all corners alike); ours is the program's own chain. Some methods of some versions of OpenCV count
-pixels from a corner of the first pixel instead of its centre: what an image without noise shows of that, to the nearest
-half pixel, is taken off their corners and stands in the table.
+solvePnPRefineLM, outliers screened); ours is the program's own chain, `cpcal.vision.measure.measure_pose`. Some methods
+of some versions of OpenCV count pixels from a corner of the first pixel instead of its centre: what an image without
+noise shows of that, to the nearest half pixel, is taken off their corners and told below the table.
 """
 
 from __future__ import annotations
@@ -56,7 +56,8 @@ _MARGIN = 10.0  # pixels between the plate and the image's border
 
 
 def methods() -> list[Method]:
-    return [Dots(DELTALAB_TARGET), Charuco(), AprilTags(), AprilTags(refinement="APRILTAG")]
+    peers = [Charuco(10, 10), Charuco(8, 12), AprilTags(refinement="SUBPIX"), AprilTags(refinement="APRILTAG")]
+    return [Dots(DELTALAB_TARGET), *peers]
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ class _Tally:
 
 
 def origin(method: Method, camera: Camera) -> Array:
-    """By how many pixels (2,), to the nearest half, the method's origin is off: see the module. (It warms it up, too.)"""
+    """By how many pixels (2,), to the nearest half, the method's origin is off. (This warms it up, too.)"""
     turn = quaternion_product(quaternion_from_rotation_vector([0.1, 0.1, 0.2]), _FACING)
     pose = Pose(np.array([0.0, 0.0, 600.0]), turn)
     found = method.measure(method.draw(camera, pose, Scene(noise=0.0), 0), camera, np.zeros(2))
@@ -182,18 +183,16 @@ def printed(rows: Sequence[Row]) -> Iterator[str]:
     """The table of one setting's rows; in brackets, how many times the first row's figure it is."""
     scene = SETTINGS[rows[0].setting]
     yield f"{rows[0].setting}: blur {scene.blur:g} px, noise {scene.noise:g} grey levels, {rows[0].images} images"
-    heads = ("pixels", "lateral mm", "depth mm", "degrees", "ms")
-    yield f"{'':24} {'board':26} {'failed':>6} {'wrong':>5} {'points':>11} {'worst px':>8}" + "".join(
-        f" {head:>15}" for head in heads
-    )
+    heads = "".join(f" {head:>15}" for head in ("pixels", "lateral mm", "depth mm", "degrees", "ms"))
+    yield f"{'':24} {'':23} {'failed':>6} {'wrong':>5} {'points':>11} {'worst px':>8}{heads}"
     ours = _figures(rows[0])
     for row in rows:
         points = f"{row.points:.1f}/{row.of}"
-        line = f"{row.method:24} {row.board:26} {row.failures:6} {row.wrong:5} {points:>11} {row.worst:8.3f}"
-        for value, mine, form in zip(_figures(row), ours, (".4f", ".4f", ".4f", ".5f", ".1f"), strict=True):
+        line = f"{row.method:24} {row.board:23} {row.failures:6} {row.wrong:5} {points:>11} {row.worst:8.3f}"
+        for value, mine, form in zip(_figures(row), ours, ("7.4f", "7.4f", "7.4f", "7.5f", "7.1f"), strict=True):
             ratio = "" if row is rows[0] else f"({value / mine:.1f})"
-            line += f" {value:{form}} {ratio:>7}"
-        yield line
+            line += f" {value:{form}}{ratio:>8}"
+        yield line.rstrip()
     yield from (f"  {row.method}: {count} x {why}" for row in rows for why, count in sorted(row.reasons.items()))
     yield from (f"  {row.method}: {row.shift} pixels taken off" for row in rows if any(row.shift))
 
