@@ -18,7 +18,7 @@ from cpcal.robot.robot import frozen_array
 from cpcal.vision.edge import OUTSIDE, Edges, fitted_edges
 from cpcal.vision.grey import Grey, eight_bits, grey_levels, noise_level
 from cpcal.vision.light import light_gradient
-from cpcal.vision.segmentation import Spots, spots
+from cpcal.vision.segmentation import Spots, spots, surveys
 
 Array = npt.NDArray[np.float64]
 
@@ -28,13 +28,15 @@ _TOLERATED = 0.01  # share of the grey levels' variance that is neither noise no
 _MOVED = 0.35  # of the radius, from the segmentation's centre, at most
 _RATIO = 2.0  # of a dot's radius to the usual one, or its inverse
 _CONTRAST = 0.25  # of the usual one, at least
+_SMALLEST = 1.5  # pixels of radius
 _SLIMMEST = 0.25  # ratio of axes
-_SHARPEST = 0.25  # pixels of blur: a pixel's own square makes 0.29
+_SHARPEST = 0.12  # pixels of blur: a pixel's own square makes 0.29
 _NOISE = 8.0  # contrast at least, in standard deviations of the noise
 _CLEAR = 6.0  # blurs between the edge of a dot and the border: the whole edge and as much of the plate beside it
-_STRANGE = 1.25  # residuals, relative to the usual ones, that ask for light of the dot's own
+_STRANGE = 1.5  # residuals, relative to the usual ones, that ask for light of the dot's own
 _BETTER = 0.95  # residuals with it relative to those without
 _ROOM = 0.6  # share of the gap to its neighbours that belongs to a dot
+_COMPARED = 100  # ordinary dots that are fitted both ways
 _LEAST_ROOM = 1.0  # pixels around a dot that do at least
 
 
@@ -76,15 +78,26 @@ def observe_dots(image: object, *, bright: bool | None = None) -> Dots:
     an image without dots has none.
     """
     grey = grey_levels(image)
-    found = spots(eight_bits(grey), bright)
+    eight = eight_bits(grey)
+    found = [_observed(grey, spots(eight, survey)) for survey in surveys(eight, bright)]
+    return max(found, key=lambda dots: float(dots.quality.sum()), default=_none(bool(bright)))
+
+
+def _observed(grey: Grey, found: Spots) -> Dots:
+    """The dots among spots."""
     if not len(found):
-        return Dots(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)), found.bright)
+        return _none(found.bright)
     edges = _fitted(grey, found)
-    quality = _quality(edges, noise_level(grey))
-    keep = np.flatnonzero(_dot_like(found, edges, quality, grey.shape))
+    noise = noise_level(grey)
+    quality = _quality(edges, noise)
+    keep = np.flatnonzero(_dot_like(found, edges, quality, noise, grey.shape))
     keep = keep[_alike(edges, keep)]
     covariance = edges.covariance[keep] + FLOOR**2 * np.eye(2)
     return Dots(edges.center[keep], covariance, quality[keep], edges.axes[keep], found.bright)
+
+
+def _none(bright: bool) -> Dots:
+    return Dots(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)), bright)
 
 
 def _fitted(grey: Grey, found: Spots) -> Edges:
@@ -93,22 +106,27 @@ def _fitted(grey: Grey, found: Spots) -> Edges:
     gap = _gap(found)
     room, light = np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE), light_gradient(grey, found, gap)
     edges = fitted_edges(grey, found.center, found.spread, room, light)
-    if np.isnan(light).any():
+    if np.isnan(light).any() or np.isnan(edges.noise).all():
         return edges
-    usual = np.nanmedian(edges.noise) if np.isfinite(edges.noise).any() else np.inf
-    strange = np.flatnonzero(~(edges.noise < _STRANGE * usual))
-    if not len(strange):
+    strange = ~(edges.noise < _STRANGE * np.nanmedian(edges.noise))
+    if not strange.any():
         return edges
-    own = fitted_edges(grey, found.center[strange], found.spread[strange], room[strange], np.full((len(strange), 2), np.nan))
-    better = ~(own.noise > _BETTER * edges.noise[strange])
-    return edges.replaced(strange[better], own.kept(better))
+    usual = np.flatnonzero(~strange)
+    again = np.concatenate([np.flatnonzero(strange), usual[:: max(1, len(usual) // _COMPARED)]])
+    own = fitted_edges(grey, found.center[again], found.spread[again], room[again], np.full((len(again), 2), np.nan))
+    # a lens's asymmetry passes for light, too, and moves a dot that has light of its own as far as it would any other
+    change = own.center - edges.center[again]
+    apart = np.isfinite(change).all(axis=1) & ~strange[again]
+    own.center[:] -= np.median(change[apart], axis=0) if apart.any() else 0.0
+    better = strange[again] & ~(own.noise > _BETTER * edges.noise[again])
+    return edges.replaced(again[better], own.kept(better))
 
 
 def _gap(found: Spots) -> Array:
     """How many pixels (n,) lie between a dot and its neighbours."""
     if len(found) < 2:
         return np.full(len(found), np.inf)
-    distance, other = cKDTree(found.center).query(found.center, min(6, len(found)))
+    distance, other = (np.asarray(a) for a in cKDTree(found.center).query(found.center, min(6, len(found))))
     long = 2.0 * np.sqrt(np.linalg.eigvalsh(found.spread)[:, 1])
     gap = (distance[:, 1:] - long[:, None] - long[other[:, 1:]]).min(axis=1)
     return np.asarray(gap)
@@ -122,7 +140,9 @@ def _quality(edges: Edges, noise: float) -> Array:
     return np.nan_to_num(1.0 / (1.0 + strange / _TOLERATED))
 
 
-def _dot_like(found: Spots, edges: Edges, quality: Array, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+def _dot_like(
+    found: Spots, edges: Edges, quality: Array, noise: float, shape: tuple[int, ...]
+) -> npt.NDArray[np.bool_]:
     """Which (n,) of the fits are dots for themselves."""
     axes, radius = edges.axes, found.radius
     sign = 1.0 if found.bright else -1.0
@@ -131,13 +151,13 @@ def _dot_like(found: Spots, edges: Edges, quality: Array, shape: tuple[int, ...]
         keep = quality >= _QUALITY
         keep &= np.linalg.norm(edges.center - found.center, axis=1) < _MOVED * radius
         keep &= axes[:, 1] > _SLIMMEST * axes[:, 0]
-        keep &= (edges.blur > _SHARPEST * 0.5) & (edges.blur < axes[:, 1])
-        keep &= sign * edges.contrast > _NOISE * edges.noise
+        keep &= (edges.blur > _SHARPEST) & (edges.blur < axes[:, 1])
+        keep &= sign * edges.contrast > _NOISE * np.maximum(edges.noise, noise)
         around = _CLEAR * edges.blur[:, None]
         keep &= (edges.center - extent > around).all(axis=1)
         keep &= (edges.center + extent + around < np.array(shape[1::-1]) - 1.0).all(axis=1)
         size = np.sqrt(axes.prod(axis=1))
-        keep &= (size > 0.5 * radius) & (size < 1.5 * radius)
+        keep &= (size > 0.5 * radius) & (size < 1.5 * radius) & (size > _SMALLEST)
     return np.asarray(keep)
 
 

@@ -15,20 +15,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.vision.edge_model import PARAMETERS, depths, grey_model
+from cpcal.vision.edge_model import PARAMETERS, depths, monomials, normal_equations
 from cpcal.vision.grey import Grey
 
 Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
 
-OUTSIDE = 3.5  # pixels beyond the edge that take part
-INSIDE = 4.5  # pixels inside the edge that take part, at least
+OUTSIDE = 3.0  # pixels beyond the edge that take part
+INSIDE = 3.5  # pixels inside the edge that take part, at least
 _ROUGH_STEPS = 4
 _FINE_STEPS = 3
 _ROUGH = 0.05  # pixels: the change of the centre that ends the rough steps
-_FINE = 0.06  # and the fine ones, of which each leaves less than a twentieth of its change
+_FINE = 0.08  # and the fine ones, of which each leaves less than a twentieth of its change
 _FEW = 150  # pixels, of which the rough steps take them all
-_SAMPLES = 40_000  # in one go, so that they stay in the processor's cache
+_SAMPLES = 80_000  # in one go, so that they stay near the processor
 _SIZES = 1.25  # the ratio of sizes in one go, at most
 _LIMIT = np.array([0.3, 0.3, 0.5, 0.5, 0.5, np.inf, np.inf, 0.7, 0.2, 0.2])  # of a step
 
@@ -106,40 +106,40 @@ def _parts(long: Array) -> list[npt.NDArray[np.int64]]:
 
 
 def _stencil(axes: Array) -> npt.NDArray[np.int64]:
-    """The pixels (k, 2) relative to the centre's that some of these ellipses need; every other one comes first."""
+    """The pixels (k, 2) relative to the centre's that some of these ellipses need; every third one comes first."""
     far, near = axes[:, 1].max() + OUTSIDE + 0.7, axes[:, 0].min() - INSIDE - 0.7
     ticks = np.arange(-int(far) - 1, int(far) + 2)
     x, y = (a.ravel() for a in np.meshgrid(ticks, ticks))
     distance = np.hypot(x, y)
     keep = np.flatnonzero((distance <= far) & (distance >= near))
-    keep = keep[np.argsort((x + y)[keep] % 2, kind="stable")]
+    keep = keep[np.argsort((x - y)[keep] % 3 > 0, kind="stable")]
     return np.stack([x[keep], y[keep]], axis=1)
 
 
 class _Fit:
-    """One go: n dots, k pixels each. Coordinates are in units of each dot's mean radius, from its first centre."""
+    """One go: n dots, k pixels each. Lengths are in units of the dots' mean radius, places from the pixel next to each
+    dot's first centre."""
 
     def __init__(
         self, grey: Grey, stencil: npt.NDArray[np.int64], center: Array, spread: Array, room: Array, light: Array
     ) -> None:
-        at = np.rint(center).astype(np.int64)
-        self.level, inside = _levels(grey, at, stencil)
-        self.radius = 2.0 * np.linalg.det(spread) ** 0.25
-        self.first = center
-        scale = (1.0 / self.radius)[:, None]
-        self.x: Single = ((stencil[:, 0] - (center - at)[:, :1]) * scale).astype(np.float32)
-        self.y: Single = ((stencil[:, 1] - (center - at)[:, 1:]) * scale).astype(np.float32)
-        conic = 0.25 * np.linalg.inv(spread) * (self.radius**2)[:, None, None]
+        self.at = np.rint(center).astype(np.int64)
+        self.level, inside = _levels(grey, self.at, stencil)
+        self.unit = float(np.mean(2.0 * np.linalg.det(spread) ** 0.25))
+        self.table = monomials(*(stencil / self.unit).T)
+        conic = 0.25 * self.unit**2 * np.linalg.inv(spread)
         self.p = np.zeros((len(center), PARAMETERS))
+        self.p[:, :2] = (center - self.at) / self.unit
         self.p[:, 2:5] = conic[:, [0, 0, 1], [0, 1, 1]]
         known = bool(np.isfinite(light).all())
         self.used = PARAMETERS - 2 if known else PARAMETERS
         if known:
-            self.p[:, 8:] = light * self.radius[:, None]
-        self.rough = stencil.shape[0] if stencil.shape[0] < _FEW else int(np.sum(stencil.sum(axis=1) % 2 == 0))
+            self.p[:, 8:] = light * self.unit
+        third = int(np.count_nonzero((stencil[:, 0] - stencil[:, 1]) % 3 == 0))
+        self.rough = third if len(stencil) >= _FEW else len(stencil)
         self.alive = np.ones(len(center), dtype=bool)
-        pixels = depths(self.p, self.x, self.y)
-        pixels *= _column(self.radius)
+        pixels = depths(self.p, self.table)
+        pixels *= np.float32(self.unit)
         own = (pixels > -_column(room)) & (pixels < np.float32(INSIDE))
         self.weight: Single = (own if inside is None else own & inside).astype(np.float32)
         self._start(pixels[:, : self.rough])
@@ -152,7 +152,7 @@ class _Fit:
         back = np.einsum("nk,nk->n", outer, level) / np.maximum(outer.sum(axis=1), 1.0)
         front = np.einsum("nk,nk->n", inner, level) / np.maximum(inner.sum(axis=1), 1.0)
         self.p[:, 5], self.p[:, 6] = back, front - back
-        self.p[:, 7] = -np.log(self.radius)  # one pixel
+        self.p[:, 7] = -np.log(self.unit)  # one pixel
         off = weight * (level - _column(back))
         count = np.maximum(weight.sum(axis=1), 1.0)
         self.variance = np.einsum("nk,nk->n", off, off) / count - (off.sum(axis=1) / count) ** 2
@@ -163,7 +163,7 @@ class _Fit:
             if not (moved > _ROUGH).any():
                 break
         for _ in range(_FINE_STEPS):
-            moved, normal, squares = self._step(self.x.shape[1])
+            moved, normal, squares = self._step(self.table.shape[1])
             if not (moved > _FINE).any():
                 break
         self.alive &= moved <= _FINE
@@ -172,18 +172,13 @@ class _Fit:
     def _step(self, count: int) -> tuple[Array, Array, Array]:
         """A Gauss-Newton step on the first `count` pixels: how far (n,) pixels the centres of those alive moved, the
         normal matrix, and the sum (n,) of squared residuals after the step, to first order."""
-        weight = self.weight[:, :count]
-        level, slopes = grey_model(self.p, self.x[:, :count], self.y[:, :count], self.used)
-        slopes *= weight[:, None, :]
-        residual = self.level[:, :count] - level
-        residual *= weight
-        normal = (slopes @ slopes.transpose(0, 2, 1)).astype(np.float64)
-        right = (slopes @ residual[:, :, None])[..., 0].astype(np.float64)
+        table, level, weight = self.table[:, :count], self.level[:, :count], self.weight[:, :count]
+        normal, right, squares = normal_equations(self.p, table, level, weight, self.used)
         step, fine = _solved(normal, right)
         self.alive &= fine
-        squares = np.einsum("nk,nk->n", residual, residual).astype(np.float64) - (right * step).sum(axis=1)
         self._take(step)
-        return np.where(self.alive, np.abs(step[:, :2]).max(axis=1) * self.radius, 0.0), normal, squares
+        moved = np.where(self.alive, np.abs(step[:, :2]).max(axis=1) * self.unit, 0.0)
+        return moved, normal, squares - (right * step).sum(axis=1)
 
     def _take(self, step: Array) -> None:
         limit = _LIMIT[: self.used]
@@ -200,12 +195,12 @@ class _Fit:
         self.alive &= count > 2 * PARAMETERS
         inverse, fine = _inverse(normal)
         self.alive &= fine
-        covariance = (variance * self.radius**2)[:, None, None] * inverse[:, :2, :2]
+        covariance = (variance * self.unit**2)[:, None, None] * inverse[:, :2, :2]
         parts = [
-            self.first + self.p[:, :2] * self.radius[:, None],
-            self.p[:, 2:5] / (self.radius**2)[:, None],
+            self.at + self.p[:, :2] * self.unit,
+            self.p[:, 2:5] / self.unit**2,
             self.p[:, 5:7],
-            (np.exp(self.p[:, 7]) * self.radius)[:, None],
+            (np.exp(self.p[:, 7]) * self.unit)[:, None],
             covariance[:, [0, 0, 1], [0, 1, 1]],
             np.sqrt(variance)[:, None],
             self.variance[:, None],

@@ -1,6 +1,10 @@
-"""The grey levels that a blurred ellipse under light makes of pixels, and their derivatives; n ellipses, k pixels each.
+"""The grey levels that a blurred ellipse under light makes of pixels, and the normal equations of its parameters.
 
-The columns of the parameters, lengths in units of a dot's own radius:
+n ellipses see the same k pixels, relative to a pixel of their own. So every derivative is one of a few arrays (n, k)
+times a polynomial of the pixels' coordinates, and the normal equations are products with the table of monomials: no
+array of derivatives is ever formed.
+
+The columns of the parameters, lengths in units of the stencil's:
 0, 1 centre; 2, 3, 4 the conic's xx, xy, yy; 5 grey level around; 6 contrast; 7 logarithm of the blur; 8, 9 the light's
 growth to the right and down.
 """
@@ -17,80 +21,159 @@ Single = npt.NDArray[np.float32]
 
 PARAMETERS = 10
 _TINY = np.float32(1e-12)
+_FLAT = np.float32(1e-4)  # the squared half gradient, next to the centre
+_DIM = np.float32(0.05)  # light, at least, relative to that at the centre
 _BELL = np.float32(1.0 / np.sqrt(2.0 * np.pi))
+_POWERS = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]  # the monomials of a quadratic form
+_HIGHER = [*_POWERS, (3, 0), (2, 1), (1, 2), (0, 3), (4, 0), (3, 1), (2, 2), (1, 3), (0, 4)]  # their products
+_PRODUCT = [[_HIGHER.index((a + c, b + d)) for c, d in _POWERS] for a, b in _POWERS]
 
 
-def depths(parameters: Array, x: Single, y: Single) -> Single:
-    """The signed distances (n, k) of pixels (n, k) inside the ellipses, to first order (exact for circles)."""
-    return _depths(parameters.astype(np.float32), x, y)[0]
+def monomials(x: Array, y: Array) -> Single:
+    """The table (15, k) of the monomials up to the fourth degree of pixels (k,)."""
+    xs, ys = ([np.ones_like(x)] for _ in "xy")
+    for _ in range(4):
+        xs.append(xs[-1] * x)
+        ys.append(ys[-1] * y)
+    return np.stack([xs[a] * ys[b] for a, b in _HIGHER]).astype(np.float32)
 
 
-def grey_model(parameters: Array, x: Single, y: Single, used: int) -> tuple[Single, Single]:
-    """The grey levels (n, k) and their derivatives (n, used, k) by the first `used` parameters."""
+def depths(parameters: Array, table: Single) -> Single:
+    """The signed distances (n, k) of pixels inside the ellipses, to first order (exact for circles)."""
+    return _depths(parameters, table)[0]
+
+
+def normal_equations(
+    parameters: Array, table: Single, level: Single, weight: Single, used: int
+) -> tuple[Array, Array, Array]:
+    """Of the first `used` parameters: the normal matrices (n, used, used), right sides (n, used) and the sums (n,) of
+    squared residuals, for grey levels (n, k) of weight 0 or 1."""
     p = parameters.astype(np.float32)
-    depth, x, y, u, v, slope = _depths(p, x, y)
-    back, contrast, light_x, light_y = p[:, 5:6], p[:, 6:7], p[:, 8:9], p[:, 9:10]
-    blur = np.exp(p[:, 7:8])
-    out = np.empty((len(p), used, depth.shape[1]), dtype=np.float32)
-    z = depth / blur
-    density = np.exp(np.float32(-0.5) * z * z)
+    depth, slope = _depths(parameters, table)
+    z = depth * np.exp(-p[:, 7:8])
+    density: Single = np.exp(np.float32(-0.5) * z * z)
     share = _normal_share(z, density)
-    light = light_x * x
-    light += light_y * y
-    light += np.float32(1.0)
+    light = _light(parameters) @ table[:3]
+    light *= weight
     density *= light
-    density *= _BELL * contrast / blur
-    np.multiply(-density, depth, out=out[:, 7])
-    density *= slope
-    np.multiply(density, u, out=out[:, 0])
-    np.multiply(density, v, out=out[:, 1])
-    density *= np.float32(-0.5)
-    x_bend = density * x
-    np.multiply(x_bend, x, out=out[:, 2])
-    np.multiply(x_bend, y, out=out[:, 3])
-    out[:, 3] *= np.float32(2.0)
-    density *= y
-    np.multiply(density, y, out=out[:, 4])
-    out[:, 5] = light
-    np.multiply(light, share, out=out[:, 6])
-    share *= contrast
-    share += back
-    if used > 8:
-        np.multiply(share, x, out=out[:, 8])
-        np.multiply(share, y, out=out[:, 9])
+    density *= _BELL * p[:, 6:7] * np.exp(-p[:, 7:8])
     share *= light
-    return share, out
+    model = p[:, 6:7] * share
+    model += p[:, 5:6] * light
+    residual = weight * level
+    residual -= model
+    depth *= density
+    np.negative(depth, out=depth)
+    density *= slope
+    density *= np.float32(-0.5)  # by the quadratic form
+    return _assembled(parameters, table, density, [light, share, depth], model, light, residual, used)
 
 
-def _depths(p: Single, x: Single, y: Single) -> tuple[Single, ...]:
-    """Distance inside, the coordinates from the centre, half the gradient (u, v) of the quadratic form, 1 / |(u, v)|."""
-    x, y = x - p[:, :1], y - p[:, 1:2]
-    u = p[:, 2:3] * x
-    u += p[:, 3:4] * y
-    v = p[:, 3:4] * x
-    v += p[:, 4:5] * y
-    root = x * u
-    root += y * v
+def _assembled(
+    parameters: Array,
+    table: Single,
+    by_form: Single,
+    others: list[Single],
+    model: Single,
+    light: Single,
+    residual: Single,
+    used: int,
+) -> tuple[Array, Array, Array]:
+    n, plain = len(parameters), len(others)
+    forms = _form_derivatives(parameters)
+    normal, right = np.zeros((n, used, used)), np.zeros((n, used))
+    low = table[:6].T
+    squared = (by_form * by_form) @ table.T
+    normal[:, :5, :5] = forms @ squared[:, _PRODUCT] @ forms.transpose(0, 2, 1)
+    right[:, :5] = (forms @ ((by_form * residual) @ low)[..., None])[..., 0]
+    for i, one in enumerate(others, start=5):
+        normal[:, i, :5] = (forms @ ((by_form * one) @ low)[..., None])[..., 0]
+        right[:, i] = _dot(one, residual)
+        for j in range(5, i + 1):
+            normal[:, i, j] = _dot(one, others[j - 5])
+    if used > 5 + plain:
+        even = np.divide(model, np.maximum(light, _DIM), dtype=np.float32)
+        _add_light(parameters, table, normal, right, forms, by_form, others, even, residual)
+    above = np.triu_indices(used, 1)
+    normal[:, above[0], above[1]] = normal[:, above[1], above[0]]
+    return normal, right, _dot(residual, residual)
+
+
+def _add_light(
+    parameters: Array,
+    table: Single,
+    normal: Array,
+    right: Array,
+    forms: Array,
+    by_form: Single,
+    others: list[Single],
+    plain: Single,
+    residual: Single,
+) -> None:
+    """The rows of the light's growth: derivatives are `plain`, grey levels under even light, times (p - centre)."""
+    shift = np.zeros((len(parameters), 2, 6))
+    shift[:, 0, 1] = shift[:, 1, 2] = 1.0
+    shift[:, :, 0] = -parameters[:, :2]
+    low = table[:6].T
+    product = ((plain * by_form) @ table.T)[:, _PRODUCT]
+    normal[:, 8:, :5] = shift @ product @ forms.transpose(0, 2, 1)
+    for i, one in enumerate(others, start=5):
+        normal[:, 8:, i] = (shift @ ((plain * one) @ low)[..., None])[..., 0]
+    normal[:, 8:, 8:] = shift @ ((plain * plain) @ table.T)[:, _PRODUCT] @ shift.transpose(0, 2, 1)
+    right[:, 8:] = (shift @ ((plain * residual) @ low)[..., None])[..., 0]
+
+
+def _dot(one: Single, other: Single) -> Array:
+    return np.asarray(np.einsum("nk,nk->n", one, other), dtype=np.float64)
+
+
+def _depths(p: Array, table: Single) -> tuple[Single, Single]:
+    """The distance inside and 1 / the quadratic form's half gradient."""
+    xx, xy, yy = p[:, 2], p[:, 3], p[:, 4]
+    root = _form(p, xx, xy, yy) @ table[:6]
+    slope = _form(p, xx * xx + xy * xy, xy * (xx + yy), xy * xy + yy * yy) @ table[:6]
     np.sqrt(np.maximum(root, _TINY, out=root), out=root)
-    slope = u * u
-    slope += v * v
-    slope += _TINY
-    np.sqrt(slope, out=slope)
+    np.sqrt(np.maximum(slope, _FLAT, out=slope), out=slope)
     np.reciprocal(slope, out=slope)
     depth = np.float32(1.0) - root
     depth *= root
     depth *= slope
-    return depth, x, y, u, v, slope
+    return depth, slope
+
+
+def _form(p: Array, xx: Array, xy: Array, yy: Array) -> Single:
+    """The coefficients (n, 6) of a quadratic form of the pixels' place relative to the centre."""
+    x, y = p[:, 0], p[:, 1]
+    u, v = xx * x + xy * y, xy * x + yy * y
+    return np.stack([u * x + v * y, -2.0 * u, -2.0 * v, xx, 2.0 * xy, yy], axis=1).astype(np.float32)
+
+
+def _light(p: Array) -> Single:
+    """The coefficients (n, 3) of the light relative to that at the centre."""
+    constant = 1.0 - (p[:, 8:] * p[:, :2]).sum(axis=1)
+    return np.stack([constant, p[:, 8], p[:, 9]], axis=1).astype(np.float32)
+
+
+def _form_derivatives(p: Array) -> Array:
+    """The derivatives (n, 5, 6) of the quadratic form's coefficients by the centre and the conic."""
+    x, y, xx, xy, yy = p[:, :5].T
+    out = np.zeros((len(p), 5, 6))
+    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = 2.0 * (xx * x + xy * y), -2.0 * xx, -2.0 * xy
+    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = 2.0 * (xy * x + yy * y), -2.0 * xy, -2.0 * yy
+    out[:, 2, 0], out[:, 2, 1], out[:, 2, 3] = x * x, -2.0 * x, 1.0
+    out[:, 3, 0], out[:, 3, 1], out[:, 3, 2], out[:, 3, 4] = 2.0 * x * y, -2.0 * y, -2.0 * x, 2.0
+    out[:, 4, 0], out[:, 4, 2], out[:, 4, 5] = y * y, -2.0 * y, 1.0
+    return out
 
 
 def _normal_share(z: Single, bell: Single) -> Single:
-    """The normal distribution's function at z, given exp(-z^2 / 2), to 8e-8 (Abramowitz and Stegun 26.2.17)."""
+    """The normal distribution's function at z, given exp(-z^2 / 2), to 1e-5 (Abramowitz and Stegun 26.2.16)."""
     t = np.abs(z)
-    t *= np.float32(0.2316419)
+    t *= np.float32(0.33267)
     t += np.float32(1.0)
     np.reciprocal(t, out=t)
-    series: Any = t * np.float32(1.330274429)
-    for coefficient in (-1.821255978, 1.781477937, -0.356563782, 0.319381530):
+    series: Any = t * np.float32(0.9372980)
+    for coefficient in (-0.1201676, 0.4361836):
         series += np.float32(coefficient)
         series *= t
     series *= bell

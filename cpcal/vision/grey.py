@@ -12,6 +12,7 @@ from cpcal.vision.opencv import opencv
 
 Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
+_MEDIAN = 0.6745 * float(np.sqrt(6.0))  # of the second difference of pixels with a noise of 1
 _ROUNDING = float(np.sqrt(1.0 / 12.0))
 MOST_PIXELS = 150_000_000
 _REMEDY = "give an array (height, width) or (height, width, 1, 3 or 4) of uint8 or uint16, as cv2.imread makes it"
@@ -59,7 +60,8 @@ def eight_bits(grey: Grey) -> npt.NDArray[np.uint8]:
     step = max(1, int(np.sqrt(grey.size / 50_000)))
     low, high = np.quantile(grey[::step, ::step], [0.0005, 0.9995])
     scale = 255.0 / max(float(high - low), 255.0)
-    out: npt.NDArray[np.uint8] = opencv().convertScaleAbs(np.maximum(grey, np.uint16(low)), alpha=scale, beta=-low * scale)
+    lifted = np.maximum(grey, np.uint16(low))
+    out: npt.NDArray[np.uint8] = opencv().convertScaleAbs(lifted, alpha=scale, beta=-float(low) * scale)
     return out
 
 
@@ -76,4 +78,4 @@ def noise_level(image: Grey) -> float:
     below = np.cumsum(counts) - counts
     at = int(np.searchsorted(below, 0.5 * second.size, side="right")) - 1
     median = max(at - 0.5 + (0.5 * second.size - below[at]) / counts[at], 0.0)
-    return max(float(median) / (0.6745 * np.sqrt(6.0)), _ROUNDING)  # the median of |N(0, 1)| is 0.6745
+    return max(float(median) / _MEDIAN, _ROUNDING)

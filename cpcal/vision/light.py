@@ -15,7 +15,7 @@ from cpcal.vision.segmentation import Spots
 Array = npt.NDArray[np.float64]
 
 _MOST_DEGREE = 4
-_EACH = 8  # dots for each coefficient
+_EACH = 6  # dots for each coefficient
 _BESIDE = 4.5  # pixels beyond the edge of a dark dot, at most
 _OUTLYING = 4.0  # robust standard deviations
 _TURNS = np.arange(16) * (np.pi / 8.0)
@@ -27,23 +27,27 @@ def light_gradient(grey: Grey, found: Spots, gap: Array) -> Array:
     """By which share the light grows per pixel to the right and down, at each dot: (n, 2); nan with too few dots.
     `gap` (n,) pixels lie between a dot and its neighbours.
 
-    A polynomial of the place is fitted to the logarithms of the levels, twice: the second time without outliers.
+    A polynomial of the place is fitted to the levels, twice: the second time without outliers.
     """
     degree = _MOST_DEGREE
     while degree > 0 and len(found) < _EACH * (degree + 1) * (degree + 2) // 2:
         degree -= 1
     if degree == 0:
         return np.full((len(found), 2), np.nan)
-    level = np.log(np.maximum(_levels(grey, found, gap), 1.0))
+    level = _levels(grey, found, gap)
     half = 0.5 * np.array(grey.shape[::-1])
     values, to_right, to_bottom = _terms(found.center / half - 1.0, degree)
     good = np.ones(len(level), dtype=bool)
-    coefficients = np.zeros(values.shape[1])
-    for _ in range(3):
-        coefficients = np.linalg.lstsq(values[good], level[good], rcond=1e-10)[0]
+    coefficients: Array = np.zeros(values.shape[1])
+    for _ in range(2):
+        some = values[good]
+        normal = some.T @ some
+        normal += 1e-9 * len(some) * np.eye(len(normal))  # in case dots lie on few lines
+        coefficients = np.asarray(np.linalg.solve(normal, some.T @ level[good]), dtype=np.float64)
         off = np.abs(level - values @ coefficients)
         good = off <= _OUTLYING * 1.4826 * np.median(off) + 1e-12
-    return np.stack([to_right @ coefficients, to_bottom @ coefficients], axis=1) / half
+    slope = np.stack([to_right @ coefficients, to_bottom @ coefficients], axis=1)
+    return np.asarray(slope / (np.maximum(values @ coefficients, 1.0)[:, None] * half))
 
 
 def _levels(grey: Grey, found: Spots, gap: Array) -> Array:

@@ -2,7 +2,8 @@
 
 Each dot is drawn from the exact image of its circle (256 points through pose, perspective and distortion): along lines
 through the fine pixels, finer than the image by `_FINE`, the share of each fine pixel between the two sides of the
-contour is taken exactly, the lines lying at Gauss-Legendre nodes; centres are right to 2e-4 pixels. The optics' blur is a Gaussian on fine pixels; an image's pixel is the mean of its fine ones.
+contour is taken exactly; the lines lie at Gauss-Legendre nodes between the contour's top and bottom. Centres are right
+to 2e-4 pixels. The optics' blur is a Gaussian on fine pixels; an image's pixel is the mean of its fine ones.
 """
 
 from __future__ import annotations

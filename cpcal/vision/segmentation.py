@@ -19,8 +19,9 @@ Array = npt.NDArray[np.float64]
 Grey8 = npt.NDArray[np.uint8]
 
 _WIDEST = 61  # neighbourhood in the half image, for dots of at most 45 pixels radius in the whole one
-_NARROW = 15  # another, for small dots close together, where the first tells none apart
-_ENOUGH = 10  # spots to do without the other
+_NARROW = 31  # in the whole image, for small dots close together, where the first tells none apart
+_ENOUGH, _SMALL = 10, 3.5  # spots, and pixels of their radius, to do without the other
+_LIKELY = 0.4  # number of spots of one kind, relative to the other's, that makes it likely, too
 _NEIGHBOURHOOD = 6.0  # radii of a dot
 _NOISE = 5.0  # standard deviations of noise that a spot must stand out by
 _CONTRAST = 0.2  # of the usual contrast that it must stand out by
@@ -28,7 +29,8 @@ _LEAST = 4.0  # grey levels of 256 that it must stand out by
 _SLIMMEST = 0.2  # ratio of the axes of a spot
 _ELLIPTIC = 0.85  # least ratio of a spot's area to that of the ellipse of the same second moments
 _ALIKE = 2.5  # ratio of a spot's size to the usual one, or its inverse
-_MOST_SPOTS = 1_000_000
+_SMALLEST = 8  # pixels, sides of an image with dots
+_MOST_SPOTS = 300_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,40 +54,78 @@ class Spots:
         return Spots(self.center[keep], self.spread[keep], self.bright)
 
 
-def spots(image: Grey8, bright: bool | None = None) -> Spots:
-    """The candidates for dots in an image, all brighter or all darker than around them; none when there is no image
-    of dots. `bright` is found out when it is not stated: whichever gives more spots of one size."""
+@dataclass(frozen=True)
+class Survey:
+    """What a first look tells of the dots, if they are bright, or dark: their number, radius (pixels), and the contrast
+    (grey levels) they must have."""
+
+    bright: bool
+    number: int
+    radius: float
+    contrast: float
+
+
+def surveys(image: Grey8, bright: bool | None = None) -> list[Survey]:
+    """First looks at an image's dots, the likelier first, of both kinds only where both are likely; none without dots.
+    `bright` states the kind."""
+    if min(image.shape) < _SMALLEST:
+        return []
     cv2 = opencv()
-    height, width = image.shape
-    if min(height, width) < 8:
-        return _none(bool(bright))
-    half = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    half = _halved(image)
     least = max(_NOISE * noise_level(half), _LEAST)
     kinds = (True, False) if bright is None else (bright,)
-    rough = _none(bool(bright))
-    for side in (_WIDEST, _NARROW):
-        rough = max([rough, *(_alike(_standing_out(half, side, least, kind)) for kind in kinds)], key=len)
-        if len(rough) >= _ENOUGH:
-            break
-    if not len(rough):
-        return rough
-    at = np.rint(rough.center).astype(np.int64)
     mean = cv2.blur(half, (_WIDEST, _WIDEST))
+    looks = [_doubled(_standing_out(half, mean, least, kind)) for kind in kinds]
+    most = max(looks, key=len)
+    if len(most) < _ENOUGH or np.median(most.radius) < _SMALL:
+        least = max(_NOISE * noise_level(image), _LEAST)
+        looks += [_standing_out(image, _mean(image, half, _NARROW), least, kind) for kind in kinds]
+    best = [max((found for found in looks if found.bright == kind), key=len) for kind in kinds]
+    best.sort(key=len, reverse=True)
+    return [_survey(image, half, mean, found) for found in best if len(found) > _LIKELY * len(best[0])]
+
+
+def _mean(image: Grey8, half: Grey8, side: float) -> Grey8:
+    """The mean over the square of a side around every pixel, by the image of half the size: smooth, so that it does."""
+    odd = 2 * int(np.ceil(0.25 * side)) + 1
+    cv2 = opencv()
+    mean: Grey8 = cv2.resize(cv2.blur(half, (odd, odd)), image.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return mean
+
+
+def _doubled(found: Spots) -> Spots:
+    """In an image of twice the size."""
+    return Spots(2.0 * found.center + 0.5, 4.0 * found.spread, found.bright)
+
+
+def _survey(image: Grey8, half: Grey8, mean: Grey8, found: Spots) -> Survey:
+    at = np.minimum((0.5 * found.center).astype(np.int64), np.array(half.shape[::-1]) - 1)
     contrast = np.abs(half[at[:, 1], at[:, 0]].astype(np.float64) - mean[at[:, 1], at[:, 0]])
     least = max(_NOISE * noise_level(image), _LEAST, _CONTRAST * float(np.median(contrast)))
-    side = 2 * int(np.ceil(_NEIGHBOURHOOD * float(np.median(rough.radius)))) + 1
-    return _alike(_standing_out(image, side, least, rough.bright))
+    return Survey(found.bright, len(found), float(np.median(found.radius)), least)
+
+
+def spots(image: Grey8, survey: Survey) -> Spots:
+    """The candidates for dots in an image, all brighter or all darker than around them, clear of its border."""
+    mean = _mean(image, _halved(image), _NEIGHBOURHOOD * survey.radius)
+    return _standing_out(image, mean, survey.contrast, survey.bright)
+
+
+def _halved(image: Grey8) -> Grey8:
+    cv2 = opencv()
+    half: Grey8 = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    return half
 
 
 def _none(bright: bool) -> Spots:
     return Spots(np.zeros((0, 2)), np.zeros((0, 2, 2)), bright)
 
 
-def _standing_out(image: Grey8, side: int, least: float, bright: bool) -> Spots:
-    """The elliptic regions at least `least` brighter (or darker) than the mean of the square of `side` around."""
+def _standing_out(image: Grey8, mean: Grey8, least: float, bright: bool) -> Spots:
+    """The elliptic regions of about one size that are at least `least` brighter (or darker) than the mean around."""
     cv2 = opencv()
-    kind, shift = (cv2.THRESH_BINARY, -least) if bright else (cv2.THRESH_BINARY_INV, least)
-    mask = cv2.adaptiveThreshold(image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, kind, side, shift)
+    excess = cv2.subtract(image, mean) if bright else cv2.subtract(mean, image)
+    mask = cv2.threshold(excess, least, 255.0, cv2.THRESH_BINARY)[1]
     if _too_many(mask):
         return _none(bright)
     outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
@@ -102,7 +142,7 @@ def _standing_out(image: Grey8, side: int, least: float, bright: bool) -> Spots:
     low, high = _boxes(outlines)
     clear = (low > 0).all(axis=1) & (high < [image.shape[1] - 1, image.shape[0] - 1]).all(axis=1)
     keep = (area > 0.0) & elliptic & clear & (slim > _SLIMMEST)
-    return Spots(center[keep], spread[keep], bright)
+    return _alike(Spots(center[keep], spread[keep], bright))
 
 
 def _too_many(mask: Grey8) -> bool:
@@ -141,7 +181,9 @@ def _moments(outlines: list[npt.NDArray[np.int32]]) -> tuple[Array, Array, Array
             cross * (y0 * y0 + y0 * y1 + y1 * y1),
         ]
     )
-    area, x, y, xx, xy, yy = np.add.reduceat(sums, first, axis=1) * np.array([1 / 2, 1 / 6, 1 / 6, 1 / 12, 1 / 24, 1 / 12])[:, None]
+    area, x, y, xx, xy, yy = (
+        np.add.reduceat(sums, first, axis=1) * np.array([1 / 2, 1 / 6, 1 / 6, 1 / 12, 1 / 24, 1 / 12])[:, None]
+    )
     weight = np.where(area == 0.0, 1.0, area)
     x, y = x / weight, y / weight
     xx, xy, yy = xx / weight - x * x, xy / weight - x * y, yy / weight - y * y
@@ -153,5 +195,6 @@ def _alike(found: Spots) -> Spots:
     """Those whose radius is within a ratio of the middle one."""
     if not len(found):
         return found
-    middle = float(np.median(found.radius))
-    return found.kept((found.radius < _ALIKE * middle) & (_ALIKE * found.radius > middle))
+    radius = found.radius
+    middle = float(np.median(radius))
+    return found.kept((radius < _ALIKE * middle) & (_ALIKE * radius > middle))

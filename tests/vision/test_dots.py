@@ -1,0 +1,140 @@
+"""Dots in rendered images: accuracy, honesty of the stated errors, and whatever else an image may look like."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from benchmarks.dots import Errors, errors, random_pose, true_centers
+from cpcal.robot.kinematics import Pose
+from cpcal.robot.rotation import quaternion_from_rotation_vector
+from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.dots import find_dots, observe_dots
+from cpcal.vision.render import Scene, render
+from cpcal.vision.target import DELTALAB_TARGET, Target
+
+TILTED = Pose(np.array([10.0, -5.0, 650.0]), quaternion_from_rotation_vector([np.pi - 0.4, 0.15, 0.1]))
+
+
+def plate(radius: float, pitch: float, bright: bool) -> Target:
+    """6 x 6 dots; at a distance of the focal length a millimetre is a pixel."""
+    ticks = (np.arange(6) - 2.5) * pitch
+    return Target("plate", np.array(list(itertools.product(ticks, ticks))), radius, (), bright)
+
+
+def collected(found: list[Errors]) -> tuple[np.ndarray, np.ndarray]:
+    assert sum(e.missing for e in found) == 0
+    assert sum(e.false for e in found) == 0
+    return np.concatenate([e.pixels for e in found]), np.concatenate([e.normalised for e in found])
+
+
+def rms(values: np.ndarray) -> np.ndarray:
+    return np.sqrt((values**2).mean(axis=0))
+
+
+def test_errors_are_a_hundredth_of_a_pixel_and_as_stated():
+    found = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        scene = Scene(rng.uniform(0.5, 1.2), rng.uniform(1.0, 4.0), gradient=tuple(rng.uniform(-0.4, 0.4, 2)))
+        found.append(errors(DELTALAB_TARGET, DELTALAB_CAMERA, random_pose(rng), scene, seed))
+    pixels, _ = collected(found)
+    assert (rms(pixels) < 0.01).all()
+    bound = float(np.sqrt((np.concatenate([e.bound for e in found]) ** 2).mean()))
+    assert (rms(pixels) < 1.08 * bound).all()  # the Cramer-Rao bound for a known edge
+    assert np.abs(pixels).max() < 0.05
+    assert np.abs(pixels.mean(axis=0)).max() < 0.001
+
+
+@pytest.mark.parametrize(("blur", "noise"), [(0.5, 1.0), (0.5, 4.0), (1.2, 1.0), (1.2, 4.0)])
+def test_stated_errors_are_calibrated_at_each_condition(blur, noise):
+    scene = Scene(blur, noise, gradient=(0.4, -0.4))
+    poses = [random_pose(np.random.default_rng(100 + seed)) for seed in range(4)]
+    found = [errors(DELTALAB_TARGET, DELTALAB_CAMERA, pose, scene, seed) for seed, pose in enumerate(poses)]
+    pixels, normalised = collected(found)
+    assert ((rms(normalised) > 0.85) & (rms(normalised) < 1.15)).all()
+    assert (rms(pixels) < 0.0125).all()  # the bound at the last one is 0.0104
+
+
+def test_without_noise_only_rounding_is_left():
+    """Of 16 bits, so that it shows the renderer's and the model's own errors; 8 bits leave 0.0006 pixels."""
+    for blur in (0.5, 1.2):
+        pixels, normalised = collected(
+            [errors(DELTALAB_TARGET, DELTALAB_CAMERA, TILTED, Scene(blur, 0.0, bits=16), bright=True)]
+        )
+        assert np.abs(pixels).max() < 0.001
+        assert (rms(normalised) < 1.15).all()
+
+
+@pytest.mark.parametrize("bright", [True, False])
+@pytest.mark.parametrize(("radius", "gap"), [(2.5, 5.0), (4.0, 5.0), (15.0, 15.0), (40.0, 30.0)])
+def test_dots_of_any_size_close_together(radius, gap, bright):
+    pose = Pose(np.array([3.0, 7.0, 903.2]), quaternion_from_rotation_vector([np.pi - 0.2, 0.1, 0.1]))
+    target = plate(radius, 2.0 * radius + gap, bright)
+    scenes = [Scene(blur, 2.0, gradient=(0.3, -0.2)) for blur in (0.5, 1.2)]
+    found = [errors(target, DELTALAB_CAMERA, pose, scene, seed) for seed, scene in enumerate(scenes)]
+    pixels, normalised = collected(found)
+    assert len(pixels) == 72
+    assert (rms(pixels) < 0.02 / np.sqrt(radius)).all()
+    assert ((rms(normalised) > 0.7) & (rms(normalised) < 1.3)).all()
+
+
+def test_every_kind_of_image_shows_the_same_dots():
+    image = render(DELTALAB_TARGET, DELTALAB_CAMERA, TILTED, Scene(gradient=(0.3, 0.2)))
+    expected = observe_dots(image, bright=True)
+    assert expected.bright
+    assert len(expected) == len(DELTALAB_TARGET.dots)
+    colours = np.repeat(image[..., None], 4, axis=2)
+    kinds = [image, image[..., None], colours[..., :3], colours, image.astype(np.uint16) * 257]
+    kinds += [image.astype(np.uint16), (image.astype(np.uint16) * 16).astype(">u2"), np.asfortranarray(image)]
+    for kind in kinds:
+        found = observe_dots(kind)
+        assert found.bright
+        assert np.abs(found.centers - expected.centers).max() < 1e-3
+        assert np.allclose(found.covariance, expected.covariance, rtol=0.05, atol=1e-7)
+        assert np.array_equal(find_dots(kind), found.centers)
+    dark = observe_dots(255 - image)
+    assert not dark.bright
+    assert len(dark) == len(expected)
+    assert len(observe_dots(image, bright=False)) == 0
+    shifted = observe_dots(image[7:, 11:])
+    assert np.abs(shifted.centers + [11.0, 7.0] - expected.centers).max() < 2e-3
+
+
+def test_results_are_in_order_and_frozen():
+    found = observe_dots(render(DELTALAB_TARGET, DELTALAB_CAMERA, TILTED, Scene()))
+    assert ((found.quality > 0.9) & (found.quality <= 1.0)).all()
+    assert (found.axes[:, 0] >= found.axes[:, 1]).all()
+    assert (np.linalg.eigvalsh(found.covariance) > 0.0).all()
+    assert np.array_equal(found.covariance, found.covariance.transpose(0, 2, 1))
+    with pytest.raises(ValueError, match="read-only"):
+        found.centers[0] = 0.0
+
+
+def test_dots_at_the_border_are_left_out():
+    pose = Pose(np.array([-228.0, 0.0, 600.0]), TILTED.quaternion)
+    found = observe_dots(render(DELTALAB_TARGET, DELTALAB_CAMERA, pose, Scene(noise=1.0)), bright=True)
+    true = true_centers(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
+    apart = np.linalg.norm(found.centers[:, None] - true, axis=-1).min(axis=1)
+    assert apart.max() < 0.02  # a cut dot's centre would be off by far more
+    low, high = true.min(axis=1), (true - [DELTALAB_CAMERA.width - 1, DELTALAB_CAMERA.height - 1]).max(axis=1)
+    cut = (low < 9.0) | (high > -9.0)
+    assert (cut & (low > -9.0) & (high < 9.0)).any()  # so that the question was asked
+    assert len(found) <= (~cut).sum()
+    assert len(found) >= ((low > 18.0) & (high < -18.0)).sum()
+
+
+def test_a_smudge_and_a_shadow_cost_little():
+    image = render(DELTALAB_TARGET, DELTALAB_CAMERA, TILTED, Scene(noise=1.0)).astype(np.float64)
+    true = true_centers(DELTALAB_TARGET, DELTALAB_CAMERA, TILTED)
+    y, x = np.mgrid[: image.shape[0], : image.shape[1]]
+    left, top = true[60]
+    image *= 1.0 - 0.4 * np.exp(-((x - left - 8.0) ** 2 + (y - top) ** 2) / 200.0)
+    image *= 1.0 / (1.0 + np.exp((x - true[:, 0].max() + 30.0) / 25.0)) + 0.2
+    found = observe_dots(np.clip(np.rint(image), 0, 255).astype(np.uint8))
+    apart = np.linalg.norm(found.centers[:, None] - true, axis=-1).min(axis=1)
+    assert len(found) == len(true)
+    assert apart.max() < 0.1
+    assert np.median(apart) < 0.005

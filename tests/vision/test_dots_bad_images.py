@@ -1,0 +1,123 @@
+"""Images without dots, of something else, and what is no image."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cpcal.errors import InputError
+from cpcal.robot.kinematics import Pose
+from cpcal.robot.rotation import quaternion_from_rotation_vector
+from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.dots import observe_dots
+from cpcal.vision.opencv import opencv
+from cpcal.vision.render import Scene, render
+from cpcal.vision.target import DELTALAB_TARGET
+
+SHAPE = (480, 640)
+
+
+@pytest.fixture(scope="module")
+def image():
+    pose = Pose(np.array([0.0, 0.0, 700.0]), quaternion_from_rotation_vector([np.pi, 0.2, 0.1]))
+    return render(DELTALAB_TARGET, DELTALAB_CAMERA, pose, Scene())
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        "image.png",
+        [[1, 2], [3, 4]],
+        np.zeros((0, 0), np.uint8),
+        np.zeros((0, 640), np.uint8),
+        np.zeros((5, 5, 0), np.uint8),
+        np.zeros(640, np.uint8),
+        np.zeros((5, 5, 2), np.uint8),
+        np.zeros((2, 5, 5, 3), np.uint8),
+        np.zeros(SHAPE),
+        np.zeros(SHAPE, np.int8),
+        np.zeros(SHAPE, bool),
+        np.zeros((5, 5), object),
+        np.broadcast_to(np.uint8(0), (20_000, 20_000)),
+        np.broadcast_to(np.uint8(0), (1, 40_000)),
+    ],
+    ids=lambda value: f"{type(value).__name__}{getattr(value, 'shape', '')}{getattr(value, 'dtype', '')}",
+)
+def test_what_is_no_image_is_refused(value):
+    with pytest.raises(InputError) as refused:
+        observe_dots(value)
+    assert "give an array" in refused.value.problems[0].remedy
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 100), (100, 1), (2, 2), (8, 8), (9, 8), (8, 31), (40, 40)])
+def test_tiny_images_have_no_dots(shape):
+    rng = np.random.default_rng(0)
+    for kind in (np.uint8, np.uint16):
+        for picture in (np.zeros(shape, kind), rng.integers(0, np.iinfo(kind).max, shape, dtype=kind)):
+            assert observe_dots(picture).centers.shape == (0, 2)
+
+
+@pytest.mark.parametrize("level", [0, 100, 255])
+def test_flat_images_have_no_dots(level):
+    for bright in (None, True, False):
+        assert len(observe_dots(np.full(SHAPE, level, np.uint8), bright=bright)) == 0
+        assert len(observe_dots(np.full(SHAPE, level * 257, np.uint16), bright=bright)) == 0
+
+
+def test_noise_has_no_dots():
+    rng = np.random.default_rng(1)
+    assert len(observe_dots(rng.integers(0, 256, SHAPE, dtype=np.uint8))) == 0
+    assert len(observe_dots(np.clip(rng.normal(120.0, 20.0, SHAPE), 0, 255).astype(np.uint8))) == 0
+    for share in (0.01, 0.5, 0.99):
+        assert len(observe_dots(np.where(rng.random(SHAPE) < share, 255, 0).astype(np.uint8))) == 0
+
+
+def test_checkerboards_stripes_squares_and_ramps_have_no_dots():
+    cv2 = opencv()
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    pictures = [x % 256, 255 * ((x // 12) % 2), np.tile(np.linspace(0, 255, SHAPE[1]), (SHAPE[0], 1))]
+    for side in (9, 20, 40):
+        pictures.append(255 * ((x // side + y // side) % 2))
+        pictures.append(np.where((x % (3 * side) < side) & (y % (3 * side) < side), 220, 20))
+    for picture in pictures:
+        plain = picture.astype(np.uint8)
+        turn = cv2.getRotationMatrix2D((320, 240), 30, 1.0)
+        for one in (plain, cv2.GaussianBlur(plain, (0, 0), 0.7), cv2.warpAffine(plain, turn, SHAPE[::-1])):
+            assert len(observe_dots(one)) <= 1
+
+
+def test_text_has_no_dots_but_its_full_stops():
+    cv2 = opencv()
+    picture = np.full(SHAPE, 240, np.uint8)
+    for line in range(15):
+        words = f"The quick brown fox o.o.o jumps {line} lazy dogs: 0O8o."
+        cv2.putText(picture, words, (10, 30 * line + 25), cv2.FONT_HERSHEY_SIMPLEX, 0.6, 20, 2, cv2.LINE_AA)
+    found = observe_dots(picture)
+    assert len(found) <= 5 * 15
+    assert (found.axes < 2.5).all()
+
+
+def test_saturated_and_dim_dots_are_found_and_hopelessly_blurred_ones_are_not(image):
+    number = len(DELTALAB_TARGET.dots)
+    assert len(observe_dots(np.minimum(image.astype(np.int64) * 2, 255).astype(np.uint8))) == number
+    assert len(observe_dots(image // 8)) == number
+    assert len(observe_dots(np.full_like(image, 255) * (image > 0))) <= 1
+    assert len(observe_dots(opencv().GaussianBlur(image, (0, 0), 25.0))) == 0
+
+
+@pytest.mark.parametrize("level", [0, 128])
+def test_of_a_truncated_image_the_rest_is_found(image, level):
+    cut = image.copy()
+    cut[400:] = level
+    whole, found = observe_dots(image), observe_dots(cut)
+    apart = np.linalg.norm(found.centers[:, None] - whole.centers, axis=-1).min(axis=1)
+    assert (apart < 0.05).all()  # no half dots
+    assert len(found) >= (whole.centers[:, 1] < 380.0).sum()
+    assert len(found) <= (whole.centers[:, 1] < 400.0).sum()
+
+
+def test_large_images_of_a_fine_texture_are_given_up():
+    tile = np.zeros((8, 8), np.uint8)
+    tile[2:5, 2:5] = 200
+    assert len(observe_dots(np.tile(tile, (600, 600)), bright=True)) == 0
