@@ -139,7 +139,7 @@ def degenerate_images(seed: int) -> dict[str, npt.NDArray[np.generic]]:
         "white": np.full(shape, 255, dtype=np.uint8),
         "saturated": np.where(plain > 25, 255, plain).astype(np.uint8),
         "noise": rng.integers(0, 256, shape).astype(np.uint8),
-        "blurred by 15 pixels": render(target, camera, pose, Scene(blur=15.0)),
+        "blurred by 15 pixels": opencv().GaussianBlur(plain, (0, 0), 15.0),
         "half out, to the right": render(target, camera, beside),
         "half out, below": render(target, camera, below),
         "mirrored": np.ascontiguousarray(plain[:, ::-1]),

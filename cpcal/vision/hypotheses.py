@@ -22,6 +22,7 @@ Bools = npt.NDArray[np.bool_]
 _PER_EFFORT = 30  # hypotheses followed
 _CROSSING = 0.3  # of the spacing: how far apart two rows may see their crossing point
 _NEAREST = 0.3  # of the spacing: no further from its predicted place is a dot looked for
+_NEARLY_ALL = 0.9  # of the dots: a homography that needs no more growing
 _BEYOND = 8  # dots that make a hypothesis and so do not speak for it
 
 
@@ -93,13 +94,14 @@ def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis
     if len(np.unique(found)) < len(found):
         return None
     homography = fitted(target.dots[numbers], view.points[found])
-    reaches = (0.2 * view.spacing, view.reach)
-    for reach in reaches if view.camera is not None else (reaches[0], *reaches):
+    for reach in (0.2 * view.spacing, 0.2 * view.spacing, view.reach):
         grown = pairs(view, mapped(homography, target.dots), max(reach, view.reach))
         if len(grown[0]) < _BEYOND:
             return None
         found, numbers = grown
         homography = fitted(target.dots[numbers], view.points[found])
+        if len(found) > _NEARLY_ALL * min(len(target.dots), len(view.points)):
+            break
     return judged(view, target, homography)
 
 

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 
 FEWEST = 20  # dots of the target
 LARGEST = 100_000_000  # pixels: larger images are refused before they are looked at
-_RESIDUAL = 0.25  # pixels: a larger rms says that camera, target or identification is wrong
+RESIDUAL = 0.1  # pixels: a larger rms says that camera, target or identification is wrong
 _STAGES = ("dots", "identification", "pose")
 
 
@@ -53,8 +53,14 @@ class Measured:
         return self.estimate.covariance
 
 
-def measure_pose(image: npt.NDArray[np.generic], target: Target, camera: Camera) -> Measured:
+def measure_pose(
+    image: npt.NDArray[np.generic], target: Target, camera: Camera, *, residual: float = RESIDUAL
+) -> Measured:
     """The pose that an image (height, width) or (height, width, 3), 8 or 16 bits, of the camera shows.
+
+    `residual` is the largest plausible root mean square of the dots' residuals, pixels. Well below it, errors of the
+    camera's calibration can still be larger than the dots' and are not in the stated covariance; `estimate.scale` shows
+    them.
 
     Raises NotMeasured with the reason for an image without a reliable pose, and InputError for what is no image.
     """
@@ -75,9 +81,9 @@ def measure_pose(image: npt.NDArray[np.generic], target: Target, camera: Camera)
     except NoPose as reason:
         raise NotMeasured(f"no pose: {reason}") from reason
     marks.append(perf_counter())
-    if estimate.rms > _RESIDUAL:
+    if estimate.rms > residual:
         raise NotMeasured(
-            f"the residuals are {estimate.rms:.2f} pixels (rms), more than {_RESIDUAL}: "
+            f"the residuals are {estimate.rms:.3f} pixels (rms), more than {residual:g}: "
             "the camera or the target is not as stated"
         )
     return Measured(dots, identification, estimate, dict(zip(_STAGES, np.diff(marks).tolist(), strict=True)))

@@ -8,6 +8,7 @@ fitted as well, and when it fits about as well the answer is a refusal.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -20,20 +21,18 @@ from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import (
     normalised,
     quaternion_from_matrix,
-    quaternion_from_rotation_vector,
     quaternion_product,
     rotation_vector,
 )
 from cpcal.robot.rotation import quaternion_conjugate as conjugate
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
-from cpcal.vision.homography import fitted
 from cpcal.vision.target import Target
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
-Model = Callable[[Pose], tuple[Array, Array]]  # residuals (m, 2) and the predictions' Jacobian (m, 2, 6)
+Model = Callable[[Pose, bool], tuple[Array, Array | None]]  # residuals (k,) and, on request, minus their slopes (k, 6)
 
 FEWEST = 6  # dots
 AMBIGUOUS = 30.0  # a second pose whose chi-square is no more than this above the first's is as credible (exp(15) to 1)
@@ -41,7 +40,9 @@ OUTLIER = 0.01  # expected number of good dots screened, per image
 OUTLIERS = 0.1  # share of the dots that may be screened
 POOR = 1e-3  # p-value below which the covariance is scaled by the residuals
 _MEDIAN = 2.0 * np.log(2.0)  # of a chi-square variable with two degrees of freedom
+_SLIM = 0.01  # breadth by length of all dots, below which they are as good as on a line
 _STEPS = 30
+_TINY = 1e-3  # rad, and of the distance: a step that leaves the derivatives as they are
 _SMALL = 1e-3  # standard deviations: a step that ends the fit
 
 
@@ -91,39 +92,29 @@ def estimate_pose(
     if not np.isfinite(rays).all():
         raise NoPose("the camera cannot see some of the dots where they are: its distortion has no inverse there")
     dots = target.dots[which]
-    information: Array = np.asarray(np.linalg.inv(spread), dtype=np.float64)
-
-    def on_pixels(used: Bools) -> Model:
-        def model(pose: Pose) -> tuple[Array, Array]:
-            predicted = predict(dots[used], target.radius, camera, pose)
-            return seen[used] - predicted.centers, predicted.by_pose
-
-        return model
-
-    everyone = np.ones(len(which), dtype=bool)
-    sharpness = 0.5 * float(np.median(np.trace(information, axis1=1, axis2=2)) * camera.focal.mean() ** 2)
-    round_ones = np.broadcast_to(sharpness * np.eye(2), information.shape)
-    plain = _pinhole(dots, rays)
-    first = _fit(plain, _start(dots, rays), round_ones)
-    used, final = _screened(on_pixels, first.pose, information, everyone)
+    _check_spread(dots)
+    factors: Array = np.asarray(np.linalg.cholesky(spread), dtype=np.float64)
+    plain, start = _plain(dots, rays, float(camera.focal.mean() / np.sqrt(np.median(spread[:, [0, 1], [0, 1]]))))
+    first = _fit(plain, start)
+    used, final, residuals = _screened(_Pixels(dots, seen, factors, target.radius, camera), first.pose)
     degrees = 2 * int(used.sum()) - 6
     p_value = float(chdtrc(degrees, final.chi_square))
     scale = final.chi_square / degrees if p_value < POOR else 1.0
-    second = _fit(plain, _turned_over(final.pose, dots), round_ones)
+    second = _fit(plain, _turned_over(final.pose, dots))
     rival = np.inf
     if not _same(second.pose, first):
-        # the dot model differs from the plain one by no more than the first pose's residuals in both tell
-        least = np.sqrt(second.chi_square) - np.sqrt(first.chi_square) - np.sqrt(final.chi_square)
+        # The plain model's residuals differ from the dot model's by no more than the first pose's in both tell, and by
+        # the dots' relative depths, surely less than a factor of 2.
+        least = 0.5 * np.sqrt(second.chi_square) - np.sqrt(first.chi_square) - np.sqrt(final.chi_square)
         rival = (max(least, 0.0) ** 2 - final.chi_square) / scale
         if rival < AMBIGUOUS:
-            second = _fit(on_pixels(used), second.pose, information[used])
+            second = _fit(_Pixels(dots[used], seen[used], factors[used], target.radius, camera), second.pose)
             rival = np.inf if _same(second.pose, final) else (second.chi_square - final.chi_square) / scale
     if rival < AMBIGUOUS:
         raise NoPose(f"ambiguous: two poses fit about equally well, chi-square {rival:.1f} apart")
-    residuals = seen - centers_of(dots, target.radius, camera, final.pose)
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
     return PoseEstimate(
-        final.pose,
+        Pose(final.pose.position, normalised(final.pose.quaternion)),
         np.asarray(scale * np.linalg.inv(final.normal), dtype=np.float64),
         residuals,
         ~used,
@@ -156,25 +147,89 @@ def _checked(
     return seen, spread, which
 
 
+def _check_spread(dots: Array) -> None:
+    spread = np.linalg.svd(dots - dots.mean(axis=0), compute_uv=False)
+    if spread[1] < _SLIM * spread[0]:
+        raise NoPose("the dots lie on a line or nearly so")
+
+
 @dataclass(frozen=True, eq=False)
 class _Fit:
     pose: Pose
     chi_square: float
     normal: Array  # (6, 6), the inverse of the covariance
-    residuals: Array
+    residuals: Array  # in standard deviations
 
 
-def _start(dots: Array, rays: Array) -> Pose:
-    """The pose whose plane has the homography of the dots' directions, its columns made orthonormal."""
-    homography = fitted(dots, rays)
-    homography = homography * (2.0 / np.linalg.norm(homography[:, :2], axis=0).sum())
-    matrix = np.column_stack([homography[:, :2], np.cross(homography[:, 0], homography[:, 1])])
-    left, values, right = np.linalg.svd(matrix)
-    if not (np.isfinite(values).all() and values[1] > 1e-6):
-        raise NoPose("the dots lie on a line or nearly so")
-    return Pose(
-        homography[:, 2], quaternion_from_matrix(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
-    )
+@dataclass(frozen=True, eq=False)
+class _Pixels:
+    """The dot model: residuals of m dots in standard deviations, (2 m,), and minus their derivatives (2 m, 6).
+
+    factors (m, 2, 2), lower triangular: their squares are the covariances
+    """
+
+    dots: Array
+    seen: Array
+    factors: Array
+    radius: float
+    camera: Camera
+
+    def __call__(self, pose: Pose, slope: bool) -> tuple[Array, Array | None]:
+        if not slope:
+            centers = centers_of(self.dots, self.radius, self.camera, pose)
+            return self._whitened((self.seen - centers)[..., None]).ravel(), None
+        predicted = predict(self.dots, self.radius, self.camera, pose)
+        residuals = self._whitened((self.seen - predicted.centers)[..., None])
+        return residuals.ravel(), self._whitened(predicted.by_pose).reshape(-1, 6)
+
+    def _whitened(self, pixels: Array) -> Array:
+        """The factors' inverses times (m, 2, k)."""
+        out = np.empty_like(pixels)
+        out[:, 0] = pixels[:, 0] / self.factors[:, 0, 0, None]
+        out[:, 1] = (pixels[:, 1] - self.factors[:, 1, 0, None] * out[:, 0]) / self.factors[:, 1, 1, None]
+        return out
+
+    def only(self, used: Bools) -> _Pixels:
+        return _Pixels(self.dots[used], self.seen[used], self.factors[used], self.radius, self.camera)
+
+
+def _plain(dots: Array, rays: Array, sharpness: float) -> tuple[Model, Pose]:
+    """The pinhole model of points, and the pose whose plane has the homography of the dots' directions.
+
+    A dot (x, y) seen in the direction (u, v, 1) says X - u Z = 0 and Y - v Z = 0, linear in the nine numbers
+    h = (r_1, r_2, t). The triangular factor (9, 9) of all these equations says as much as they do, so that a step of a
+    fit costs next to nothing. Divided by the mean depth the equations are errors of directions, to within the dots'
+    relative depths; `sharpness` is one by the standard deviation of a direction.
+    """
+    size = float(np.sqrt((dots * dots).mean()))
+    rows = np.zeros((len(dots), 2, 9))
+    for k, factor in enumerate((dots[:, 0] / size, dots[:, 1] / size, np.ones(len(dots)))):
+        rows[:, 0, 3 * k] = rows[:, 1, 3 * k + 1] = factor
+        rows[:, :, 3 * k + 2] = -rays * factor[:, None]
+    triangle = np.linalg.qr(rows.reshape(-1, 9), mode="r")
+    h = np.linalg.svd(triangle)[2][-1].reshape(3, 3) / [[size], [size], [1.0]]
+    h = h * (np.sign(h[2, 2]) * 2.0 / np.linalg.norm(h[:2], axis=1).sum())
+    left, _, right = np.linalg.svd(np.stack([h[0], h[1], np.cross(h[0], h[1])], axis=1))
+    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    start = Pose(h[2], quaternion_from_matrix(turn))
+    return _Equations(triangle * (np.repeat([size, size, 1.0], 3) * sharpness / h[2, 2])), start
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """Residuals of the pinhole model: matrix (9, 9) times h = (r_1, r_2, t), and minus their derivatives (9, 6)."""
+
+    matrix: Array
+
+    def __call__(self, pose: Pose, slope: bool) -> tuple[Array, Array | None]:
+        turn = pose.rotation
+        moved = np.zeros((9, 6))  # h by position and rotation vector
+        moved[6:, :3] = np.eye(3)
+        for k in range(2):
+            x, y, z = turn[:, k].tolist()
+            moved[3 * k : 3 * k + 3, 3:] = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))
+        h = np.concatenate([turn[:, 0], turn[:, 1], pose.position])
+        return self.matrix @ -h, self.matrix @ moved
 
 
 def _turned_over(pose: Pose, dots: Array) -> Pose:
@@ -186,88 +241,71 @@ def _turned_over(pose: Pose, dots: Array) -> Pose:
     return Pose(center - turn @ middle, quaternion_from_matrix(turn))
 
 
-def _pinhole(dots: Array, rays: Array) -> Model:
-    """Directions of points without a size."""
-
-    def model(pose: Pose) -> tuple[Array, Array]:
-        arm = dots @ pose.rotation[:, :2].T
-        x, y, z = (pose.position + arm).T
-        z = np.where(z > 0.0, z, np.nan)
-        u, v = x / z, y / z
-        slope = np.zeros((len(dots), 2, 6))
-        slope[:, 0, 0] = slope[:, 1, 1] = 1.0 / z
-        slope[:, 0, 2], slope[:, 1, 2] = -u / z, -v / z
-        x, y, z = arm.T
-        for slope_of in slope.transpose(1, 2, 0):  # the vector product of the arm and the derivatives by position
-            a, b, c = slope_of[:3]
-            slope_of[3:] = y * c - z * b, z * a - x * c, x * b - y * a
-        return rays - np.stack([u, v], axis=1), slope
-
-    return model
-
-
-def _fit(model: Model, pose: Pose, information: Array) -> _Fit:
-    """Levenberg-Marquardt; ends when a step is a small part of the standard deviations."""
+def _fit(model: Model, pose: Pose) -> _Fit:
+    """Levenberg-Marquardt; ends when a step is a small part of the standard deviations. After a step that is small
+    beside the distance the derivatives are kept."""
     damping = 0.0
-    current = _evaluated(model, pose, information)
-    if not np.isfinite(current[0]):
-        return _Fit(pose, np.inf, np.eye(6), current[3])
+    residuals, slope = model(pose, True)
+    if slope is None or not np.isfinite(residuals).all():
+        return _Fit(pose, np.inf, np.eye(6), residuals)
+    chi_square = float(residuals @ residuals)
     for _ in range(_STEPS):
-        chi_square, normal, gradient, residuals, slope = current
-        scaled = normal + damping * np.diag(np.diag(normal))
+        normal = slope.T @ slope
         try:
-            step: Array = np.asarray(np.linalg.solve(scaled, gradient), dtype=np.float64)
+            step: Array = np.asarray(np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ residuals))
         except np.linalg.LinAlgError:
             raise NoPose("the dots do not determine the pose") from None
         moved = _moved(pose, step)
         if step @ normal @ step < _SMALL**2 and damping < 1e-3:
-            return _Fit(moved, chi_square - float(step @ gradient), normal, residuals - slope @ step)
-        trial = _evaluated(model, moved, information)
-        if trial[0] <= chi_square:
-            pose, current, damping = moved, trial, 0.1 * damping
+            residuals = residuals - slope @ step
+            return _Fit(moved, float(residuals @ residuals), normal, residuals)
+        tiny = np.abs(step[:3]).max() < _TINY * abs(pose.position[2]) and np.abs(step[3:]).max() < _TINY
+        trial, trial_slope = model(moved, not tiny)
+        trial_square = float(trial @ trial)
+        if trial_square <= chi_square:
+            pose, residuals, chi_square, damping = moved, trial, trial_square, 0.1 * damping
+            slope = slope if trial_slope is None else trial_slope
         else:
             damping = max(10.0 * damping, 1e-4)
-    return _Fit(pose, current[0], current[1], current[3])
-
-
-def _evaluated(model: Model, pose: Pose, information: Array) -> tuple[float, Array, Array, Array, Array]:
-    """Chi-square (inf for nonsense), normal matrix (6, 6), minus half the gradient (6,), residuals, slopes."""
-    residuals, slope = model(pose)
-    weighted = np.swapaxes(slope, 1, 2) @ information  # (m, 6, 2)
-    chi_square = float(_squares(residuals, information).sum())
-    if not np.isfinite(chi_square):
-        return np.inf, np.eye(6), np.zeros(6), residuals, slope
-    flat = np.swapaxes(weighted, 1, 2).reshape(-1, 6)
-    return chi_square, flat.T @ slope.reshape(-1, 6), flat.T @ residuals.ravel(), residuals, slope
-
-
-def _squares(residuals: Array, information: Array) -> Array:
-    """The squares (m,) of residuals (m, 2) in standard deviations."""
-    return np.asarray(((information @ residuals[..., None])[..., 0] * residuals).sum(axis=1))
+    return _Fit(pose, chi_square, slope.T @ slope, residuals)
 
 
 def _moved(pose: Pose, step: Array) -> Pose:
-    turn = quaternion_from_rotation_vector(step[3:])
-    return Pose(pose.position + step[:3], normalised(quaternion_product(turn, pose.quaternion)))
+    """position + step[:3] and R(step[3:]) R; in plain floats, because this is done a dozen times an image."""
+    x, y, z = step[3:].tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
+    c, s = math.cos(0.5 * angle), 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
+    x, y, z = s * x, s * y, s * z
+    w0, x0, y0, z0 = pose.quaternion.tolist()
+    turned = np.array(
+        [
+            c * w0 - x * x0 - y * y0 - z * z0,
+            c * x0 + x * w0 + y * z0 - z * y0,
+            c * y0 + y * w0 + z * x0 - x * z0,
+            c * z0 + z * w0 + x * y0 - y * x0,
+        ]
+    )
+    return Pose(pose.position + step[:3], turned / math.sqrt(float(turned @ turned)))
 
 
-def _screened(on_pixels: Callable[[Bools], Model], pose: Pose, information: Array, used: Bools) -> tuple[Bools, _Fit]:
-    """The fit without dots that are too far off: beyond the level that a good dot exceeds in one image of a hundred,
-    where the residuals' own median is the measure when it is larger than the covariances say."""
+def _screened(model: _Pixels, pose: Pose) -> tuple[Bools, _Fit, Array]:
+    """The fit without dots that are too far off, and the residuals of all (m, 2), pixels.
+
+    Too far is beyond the level that one good dot exceeds in a hundred images; where the residuals are larger than the
+    covariances say, their own median is the measure.
+    """
+    used = np.ones(len(model.dots), dtype=bool)
     cut = 2.0 * np.log(len(used) / OUTLIER)
     while True:
-        fit = _fit(on_pixels(used), pose, information[used])
-        if used.all():
-            residuals = fit.residuals
-        else:
-            residuals, _ = on_pixels(np.ones(len(used), dtype=bool))(fit.pose)
-        square = _squares(residuals, information)
+        fit = _fit(model.only(used), pose)
+        residuals = (fit.residuals if used.all() else model(fit.pose, False)[0]).reshape(-1, 2)
+        square = (residuals * residuals).sum(axis=1)
         level = max(1.0, float(np.median(square)) / _MEDIAN)
         good = square <= cut * level
-        if (~good).sum() > OUTLIERS * len(good):
+        if not (np.isfinite(square).all() and (~good).sum() <= OUTLIERS * len(good)):
             raise NoPose(f"{(~good).sum()} of {len(good)} dots do not fit one pose")
-        if (good == used).all() or (used & ~good).sum() == 0:
-            return used, fit
+        if not (used & ~good).any():
+            return used, fit, (model.factors @ residuals[..., None])[..., 0]
         used, pose = used & good, fit.pose
 
 

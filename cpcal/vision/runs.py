@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -62,22 +63,23 @@ class RowMatches:
 
 def collinear(points: Array, tolerance: float, neighbours: int) -> Lines:
     """Lines through pairs of near neighbours with at least four of the points (n, 2) within `tolerance`."""
+    mean = points.mean(axis=0)
+    centred = (points - mean).astype(np.float32)  # to choose dots, seven digits are enough
     i, j = _near_pairs(points, neighbours)
-    middle, along = 0.5 * (points[i] + points[j]), points[j] - points[i]
+    middle, along = 0.5 * (centred[i] + centred[j]), centred[j] - centred[i]
     length = np.sqrt((along * along).sum(axis=1))
     keep = length > 0.0
     middle, along, length = middle[keep], along[keep] / length[keep, None], length[keep]
     # errors of the two dots grow with the distance from them
-    reach = np.abs(_along(points, middle, along)) * (2.0 / length[:, None])
-    inside = np.abs(_across(points, middle, along)) <= tolerance * np.maximum(1.0, 0.25 * reach)
-    inside = _distinct(inside[inside.sum(axis=1) >= 4])
-    if not len(inside):
-        return Lines(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)))
+    reach = np.abs(_along(centred, middle, along)) * (np.float32(0.5 * tolerance) / length[:, None])
+    across = np.abs(_across(centred, middle, along))
+    inside = across <= np.maximum(np.float32(tolerance), reach)
     origin, direction = _fitted_lines(points, inside)
+    if not len(origin):
+        return Lines(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)))
     inside = np.abs(_across(points, origin, direction)) <= tolerance
-    inside, first = _distinct_rows(inside)
-    enough = inside.sum(axis=1) >= 4
-    return _ordered(points, inside[enough], origin[first][enough], direction[first][enough])
+    first = _distinct_rows(inside)
+    return _ordered(points, inside[first], origin[first], direction[first])
 
 
 def _near_pairs(points: Array, neighbours: int) -> tuple[Ints, Ints]:
@@ -99,31 +101,37 @@ def _squared_distances(points: Array, others: Array) -> Array:
     return np.asarray(dx * dx + dy * dy)
 
 
-def _along(points: Array, origin: Array, direction: Array) -> Array:
-    return np.asarray(direction @ points.T - (direction * origin).sum(axis=1, keepdims=True))
+def _along(points: npt.NDArray[Any], origin: npt.NDArray[Any], direction: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    out = direction @ points.T
+    out -= (direction * origin).sum(axis=1, keepdims=True)
+    return np.asarray(out)
 
 
-def _across(points: Array, origin: Array, direction: Array) -> Array:
+def _across(points: npt.NDArray[Any], origin: npt.NDArray[Any], direction: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return _along(points, origin, np.stack([-direction[:, 1], direction[:, 0]], axis=1))
 
 
-def _distinct(inside: Bools) -> Bools:
-    return _distinct_rows(inside)[0]
+def _column_weights(count: int) -> Array:
+    """Random numbers whose sums tell sets of columns apart."""
+    return np.random.default_rng(0).uniform(1.0, 2.0, count)
 
 
-def _distinct_rows(inside: Bools) -> tuple[Bools, Ints]:
-    """Distinct rows and where each came first; rows are told apart by two random weights a column."""
-    weights = np.random.default_rng(0).standard_normal((inside.shape[1], 2)) @ np.array([1.0, np.sqrt(2.0)])
-    _, first = np.unique(np.round(inside @ weights, 9), return_index=True)
-    return inside[first], first
+def _distinct_rows(inside: Bools) -> Ints:
+    """Where each distinct row of at least four came first."""
+    signature = np.round(inside.astype(np.float64) @ _column_weights(inside.shape[1]), 9)
+    first = np.unique(signature, return_index=True)[1]
+    return np.asarray(first[inside[first].sum(axis=1) >= 4])
 
 
 def _fitted_lines(points: Array, inside: Bools) -> tuple[Array, Array]:
-    """Least-squares lines through the points of each row: origins and unit directions."""
+    """Least-squares lines through the points of each distinct row of at least four: origins and unit directions."""
     mean = points.mean(axis=0)
-    p = points - mean
-    moments = inside @ np.stack([np.ones(len(p)), p[:, 0], p[:, 1], p[:, 0] ** 2, p[:, 0] * p[:, 1], p[:, 1] ** 2], 1)
-    count, x, y, xx, xy, yy = moments.T
+    x, y = (points - mean).T
+    columns = np.stack([np.ones(len(x)), x, y, x * x, x * y, y * y, _column_weights(len(x))], axis=1)
+    moments = inside.astype(np.float64) @ columns
+    moments = moments[moments[:, 0] >= 4]
+    moments = moments[np.unique(np.round(moments[:, 6], 9), return_index=True)[1]]
+    count, x, y, xx, xy, yy, _ = moments.T
     x, y = x / count, y / count
     xx, xy, yy = xx / count - x * x, xy / count - x * y, yy / count - y * y
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from benchmarks.vision_scenes import facing_poses, one
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
@@ -15,16 +16,6 @@ from cpcal.vision.target import DELTALAB_TARGET
 
 Array = npt.NDArray[np.float64]
 DOTS, RADIUS = DELTALAB_TARGET.dots, DELTALAB_TARGET.radius
-
-
-def seen(rng: np.random.Generator, count: int) -> Pose:
-    """Targets that face the camera: 550 to 850 mm away, turned at will, tilted up to 30 degrees."""
-    spin = quaternion_from_rotation_vector(rng.uniform(-np.pi, np.pi, (count, 1)) * [0.0, 0.0, 1.0])
-    axis = rng.uniform(0.0, 2.0 * np.pi, count)
-    tilt = rng.uniform(0.0, np.radians(30.0), (count, 1)) * np.stack([np.cos(axis), np.sin(axis), 0.0 * axis], axis=1)
-    facing = quaternion_product(quaternion_from_rotation_vector(tilt), np.array([0.0, 1.0, 0.0, 0.0]))
-    position = rng.uniform([-60.0, -50.0, 550.0], [60.0, 50.0, 850.0], (count, 3))
-    return Pose(position, quaternion_product(spin, facing))
 
 
 def conic_centers(contour: Array) -> Array:
@@ -41,19 +32,18 @@ def conic_centers(contour: Array) -> Array:
 
 def test_the_centre_is_that_of_the_conic_through_the_contour() -> None:
     rng = np.random.default_rng(1)
-    poses = seen(rng, 12)
+    poses = facing_poses(rng, 12)
     predicted = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, poses)
     for k in range(12):
-        pose = Pose(poses.position[k], poses.quaternion[k])
-        wanted = conic_centers(contours(DELTALAB_TARGET, DELTALAB_CAMERA, pose))
+        wanted = conic_centers(contours(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k)))
         assert np.abs(predicted[k] - wanted).max() < 1e-5
 
 
 def test_without_distortion_it_is_exact() -> None:
     rng = np.random.default_rng(1)
     straight = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, np.zeros(5))
-    poses = seen(rng, 1)
-    pose = Pose(poses.position[0], poses.quaternion[0])
+    poses = facing_poses(rng, 1)
+    pose = one(poses, 0)
     wanted = conic_centers(contours(DELTALAB_TARGET, straight, pose))
     assert np.abs(predicted_centers(DELTALAB_TARGET, straight, pose) - wanted).max() < 1e-9
 
@@ -72,7 +62,7 @@ def test_the_derivatives_are_exact(distortion: Array) -> None:
     rng = np.random.default_rng(2)
     camera = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, distortion)
     numbers = np.concatenate([camera.focal, camera.center, camera.distortion])
-    poses = seen(rng, 3)
+    poses = facing_poses(rng, 3)
     found = predict(DOTS, RADIUS, camera, poses, by_camera=True, by_dots=True)
     assert np.array_equal(found.centers, centers_of(DOTS, RADIUS, camera, poses))
     assert found.by_camera is not None

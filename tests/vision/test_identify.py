@@ -1,0 +1,155 @@
+"""Dots are identified rightly or not at all."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from benchmarks.vision_accuracy import KINDS, spoiled
+from benchmarks.vision_scenes import facing_poses, found_dots, one
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.dot_model import predicted_centers
+from cpcal.vision.identify import ACCIDENTS, MARGIN, Identification, Unidentified, identify
+from cpcal.vision.symmetry import self_maps
+from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+SMALL = two_diagonals(
+    "small", (-70.0, -55.0, -20.0, 15.0, 50.0, 70.0), (-70.0, 5.0, 30.0, 55.0, 70.0), 110.0, 20.0, 4.0
+)
+
+
+def lists(target: Target, count: int, seed: int, kind: str = "none", noise: float = 0.02) -> list[tuple[Array, Ints]]:
+    rng = np.random.default_rng(seed)
+    poses = facing_poses(rng, count)
+    scale = np.abs(target.dots).max() / np.abs(DELTALAB_TARGET.dots).max()
+    poses.position[:, :] *= scale  # a small target is held nearer
+    return [
+        found_dots(rng, target, DELTALAB_CAMERA, one(poses, k), noise=noise, **spoiled(rng, kind)) for k in range(count)
+    ]
+
+
+def checked(centers: Array, labels: Ints, target: Target, camera: Camera | None = DELTALAB_CAMERA) -> Identification:
+    found = identify(centers, target, camera, size=(1024, 768))
+    assert np.array_equal(labels[found.found], found.numbers)
+    return found
+
+
+@pytest.mark.parametrize("target", [DELTALAB_TARGET, SMALL])
+def test_every_dot_of_a_good_image_is_identified(target: Target) -> None:
+    for centers, labels in lists(target, 15, seed=1):
+        found = checked(centers, labels, target)
+        assert len(found.found) == len(labels)
+        assert not len(found.false)
+        assert found.margin == MARGIN
+        assert found.accidents < ACCIDENTS
+
+
+def test_missing_and_false_dots_are_named() -> None:
+    for centers, labels in lists(DELTALAB_TARGET, 15, seed=2, kind="anywhere"):
+        found = checked(centers, labels, DELTALAB_TARGET)
+        assert np.array_equal(found.false, np.flatnonzero(labels < 0))
+        gone = np.setdiff1d(np.arange(len(DELTALAB_TARGET.dots)), labels)
+        assert np.isin(found.missing, gone).all()  # those out of the image are not called missing
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("target", [DELTALAB_TARGET, SMALL])
+def test_it_is_never_wrong(target: Target, kind: str) -> None:
+    right = 0
+    for centers, labels in lists(target, 20, seed=3, kind=kind):
+        try:
+            found = identify(centers, target, DELTALAB_CAMERA)
+        except Unidentified:
+            continue
+        assert np.array_equal(labels[found.found], found.numbers)
+        right += 1
+    if target is DELTALAB_TARGET:
+        assert right >= {"none": 20, "anywhere": 20, "false on the rows": 19}.get(kind, 5)
+
+
+def test_the_lens_may_be_unknown() -> None:
+    strong = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, np.array([-0.3, 0.12, 1e-3, -1e-3, 0.0]))
+    rng = np.random.default_rng(4)
+    for camera in (DELTALAB_CAMERA, strong):
+        poses = facing_poses(rng, 4)
+        for k in range(4):
+            centers, labels = found_dots(rng, DELTALAB_TARGET, camera, one(poses, k), false=3)
+            found = checked(centers, labels, DELTALAB_TARGET, None)
+            assert len(found.found) > 0.9 * (labels >= 0).sum()
+
+
+def reason(centers: Array, target: Target = DELTALAB_TARGET) -> str:
+    with pytest.raises(Unidentified) as refusal:
+        identify(centers, target, DELTALAB_CAMERA)
+    return str(refusal.value)
+
+
+def test_a_mirror_image_is_refused() -> None:
+    for centers, _ in lists(DELTALAB_TARGET, 5, seed=5, kind="anywhere"):
+        assert "mirror" in reason(np.array([2.0 * DELTALAB_CAMERA.center[0], 0.0]) + centers * [-1.0, 1.0])
+
+
+def test_a_target_that_turns_into_itself_is_ambiguous() -> None:
+    row = (-70.0, -55.0, -20.0, 20.0, 55.0, 70.0)
+    even = two_diagonals("even", row, row, 110.0, 20.0, 4.0)
+    for centers, _ in lists(even, 3, seed=6):
+        assert "ambiguous" in reason(centers, even)
+
+
+def test_too_few_dots_are_refused() -> None:
+    centers, _ = lists(DELTALAB_TARGET, 1, seed=7)[0]
+    assert reason(np.zeros((0, 2))) == "0 dots are too few: at least 12 are needed"
+    assert "11 dots are too few" in reason(centers[:11])
+    assert "too few" in reason(np.full((50, 2), np.nan))
+    assert reason(np.repeat(centers[:1], 40, axis=0)) == "most dots lie on one another"
+
+
+def test_too_many_dots_are_refused() -> None:
+    rng = np.random.default_rng(8)
+    assert reason(rng.uniform(0.0, 700.0, (5000, 2))) == "5000 dots are too many: the target has 133"
+
+
+def test_dots_of_something_else_are_refused() -> None:
+    rng = np.random.default_rng(9)
+    for _ in range(5):
+        reason(rng.uniform([0.0, 0.0], [1024.0, 768.0], (130, 2)))
+    rows = np.array([i for line in DELTALAB_TARGET.lines for i in line])
+    grid = Target("grid", np.delete(DELTALAB_TARGET.dots, rows, axis=0), DELTALAB_TARGET.radius, ())
+    full = np.stack(np.meshgrid(np.arange(12.0), np.arange(11.0)), axis=-1).reshape(-1, 2)
+    regular = Target("regular", 30.0 * (full - 5.5), 6.0, ())
+    poses = facing_poses(rng, 4)
+    for k in range(4):
+        for other in (grid, regular, SMALL):
+            reason(predicted_centers(other, DELTALAB_CAMERA, one(poses, k)))
+
+
+def test_the_rows_alone_are_enough() -> None:
+    """Without the grid there are 13 dots, and what two rows of 7 and 6 say is unambiguous."""
+    rows = [i for line in DELTALAB_TARGET.lines for i in line]
+    bare = Target("rows", DELTALAB_TARGET.dots[rows], 6.0, (tuple(range(7)), tuple(range(7, 13))))
+    whole = [(centers, labels) for centers, labels in lists(bare, 8, seed=10) if len(labels) == 13]
+    assert len(whole) >= 3
+    for centers, labels in whole:
+        assert len(checked(centers, labels, bare).found) == 13
+
+
+def test_dots_that_are_not_finite_are_false_ones() -> None:
+    centers, labels = lists(DELTALAB_TARGET, 1, seed=11)[0]
+    spoilt = np.concatenate([[[np.nan, 3.0]], centers, [[np.inf, np.inf]]])
+    found = identify(spoilt, DELTALAB_TARGET, DELTALAB_CAMERA)
+    assert np.array_equal(found.false, [0, len(spoilt) - 1])
+    assert np.array_equal(labels[found.found - 1], found.numbers)
+
+
+def test_self_maps_lay_dots_onto_dots() -> None:
+    maps = self_maps(DELTALAB_TARGET)
+    dots = DELTALAB_TARGET.dots
+    for k in range(len(maps.shift)):
+        moved = dots @ maps.matrix[k].T + maps.shift[k]
+        onto = maps.image[k] >= 0
+        assert np.abs(moved[onto] - dots[maps.image[k][onto]]).max() < 0.25 * DELTALAB_TARGET.radius
+    assert (maps.image >= 0).sum(axis=1).max() == 129  # the reflection in the first row: all but four of the second
+    assert (maps.image[~maps.mirrored] >= 0).sum(axis=1).max() == 124  # turns: all but nine of the rows' thirteen

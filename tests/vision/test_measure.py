@@ -1,0 +1,75 @@
+"""The whole chain for one image, and a reason for every image without a pose."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.vision_accuracy import degenerate_images, measured, pose_error
+from benchmarks.vision_scenes import facing_poses, one
+from cpcal.errors import InputError
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.measure import NotMeasured, measure_pose
+from cpcal.vision.render import render
+from cpcal.vision.target import DELTALAB_TARGET
+
+
+def test_poses_at_the_nominal_setting() -> None:
+    """At most 0.01 mm and 0.003 degrees rms per axis (issue 6), and the stated covariances hold."""
+    figures = measured(25, 7, nominal=True)
+    assert figures["measured"] == 25
+    assert max(figures["rms"][:3]) < 0.01
+    assert max(figures["rms"][3:]) < 0.003
+    assert abs(np.mean(figures["normalised"]) - 1.0) < 0.35  # standard deviation 0.12
+
+
+def test_missing_dots_are_named_and_do_no_harm() -> None:
+    pose = one(facing_poses(np.random.default_rng(1), 1, depth=(700.0, 700.0)), 0)
+    hidden = (2, 9, 50, 51, 52, 100)
+    found = measure_pose(
+        render(DELTALAB_TARGET, DELTALAB_CAMERA, pose, hidden=hidden), DELTALAB_TARGET, DELTALAB_CAMERA
+    )
+    assert np.isin(hidden, found.identification.missing).all()
+    assert not np.isin(hidden, found.identification.numbers).any()
+    error = pose_error(pose, found.estimate)
+    assert error @ np.linalg.solve(found.covariance, error) < 22.5  # 99.9 % of six degrees of freedom
+    assert set(found.seconds) == {"dots", "identification", "pose"}
+
+
+REASONS = {
+    "black": "too few",
+    "white": "too few",
+    "saturated": "",
+    "noise": "not identified",
+    "blurred by 15 pixels": "",
+    "half out, to the right": "not identified",
+    "half out, below": "not identified",
+    "mirrored": "mirror image",
+    "without its rows": "no two rows",
+    "chessboard": "not identified",
+    "a regular grid of dots": "not identified",
+    "1 x 1": "1 x 1 pixels",
+    "100 megapixels": "too large",
+}
+
+
+def test_there_is_a_reason_for_every_image_without_a_target() -> None:
+    images = degenerate_images(1)
+    assert set(images) == set(REASONS)
+    for name, image in images.items():
+        with pytest.raises(NotMeasured) as refusal:
+            measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
+        assert REASONS[name] in str(refusal.value), name
+
+
+def test_a_wrong_camera_shows_in_the_residuals() -> None:
+    pose = one(facing_poses(np.random.default_rng(2), 1, depth=(700.0, 700.0)), 0)
+    image = render(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
+    off = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, DELTALAB_CAMERA.distortion * 0.5)
+    with pytest.raises(NotMeasured, match="the camera or the target is not as stated"):
+        measure_pose(image, DELTALAB_TARGET, off)
+
+
+def test_what_is_no_image_is_bad_input() -> None:
+    with pytest.raises(InputError):
+        measure_pose(np.zeros(5, dtype=np.uint8), DELTALAB_TARGET, DELTALAB_CAMERA)

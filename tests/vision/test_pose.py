@@ -1,0 +1,135 @@
+"""Poses from dots: exact without noise, covariances that hold, outliers screened, ambiguity refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from benchmarks.vision_accuracy import pose_error
+from benchmarks.vision_scenes import FACING, facing_poses, one
+from cpcal.errors import InputError
+from cpcal.robot.kinematics import Pose
+from cpcal.robot.rotation import quaternion_from_rotation_vector, quaternion_product
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.dot_model import predicted_centers
+from cpcal.vision.pose import NoPose, PoseEstimate, estimate_pose
+from cpcal.vision.target import DELTALAB_TARGET, Target
+
+Array = npt.NDArray[np.float64]
+ALL = np.arange(len(DELTALAB_TARGET.dots))
+
+
+def estimated(centers: Array, sigma: float, numbers: Array = ALL, camera: Camera = DELTALAB_CAMERA) -> PoseEstimate:
+    return estimate_pose(centers, sigma**2 * np.tile(np.eye(2), (len(centers), 1, 1)), numbers, DELTALAB_TARGET, camera)
+
+
+def tilted(x: float, y: float, z: float, degrees: float) -> Pose:
+    lean = quaternion_from_rotation_vector(np.array([np.radians(degrees), 0.0, 0.0]))
+    return Pose(np.array([x, y, z]), quaternion_product(lean, FACING))
+
+
+@pytest.mark.parametrize(
+    "pose", [tilted(0.0, 0.0, 700.0, 0.0), tilted(0.0, 0.0, 700.0, 1e-7), tilted(9.0, 5.0, 600.0, 40.0)]
+)
+def test_without_noise_the_pose_is_exact(pose: Pose) -> None:
+    found = estimated(predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, pose), 0.01)
+    error = pose_error(pose, found)
+    assert np.abs(error[:3]).max() < 1e-5
+    assert np.abs(error[3:]).max() < 1e-8
+    assert found.rms < 1e-6
+    assert found.scale == 1.0
+    assert not found.outliers.any()
+
+
+def test_the_stated_covariance_holds() -> None:
+    """Dots of unequal, correlated errors: the normalised errors have unit variance, the p-values are uniform."""
+    rng = np.random.default_rng(1)
+    poses = facing_poses(rng, 250)
+    squares, p_values = [], []
+    for k in range(250):
+        factor = rng.uniform(0.003, 0.03, (133, 1, 1)) * np.array([[1.0, 0.0], [0.6, 0.8]])
+        centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k))
+        centers = centers + (factor @ rng.standard_normal((133, 2, 1)))[..., 0]
+        spread = factor @ np.swapaxes(factor, 1, 2)
+        found = estimate_pose(centers, spread, ALL, DELTALAB_TARGET, DELTALAB_CAMERA)
+        error = pose_error(one(poses, k), found)
+        squares.append(np.linalg.solve(np.linalg.cholesky(found.covariance), error) ** 2)
+        p_values.append(found.p_value)
+        assert found.residuals.shape == (133, 2)
+    assert np.abs(np.mean(squares) - 1.0) < 0.1  # standard deviation 0.037
+    assert np.abs(np.mean(squares, axis=0) - 1.0).max() < 0.3  # 0.089 each
+    assert np.abs(np.quantile(p_values, [0.25, 0.5, 0.75]) - [0.25, 0.5, 0.75]).max() < 0.1
+
+
+def test_a_few_outliers_are_screened_and_named() -> None:
+    rng = np.random.default_rng(2)
+    pose = tilted(20.0, -10.0, 700.0, 15.0)
+    true = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
+    centers = true + 0.01 * rng.standard_normal((133, 2))
+    wrong = np.array([3, 40, 41, 90, 132])
+    centers[wrong] += [[0.3, 0.0], [0.0, 0.2], [1.0, 1.0], [-5.0, 3.0], [0.15, -0.15]]
+    found = estimated(centers, 0.01)
+    assert np.array_equal(np.flatnonzero(found.outliers), wrong)
+    error = pose_error(pose, found)
+    assert error @ np.linalg.solve(found.covariance, error) < 22.5  # 99.9 % of six degrees of freedom
+    assert np.abs(found.residuals[wrong[3]] - [-5.0, 3.0]).max() < 0.1  # theirs are told too
+
+
+def test_many_outliers_are_no_pose() -> None:
+    rng = np.random.default_rng(3)
+    centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, tilted(0.0, 0.0, 700.0, 10.0))
+    centers[:40] += rng.uniform(-3.0, 3.0, (40, 2))
+    with pytest.raises(NoPose, match="of 133 dots do not fit one pose"):
+        estimated(centers + 0.01 * rng.standard_normal((133, 2)), 0.01)
+
+
+def test_residuals_larger_than_stated_widen_the_covariance() -> None:
+    rng = np.random.default_rng(4)
+    centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, tilted(0.0, 0.0, 700.0, 10.0))
+    found = estimated(centers + 0.05 * rng.standard_normal((133, 2)), 0.01)
+    assert found.p_value < 1e-3
+    assert 20.0 < found.scale < 30.0
+    honest = estimated(centers + 0.05 * rng.standard_normal((133, 2)), 0.05)
+    assert honest.scale == 1.0
+    assert np.allclose(found.covariance / found.scale * 25.0, honest.covariance, rtol=0.1, atol=0.0)
+
+
+def test_two_poses_that_fit_about_equally_well_are_refused() -> None:
+    """A small, distant target: its depths turned over look nearly the same. Nearer and sharper, only one fits."""
+    small = Target("small", DELTALAB_TARGET.dots / 5.0, 1.2, DELTALAB_TARGET.lines)
+    rng = np.random.default_rng(5)
+    far = tilted(30.0, 20.0, 4000.0, 25.0)
+    for _ in range(10):
+        with pytest.raises(NoPose, match="ambiguous: two poses fit about equally well"):
+            of_small(small, far, 0.1, rng)
+    near = tilted(30.0, 20.0, 2000.0, 25.0)
+    for _ in range(10):
+        found = of_small(small, near, 0.02, rng)
+        assert np.linalg.norm(pose_error(near, found)[3:]) < np.radians(1.0)
+        assert found.rival > 30.0
+
+
+def of_small(small: Target, pose: Pose, sigma: float, rng: np.random.Generator) -> PoseEstimate:
+    centers = predicted_centers(small, DELTALAB_CAMERA, pose) + sigma * rng.standard_normal((133, 2))
+    return estimate_pose(centers, sigma**2 * np.tile(np.eye(2), (133, 1, 1)), ALL, small, DELTALAB_CAMERA)
+
+
+def test_too_few_dots_and_dots_on_a_line_are_refused() -> None:
+    centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, tilted(0.0, 0.0, 700.0, 10.0))
+    with pytest.raises(NoPose, match="5 dots are too few"):
+        estimated(centers[:5], 0.01, ALL[:5])
+    with pytest.raises(NoPose, match="on a line"):
+        estimated(centers[:7], 0.01, ALL[:7])
+
+
+def test_arrays_that_do_not_belong_together_are_refused() -> None:
+    centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, tilted(0.0, 0.0, 700.0, 10.0))
+    with pytest.raises(InputError, match="differ in length"):
+        estimated(centers, 0.01, ALL[:-1])
+    with pytest.raises(InputError, match="different dots"):
+        estimated(centers, 0.01, np.where(ALL == 7, 8, ALL))
+    with pytest.raises(InputError, match="positive definite"):
+        estimated(centers, 0.0)
+    with pytest.raises(InputError, match="not finite"):
+        estimated(np.where(ALL[:, None] == 3, np.nan, centers), 0.01)
