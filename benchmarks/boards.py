@@ -34,6 +34,7 @@ import numpy.typing as npt
 from benchmarks.board_methods import AprilTags, Charuco, Dots, Failed, Method
 from benchmarks.isolation import ONE_THREAD
 from benchmarks.machine import machine
+from benchmarks.vision_scenes import FACING, facing_poses, one
 from cpcal.robot import Pose, quaternion_from_rotation_vector
 from cpcal.robot.motion import transformed
 from cpcal.robot.rotation import quaternion_conjugate, quaternion_product, rotation_vector
@@ -51,7 +52,6 @@ SETTINGS = {
     "sharp": Scene(blur=0.5, noise=1.0, gradient=(0.15, -0.1)),
     "poor": Scene(blur=1.2, noise=4.0, gradient=(0.15, -0.1)),
 }
-_FACING = np.array([0.0, 1.0, 0.0, 0.0])  # x right, y up on the target: half a turn about the camera's x
 _MARGIN = 10.0  # pixels between the plate and the image's border
 
 
@@ -86,18 +86,17 @@ def poses(camera: Camera, count: int, seed: int) -> list[Pose]:
     """Poses of the plate in the camera frame, all of it in view."""
     rng = np.random.default_rng(seed)
     corners = 0.5 * PLATE * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    size = np.array([camera.width, camera.height])
     found: list[Pose] = []
     while len(found) < count:
-        depth, spin, axis = rng.uniform([550.0, -np.pi, 0.0], [850.0, np.pi, 2.0 * np.pi])
-        tilt = np.radians(rng.uniform(0.0, 30.0))
-        ray = camera.normalised(rng.uniform([0.0, 0.0], [camera.width, camera.height]))
-        lean = quaternion_from_rotation_vector([tilt * np.cos(axis), tilt * np.sin(axis), 0.0])
-        turn = quaternion_product(quaternion_from_rotation_vector([0.0, 0.0, spin]), _FACING)
-        pose = Pose(depth * np.append(ray, 1.0), quaternion_product(lean, turn))
-        seen = camera.project(transformed(pose, corners))
-        if (seen > _MARGIN).all() and (seen < [camera.width - 1 - _MARGIN, camera.height - 1 - _MARGIN]).all():
-            found.append(pose)
-    return found
+        drawn = facing_poses(rng, 64)
+        rays = camera.normalised(rng.uniform([0.0, 0.0], size, (64, 2)))
+        depths = drawn.position[:, 2:]
+        drawn = Pose(np.concatenate([rays * depths, depths], axis=1), drawn.quaternion)
+        seen = camera.project(transformed(drawn, corners))
+        inside = ((seen > _MARGIN) & (seen < size - 1 - _MARGIN)).all(axis=(1, 2))
+        found += [one(drawn, int(k)) for k in np.flatnonzero(inside)]
+    return found[:count]
 
 
 def studied(name: str, images: int, seed: int, chosen: Sequence[Method] | None = None) -> list[Row]:
@@ -168,7 +167,7 @@ class _Tally:
 
 def origin(method: Method, camera: Camera) -> Array:
     """By how many pixels (2,), to the nearest half, the method's origin is off. (This warms it up, too.)"""
-    turn = quaternion_product(quaternion_from_rotation_vector([0.1, 0.1, 0.2]), _FACING)
+    turn = quaternion_product(quaternion_from_rotation_vector([0.1, 0.1, 0.2]), FACING)
     pose = Pose(np.array([0.0, 0.0, 600.0]), turn)
     found = method.measure(method.draw(camera, pose, Scene(noise=0.0), 0), camera, np.zeros(2))
     mean = (found.pixels - method.exact(camera, pose)[found.numbers]).mean(axis=0)
