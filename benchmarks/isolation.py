@@ -20,7 +20,7 @@ from benchmarks.records import FAILED, TIMEOUT, Run
 
 _SETUP = 300.0  # seconds at most, for imports and for making the problem
 _OVERRAN, _UNREADY = "overran its limit", "its set-up took too long"
-_ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "VECLIB_MAXIMUM")}
+ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "VECLIB_MAXIMUM")}
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def _started(job: Job, errors: IO[str]) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=errors,
         text=True,
-        env={**os.environ, **_ONE_THREAD, "PYTHONPATH": path},
+        env={**os.environ, **ONE_THREAD, "PYTHONPATH": path},
         start_new_session=True,
     )
     assert process.stdin is not None

@@ -62,12 +62,21 @@ def render(
     Dots behind the camera or out of sight are left out; those on the border are cut.
     """
     scene = scene or Scene()
-    share = _covered(target, camera, pose, scene.blur, hidden)
-    inside, outside = (scene.bright, scene.dark) if target.bright else (scene.dark, scene.bright)
+    return exposed(_covered(target, camera, pose, scene.blur, hidden), scene, bright=target.bright, seed=seed)
+
+
+def exposed(share: npt.NDArray[np.float32], scene: Scene, *, bright: bool = True, seed: int = 0) -> Image:
+    """The image of a surface, (height, width): light, noise and quantisation.
+
+    `share`, (height, width), is how much of each pixel's light comes from the drawing, which is brighter than its
+    ground when `bright`. The optics' blur is already in it.
+    """
+    inside, outside = (scene.bright, scene.dark) if bright else (scene.dark, scene.bright)
     grey = outside + (inside - outside) * share
     if any(scene.gradient):
-        x = np.linspace(-0.5, 0.5, camera.width, dtype=np.float32)
-        y = np.linspace(-0.5, 0.5, camera.height, dtype=np.float32)
+        height, width = grey.shape
+        x = np.linspace(-0.5, 0.5, width, dtype=np.float32)
+        y = np.linspace(-0.5, 0.5, height, dtype=np.float32)
         grey *= 1.0 + np.float32(scene.gradient[0]) * x + np.float32(scene.gradient[1]) * y[:, None]
     if scene.noise > 0.0:
         rng = np.random.default_rng(seed)
