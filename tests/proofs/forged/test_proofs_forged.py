@@ -64,7 +64,7 @@ WEIGHTS = ("bounds", 0, 3)
 
 # the header
 place("another format", "header", "format", value="cpcal-certificate/1")
-place("format is a list", "header", "format", value=["cpcal-certificate/2"])
+place("format is a list", "header", "format", value=["cpcal-certificate/3"])
 place("another digest", "header", "campaign", value=lambda t: t[:-1] + ("0" if t[-1] != "0" else "1"), kinds=LEG)
 place("digest in capitals", "header", "campaign", value=str.upper, kinds=LEG)
 place("digest is no text", "header", "campaign", value=0, kinds=LEG)

@@ -201,10 +201,10 @@ class Truth:
         problem = self.proof.problem
         if self.proof.folder is None:
             return all(obeys(c, x) for c in self.proof.lines[1 : self.proof.head])
-        return all(solves(problem.measurement(k), x) for k in range(problem.count))
+        return all(solves(problem.equation(k).measurement, x) for k in range(problem.count))
 
     def holds(self, lines: Any, found: Accepted, k: int, x: Vector) -> bool:
-        return obeys(lines[1 + k], x) if found.leg is None else solves(self.proof.problem.measurement(k), x)
+        return obeys(lines[1 + k], x) if found.leg is None else solves(self.proof.problem.equation(k).measurement, x)
 
     def false(self, lines: Any, found: Accepted) -> str | None:
         """What is false of an accepted certificate."""
@@ -212,7 +212,7 @@ class Truth:
         if found.leg is not None and found.leg != proof.lines[0]["leg"]:
             silent = claims.eps_hi is None and claims.eps_lo in (None, 0) and not claims.infeasible
             return None if silent else "another leg"
-        exact_readings = found.leg is None or not any(proof.problem.measurement(0).position_radius)
+        exact_readings = found.leg is None or not any(proof.problem.equation(0).measurement.position_radius)
         if claims.point is not None:
             for k in claims.point.holds:
                 if exact_readings and not self.holds(lines, found, k, claims.point.at):

@@ -236,7 +236,7 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
         assert statement.sha256 == files.sha256
         assert statement.problem.count == len(files) == 7
         for k in range(7):
-            ours = statement.problem.measurement(k)
+            ours = statement.problem.equation(k).measurement
             assert ours == files.measurement(k)
             assert any(ours.position_radius) == (factor > 0 or overrides) or overrides
     if overrides:
