@@ -240,6 +240,8 @@ def test_a_length_less_eps_that_is_negative(model: str) -> None:
     assert value(equation.row("lower", box), x) == 0
     wider = ExactBox((*x[:7], F(-1), *x[8:]), tuple(x))
     assert value(equation.row("lower", wider), x) == 89**2 - 99**2
+    uncertain = Equation(replace(equation.measurement, length_radius=F(5)), equation.model)
+    assert uncertain.slack(box) == F(179, 2)
 
 
 @pytest.mark.parametrize("model", ["gain", "linear"])
