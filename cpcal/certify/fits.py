@@ -52,7 +52,8 @@ def certify_fits(
 ) -> CertifiedFits:
     """Judge both fits of the record by `certify_point` at eps = 0, with certificates and `fits.json` in `folder`.
 
-    They are fits of the plain model. A leg of a fit satisfies a measurement when THERE EXISTS a reading in its set at which the leg equation holds.
+    They are fits of the plain model. A leg of a fit satisfies a measurement when THERE EXISTS a reading in its set at
+    which the leg equation holds.
     Raises InputError when the record is of another campaign, OSError when the folder cannot be written.
     """
     if record.campaign_sha256 != campaign.sha256:
