@@ -178,6 +178,16 @@ def test_the_papers_script_with_a_model(exact):
     assert leg.eps_lo <= 0.1194 <= leg.eps_hi * 1.01
 
 
+def test_the_papers_script_has_certificates_of_models(uncertain, tmp_path):
+    cpcal.save_campaign(uncertain, tmp_path)
+    asked = {"model": "lateral", "method": "timeout", "time_limit": 60.0, "gap": 0.5, "delta": 5.0}
+    leg = cpcal.certify(cpcal.load_campaign(tmp_path), legs=[2], certificates=tmp_path, **asked).legs[0]
+    found = check(tmp_path / leg.certificate, tmp_path)
+    assert found.model == "lateral"
+    assert (float(found.claims.eps_lo), found.claims.point.at[-1]) == (leg.eps_lo, leg.eps_hi)
+    assert 0 < leg.eps_lo < leg.eps_hi
+
+
 def test_an_eps_that_is_asked_about(exact, tmp_path):
     cpcal.save_campaign(exact, tmp_path)
     for model, verdict in (("plain", Verdict.REFUTED), ("gain", Verdict.PROVED)):
