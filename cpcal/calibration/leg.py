@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.models import PLAIN, LegModel, Measured
+from cpcal.calibration.models import PLAIN, LegModel, Measured, built_in
 from cpcal.interval import Arithmetic, Box, IntervalArray
 from cpcal.network import ConstraintNetwork, Expr
 from cpcal.network.expression import as_expr, sqr
@@ -75,7 +75,7 @@ def leg_equation(
 ) -> LegEquation:
     """The equation of a leg, without a tolerance yet.
 
-    Exact readings in a model other than the plain one: all is multiplied by `scale` = |q|^2, so that a certificate can
+    Exact readings in a model of one's own: all is multiplied by `scale` = |q|^2, so that a certificate can
     state it in dyadic numbers. `stated`: rotations and scale are then rational expressions of the quaternions, exactly;
     otherwise enclosures, which is the same constraint in less time.
     """
@@ -87,7 +87,7 @@ def leg_equation(
     position = net.reading(campaign.position, campaign.position_radius)
     length = net.reading(campaign.length[:, k], campaign.length_radius[:, k])
     scale: Expr | None = None
-    scaled = model.name != PLAIN.name and exactly_read(campaign, leg)
+    scaled = not built_in(model) and exactly_read(campaign, leg)
     if scaled and stated:
         matrix, scale = _rational_rotation(campaign.quaternion)
     else:

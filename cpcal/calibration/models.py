@@ -157,7 +157,16 @@ LATERAL = LegModel(
     square=_lateral,
 )
 
-_MODELS: dict[str, LegModel] = {model.name: model for model in (PLAIN, GAIN, LINEAR, LATERAL)}
+_BUILT_IN = (PLAIN, GAIN, LINEAR, LATERAL)
+_MODELS: dict[str, LegModel] = {model.name: model for model in _BUILT_IN}
+
+
+def built_in(model: LegModel) -> bool:
+    """Whether it comes with cpcal, with any half-widths: the checker of certificates knows those by their names."""
+    return any(
+        (model.name, model.parameters, model.term, model.square) == (m.name, m.parameters, m.term, m.square)
+        for m in _BUILT_IN
+    )
 
 
 def register_model(model: LegModel) -> LegModel:
@@ -168,7 +177,7 @@ def register_model(model: LegModel) -> LegModel:
     """
     problems: list[Problem] = []
     names = [p.name for p in model.extra]
-    if not model.name.isidentifier() or model.name in (m.name for m in (PLAIN, GAIN, LINEAR, LATERAL)):
+    if not model.name.isidentifier() or model.name in (m.name for m in _BUILT_IN):
         problems.append(
             Problem("model", f"{model.name!r} is no identifier, or a model of cpcal", "choose another name")
         )

@@ -8,12 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.leg import exactly_read, leg_network
-from cpcal.calibration.models import PLAIN, LegModel
+from cpcal.calibration.models import PLAIN, LegModel, built_in
 from cpcal.interval import Box, get_arithmetic
 from cpcal.network.restrict import restricted
 from cpcal.proof.exact_network import NotStated, network_statement
 from cpcal.proof.leg import Leg
 from cpcal.proof.measurement import Measurement
+from cpcal.proof.models import Model
 from cpcal.proof.statement import LegStatement, Statement
 from cpcal.robot import Campaign
 
@@ -36,21 +37,26 @@ class LegReadings:
         return Measurement(position, quaternion, length, moved, turned, radius)
 
 
-def leg_statement(campaign: Campaign, leg: int, only: tuple[int, ...] | None = None) -> LegStatement:
-    """Leg `leg` (from 1) with all measurements, or with `only` those (numbers from 0, ascending)."""
-    return LegStatement(Leg(LegReadings(campaign, leg), only), campaign.sha256, leg, only)
+def leg_statement(
+    campaign: Campaign, leg: int, only: tuple[int, ...] | None = None, model: str = PLAIN.name
+) -> LegStatement:
+    """Leg `leg` (from 1) with all measurements, or with `only` those (numbers from 0, ascending).
+
+    `model` is the name of one that comes with cpcal: those the checker knows.
+    """
+    return LegStatement(Leg(LegReadings(campaign, leg), Model(model), only), campaign.sha256, leg, only)
 
 
 def model_statement(
     campaign: Campaign, leg: int, model: LegModel, domain: Box, only: tuple[int, ...] | None = None
 ) -> Statement | None:
-    """What a certificate of a leg model says: of the plain one the leg, of another one the constraints themselves.
+    """What a certificate says: for a model that comes with cpcal the leg, for others the constraints themselves.
 
-    `domain` holds the parameters and, last, eps. None where the constraints have no exact polynomial form, as with
-    uncertain readings.
+    `domain` holds the parameters and, last, eps. None where constraints have no exact polynomial form, as those of a
+    model of one's own with uncertain readings.
     """
-    if model.name == PLAIN.name:
-        return leg_statement(campaign, leg, only)
+    if built_in(model):
+        return leg_statement(campaign, leg, only, model.name)
     if not exactly_read(campaign, leg):
         return None
     box, eps = Box(model.parameters, domain.lo[:-1], domain.hi[:-1]), (float(domain.lo[-1]), float(domain.hi[-1]))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cpcal.calibration.models import PLAIN
 from cpcal.calibration.record import CalibrationRecord
 from cpcal.certify.point import certify_point
 from cpcal.errors import InputError, Problem
@@ -51,7 +52,8 @@ def certify_fits(
 ) -> CertifiedFits:
     """Judge both fits of the record by `certify_point` at eps = 0, with certificates and `fits.json` in `folder`.
 
-    A leg of a fit satisfies a measurement when THERE EXISTS a reading in its set at which the leg equation holds.
+    They are fits of the plain model. A leg of a fit satisfies a measurement when THERE EXISTS a reading in its set at
+    which the leg equation holds.
     Raises InputError when the record is of another campaign, OSError when the folder cannot be written.
     """
     if record.campaign_sha256 != campaign.sha256:
@@ -62,7 +64,7 @@ def certify_fits(
         out = []
         for leg in legs or range(1, campaign.legs + 1):
             file = f"{name}.leg{leg}.cert.jsonl"
-            found = certify_point(campaign, leg, values[leg - 1], certificate=Path(folder) / file)
+            found = certify_point(campaign, leg, values[leg - 1], certificate=Path(folder) / file, model=PLAIN.name)
             out.append(JudgedFit(leg, found.judged, file))
         return tuple(out)
 

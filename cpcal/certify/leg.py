@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpcal.calibration import PLAIN, exactly_read, solves_exactly
+from cpcal.calibration import PLAIN, built_in, exactly_read, solves_exactly
 from cpcal.certify.bracket import Answered, by_bound, prove_support
 from cpcal.certify.point import judged_rows
 from cpcal.certify.question import Floats, Question
@@ -87,12 +87,12 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
 
 def _unchecked(question: Question, leg: int, answer: Answered) -> str:
     """Said where a certificate was asked for, and the model has none with such readings."""
-    plain = question.model.name == PLAIN.name
-    if plain or question.certificates is None or answer.certificate is not None:
+    if question.certificates is None or answer.certificate is not None or built_in(question.model):
         return ""
     if exactly_read(question.campaign, leg):
         return " No certificate was written: unchecked."
-    return f" Unchecked: with uncertain readings the model {question.model.name!r} has no certificate yet."
+    name = question.model.name
+    return f" Unchecked: with uncertain readings {name!r}, a model of one's own, has no certificate."
 
 
 def _sentence(question: Question, leg: int, found: Minimum) -> str:

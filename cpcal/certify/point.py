@@ -9,9 +9,10 @@ from fractions import Fraction as F
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration import PLAIN, LegModel, leg_box, leg_network, leg_statement
+from cpcal.calibration import PLAIN, LegModel, built_in, leg_box, leg_network, leg_statement
+from cpcal.certify.model import chosen_model
 from cpcal.errors import InputError, Problem
-from cpcal.interval import Arithmetic, get_arithmetic
+from cpcal.interval import Arithmetic, Box, get_arithmetic
 from cpcal.judged import Judged
 from cpcal.optimize import judge
 from cpcal.prove import Recording, claims_judged
@@ -37,23 +38,32 @@ def certify_point(
     eps: float = 0.0,
     arithmetic: str = "float64",
     certificate: str | os.PathLike[str] | None = None,
+    model: str | None = None,
 ) -> PointResult:
     """For each measurement: does the point (ax, ay, az, bx, by, bz, l) in mm satisfy its equation to within `eps` mm?
 
     It does when THERE EXISTS a reading in the measurement's set with |g| <= eps; it fails when for no reading it does;
-    both are proved. The model is the plain one. `certificate` names a file for `cpcal verify`; what the exact check
-    cannot repeat is then left out.
+    both are proved. `model` names the leg model, as in `certify` (default: the campaign's, else plain); its extra
+    parameters follow l in the point. `certificate` names a file for `cpcal verify`; what the exact check cannot repeat
+    is then left out. Models of one's own have none.
     Raises InputError.
     """
     x = np.asarray(point, np.float64)
+    corrected, wrong = chosen_model(campaign, model, None)
     if not 1 <= leg <= campaign.legs:
-        raise InputError([Problem("leg", f"there is no leg {leg}", f"choose from 1 to {campaign.legs}")])
-    if x.shape != (7,) or not np.isfinite(x).all() or not (np.isfinite(eps) and eps >= 0.0):
-        what = "a point is seven finite numbers, and eps a finite one from 0"
-        raise InputError([Problem("point", what, "give (ax, ay, az, bx, by, bz, l) and eps in mm")])
-    good, bad = judged_rows(campaign, leg, x, eps, get_arithmetic(arithmetic))
+        wrong.append(Problem("leg", f"there is no leg {leg}", f"choose from 1 to {campaign.legs}"))
+    if not (np.isfinite(eps) and eps >= 0.0):
+        wrong.append(Problem("eps", f"{eps} is no tolerance", "give a number of mm, 0 or more"))
+    if not wrong and (x.shape != (len(corrected.parameters),) or not np.isfinite(x).all()):
+        what = f"a point of the {corrected.name} model is {len(corrected.parameters)} finite numbers"
+        wrong.append(Problem("point", what, f"give {', '.join(corrected.parameters)}"))
+    if certificate is not None and not built_in(corrected):
+        wrong.append(Problem("certificate", f"{corrected.name!r}, a model of one's own, has none", "leave it out"))
+    if wrong:
+        raise InputError(wrong)
+    good, bad = judged_rows(campaign, leg, x, eps, get_arithmetic(arithmetic), corrected)
     if certificate is not None:
-        good, bad = _certified(campaign, leg, x, eps, good, bad, certificate)
+        good, bad = _certified(campaign, leg, x, eps, good, bad, certificate, corrected)
     ids = campaign.measurement_ids
     counts = Judged(eps, len(good), len(bad), len(campaign))
     return PointResult(leg, tuple(map(float, x)), counts, tuple(ids[k] for k in good), tuple(ids[k] for k in bad))
@@ -82,12 +92,13 @@ def _certified(
     good: list[int],
     bad: list[int],
     path: str | os.PathLike[str],
+    model: LegModel,
 ) -> tuple[list[int], list[int]]:
     """Write the claims that the checker's own arithmetic repeats."""
-    statement, at = leg_statement(campaign, leg), tuple(F(float(v)) for v in [*x, eps])
+    statement, at = leg_statement(campaign, leg, model=model.name), tuple(F(float(v)) for v in [*x, eps])
     good = [k for k in good if statement.problem.holds(k, at)]
     bad = [k for k in bad if statement.problem.fails(k, at)]
-    domain = leg_network(campaign, leg, leg_box(x, 0.0), engine=get_arithmetic("float64"), eps=(eps, eps)).domain
-    with Recording(statement, domain) as recording:
-        recording.write(path, claims_judged(np.append(x, eps), eps, good, bad))
+    at_eps = np.append(x, eps)
+    with Recording(statement, Box((*model.parameters, "eps"), at_eps, at_eps)) as recording:
+        recording.write(path, claims_judged(at_eps, eps, good, bad))
     return good, bad

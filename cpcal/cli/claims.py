@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction as F
 
 from cpcal.interval import Interval
 from cpcal.proof.claims import Accepted
 from cpcal.report import clean
+
+Hull = tuple[tuple[F, ...], tuple[F, ...]]
 
 
 def sentences(accepted: Accepted) -> list[str]:
@@ -67,13 +70,18 @@ class _NetworkWords:
         return None if self.accepted.objective is None else at[self.accepted.objective]
 
     def enclosed(self, cap: F | None) -> str:
-        hull, o = self.accepted.claims.enclosure, self.accepted.objective
+        hull = self.accepted.claims.enclosure
         assert hull is not None
-        widths = [b - a for k, (a, b) in enumerate(zip(*hull, strict=True)) if k != o] or [F(0)]
+        widths, others = self.widths(hull)
         return (
             f"Every {self.every} that satisfies them{self.goal('<=', cap, True)}{self.for_some} lies in the enclosure, "
-            f"whose sides are at most {max(map(float, widths)):.3g} long"
+            f"whose sides are at most {max(map(float, widths)):.3g} long{others}"
         )
+
+    def widths(self, hull: Hull) -> tuple[list[F], str]:
+        """Of the enclosure, but for the objective; and the ranges of unknowns that are no lengths, in words."""
+        o = self.accepted.objective
+        return [b - a for k, (a, b) in enumerate(zip(*hull, strict=True)) if k != o] or [F(0)], ""
 
 
 class _LegWords(_NetworkWords):
@@ -86,16 +94,25 @@ class _LegWords(_NetworkWords):
         self.accepted = accepted
         count, chosen = accepted.count, accepted.chosen
         numbers = ", ".join(map(str, chosen))
-        leg = f"of leg {accepted.leg}"
+        leg = f"of leg {accepted.leg}" + ("" if accepted.model == "plain" else f" in the {accepted.model} model")
         self.all = (
             f"all {count} equations {leg}"
             if len(chosen) == count
             else f"the equations {leg} for measurements {numbers} (from 0)"
         )
-        box = list(zip(accepted.lo, accepted.hi, strict=True))[:7]
-        center = ", ".join(f"{float(a + b) / 2:.6g}" for a, b in box)
-        widest = max(float(b - a) / 2 for a, b in box)
-        self.thing = f"x within {widest:.6g} mm of ({center})"
+        box = list(zip(accepted.lo, accepted.hi, strict=True))
+        center = ", ".join(f"{float(a + b) / 2:.6g}" for a, b in box[:7])
+        widest = max(float(b - a) / 2 for a, b in box[:7])
+        self.thing = f"x within {widest:.6g} mm of ({center})" + self._ranges(accepted.lo, accepted.hi, inward=True)
+
+    def _ranges(self, lo: Sequence[F], hi: Sequence[F], *, inward: bool) -> str:
+        """Of the model's extra parameters."""
+        extra = enumerate(self.accepted.unknowns[7:-1], 7)
+        return "".join(f", {name} in [{_short(lo[i], not inward)}, {_short(hi[i], inward)}]" for i, name in extra)
+
+    def widths(self, hull: Hull) -> tuple[list[F], str]:
+        lo, hi = hull
+        return [b - a for a, b in zip(lo[:7], hi[:7], strict=True)], self._ranges(lo, hi, inward=False)
 
     def goal(self, sign: str, value: F | None, down: bool) -> str:
         return "" if value is None else f" with |g| {sign} {_text(value, down)} mm"
@@ -104,3 +121,7 @@ class _LegWords(_NetworkWords):
 def _text(value: F, down: bool) -> str:
     low, high = f"{Interval(value, value):.9f}".strip("[]").split(", ")
     return low if down else high
+
+
+def _short(value: F, down: bool) -> str:
+    return _text(value, down).rstrip("0").rstrip(".")

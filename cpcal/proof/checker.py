@@ -16,11 +16,12 @@ from cpcal.proof.claims import Accepted, Claims, Point, fractions, plain
 from cpcal.proof.constraints import read_constraints, read_unknowns
 from cpcal.proof.leg import Leg
 from cpcal.proof.lines import Lines, Rational
+from cpcal.proof.models import EXTRA, Model
 from cpcal.proof.polynomial import ExactBox
 from cpcal.proof.refusal import Refused
 from cpcal.proof.rule import Problem, Rule, Weights
 
-FORMAT = "cpcal-certificate/2"
+FORMAT = "cpcal-certificate/3"
 _MOST_OPEN = 100_000  # boxes, so that memory stays bounded
 _MOST_STEPS = 10_000_000  # so that an endless file ends
 
@@ -61,7 +62,8 @@ class _Checker:
         self._conclude()
         p, lo, hi = self.problem, fractions(self.root.lo), fractions(self.root.hi)
         used, claims = frozenset(self.used), plain(self.claims)
-        return Accepted(self.leg, p.unknowns, p.objective, p.count, p.chosen, lo, hi, claims, used, self.steps)
+        model = p.model.name if isinstance(p, Leg) else None
+        return Accepted(self.leg, model, p.unknowns, p.objective, p.count, p.chosen, lo, hi, claims, used, self.steps)
 
     # the problem and the claims -------------------------------------------------------------------------------
 
@@ -78,10 +80,12 @@ class _Checker:
             count = lines.integer(value["constraints"], 1 << 60)
             self.root = self._box_of(value, len(names))
             return read_constraints(lines, names, objective, count), None
-        lines.keys(value, "format", "campaign", "leg", "measurements", "only", "lo", "hi")
-        leg = lines.integer(value["leg"], 1000)
+        lines.keys(value, "format", "campaign", "leg", "model", "measurements", "only", "lo", "hi")
+        leg, name = lines.integer(value["leg"], 1000), value["model"]
         if leg == 0:
             raise lines.refused("legs are counted from 1")
+        if not isinstance(name, str) or name not in EXTRA:
+            raise lines.refused(f"the model is none of {', '.join(EXTRA)}")
         if self.folder is None:
             raise Refused(0, "the campaign that it speaks of is needed")
         campaign = ExactCampaign(self.folder, leg, self.rational)
@@ -92,10 +96,11 @@ class _Checker:
         only = None if value["only"] is None else lines.integers(value["only"], len(campaign))
         if only == ():
             raise lines.refused("a certificate of no measurements says nothing")
-        self.root = self._box_of(value, len(Leg.unknowns))
+        model = Model(name)
+        self.root = self._box_of(value, len(model.unknowns))
         if self.root.lo[-1] < 0:
             raise lines.refused("eps is negative in the box of the problem")
-        return Leg(campaign, only), leg
+        return Leg(campaign, model, only), leg
 
     def _box_of(self, value: dict[str, Any], size: int) -> ExactBox:
         box = ExactBox(self.lines.vector(value["lo"], size), self.lines.vector(value["hi"], size))

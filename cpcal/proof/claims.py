@@ -36,6 +36,7 @@ class Accepted:
     """What a certificate proves, of what, and how much work that was."""
 
     leg: int | None  # None: of constraints that the certificate states itself
+    model: str | None  # of the leg
     unknowns: tuple[str, ...]
     objective: int | None
     count: int  # of measurements or constraints

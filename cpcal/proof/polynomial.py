@@ -37,8 +37,8 @@ def add(p: Polynomial, monomial: tuple[int, ...], coefficient: F) -> None:
     p[key] = p.get(key, ZERO) + coefficient
 
 
-def combined(*weighted: tuple[int, Polynomial]) -> Polynomial:
-    """Sum of whole multiples of polynomials."""
+def combined(*weighted: tuple[F | int, Polynomial]) -> Polynomial:
+    """Sum of multiples of polynomials."""
     out: Polynomial = {}
     for factor, p in weighted:
         for monomial, c in p.items():

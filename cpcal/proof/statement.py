@@ -33,7 +33,7 @@ class Statement(Protocol):
         ...
 
 
-# parts of the leg network's constraints: -(L + l + eps) <= 0, which no proof needs, is taken for the length row
+# parts of the leg network's constraints: -(L + l + t + eps) <= 0, which no proof needs, is taken for the length row
 _LEG_SIDES = {(0, 0): "length", (0, 1): "upper", (0, 2): "lower", (1, 0): "length"}
 
 
@@ -54,6 +54,7 @@ class LegStatement:
             "format": FORMAT,
             "campaign": self.sha256,
             "leg": self.leg,
+            "model": self.problem.model.name,
             "measurements": self.problem.count,
             "only": None if self.only is None else list(self.only),
             **limits(domain),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction as F
 from pathlib import Path
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.calibration import least_squares, leg_statement
+from cpcal.calibration import fit_model, least_squares, leg_model, leg_statement
 from cpcal.calibration.leg import residuals
 from cpcal.proof.checker import check
+from cpcal.robot import ModelChoice
+from cpcal.robot.simulate import true_robot
 
 SMALL = {"extremal": False, "random_poses": 24}
 
@@ -52,13 +55,18 @@ def test_the_true_leg_is_a_solution_of_a_perfect_robot() -> None:
     assert "satisfies all 64 equations exactly" in found.judged.sentence("It")
 
 
+@pytest.mark.parametrize("model", ["plain", "gain", "linear", "lateral"])
 @pytest.mark.parametrize("factor", [0.0, 3.0])
-def test_the_certificate_says_the_same(factor: float, tmp_path: Path) -> None:
+def test_the_certificate_says_the_same(factor: float, model: str, tmp_path: Path) -> None:
     cpcal.save_campaign(cpcal.simulate(seed=2, joint_error=10.0, factor=factor, **SMALL), tmp_path)
     campaign = cpcal.load_campaign(tmp_path)
     path = tmp_path / "point.cert.jsonl"
-    found = cpcal.certify_point(campaign, 2, least_squares(campaign, 2), eps=0.5, certificate=path)
+    x = fit_model(campaign, 2, leg_model(model))
+    plain = cpcal.certify_point(campaign, 2, x, eps=0.3, model=model)
+    found = cpcal.certify_point(campaign, 2, x, eps=0.3, certificate=path, model=model)
+    assert (found.holds, found.fails) == (plain.holds, plain.fails)
     accepted = check(path, tmp_path)
+    assert accepted.model == model
     assert accepted.claims.point is not None
     ids = campaign.measurement_ids
     assert tuple(ids[k] for k in accepted.claims.point.holds) == found.holds
@@ -80,6 +88,24 @@ def test_unknown_is_neither() -> None:
     undecided = cpcal.Judged(0.0, 3, 0, 5)
     assert undecided.verdict is cpcal.Verdict.UNKNOWN
     assert "2 are undecided" in undecided.sentence("It")
+
+
+def test_points_of_models(tmp_path: Path) -> None:
+    campaign = cpcal.simulate(seed=3, joint_error=0.0, factor=3.0, truncate=2.9, **SMALL)
+    campaign = replace(campaign, length=campaign.length / 1.02, model=ModelChoice("gain", {}))
+    x = [*true_robot(campaign).parameters[0], 0.02]
+    assert cpcal.certify_point(campaign, 1, x).judged.verdict is cpcal.Verdict.PROVED  # as the campaign has it
+    assert cpcal.certify_point(campaign, 1, x[:7], model="plain").judged.verdict is cpcal.Verdict.REFUTED
+    with pytest.raises(cpcal.InputError, match="a point of the gain model is 8 finite numbers"):
+        cpcal.certify_point(campaign, 1, x[:7])
+    own = cpcal.LegModel("mine", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
+    cpcal.register_model(own)
+    assert cpcal.certify_point(campaign, 1, x, model="mine").judged.verdict is cpcal.Verdict.REFUTED
+    with pytest.raises(cpcal.InputError, match="a model of one's own, has none"):
+        cpcal.certify_point(campaign, 1, x, model="mine", certificate=tmp_path / "none")
+    with pytest.raises(cpcal.InputError) as refused:
+        cpcal.certify_point(campaign, 9, x, model="gian", eps=-1.0)
+    assert [p.where for p in refused.value.problems] == ["model", "leg", "eps"]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import pytest
 
 import cpcal
 from cpcal import plugins
-from cpcal.calibration import leg_box, leg_network, leg_statement
+from cpcal.calibration import leg_box, leg_model, leg_network, leg_statement
 from cpcal.interval import Box, get_arithmetic
 from cpcal.network import ConstraintNetwork
 from cpcal.proof.checker import check
@@ -183,14 +183,19 @@ def halved(proof: Proof) -> Proof:
     return Proof(proof.folder, proof.problem, [*head, claims, *steps], lo[o], proof.eps_hi, proof.point)
 
 
-def _leg_proof(folder: Path, **options: Any) -> Proof:
-    campaign = saved(folder, **options)
-    leg = cpcal.certify(campaign, legs=[1], delta=20.0).legs[0]
+def _leg_proof(folder: Path, name: str = "plain", **options: Any) -> Proof:
+    """In a small box about the best point: bounds on eps, on a1 and on the unknown before eps."""
+    campaign, model = saved(folder, **options), leg_model(name)
+    leg = cpcal.certify(campaign, legs=[1], delta=20.0, model=name).legs[0]
     assert leg.point is not None
     box = leg_box(np.asarray(leg.point), 1e-3)
-    network = leg_network(campaign, 1, box, engine=get_arithmetic("float64"), eps=(0.0, leg.eps_hi))
-    wanted = ((7, "lo"), (0, "lo"), (6, "hi"))
-    return short(folder, leg_statement(campaign, 1), network, "eps", (*leg.point, leg.eps_hi), wanted)
+    extra = np.array(leg.point[7:])
+    small = 1e-4 * model.half_widths
+    box = Box(model.parameters, np.append(box.lo, extra - small), np.append(box.hi, extra + small))
+    network = leg_network(campaign, 1, box, engine=get_arithmetic("float64"), eps=(0.0, leg.eps_hi), model=model)
+    o = len(model.parameters)
+    wanted = ((o, "lo"), (0, "lo"), (o - 1, "hi"))
+    return short(folder, leg_statement(campaign, 1, model=name), network, "eps", (*leg.point, leg.eps_hi), wanted)
 
 
 @pytest.fixture(scope="session")
@@ -205,6 +210,13 @@ def uncertain_proof(tmp_path_factory: pytest.TempPathFactory) -> Proof:
     return _leg_proof(
         tmp_path_factory.mktemp("uncertain"), joint_error=10.0, factor=3.0, extremal=False, random_poses=16
     )
+
+
+@pytest.fixture(scope="session")
+def gain_proof(tmp_path_factory: pytest.TempPathFactory) -> Proof:
+    """The same in a model with a gain, with every kind of step."""
+    options = {"joint_error": 10.0, "factor": 3.0, "extremal": False, "random_poses": 16}
+    return halved(_leg_proof(tmp_path_factory.mktemp("gain"), "gain", **options))
 
 
 @pytest.fixture(scope="session")
@@ -281,7 +293,10 @@ def verdict(judged: Callable[[bytes, Path | None], Accepted]) -> Callable[[Lines
     return lambda lines, folder: judged(b"".join(json.dumps(line).encode() + b"\n" for line in lines), folder)
 
 
-@pytest.fixture(params=["exact_proof", "split_proof", "uncertain_proof", "network_proof", "network_split_proof"])
+KINDS = ("exact_proof", "split_proof", "uncertain_proof", "gain_proof", "network_proof", "network_split_proof")
+
+
+@pytest.fixture(params=KINDS)
 def any_proof(request: pytest.FixtureRequest) -> Proof:
     proof: Proof = request.getfixturevalue(request.param)
     return proof

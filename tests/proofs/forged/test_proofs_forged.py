@@ -16,8 +16,8 @@ from cpcal.proof.refusal import Refused
 Lines = list[dict[str, Any]]
 Forgery = Callable[[Lines, Any], str | int]  # changes the lines; the line that must be refused, by name or index
 FORGERIES: dict[str, tuple[Forgery, tuple[str, ...]]] = {}
-LEG, NETWORK, BOTH = ("leg",), ("network",), ("leg", "network")
-PROOFS = {"leg": "split_proof", "network": "network_split_proof"}
+LEG, NETWORK, BOTH, GAIN = ("leg",), ("network",), ("leg", "network"), ("gain",)
+PROOFS = {"leg": "split_proof", "network": "network_split_proof", "gain": "gain_proof"}
 
 
 def forgery(*kinds: str) -> Callable[[Forgery], Forgery]:
@@ -63,8 +63,8 @@ UP, DOWN = math.inf, -math.inf
 WEIGHTS = ("bounds", 0, 3)
 
 # the header
-place("another format", "header", "format", value="cpcal-certificate/1")
-place("format is a list", "header", "format", value=["cpcal-certificate/2"])
+place("another format", "header", "format", value="cpcal-certificate/2")
+place("format is a list", "header", "format", value=["cpcal-certificate/3"])
 place("another digest", "header", "campaign", value=lambda t: t[:-1] + ("0" if t[-1] != "0" else "1"), kinds=LEG)
 place("digest in capitals", "header", "campaign", value=str.upper, kinds=LEG)
 place("digest is no text", "header", "campaign", value=0, kinds=LEG)
@@ -95,6 +95,32 @@ place("negative eps in the box", "header", "lo", 7, value="-0x1p-30", kinds=LEG)
 place("least eps of the box is positive", "header", "lo", 7, value="0x1p-30", refused="claims", kinds=LEG)
 place("wider box", "header", "hi", value=lambda v: [(valued(w) + 50).hex() for w in v], refused="exclude")
 place("box up to huge numbers", "header", "hi", 0, value="0x1p+9999", refused="exclude")
+# the model
+place("a model that there is not", "header", "model", value="stretched", kinds=GAIN)
+place("the model in capitals", "header", "model", value="GAIN", kinds=GAIN)
+place("the model's name with a space", "header", "model", value="gain ", kinds=GAIN)
+place("no model", "header", "model", value=None, kinds=(*LEG, *GAIN))
+place("model true", "header", "model", value=True, kinds=GAIN)
+place("models in a list", "header", "model", value=["gain"], kinds=GAIN)
+place("models in an object", "header", "model", value={"gain": 1}, kinds=GAIN)
+place("plain for gain", "header", "model", value="plain", kinds=GAIN)
+place("linear for gain", "header", "model", value="linear", kinds=GAIN)
+place("lateral for gain", "header", "model", value="lateral", refused="claims", kinds=GAIN)
+place("gain for plain", "header", "model", value="gain", kinds=LEG)
+place("lateral for plain", "header", "model", value="lateral", kinds=LEG)
+place("a wider range of gains above", "header", "hi", 7, value="0x1p-2", refused="pass", kinds=GAIN)
+place("a wider range of gains below", "header", "lo", 7, value="-0x1p+0", refused="exclude", kinds=GAIN)
+place("gains below -1", "header", "lo", 7, value="-0x1p+4", refused="exclude", kinds=GAIN)
+place("no gain at all", "header", "lo", 7, value="0x1p-2", kinds=GAIN)
+place("another gain of the point", "claims", "point", "at", 7, value="0x1p-2", kinds=GAIN)
+place("bound with a gain one ulp beyond", "pass", "bounds", 0, 2, value=lambda t: moved(t, UP), kinds=GAIN)
+place("eps_lo of the gain one ulp up", "claims", "epsilon", "lo", value=lambda t: moved(t, UP), refused="last",
+      kinds=GAIN)  # fmt: skip
+place("a weight of the gain's eps less", "pass", *WEIGHTS, "rows", 0, 2, value=lambda w: w - 1, kinds=GAIN)
+place("upper is lower with a gain", "pass", *WEIGHTS, "rows", 0, 0, value=lambda s: {"upper": "lower"}.get(s, "upper"),
+      kinds=GAIN)  # fmt: skip
+place("the gain in the place of eps", "pass", "bounds", 0, 0, value=7, kinds=GAIN)
+place("an unknown beyond eps", "pass", "bounds", 0, 0, value=9, kinds=GAIN)
 # numbers, the same everywhere: here the cap of the claims
 place("number in decimal", "claims", "cap", value="1.5")
 place("number as a float", "claims", "cap", value=1.5)
@@ -408,6 +434,27 @@ def rows_of_another_leg_without_a_point(lines: Lines, proof: Any) -> str:
     lines[0]["leg"] = 2
     lines[proof.head]["point"] = lines[proof.head]["epsilon"]["hi"] = None
     return "exclude"
+
+
+@forgery("gain")
+def the_header_of_version_2(lines: Lines, proof: Any) -> str:
+    lines[0]["format"] = "cpcal-certificate/2"
+    del lines[0]["model"]
+    return "header"
+
+
+@forgery("leg", "gain")
+def the_model_left_out(lines: Lines, proof: Any) -> str:
+    del lines[0]["model"]
+    return "header"
+
+
+@forgery("gain")
+def a_proof_of_the_plain_model_for_the_gain_model(lines: Lines, proof: Any) -> str:
+    """No gain in the claims, any gain in the problem."""
+    for side in ("lo", "hi"):
+        lines[proof.head]["enclosure"][side][7] = "0x0p+0"
+    return "last"
 
 
 @forgery()

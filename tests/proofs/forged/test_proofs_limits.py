@@ -255,7 +255,7 @@ def test_too_many_unknowns(verdict: Any, tmp_path: Path) -> None:
     from cpcal.proof.constraints import MOST_UNKNOWNS
 
     many = MOST_UNKNOWNS + 1
-    header = {"format": "cpcal-certificate/2", "about": "", "unknowns": [f"x{k}" for k in range(many)], "objective": 0}
+    header = {"format": "cpcal-certificate/3", "about": "", "unknowns": [f"x{k}" for k in range(many)], "objective": 0}
     box = {"constraints": 0, "lo": ["0x0p+0"] * many, "hi": ["0x1p+0"] * many}
     with pytest.raises(Refused, match="unknowns") as caught:
         verdict([header | box], tmp_path)

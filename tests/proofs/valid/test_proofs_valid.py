@@ -9,6 +9,7 @@ from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
+import flint
 import numpy as np
 import pytest
 
@@ -128,6 +129,20 @@ def test_the_checker_needs_the_standard_library_only(certified: Any, factor: flo
     alone(check(made.path, made.folder), made.path, made.folder)
 
 
+@pytest.mark.parametrize("model", ["gain", "linear", "lateral"])
+def test_whole_proofs_of_models(certified: Any, model: str) -> None:
+    """Of uncertain readings; the result says what they prove, the checker alone as well."""
+    ask = {"delta": 2.0, "model": model, "half_widths": {"linear": {"s": 0.01, "tx": 1.0}}.get(model)}
+    made = certified(ask, factor=1.0, extremal=False, random_poses=24, joint_error=10.0)
+    found = check(made.path, made.folder)
+    assert check(made.path, made.folder, rational=flint.fmpq) == found
+    assert found.model == model
+    assert (found.claims.eps_lo, found.claims.eps_hi) == (made.leg.eps_lo, made.leg.eps_hi)
+    assert made.leg.eps_hi > made.leg.eps_lo > 0
+    assert (found.claims.eps_hi - found.claims.eps_lo) < F(1, 1000)
+    alone(found, made.path, made.folder)
+
+
 def test_nor_does_it_for_constraints(network_split_proof: Any, tmp_path: Path, verdict: Any) -> None:
     found = verdict(network_split_proof.lines, None)
     alone(found, tmp_path / "certificate.jsonl")
@@ -236,7 +251,7 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
         assert statement.sha256 == files.sha256
         assert statement.problem.count == len(files) == 7
         for k in range(7):
-            ours = statement.problem.measurement(k)
+            ours = statement.problem.equation(k).measurement
             assert ours == files.measurement(k)
             assert any(ours.position_radius) == (factor > 0 or overrides) or overrides
     if overrides:
