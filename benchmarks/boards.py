@@ -200,6 +200,11 @@ def _figures(row: Row) -> tuple[float, ...]:
     return row.pixels, row.lateral, row.depth, row.degrees, row.milliseconds
 
 
+def _told(row: Row) -> dict[str, object]:
+    """The row for JSON, which knows no nan."""
+    return {key: None if value != value else value for key, value in asdict(row).items()}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=int, default=100, help="for each setting")
@@ -220,7 +225,7 @@ def main() -> None:
     if options.output:
         facts = {"machine": machine(), "opencv": opencv().__version__, "images": options.images, "seed": options.seed}
         scenes = {name: asdict(SETTINGS[name]) for name in names}
-        told = {**facts, "settings": scenes, "rows": [asdict(row) for row in rows]}
+        told = {**facts, "settings": scenes, "rows": [_told(row) for row in rows]}
         options.output.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
 
 

@@ -12,6 +12,7 @@ import pytest
 from benchmarks import boards
 from benchmarks.board_methods import AprilTags, Charuco, Failed, Found
 from benchmarks.board_render import Board, bright_share, cells_at, render_board
+from benchmarks.isolation import ONE_THREAD
 from cpcal.robot import Pose
 from cpcal.robot.motion import transformed
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
@@ -98,6 +99,16 @@ def test_corners_without_noise_are_where_they_should_be(method: Charuco | AprilT
     assert found.pose.position == pytest.approx(POSE.position, abs=0.1)
 
 
+def test_a_method_without_any_pose_has_no_errors() -> None:
+    fake = Fake()
+    fake.moved = (None, None, None, None)
+    (row,) = boards.studied("nominal", 2, 1, [fake])
+    assert (row.failures, row.points, row.worst) == (2, 0.0, 0.0)
+    assert np.isnan([row.pixels, row.lateral, row.depth, row.degrees]).all()
+    assert boards._told(row)["pixels"] is None
+    assert any("2 x no idea" in line for line in boards.printed([row]))
+
+
 class Fake:
     """Finds the four corners of a square, wrongly in the way of its turn."""
 
@@ -140,6 +151,8 @@ def test_the_study_prints_a_table_and_writes_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "boards.json"
+    for name, value in ONE_THREAD.items():  # so that they are as before afterwards
+        monkeypatch.setenv(name, value)
     monkeypatch.setattr("sys.argv", ["boards", "--images", "1", "--settings", "nominal", "-o", str(file)])
     boards.main()
     table, told = capsys.readouterr().out, json.loads(file.read_text(encoding="utf-8"))
