@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
 
 from cpcal.cli.folders import check_writable
-from cpcal.cli.show import terminal
+from cpcal.cli.progress import bar
 from cpcal.errors import InputError, Problem
 from cpcal.report import clean
 from cpcal.robot.study_writer import table_bytes
 from cpcal.robot.writer import write_file
 from cpcal.vision.calibrate_images import calibrate_from_images
 from cpcal.vision.camera_file import CameraRecord, load_camera, save_camera
-from cpcal.vision.detect import Detections, ImageFolder, Progress, detect
+from cpcal.vision.detect import Detections, ImageFolder, detect
 from cpcal.vision.detection import Detection, detections_bytes
 from cpcal.vision.readings import load_readings
 from cpcal.vision.study_images import study_table
@@ -96,19 +93,6 @@ def by_reason(rows: Sequence[Detection]) -> dict[str, list[str]]:
         if not row.found:
             found.setdefault(row.reason, []).append(row.file)
     return dict(sorted(found.items(), key=lambda item: -len(item[1])))
-
-
-@contextmanager
-def bar(what: str) -> Generator[Progress | None, None, None]:
-    """A progress bar on stderr while in the block; None where that is no terminal."""
-    console = terminal(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Bar(*columns, console=console, transient=True) as display:
-        task = display.add_task(what, total=None)
-        yield lambda done, all_: display.update(task, completed=done, total=all_)
 
 
 def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool) -> None:

@@ -10,7 +10,8 @@ from typing import Any
 
 from rich.console import Console
 
-from cpcal.cli.detect import bar, show_detections
+from cpcal.cli.detect import show_detections
+from cpcal.cli.progress import bar
 from cpcal.cli.shots import IMAGES, TABLES, shot_study, write_shots
 from cpcal.robot import DELTALAB, Study
 from cpcal.robot.writer import write_file

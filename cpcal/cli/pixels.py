@@ -25,7 +25,7 @@ from cpcal.vision.readings import readings_of
 from cpcal.vision.set_campaign import campaign_of
 from cpcal.vision.study_images import RenderedImages
 
-HALF_WIDTH = 0.05  # pixels: every dot's box; no dot of the demo's images is farther from where it should be
+HALF_WIDTH = 0.03  # pixels: every dot's box; no dot of the demo's images is farther from where it should be
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a person watches while certify runs: a line a leg, with its bracket. On stderr, on a terminal only."""
+"""What a person watches, on a terminal only: a line a leg while certify runs, with its bracket; a bar over images."""
 
 from __future__ import annotations
 
@@ -7,7 +7,17 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console, RenderableType
-from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.progress_bar import ProgressBar
 from rich.text import Text
 
@@ -111,3 +121,16 @@ def watch(
     )
     with Progress(*columns, console=console, transient=True, refresh_per_second=8) as display:
         yield Watch(display, legs, gap)
+
+
+@contextmanager
+def bar(what: str) -> Generator[Callable[[int, int], None] | None, None, None]:
+    """A callback for how many are done, and of how many, that draws a bar on stderr; None where that is no terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as display:
+        task = display.add_task(what, total=None)
+        yield lambda done, count: display.update(task, completed=done, total=count)

@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from cpcal.cli.folders import unwritable
+from cpcal.cli.progress import bar
 from cpcal.robot import Robot, Study, simulate_study
 from cpcal.robot.study_writer import STUDY_NAME, study_bytes
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.camera_file import save_camera
+from cpcal.vision.opencv import opencv
 from cpcal.vision.readings import readings_bytes, readings_of
 from cpcal.vision.render import Scene
 from cpcal.vision.study_images import RenderedImages, camera_above
@@ -23,7 +25,8 @@ TABLES = ("calibration", "validation")
 
 
 def shot_study(nominal: Robot, options: dict[str, Any]) -> tuple[Study, dict[str, RenderedImages]]:
-    """A study with exact poses, and for both of its tables the images of them."""
+    """A study with exact poses, and for both of its tables the images of them. Raises MissingExtraError."""
+    opencv()  # or nothing is begun
     seed = options["seed"]
     exact = {"images": 1, **options, "pose_noise": 0.0, "camera": camera_above(seed=seed)}
     study = simulate_study(nominal, **exact)
@@ -36,8 +39,10 @@ def shot_study(nominal: Robot, options: dict[str, Any]) -> tuple[Study, dict[str
 def write_shots(study: Study, images: dict[str, RenderedImages], folder: Path) -> None:
     """The study without its tables of poses: `cpcal detect` makes them. Raises InputError."""
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         for name, table in zip(TABLES, (study.calibration, study.validation), strict=True):
-            images[name].write(folder / IMAGES / name)
+            with bar(f"{name}: rendering") as progress:
+                images[name].write(folder / IMAGES / name, progress=progress)
             (folder / f"{name}-readings.csv").write_bytes(readings_bytes(readings_of(table)))
         save_target(DELTALAB_TARGET, folder / TARGET_NAME)
         save_camera(DELTALAB_CAMERA, folder / CAMERA_NAME)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -79,10 +79,16 @@ class RenderedImages:
         pose = Pose(self.poses.position[k], self.poses.quaternion[k])
         return render(self.target, self.camera, pose, scene, seed=_image_seed(self.seed, name))
 
-    def write(self, folder: Path, *, workers: int | None = None) -> None:
-        """All images as PNG files below `folder`. Raises OSError."""
-        for _ in in_parallel(_Writing(self, folder), self.names, workers):
-            pass
+    def write(
+        self, folder: Path, *, workers: int | None = None, progress: Callable[[int, int], None] | None = None
+    ) -> None:
+        """All images as PNG files below `folder`; `progress` is called with how many are written, and of how many.
+        Raises OSError."""
+        done = 0
+        for count in in_parallel(_Writing(self, folder), self.names, workers):
+            done += count
+            if progress is not None:
+                progress(done, len(self.names))
 
 
 @dataclass(frozen=True)
@@ -90,7 +96,7 @@ class _Writing:
     images: RenderedImages
     folder: Path
 
-    def __call__(self, names: Sequence[str]) -> None:
+    def __call__(self, names: Sequence[str]) -> int:
         for name in names:
             path = self.folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -98,6 +104,7 @@ class _Writing:
             if not done:
                 raise UnreadableImageError(f"{name} cannot be encoded")
             path.write_bytes(content.tobytes())
+        return len(names)
 
 
 def _image_seed(seed: int, name: str) -> int:

@@ -57,7 +57,9 @@ def shots(demo, tmp_path_factory):
 
 def test_a_study_can_be_rendered_instead_of_told(tmp_path, monkeypatch):
     written = {}
-    monkeypatch.setattr(RenderedImages, "write", lambda images, folder: written.update({folder: images.names}))
+    monkeypatch.setattr(
+        RenderedImages, "write", lambda images, folder, progress: written.update({folder: images.names})
+    )
     options = ("--runs", 1, "--validation-runs", 1, "--random-poses", 2, "--seed", 5)
     outcome = run("simulate", "deltalab", "--study", "--render", "-o", tmp_path / "shots", *options)
     assert outcome.exit_code == 0, outcome.stderr
