@@ -151,8 +151,8 @@ def test_self_maps_lay_dots_onto_dots() -> None:
         moved = dots @ maps.matrix[k].T + maps.shift[k]
         onto = maps.image[k] >= 0
         assert np.abs(moved[onto] - dots[maps.image[k][onto]]).max() < 0.25 * DELTALAB_TARGET.radius
-    assert (maps.image >= 0).sum(axis=1).max() == 129  # the reflection in the first row: all but four of the second
-    assert (maps.image[~maps.mirrored] >= 0).sum(axis=1).max() == 124  # turns: all but nine of the rows' thirteen
+    assert (maps.image >= 0).sum(axis=1).max() == 127  # the reflection in the first row: all but the second
+    assert (maps.image[~maps.mirrored] >= 0).sum(axis=1).max() == 122  # turns: all but eleven of the rows' thirteen
 
 
 def test_ten_errors_made_to_look_like_a_turn_do_not_mislead() -> None:
@@ -160,11 +160,11 @@ def test_ten_errors_made_to_look_like_a_turn_do_not_mislead() -> None:
     maps, dots = self_maps(DELTALAB_TARGET), DELTALAB_TARGET.dots
     poses = facing_poses(np.random.default_rng(12), 3, depth=(700.0, 700.0))
     refused = 0
-    for turn in np.flatnonzero(~maps.mirrored)[:3]:
+    for turn, errors in zip(np.flatnonzero(~maps.mirrored)[:3], (11, 11, 13), strict=True):
         image = maps.image[turn]
         only_here = np.setdiff1d(np.arange(len(dots)), image)
         only_turned = dots[image < 0] @ maps.matrix[turn].T + maps.shift[turn]
-        assert len(only_here) == len(only_turned) == 9
+        assert len(only_here) == len(only_turned) == errors
         for count in range(6):
             numbers = np.setdiff1d(np.arange(len(dots)), only_here[:count])
             labels = np.concatenate([numbers, np.full(count, -1)])
@@ -177,4 +177,4 @@ def test_ten_errors_made_to_look_like_a_turn_do_not_mislead() -> None:
                 refused += 1
             else:
                 assert np.array_equal(labels[found.found], found.numbers)
-    assert refused >= 6  # with 8 and 10 errors the turn makes 10 and 8
+    assert refused >= 2  # with 10 errors the nearer turns make 12

@@ -92,7 +92,9 @@ def test_residuals_larger_than_stated_widen_the_covariance() -> None:
     assert 20.0 < found.scale < 30.0
     honest = estimated(centers + 0.05 * rng.standard_normal((133, 2)), 0.05)
     assert honest.scale == 1.0
-    assert np.allclose(found.covariance / found.scale * 25.0, honest.covariance, rtol=0.1, atol=0.0)
+    size = np.sqrt(np.diag(honest.covariance))  # some covariances are nearly 0
+    widened = found.covariance / found.scale * 25.0
+    assert np.abs((widened - honest.covariance) / size / size[:, None]).max() < 0.1
 
 
 def test_two_poses_that_fit_about_equally_well_are_refused() -> None:
