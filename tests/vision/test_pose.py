@@ -13,7 +13,8 @@ from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
-from cpcal.vision.pose import NoPose, PoseEstimate, estimate_pose
+from cpcal.vision.pose import PoseEstimate, estimate_pose
+from cpcal.vision.pose_fit import NoPose
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 Array = npt.NDArray[np.float64]
