@@ -81,11 +81,13 @@ def estimate_pose(
     factors: Array = np.asarray(np.linalg.cholesky(spread), dtype=np.float64)
     plain, start = plain_model(dots, rays, float(camera.focal.mean() / np.sqrt(np.median(spread[:, [0, 1], [0, 1]]))))
     first = fit(plain, start)
+    second = fit(plain, turned_over(first.pose, dots))
+    if second.chi_square < first.chi_square:
+        first, second = second, first
     used, final, residuals = _screened(_Pixels(dots, seen, factors, target.radius, camera), first.pose)
     degrees = 2 * int(used.sum()) - 6
     p_value = float(chdtrc(degrees, final.chi_square))
     scale = final.chi_square / degrees if p_value < POOR else 1.0
-    second = fit(plain, turned_over(final.pose, dots))
     rival = np.inf
     if not same_pose(second.pose, first):
         # The plain model's residuals differ from the dot model's by no more than the first pose's in both tell, and by
