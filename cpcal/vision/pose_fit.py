@@ -16,7 +16,7 @@ from cpcal.robot.rotation import quaternion_conjugate, quaternion_from_matrix, q
 Array = npt.NDArray[np.float64]
 Model = Callable[[Pose, bool], tuple[Array, Array | None]]  # residuals (k,) and, on request, minus their slopes (k, 6)
 
-_STEPS = 30
+_STEPS = 200  # most fits need five, those of a small distant target a hundred
 _SMALL = 1e-3  # standard deviations: a step that ends the fit
 _TINY = 1e-3  # rad, and of the distance: a step that leaves the derivatives as they are
 
@@ -59,7 +59,7 @@ def fit(model: Model, pose: Pose) -> Fit:
             slope = slope if trial_slope is None else trial_slope
         else:
             damping = max(10.0 * damping, 1e-4)
-    return Fit(pose, chi_square, slope.T @ slope, residuals)
+    raise NoPose(f"the fit has not ended after {_STEPS} steps")
 
 
 def moved_by(pose: Pose, step: Array) -> Pose:
