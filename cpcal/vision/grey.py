@@ -68,7 +68,7 @@ def eight_bits(grey: Grey) -> npt.NDArray[np.uint8]:
 def noise_level(image: Grey) -> float:
     """The standard deviation of the pixels' noise (grey levels), from the median second difference along rows of
     pixels spread over the image; at least that of rounding."""
-    step = max(1, int(np.sqrt(image.size / 30_000)))
+    step = max(1, int(np.sqrt(image.size / 10_000)))
     rows = image[::step].astype(np.int32)
     if rows.shape[1] < 3:
         return _ROUNDING
