@@ -13,7 +13,8 @@ from cpcal.robot.kinematics import Pose
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import Dots, observe_dots
 from cpcal.vision.identify import Identification, Unidentified, identify
-from cpcal.vision.pose import NoPose, PoseEstimate, estimate_pose
+from cpcal.vision.pose import PoseEstimate, estimate_pose
+from cpcal.vision.pose_fit import NoPose
 from cpcal.vision.target import Target
 
 Array = npt.NDArray[np.float64]

@@ -74,13 +74,13 @@ def _through_four(places: Array, images: Array) -> Array:
     rows[..., 0, 0:2] = rows[..., 1, 3:5] = places
     rows[..., 0, 2] = rows[..., 1, 5] = 1.0
     rows[..., 6:] = -images[..., None] * places[..., None, :]
-    rows = rows.reshape(-1, 8, 8)
-    scale = np.abs(rows).max(axis=1, keepdims=True)
+    equations = rows.reshape(-1, 8, 8)
+    scale = np.abs(equations).max(axis=1, keepdims=True)
     scale[scale == 0.0] = 1.0
-    proper = np.abs(np.linalg.det(rows / scale)) > 1e-9
+    proper = np.abs(np.linalg.det(equations / scale)) > 1e-9
     out = np.full((len(places), 9), np.nan)
     out[:, 8] = 1.0
-    out[proper, :8] = np.linalg.solve(rows[proper], images.reshape(-1, 8, 1)[proper])[..., 0]
+    out[proper, :8] = np.linalg.solve(equations[proper], images.reshape(-1, 8, 1)[proper])[..., 0]
     return out.reshape(-1, 3, 3)
 
 

@@ -8,31 +8,23 @@ fitted as well, and when it fits about as well the answer is a refusal.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
 
-from cpcal.errors import CpcalError, InputError, Problem
+from cpcal.errors import InputError, Problem
 from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import (
-    normalised,
-    quaternion_from_matrix,
-    quaternion_product,
-    rotation_vector,
-)
-from cpcal.robot.rotation import quaternion_conjugate as conjugate
+from cpcal.robot.rotation import normalised
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
+from cpcal.vision.pose_fit import Fit, NoPose, fit, plain_model, same_pose, turned_over
 from cpcal.vision.target import Target
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
-Model = Callable[[Pose, bool], tuple[Array, Array | None]]  # residuals (k,) and, on request, minus their slopes (k, 6)
 
 FEWEST = 6  # dots
 AMBIGUOUS = 30.0  # a second pose whose chi-square is no more than this above the first's is as credible (exp(15) to 1)
@@ -41,13 +33,6 @@ OUTLIERS = 0.1  # share of the dots that may be screened
 POOR = 1e-3  # p-value below which the covariance is scaled by the residuals
 _MEDIAN = 2.0 * np.log(2.0)  # of a chi-square variable with two degrees of freedom
 _SLIM = 0.01  # breadth by length of all dots, below which they are as good as on a line
-_STEPS = 30
-_TINY = 1e-3  # rad, and of the distance: a step that leaves the derivatives as they are
-_SMALL = 1e-3  # standard deviations: a step that ends the fit
-
-
-class NoPose(CpcalError):
-    """The dots determine no pose, or more than one. Its text is the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,22 +79,24 @@ def estimate_pose(
     dots = target.dots[which]
     _check_spread(dots)
     factors: Array = np.asarray(np.linalg.cholesky(spread), dtype=np.float64)
-    plain, start = _plain(dots, rays, float(camera.focal.mean() / np.sqrt(np.median(spread[:, [0, 1], [0, 1]]))))
-    first = _fit(plain, start)
+    plain, start = plain_model(dots, rays, float(camera.focal.mean() / np.sqrt(np.median(spread[:, [0, 1], [0, 1]]))))
+    first = fit(plain, start)
+    second = fit(plain, turned_over(first.pose, dots))
+    if second.chi_square < first.chi_square:
+        first, second = second, first
     used, final, residuals = _screened(_Pixels(dots, seen, factors, target.radius, camera), first.pose)
     degrees = 2 * int(used.sum()) - 6
     p_value = float(chdtrc(degrees, final.chi_square))
     scale = final.chi_square / degrees if p_value < POOR else 1.0
-    second = _fit(plain, _turned_over(final.pose, dots))
     rival = np.inf
-    if not _same(second.pose, first):
+    if not same_pose(second.pose, first):
         # The plain model's residuals differ from the dot model's by no more than the first pose's in both tell, and by
         # the dots' relative depths, surely less than a factor of 2.
         least = 0.5 * np.sqrt(second.chi_square) - np.sqrt(first.chi_square) - np.sqrt(final.chi_square)
         rival = (max(least, 0.0) ** 2 - final.chi_square) / scale
         if rival < AMBIGUOUS:
-            second = _fit(_Pixels(dots[used], seen[used], factors[used], target.radius, camera), second.pose)
-            rival = np.inf if _same(second.pose, final) else (second.chi_square - final.chi_square) / scale
+            second = fit(_Pixels(dots[used], seen[used], factors[used], target.radius, camera), second.pose)
+            rival = np.inf if same_pose(second.pose, final) else (second.chi_square - final.chi_square) / scale
     if rival < AMBIGUOUS:
         raise NoPose(f"ambiguous: two poses fit about equally well, chi-square {rival:.1f} apart")
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
@@ -154,14 +141,6 @@ def _check_spread(dots: Array) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
-    pose: Pose
-    chi_square: float
-    normal: Array  # (6, 6), the inverse of the covariance
-    residuals: Array  # in standard deviations
-
-
-@dataclass(frozen=True, eq=False)
 class _Pixels:
     """The dot model: residuals of m dots in standard deviations, (2 m,), and minus their derivatives (2 m, 6).
 
@@ -193,102 +172,7 @@ class _Pixels:
         return _Pixels(self.dots[used], self.seen[used], self.factors[used], self.radius, self.camera)
 
 
-def _plain(dots: Array, rays: Array, sharpness: float) -> tuple[Model, Pose]:
-    """The pinhole model of points, and the pose whose plane has the homography of the dots' directions.
-
-    A dot (x, y) seen in the direction (u, v, 1) says X - u Z = 0 and Y - v Z = 0, linear in the nine numbers
-    h = (r_1, r_2, t). The triangular factor (9, 9) of all these equations says as much as they do, so that a step of a
-    fit costs next to nothing. Divided by the mean depth the equations are errors of directions, to within the dots'
-    relative depths; `sharpness` is one by the standard deviation of a direction.
-    """
-    size = float(np.sqrt((dots * dots).mean()))
-    rows = np.zeros((len(dots), 2, 9))
-    for k, factor in enumerate((dots[:, 0] / size, dots[:, 1] / size, np.ones(len(dots)))):
-        rows[:, 0, 3 * k] = rows[:, 1, 3 * k + 1] = factor
-        rows[:, :, 3 * k + 2] = -rays * factor[:, None]
-    triangle = np.linalg.qr(rows.reshape(-1, 9), mode="r")
-    h = np.linalg.svd(triangle)[2][-1].reshape(3, 3) / [[size], [size], [1.0]]
-    h = h * (np.sign(h[2, 2]) * 2.0 / np.linalg.norm(h[:2], axis=1).sum())
-    left, _, right = np.linalg.svd(np.stack([h[0], h[1], np.cross(h[0], h[1])], axis=1))
-    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    start = Pose(h[2], quaternion_from_matrix(turn))
-    return _Equations(triangle * (np.repeat([size, size, 1.0], 3) * sharpness / h[2, 2])), start
-
-
-@dataclass(frozen=True, eq=False)
-class _Equations:
-    """Residuals of the pinhole model: matrix (9, 9) times h = (r_1, r_2, t), and minus their derivatives (9, 6)."""
-
-    matrix: Array
-
-    def __call__(self, pose: Pose, slope: bool) -> tuple[Array, Array | None]:
-        turn = pose.rotation
-        moved = np.zeros((9, 6))  # h by position and rotation vector
-        moved[6:, :3] = np.eye(3)
-        for k in range(2):
-            x, y, z = turn[:, k].tolist()
-            moved[3 * k : 3 * k + 3, 3:] = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))
-        h = np.concatenate([turn[:, 0], turn[:, 1], pose.position])
-        return self.matrix @ -h, self.matrix @ moved
-
-
-def _turned_over(pose: Pose, dots: Array) -> Pose:
-    """The plane's other pose: depths along the line of sight to the dots' middle change their sign."""
-    middle = np.append(dots.mean(axis=0), 0.0)
-    center = pose.position + pose.rotation @ middle
-    sight = center / np.linalg.norm(center)
-    turn = (np.eye(3) - 2.0 * np.outer(sight, sight)) @ pose.rotation @ np.diag([1.0, 1.0, -1.0])
-    return Pose(center - turn @ middle, quaternion_from_matrix(turn))
-
-
-def _fit(model: Model, pose: Pose) -> _Fit:
-    """Levenberg-Marquardt; ends when a step is a small part of the standard deviations. After a step that is small
-    beside the distance the derivatives are kept."""
-    damping = 0.0
-    residuals, slope = model(pose, True)
-    if slope is None or not np.isfinite(residuals).all():
-        return _Fit(pose, np.inf, np.eye(6), residuals)
-    chi_square = float(residuals @ residuals)
-    for _ in range(_STEPS):
-        normal = slope.T @ slope
-        try:
-            step: Array = np.asarray(np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ residuals))
-        except np.linalg.LinAlgError:
-            raise NoPose("the dots do not determine the pose") from None
-        moved = _moved(pose, step)
-        if step @ normal @ step < _SMALL**2 and damping < 1e-3:
-            residuals = residuals - slope @ step
-            return _Fit(moved, float(residuals @ residuals), normal, residuals)
-        tiny = np.abs(step[:3]).max() < _TINY * abs(pose.position[2]) and np.abs(step[3:]).max() < _TINY
-        trial, trial_slope = model(moved, not tiny)
-        trial_square = float(trial @ trial)
-        if trial_square <= chi_square:
-            pose, residuals, chi_square, damping = moved, trial, trial_square, 0.1 * damping
-            slope = slope if trial_slope is None else trial_slope
-        else:
-            damping = max(10.0 * damping, 1e-4)
-    return _Fit(pose, chi_square, slope.T @ slope, residuals)
-
-
-def _moved(pose: Pose, step: Array) -> Pose:
-    """position + step[:3] and R(step[3:]) R; in plain floats, because this is done a dozen times an image."""
-    x, y, z = step[3:].tolist()
-    angle = math.sqrt(x * x + y * y + z * z)
-    c, s = math.cos(0.5 * angle), 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
-    x, y, z = s * x, s * y, s * z
-    w0, x0, y0, z0 = pose.quaternion.tolist()
-    turned = np.array(
-        [
-            c * w0 - x * x0 - y * y0 - z * z0,
-            c * x0 + x * w0 + y * z0 - z * y0,
-            c * y0 + y * w0 + z * x0 - x * z0,
-            c * z0 + z * w0 + x * y0 - y * x0,
-        ]
-    )
-    return Pose(pose.position + step[:3], turned / math.sqrt(float(turned @ turned)))
-
-
-def _screened(model: _Pixels, pose: Pose) -> tuple[Bools, _Fit, Array]:
+def _screened(model: _Pixels, pose: Pose) -> tuple[Bools, Fit, Array]:
     """The fit without dots that are too far off, and the residuals of all (m, 2), pixels.
 
     Too far is beyond the level that one good dot exceeds in a hundred images; where the residuals are larger than the
@@ -297,20 +181,13 @@ def _screened(model: _Pixels, pose: Pose) -> tuple[Bools, _Fit, Array]:
     used = np.ones(len(model.dots), dtype=bool)
     cut = 2.0 * np.log(len(used) / OUTLIER)
     while True:
-        fit = _fit(model.only(used), pose)
-        residuals = (fit.residuals if used.all() else model(fit.pose, False)[0]).reshape(-1, 2)
+        found = fit(model.only(used), pose)
+        residuals = (found.residuals if used.all() else model(found.pose, False)[0]).reshape(-1, 2)
         square = (residuals * residuals).sum(axis=1)
         level = max(1.0, float(np.median(square)) / _MEDIAN)
         good = square <= cut * level
         if not (np.isfinite(square).all() and (~good).sum() <= OUTLIERS * len(good)):
             raise NoPose(f"{(~good).sum()} of {len(good)} dots do not fit one pose")
         if not (used & ~good).any():
-            return used, fit, (model.factors @ residuals[..., None])[..., 0]
-        used, pose = used & good, fit.pose
-
-
-def _same(pose: Pose, fit: _Fit) -> bool:
-    """Whether a pose is the fit's to within a standard deviation."""
-    turn = quaternion_product(pose.quaternion, conjugate(fit.pose.quaternion))
-    step = np.concatenate([pose.position - fit.pose.position, rotation_vector(turn)])
-    return bool(step @ fit.normal @ step < 1.0)
+            return used, found, (model.factors @ residuals[..., None])[..., 0]
+        used, pose = used & good, found.pose

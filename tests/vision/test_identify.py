@@ -178,3 +178,13 @@ def test_ten_errors_made_to_look_like_a_turn_do_not_mislead() -> None:
             else:
                 assert np.array_equal(labels[found.found], found.numbers)
     assert refused >= 2  # with 10 errors the nearer turns make 12
+
+
+def test_one_row_and_the_grid_are_enough_unless_the_mirror_image_is_like_it() -> None:
+    poses = facing_poses(np.random.default_rng(13), 4, depth=(700.0, 700.0))
+    for k in range(4):
+        centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k))
+        three_left = np.setdiff1d(np.arange(len(centers)), [7, 8, 12])
+        assert len(checked(centers[three_left], three_left, DELTALAB_TARGET).found) == len(three_left)
+        none_left = np.setdiff1d(np.arange(len(centers)), DELTALAB_TARGET.lines[1])
+        assert reason(centers[none_left]) == "ambiguous: the target's mirror image fits as well or nearly so"

@@ -13,7 +13,8 @@ from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
-from cpcal.vision.pose import NoPose, PoseEstimate, estimate_pose
+from cpcal.vision.pose import PoseEstimate, estimate_pose
+from cpcal.vision.pose_fit import NoPose
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 Array = npt.NDArray[np.float64]
@@ -110,6 +111,23 @@ def test_two_poses_that_fit_about_equally_well_are_refused() -> None:
         found = of_small(small, near, 0.02, rng)
         assert np.linalg.norm(pose_error(near, found)[3:]) < np.radians(1.0)
         assert found.rival > 30.0
+
+
+def test_a_small_distant_target_gives_the_right_pose_or_none() -> None:
+    """Between the two regimes: here a start from the homography alone is often the wrong one of the two."""
+    small = Target("small", DELTALAB_TARGET.dots / 5.0, 1.2, DELTALAB_TARGET.lines)
+    rng = np.random.default_rng(6)
+    poses = facing_poses(rng, 60, depth=(2000.0, 2000.0))
+    right = 0
+    for k in range(60):
+        try:
+            found = of_small(small, one(poses, k), 0.07, rng)
+        except NoPose:
+            continue
+        error = pose_error(one(poses, k), found)
+        assert error @ np.linalg.solve(found.covariance, error) < 35.0  # five in a million of six degrees of freedom
+        right += 1
+    assert 20 < right < 60
 
 
 def of_small(small: Target, pose: Pose, sigma: float, rng: np.random.Generator) -> PoseEstimate:
