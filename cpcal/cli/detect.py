@@ -15,7 +15,7 @@ from cpcal.report import clean
 from cpcal.robot.study_writer import table_bytes
 from cpcal.robot.writer import write_file
 from cpcal.vision.calibrate_images import calibrate_from_images
-from cpcal.vision.camera_file import CameraRecord, load_camera, save_camera
+from cpcal.vision.camera_file import load_camera, save_camera
 from cpcal.vision.detect import Detections, ImageFolder, detect
 from cpcal.vision.detection import Detection, detections_bytes
 from cpcal.vision.readings import load_readings
@@ -99,7 +99,7 @@ def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool) -> 
     """The camera; with refined dots also the target that was found, beside it."""
     files = [images / name for name in ImageFolder(images).names]
     found = calibrate_from_images(files, plate, refine_dots=refine_dots)
-    save_camera(CameraRecord(found.camera, found.covariance, found.rms), output)
+    save_camera(found.record(), output)
     typer.echo(clean(str(found)))
     typer.echo(f"Camera: {output}")
     if refine_dots:
