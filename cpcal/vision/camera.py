@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 CAMERA_NUMBERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 _NEWTON_STEPS = 50
-_ACCURACY = 1e-14  # of a normalised coordinate
+_LAST = 1e-8  # of a normalised coordinate: after so short a step of Newton the error is its square
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,14 @@ class Camera:
         wanted = (np.asarray(pixels, dtype=np.float64) - self.center) / self.focal
         x = wanted.copy()
         for _ in range(_NEWTON_STEPS):
-            step = np.linalg.solve(
-                distortion_jacobian(x, self.distortion), (wanted - distorted(x, self.distortion))[..., None]
-            )
-            x = x + step[..., 0]
-            if not np.abs(step).max(initial=0.0) > _ACCURACY:
+            slope, off = distortion_jacobian(x, self.distortion), wanted - distorted(x, self.distortion)
+            determinant = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
+            across = slope[..., 0, 0] * off[..., 1] - slope[..., 1, 0] * off[..., 0]
+            along = slope[..., 1, 1] * off[..., 0] - slope[..., 0, 1] * off[..., 1]
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                step = np.stack([along, across], axis=-1) / determinant[..., None]
+            x = x + step
+            if not (np.abs(step) > _LAST).any():
                 break
         missed = ~(np.abs(distorted(x, self.distortion) - wanted).max(axis=-1) < 1e-9)
         x[missed] = np.nan

@@ -18,6 +18,7 @@ Model = Callable[[Pose, bool], tuple[Array, Array | None]]  # residuals (k,) and
 
 _STEPS = 200  # most fits need five, those of a small distant target a hundred
 _SMALL = 1e-3  # standard deviations: a step that ends the fit
+_ROUGH = 1e-9  # of chi-square: a decrease that ends the fit when the residuals are large
 _TINY = 1e-3  # rad, and of the distance: a step that leaves the derivatives as they are
 
 
@@ -48,7 +49,7 @@ def fit(model: Model, pose: Pose) -> Fit:
         except np.linalg.LinAlgError:
             raise NoPose("the dots do not determine the pose") from None
         moved = moved_by(pose, step)
-        if step @ normal @ step < _SMALL**2 and damping < 1e-3:
+        if step @ normal @ step < max(_SMALL**2, _ROUGH * chi_square) and damping < 1e-3:
             residuals = residuals - slope @ step
             return Fit(moved, float(residuals @ residuals), normal, residuals)
         tiny = np.abs(step[:3]).max() < _TINY * abs(pose.position[2]) and np.abs(step[3:]).max() < _TINY
