@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from typing import TypeVar
 
 from cpcal.vision.opencv import opencv
@@ -14,6 +16,7 @@ T = TypeVar("T")
 
 _CHUNK = 8  # images that a worker is given at a time
 _WAITING = 3  # chunks a worker
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _WAITING_ELSEWHERE = 16  # chunks in an executor whose workers are not known
 
 
@@ -37,7 +40,7 @@ def in_parallel(
         yield from map(work, chunks)
         return
     context = multiprocessing.get_context("spawn")  # the same everywhere, and safe beside threads
-    with ProcessPoolExecutor(count, mp_context=context, initializer=_prepare) as pool:
+    with _one_thread(), ProcessPoolExecutor(count, mp_context=context, initializer=_prepare) as pool:
         yield from _through(pool, work, chunks, _WAITING * count)
 
 
@@ -58,6 +61,21 @@ def _through(
     finally:
         for future in waiting:
             future.cancel()
+
+
+@contextmanager
+def _one_thread() -> Generator[None, None, None]:
+    """Processes started meanwhile do linear algebra on one core: threads of many workers would wait for each other."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _prepare() -> None:
