@@ -64,7 +64,7 @@ class ImageFolder:
 @dataclass(frozen=True)
 class Detections:
     """What `detect` found: rows in the order of the names, how many were measured now, and seconds of work by stage
-    (all workers together) of those with a pose."""
+    (all workers together): processor time, divided among the stages as time was waited for them."""
 
     rows: tuple[Detection, ...]
     measured: int
@@ -118,17 +118,19 @@ class _Work:
     camera: Camera
 
     def __call__(self, names: Sequence[str]) -> tuple[list[Detection], dict[str, float]]:
-        spent: dict[str, float] = {}
-        rows = [self._one(name, spent) for name in names]
-        return rows, spent
-
-    def _one(self, name: str, spent: dict[str, float]) -> Detection:
+        waited: dict[str, float] = {}
         start = time.process_time()
+        rows = [self._one(name, waited) for name in names]
+        share = (time.process_time() - start) / max(sum(waited.values()), 1e-9)
+        return rows, {stage: share * seconds for stage, seconds in waited.items()}
+
+    def _one(self, name: str, waited: dict[str, float]) -> Detection:
+        start = time.perf_counter()
         try:
             image = self.source.read(name)
-            _add(spent, {"read": time.process_time() - start})
+            _add(waited, {"read": time.perf_counter() - start})
             found = measure_pose(image, self.target, self.camera)
-            _add(spent, found.seconds)
+            _add(waited, found.seconds)
             return detection(name, found)
         except (UnreadableImageError, NotMeasured) as error:
             return Detection(name, str(error))

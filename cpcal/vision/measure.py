@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from time import process_time
+from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
@@ -76,14 +76,14 @@ def measure_pose(
     Raises NotMeasured with the reason for an image without a reliable pose, and InputError for what is no image.
     """
     _check_size(np.asarray(image), camera)
-    marks = [process_time()]
+    marks = [perf_counter()]
     dots = observe_dots(image, bright=target.bright)
-    marks.append(process_time())
+    marks.append(perf_counter())
     try:
         identification = identify(dots.centers, target, camera)
     except Unidentified as reason:
         raise NotMeasured(f"not identified: {reason}") from reason
-    marks.append(process_time())
+    marks.append(perf_counter())
     if len(identification.found) < FEWEST:
         raise NotMeasured(f"{len(identification.found)} dots of the target are too few: at least {FEWEST} are needed")
     mine = identification.found
@@ -91,7 +91,7 @@ def measure_pose(
         estimate = estimate_pose(dots.centers[mine], dots.covariance[mine], identification.numbers, target, camera)
     except NoPose as reason:
         raise NotMeasured(f"no pose: {reason}") from reason
-    marks.append(process_time())
+    marks.append(perf_counter())
     if estimate.rms > residual:
         raise NotMeasured(
             f"the residuals are {estimate.rms:.3f} pixels (rms), more than {residual:g}: "
