@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
-from typing import TypeVar
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Generic, TypeVar
 
-from cpcal.vision.opencv import opencv
+from cpcal.vision.opencv import MissingExtraError, opencv
 
 T = TypeVar("T")
 
 _CHUNK = 8  # images that a worker is given at a time
 _WAITING = 3  # chunks a worker
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _WAITING_ELSEWHERE = 16  # chunks in an executor whose workers are not known
 
 
@@ -26,22 +25,23 @@ def in_parallel(
     workers: int | None = None,
     executor: Executor | None = None,
 ) -> Iterator[T]:
-    """`work` on all names, a few at a time, in the order in which it is done.
+    """`work` on all names, a few at a time, each on one thread, in the order in which it is done.
 
     workers   processes; left out: one a core. 1: none, the work is done here
     executor  any executor to use instead; it is not shut down
     """
+    quiet = _OnOneThread(work)
     chunks = iter([names[k : k + _CHUNK] for k in range(0, len(names), _CHUNK)])
     if executor is not None:
-        yield from _through(executor, work, chunks, _WAITING_ELSEWHERE)
+        yield from _through(executor, quiet, chunks, _WAITING_ELSEWHERE)
         return
     count = workers or multiprocessing.cpu_count()
     if count == 1 or len(names) <= _CHUNK:
-        yield from map(work, chunks)
+        yield from map(quiet, chunks)
         return
     context = multiprocessing.get_context("spawn")  # the same everywhere, and safe beside threads
-    with _one_thread(), ProcessPoolExecutor(count, mp_context=context, initializer=_prepare) as pool:
-        yield from _through(pool, work, chunks, _WAITING * count)
+    with ProcessPoolExecutor(count, mp_context=context, initializer=_prepare) as pool:
+        yield from _through(pool, quiet, chunks, _WAITING * count)
 
 
 def _through(
@@ -63,22 +63,33 @@ def _through(
             future.cancel()
 
 
-@contextmanager
-def _one_thread() -> Generator[None, None, None]:
-    """Processes started meanwhile do linear algebra on one core: threads of many workers would wait for each other."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
+@dataclass(frozen=True)
+class _OnOneThread(Generic[T]):
+    """Work without threads of its own: they would wait for each other's, and change the last bits of sums."""
+
+    work: Callable[[Sequence[str]], T]
+
+    def __call__(self, names: Sequence[str]) -> T:
+        cv2 = opencv()
+        before = cv2.getNumThreads()
+        cv2.setNumThreads(1)
+        try:
+            with _libraries().limit(limits=1):
+                return self.work(names)
+        finally:
+            cv2.setNumThreads(before)
+
+
+@cache
+def _libraries() -> Any:
+    """Of linear algebra, in this process. Raises MissingExtraError."""
     try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        from threadpoolctl import ThreadpoolController
+    except ImportError as error:
+        raise MissingExtraError(f"images need threadpoolctl: pip install 'cpcal[vision]' ({error})") from error
+    return ThreadpoolController()
 
 
 def _prepare() -> None:
-    """In each worker: Ctrl-C is for the main process, and a worker has one core."""
+    """In each worker: Ctrl-C is for the main process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    opencv().setNumThreads(1)
