@@ -94,11 +94,12 @@ def with_sets(found: ImagesFound, done: Photographed, run: PixelRun, campaign: C
     seconds = np.median([run.sets[name].seconds for name in names])
     said = (
         f"Each dot of one image a configuration is stated to be within ±{HALF_WIDTH:g} pixels of where it was found. "
-        f"Of {count} sets of poses that show all dots in such boxes, {len(proved)} are proved to be enclosed by "
-        f"half-widths as above, {refuted} are proved empty; {seconds:.2g} s each. The true pose lies in {holding} of "
-        f"{len(proved)}.",
+        f"Of {count} sets of poses that show all dots in such boxes, {len(proved)} are enclosed and {refuted} empty, "
+        f"both proved, in {seconds:.2g} s each. The true pose lies in {holding} of the {len(proved)}. The half-widths "
+        "of the enclosures, beside those of the first campaign's reading sets:",
         "These sets are the readings' sets of a second campaign, certified as the first is: for some pose that the "
-        "pixels allow, and some leg reading in its set. So the proof begins at the image.",
+        "pixels allow, and some leg reading in its set. So the proof begins at the image. The smallest model error of "
+        "each leg, for both campaigns:",
     )
     return replace(found, sets=_widths(run.campaign, campaign), brackets=_brackets(run.result, result), sets_said=said)
 

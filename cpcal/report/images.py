@@ -33,7 +33,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class ImagesFound:
-    """In the order of the page. Tables may be left out: None."""
+    """In the order of the page. Tables may be left out: None. `sets_said` introduces `sets` and `brackets`."""
 
     said: tuple[str, ...]
     pictures: tuple[Picture, ...]
@@ -75,7 +75,10 @@ def _found(data: dict[str, Any]) -> ImagesFound:
     if counts is None:
         raise ValueError("no counts")
     pictures = tuple(_picture(entry) for entry in data["pictures"])
-    return ImagesFound(_texts(data["said"]), pictures, counts, **tables, sets_said=_texts(data["sets_said"]))
+    introduced = _texts(data["sets_said"])
+    if len(introduced) != 2 and tables["sets"] is not None:
+        raise ValueError("the sets are not introduced")
+    return ImagesFound(_texts(data["said"]), pictures, counts, **tables, sets_said=introduced)
 
 
 def _picture(data: dict[str, Any]) -> Picture:
