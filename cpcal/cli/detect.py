@@ -101,6 +101,9 @@ def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool) -> 
     found = calibrate_from_images(files, plate, refine_dots=refine_dots)
     save_camera(found.record(), output)
     typer.echo(clean(str(found)))
+    for view in found.views:
+        if not view.reason:
+            typer.echo(clean(f"  {view.name}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis"))
     typer.echo(f"Camera: {output}")
     if refine_dots:
         refined = output.with_name("refined-target.toml")

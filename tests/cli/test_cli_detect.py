@@ -117,6 +117,7 @@ def test_a_camera_from_images(shots, tmp_path):
         (some / name / "1.png").write_bytes(source.read_bytes())
     outcome = run("detect", some, *options)
     assert outcome.exit_code == 0, outcome.stderr
+    assert outcome.stdout.count("dots, RMS 0.00") == 13
     record = load_camera(tmp_path / "camera.toml")
     error = np.abs(record.camera.numbers - DELTALAB_CAMERA.numbers) / np.sqrt(np.diag(record.covariance))
     assert error.shape == (len(CAMERA_NUMBERS),)
