@@ -6,6 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
+from tinyhtml5.parser import HTMLParser
 from typer.testing import CliRunner
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
@@ -144,6 +145,9 @@ def test_the_demo_goes_the_whole_road(demo):
     page = (folder / "report.html").read_text()
     assert page.count("data:image/jpeg;base64,") == 6
     assert "img-src data:" in page
+    parser = HTMLParser()
+    parser.parse(page)
+    assert parser.errors == []
     pixel, repeats = (cpcal.load_campaign(folder / name) for name in ("pixel-campaign", "campaign"))
     assert len(pixel) == len(repeats) == 64
     assert not pixel.exact
