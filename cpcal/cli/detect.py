@@ -4,21 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from cpcal.cli.folders import check_writable
+from cpcal.cli.folders import check_writable, made
 from cpcal.cli.progress import bar
 from cpcal.errors import InputError, Problem
 from cpcal.report import clean
 from cpcal.robot.study_writer import table_bytes
 from cpcal.robot.writer import write_file
 from cpcal.vision.calibrate_images import calibrate_from_images
+from cpcal.vision.camera import Camera
 from cpcal.vision.camera_file import load_camera, save_camera
 from cpcal.vision.detect import Detections, ImageFolder, detect
 from cpcal.vision.detection import Detection, detections_bytes
-from cpcal.vision.readings import load_readings
+from cpcal.vision.readings import Readings, load_readings
 from cpcal.vision.study_images import study_table
 from cpcal.vision.target import Target
 from cpcal.vision.target_file import load_target, save_target
@@ -57,13 +58,12 @@ def detect_poses(
     _check(images, camera, readings, table, calibrate, refine_dots)
     for file in (output, *([table] if table else [])):
         check_writable(file.absolute().parent)
-    plate = load_target(target)
     if camera is None:
-        _calibrate(images, plate, output, refine_dots)
+        _calibrate(images, load_target(target), output, refine_dots)
         return
-    lens = load_camera(camera).camera
-    known = load_readings(readings) if readings else None
+    plate, lens, known = _loaded(target, camera, readings)
     source = ImageFolder(images)
+    made(output.absolute().parent)
     with bar("images") as progress:
         found = detect(
             source, plate, lens, journal=output.with_name(f"{output.name}.journal"), workers=workers, progress=progress
@@ -71,8 +71,24 @@ def detect_poses(
     write_file(output, detections_bytes(found.rows))
     show_detections(found, output)
     if known is not None and table is not None:
+        made(table.absolute().parent)
         write_file(table, table_bytes(study_table(found.rows, known)))
         typer.echo(f"Table of a study: {table}")
+
+
+def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, Camera, Readings | None]:
+    """What the files say. Raises one InputError with every problem of all."""
+    found: list[Any] = []
+    problems: list[Problem] = []
+    for load, path in ((load_target, target), (load_camera, camera), (load_readings, readings)):
+        try:
+            found.append(None if path is None else load(path))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    plate, record, known = found
+    return plate, record.camera, known
 
 
 def show_detections(found: Detections, where: Path) -> None:

@@ -37,6 +37,14 @@ def check_writable(folder: Path) -> None:
         raise InputError([Problem(str(folder), f"cannot be written: no permission in {ancestor}", _CHOOSE)])
 
 
+def made(folder: Path) -> None:
+    """Make the folder if need be. Raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(folder, error) from None
+
+
 def unwritable(folder: Path, error: OSError) -> InputError:
     """What to raise when writing failed after all (a full disk)."""
     return InputError([Problem(str(folder), f"cannot be written: {error.strerror or error}", _CHOOSE)])

@@ -125,6 +125,17 @@ def test_a_camera_from_images(shots, tmp_path):
     assert error.max() < 5.0
 
 
+def test_every_problem_of_every_file_is_told_and_nothing_is_written(shots, tmp_path):
+    (tmp_path / "readings.csv").write_text("pose,run,L1\na,1,x\n")
+    files = ("--target", shots / "camera.toml", "--camera", shots / "target.toml")
+    joined = ("--readings", tmp_path / "readings.csv", "--table", tmp_path / "new" / "calibration.csv")
+    outcome = run("detect", shots / "images" / "validation", "-o", tmp_path / "new" / "poses.csv", *files, *joined)
+    assert outcome.exit_code == 2
+    for part in ("cpcal-target/1", "cpcal-camera/1", "readings.csv:2"):
+        assert part in outcome.stderr
+    assert not (tmp_path / "new").exists()
+
+
 def test_options_that_do_not_go_together_are_told_at_once(shots, tmp_path):
     outcome = run("detect", tmp_path, "-o", tmp_path / "x.csv", "--target", shots / "target.toml", "--refine-dots")
     assert outcome.exit_code == 2
