@@ -1,6 +1,5 @@
 """Simulated campaigns: determinism, extremal configurations, noise, and what 7 parameters cannot describe."""
 
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -104,7 +104,6 @@ def test_what_passes_for_dots_in_a_page_of_text_makes_no_pose(scale):
             measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
 
 
-
 def test_saturated_and_dim_dots_are_found_and_hopelessly_blurred_ones_are_not(image):
     number = len(DELTALAB_TARGET.dots)
     assert len(observe_dots(np.minimum(image.astype(np.int64) * 2, 255).astype(np.uint8))) == number
