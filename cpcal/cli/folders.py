@@ -9,7 +9,7 @@ from cpcal.errors import InputError, Problem
 
 # What stands in the folder of a study beside calibration.json, as `cpcal calibrate` and `cpcal demo` leave it.
 STUDY, CAMPAIGN, VALIDATION, FITS, RUN, SCRIPT = "study", "campaign", "validation", "fits", "run", "script"
-PIXEL_CAMPAIGN, PIXEL_RUN = "pixel-campaign", "pixel-run"  # where poses came from images
+PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN = "pixel-sets", "pixel-campaign", "pixel-run"  # where poses came from images
 
 _CHOOSE = "choose a folder that can be written to"
 

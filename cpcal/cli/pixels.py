@@ -8,9 +8,11 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from cpcal.cli.folders import PIXEL_CAMPAIGN, PIXEL_RUN, unwritable
+from cpcal.certify import emptied
+from cpcal.cli.folders import PIXEL_CAMPAIGN, PIXEL_RUN, PIXEL_SETS, unwritable
 from cpcal.cli.photographed import Photographed
 from cpcal.cli.run import Question, answer
+from cpcal.errors import ModelError
 from cpcal.interfaces import Verdict
 from cpcal.report.images import ImagesFound
 from cpcal.report.numbers import bracket_text
@@ -30,9 +32,10 @@ HALF_WIDTH = 0.03  # pixels: every dot's box; no dot of the demo's images is far
 
 @dataclass(frozen=True)
 class _Enclosing:
-    """What a worker does: pose sets of some images."""
+    """What a worker does: pose sets of some images, each with a certificate in `folder` where one can be made."""
 
     images: RenderedImages
+    folder: Path
 
     def __call__(self, names: Sequence[str]) -> list[tuple[str, PoseSet]]:
         return [(name, self._one(name)) for name in names]
@@ -41,7 +44,11 @@ class _Enclosing:
         target, camera = self.images.target, self.images.camera
         found = measure_pose(self.images.read(name), target, camera)
         boxes = unbiased_boxes(found.centers, found.numbers, HALF_WIDTH, target, camera, found.estimate.pose)
-        return enclose_pose(boxes, target, camera)
+        certificate = self.folder / (PurePosixPath(name).with_suffix("").as_posix().replace("/", "-") + ".cert.jsonl")
+        try:
+            return enclose_pose(boxes, target, camera, certificate=certificate)
+        except ModelError:  # the proof in exact numbers is a little weaker
+            return enclose_pose(boxes, target, camera)
 
 
 @dataclass(frozen=True)
@@ -61,7 +68,8 @@ def certify_pixels(done: Photographed, campaign: Campaign, question: Question, f
         if row.found:
             first.setdefault(PurePosixPath(row.file).parts[0], row.file)
     names = [first[pose] for pose in campaign.pose]
-    sets = dict(pair for pairs in in_parallel(_Enclosing(images), names) for pair in pairs)
+    proofs = emptied(folder / PIXEL_SETS, "*.cert.jsonl")
+    sets = dict(pair for pairs in in_parallel(_Enclosing(images, proofs), names) for pair in pairs)
     proved = [k for k, name in enumerate(names) if sets[name].verdict is Verdict.PROVED]
     runs = [PurePosixPath(names[k]).parts[1] for k in proved]
     readings = readings_of(done.study.calibration)
@@ -95,8 +103,8 @@ def with_sets(found: ImagesFound, done: Photographed, run: PixelRun, campaign: C
     said = (
         f"Each dot of one image a configuration is stated to be within ±{HALF_WIDTH:g} pixels of where it was found. "
         f"Of {count} sets of poses that show all dots in such boxes, {len(proved)} are enclosed and {refuted} empty, "
-        f"both proved, in {seconds:.2g} s each. The true pose lies in {holding} of the {len(proved)}. The half-widths "
-        "of the enclosures, beside those of the first campaign's reading sets:",
+        f"both proved, in {seconds:.2g} s each with a certificate. The true pose lies in {holding} of the {len(proved)}. "
+        "The half-widths of the enclosures, beside those of the first campaign's reading sets:",
         "These sets are the readings' sets of a second campaign, certified as the first is: for some pose that the "
         "pixels allow, and some leg reading in its set. So the proof begins at the image. The smallest model error of "
         "each leg, for both campaigns:",

@@ -166,6 +166,8 @@ def test_the_demo_goes_the_whole_road(demo):
     result = cpcal.load_result(folder / "pixel-run")
     assert result.campaign_sha256 == pixel.sha256
     assert (folder / "pixel-run" / "leg6.cert.jsonl").is_file()
+    assert len(list((folder / "pixel-sets").glob("*.cert.jsonl"))) == 64
+    assert "accepted all 68 certificates" in found.checked  # of fits, legs and pose sets
 
 
 def test_what_is_kept_of_images_is_read_back(demo, tmp_path):
