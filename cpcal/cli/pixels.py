@@ -103,8 +103,8 @@ def with_sets(found: ImagesFound, done: Photographed, run: PixelRun, campaign: C
     said = (
         f"Each dot of one image a configuration is stated to be within ±{HALF_WIDTH:g} pixels of where it was found. "
         f"Of {count} sets of poses that show all dots in such boxes, {len(proved)} are enclosed and {refuted} empty, "
-        f"both proved, in {seconds:.2g} s each with a certificate. The true pose lies in {holding} of the {len(proved)}. "
-        "The half-widths of the enclosures, beside those of the first campaign's reading sets:",
+        f"both proved, in {seconds:.2g} s each with a certificate. The true pose lies in {holding} of the "
+        f"{len(proved)}. The half-widths of the enclosures, beside those of the first campaign's reading sets:",
         "These sets are the readings' sets of a second campaign, certified as the first is: for some pose that the "
         "pixels allow, and some leg reading in its set. So the proof begins at the image. The smallest model error of "
         "each leg, for both campaigns:",
