@@ -26,6 +26,7 @@ from cpcal.vision.parallel import in_parallel
 from cpcal.vision.target import Target
 
 Progress = Callable[[int, int], None]
+_UNEXPECTED = "failed unexpectedly"
 
 
 class Source(Protocol):
@@ -101,7 +102,8 @@ def detect(
             progress(len(done), len(names))
         for rows, spent in in_parallel(_Work(source, target, camera), todo, workers, executor):
             for row in rows:
-                kept.add(row, source.stamp(row.file))
+                if not row.reason.startswith(_UNEXPECTED):  # that is tried again
+                    kept.add(row, source.stamp(row.file))
                 done[row.file] = row
             _add(seconds, spent)
             if progress is not None:
@@ -139,7 +141,7 @@ class _Work:
         except MissingExtraError:
             raise
         except Exception as error:  # one image must never stop thousands
-            return Detection(name, f"failed unexpectedly: {type(error).__name__}: {error}"[:200])
+            return Detection(name, f"{_UNEXPECTED}: {type(error).__name__}: {error}"[:200])
 
 
 def _add(total: dict[str, float], more: dict[str, float]) -> None:

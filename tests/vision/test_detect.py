@@ -137,6 +137,20 @@ def _of(alone):
     return poses, DELTALAB_TARGET, DELTALAB_CAMERA, Scene(), 0
 
 
+def test_what_fails_unexpectedly_is_told_and_tried_again(rendered, tmp_path):
+    class Broken(RenderedImages):
+        def read(self, name):
+            raise RuntimeError("the disk is on fire")
+
+    few = (rendered.names[:2], *_rest(rendered, slice(0, 2)))
+    journal = tmp_path / "journal"
+    for source, poses in ((Broken(*few), 0), (RenderedImages(*few), 2), (Broken(*few), 2)):
+        found = detect(source, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
+        assert sum(row.found for row in found.rows) == poses
+        reasons = {row.reason for row in found.rows if not row.found}
+        assert reasons <= {"failed unexpectedly: RuntimeError: the disk is on fire"}
+
+
 def test_an_image_of_its_own_seed_whatever_the_others(rendered):
     name = rendered.names[5]
     few = RenderedImages(rendered.names[3:7], *_rest(rendered, slice(3, 7)))
