@@ -15,14 +15,17 @@ Array = npt.NDArray[np.float64]
 def rotation_matrix(quaternion: npt.ArrayLike) -> Array:
     """R(q), (..., 4) -> (..., 3, 3): the rotation of any non-zero quaternion, without a square root."""
     q = np.asarray(quaternion, dtype=np.float64)
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    # plain floats are several times faster for one quaternion, and give the same bits
+    w, x, y, z = q.tolist() if q.ndim == 1 else (q[..., 0], q[..., 1], q[..., 2], q[..., 3])
     entries = [
         [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
     ]
-    matrix = np.stack([np.stack(row, axis=-1) for row in entries], axis=-2)
     norm_squared = w * w + x * x + y * y + z * z
+    if q.ndim == 1:
+        return np.array(entries) / np.float64(norm_squared)
+    matrix = np.stack([np.stack(row, axis=-1) for row in entries], axis=-2)
     return np.asarray(matrix / norm_squared[..., None, None])
 
 

@@ -19,6 +19,7 @@ from cpcal.vision.edge import OUTSIDE, Edges, fitted_edges
 from cpcal.vision.grey import Grey, eight_bits, grey_levels, noise_level
 from cpcal.vision.light import light_gradient
 from cpcal.vision.segmentation import Spots, spots, surveys
+from cpcal.vision.two_by_two import eigenvalues
 
 Array = npt.NDArray[np.float64]
 
@@ -127,7 +128,7 @@ def _gap(found: Spots) -> Array:
     if len(found) < 2:
         return np.full(len(found), np.inf)
     distance, other = (np.asarray(a) for a in cKDTree(found.center).query(found.center, min(6, len(found))))
-    long = 2.0 * np.sqrt(np.linalg.eigvalsh(found.spread)[:, 1])
+    long = 2.0 * np.sqrt(eigenvalues(found.spread)[:, 1])
     gap = (distance[:, 1:] - long[:, None] - long[other[:, 1:]]).min(axis=1)
     return np.asarray(gap)
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from cpcal.vision.grey import Grey
 from cpcal.vision.segmentation import Spots
+from cpcal.vision.two_by_two import inverses
 
 Array = npt.NDArray[np.float64]
 
@@ -55,7 +56,7 @@ def _levels(grey: Grey, found: Spots, gap: Array) -> Array:
     if found.bright:
         points = found.center[:, None, :] + _CORNERS
     else:
-        inverse = np.linalg.inv(found.spread)
+        inverse = inverses(found.spread)
         reach = 2.0 / np.sqrt(np.einsum("ki,nij,kj->nk", _AROUND, inverse, _AROUND))
         beside = np.clip(0.5 * gap, 1.5, _BESIDE)
         points = found.center[:, None, :] + (reach + beside[:, None])[..., None] * _AROUND
@@ -65,9 +66,12 @@ def _levels(grey: Grey, found: Spots, gap: Array) -> Array:
 
 def _terms(at: Array, degree: int) -> tuple[Array, Array, Array]:
     """The monomials of x and y up to a degree and their derivatives, each (n, terms)."""
-    x, y = at.T
-    powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
-    values = np.stack([x**i * y**j for i, j in powers], axis=1)
-    by_x = np.stack([i * x ** max(i - 1, 0) * y**j for i, j in powers], axis=1)
-    by_y = np.stack([j * x**i * y ** max(j - 1, 0) for i, j in powers], axis=1)
+    i, j = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]).T
+    powers = np.ones((degree + 1, *at.shape))
+    for k in range(degree):
+        powers[k + 1] = powers[k] * at
+    x, y = powers[..., 0].T, powers[..., 1].T  # (n, degree + 1)
+    values = x[:, i] * y[:, j]
+    by_x = i * x[:, np.maximum(i - 1, 0)] * y[:, j]
+    by_y = j * x[:, i] * y[:, np.maximum(j - 1, 0)]
     return values, by_x, by_y

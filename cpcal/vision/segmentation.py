@@ -7,6 +7,7 @@ are and whether they are bright; the second uses a neighbourhood made for them, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy.typing as npt
 
 from cpcal.vision.grey import noise_level
 from cpcal.vision.opencv import opencv
+from cpcal.vision.two_by_two import determinants, eigenvalues
 
 Array = npt.NDArray[np.float64]
 Grey8 = npt.NDArray[np.uint8]
@@ -46,10 +48,10 @@ class Spots:
     def __len__(self) -> int:
         return len(self.center)
 
-    @property
+    @cached_property
     def radius(self) -> Array:
         """(n,) of the circle of the same area, pixels."""
-        return 2.0 * np.asarray(np.linalg.det(self.spread)) ** 0.25
+        return 2.0 * determinants(self.spread) ** 0.25
 
     def kept(self, keep: npt.NDArray[Any]) -> Spots:
         return Spots(self.center[keep], self.spread[keep], self.bright)
@@ -134,7 +136,7 @@ def _standing_out(image: Grey8, mean: Grey8, least: float, bright: bool) -> Spot
     if not outlines:
         return _none(bright)
     area, center, moments = _moments(outlines)
-    inner = np.linalg.eigvalsh(np.where((area > 0.0)[:, None, None], moments, np.eye(2)))
+    inner = eigenvalues(np.where((area > 0.0)[:, None, None], moments, np.eye(2)))
     elliptic = area > _ELLIPTIC * 4.0 * np.pi * np.sqrt(np.maximum(inner[:, 0] * inner[:, 1], 0.0))
     # an outline runs through the centres of pixels: the region reaches half a pixel farther, in every direction
     growth = (0.25 + np.sqrt(np.maximum(inner, 1e-4))) ** 2 - inner
