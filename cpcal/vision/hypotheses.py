@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -89,6 +90,7 @@ def _crossing_pairs(
     return [(int(i), int(j)) for i, j in np.argwhere(different)]
 
 
+@lru_cache(maxsize=256)
 def _crossing(target: Target, k: int, m: int) -> tuple[float, float] | None:
     """Where two rows cross, along each of them (mm from its first dot)."""
     first, second = (target.dots[list(target.lines[i])] for i in (k, m))
@@ -103,7 +105,7 @@ def _crossing(target: Target, k: int, m: int) -> tuple[float, float] | None:
 
 def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis | None:
     """The homography of some pairs, grown over all dots that it predicts."""
-    if len(np.unique(found)) < len(found):
+    if len(set(found.tolist())) < len(found):
         return None
     homography = fitted(target.dots[numbers], view.points[found])
     for reach in (0.2 * view.spacing, 0.2 * view.spacing, view.reach):
