@@ -86,9 +86,11 @@ def _assembled(
     normal, right = np.empty((n, used, used)), np.empty((n, used))
     # by_form times itself, the others and the residual, by the quadratic form's coefficients: one product with `forms`
     by_form_times = np.empty((n, 6, 6 + plain + 1))
-    by_form_times[..., :6] = ((by_form * by_form) @ table.T).take(_PRODUCT, axis=1)
+    columns = np.ascontiguousarray(table.T)  # twice as fast
+    low = np.ascontiguousarray(columns[:, :6])
+    by_form_times[..., :6] = ((by_form * by_form) @ columns).take(_PRODUCT, axis=1)
     for i, one in enumerate([*others, residual], start=6):
-        by_form_times[..., i] = (by_form * one) @ table[:6].T
+        by_form_times[..., i] = (by_form * one) @ low
     products = forms @ by_form_times
     normal[:, :5, :5] = products[..., :6] @ forms.transpose(0, 2, 1)
     normal[:, :5, 5 : 5 + plain] = products[..., 6:-1]

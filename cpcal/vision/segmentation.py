@@ -78,11 +78,12 @@ def surveys(image: Grey8, bright: bool | None = None) -> list[Survey]:
     least = max(_NOISE * noise_level(half), _LEAST)
     kinds = (True, False) if bright is None else (bright,)
     mean = cv2.blur(half, (_WIDEST, _WIDEST))
-    looks = [_doubled(_standing_out(half, mean, least, kind)) for kind in kinds]
+    looks = [_doubled(_standing_out(_excess(half, mean, kind), least, kind)) for kind in kinds]
     most = max(looks, key=len)
     if len(most) < _ENOUGH or np.median(most.radius) < _SMALL:
         least = max(_NOISE * noise_level(image), _LEAST)
-        looks += [_standing_out(image, _mean(image, half, _NARROW), least, kind) for kind in kinds]
+        near = _mean(image, half, _NARROW)
+        looks += [_standing_out(_excess(image, near, kind), least, kind) for kind in kinds]
     best = [max((found for found in looks if found.bright == kind), key=len) for kind in kinds]
     best.sort(key=len, reverse=True)
     return [_survey(image, half, mean, found) for found in best if len(found) > _LIKELY * len(best[0])]
@@ -111,7 +112,7 @@ def _survey(image: Grey8, half: Grey8, mean: Grey8, found: Spots) -> Survey:
 def spots(image: Grey8, survey: Survey) -> Spots:
     """The candidates for dots in an image, all brighter or all darker than around them, clear of its border."""
     mean = _mean(image, _halved(image), _NEIGHBOURHOOD * survey.radius)
-    return _standing_out(image, mean, survey.contrast, survey.bright)
+    return _standing_out(_excess(image, mean, survey.bright, out=mean), survey.contrast, survey.bright)
 
 
 def _halved(image: Grey8) -> Grey8:
@@ -124,14 +125,21 @@ def _none(bright: bool) -> Spots:
     return Spots(np.zeros((0, 2)), np.zeros((0, 2, 2)), bright)
 
 
-def _standing_out(image: Grey8, mean: Grey8, least: float, bright: bool) -> Spots:
-    """The elliptic regions of about one size that are at least `least` brighter (or darker) than the mean around."""
+def _excess(image: Grey8, mean: Grey8, bright: bool, out: Grey8 | None = None) -> Grey8:
+    """By how much pixels are brighter (or darker) than the mean around, at least 0; `out` may be the mean."""
     cv2 = opencv()
-    excess = cv2.subtract(image, mean) if bright else cv2.subtract(mean, image)
-    mask = cv2.threshold(excess, least, 255.0, cv2.THRESH_BINARY)[1]
+    excess: Grey8 = cv2.subtract(image, mean, dst=out) if bright else cv2.subtract(mean, image, dst=out)
+    return excess
+
+
+def _standing_out(excess: Grey8, least: float, bright: bool) -> Spots:
+    """The elliptic regions of about one size that are at least `least` brighter (or darker) than around: of an excess
+    that is used up, because fresh memory would take longer than the threshold."""
+    cv2 = opencv()
+    mask = cv2.threshold(excess, least, 255.0, cv2.THRESH_BINARY, dst=excess)[1]
     if _too_many(mask):
         return _none(bright)
-    outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)  # corners do
     outlines = [outline for outline in outlines if len(outline) >= 4]
     if not outlines:
         return _none(bright)
@@ -143,7 +151,7 @@ def _standing_out(image: Grey8, mean: Grey8, least: float, bright: bool) -> Spot
     spread = moments + growth.mean(axis=1)[:, None, None] * np.eye(2)
     slim = np.sqrt((inner[:, 0] + growth[:, 0]) / (inner[:, 1] + growth[:, 1]))
     low, high = _boxes(outlines)
-    clear = (low > 0).all(axis=1) & (high < [image.shape[1] - 1, image.shape[0] - 1]).all(axis=1)
+    clear = (low > 0).all(axis=1) & (high < [mask.shape[1] - 1, mask.shape[0] - 1]).all(axis=1)
     keep = (area > 0.0) & elliptic & clear & (slim > _SLIMMEST)
     found = Spots(center[keep], spread[keep], bright)
     return _alike(found.kept(found.radius < _LARGEST))
