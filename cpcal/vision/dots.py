@@ -18,6 +18,7 @@ from cpcal.robot.robot import frozen_array
 from cpcal.vision.edge import OUTSIDE, Edges, fitted_edges
 from cpcal.vision.grey import Grey, eight_bits, grey_levels, noise_level
 from cpcal.vision.light import light_gradient
+from cpcal.vision.middle import median
 from cpcal.vision.segmentation import Spots, spots, surveys
 from cpcal.vision.two_by_two import eigenvalues
 
@@ -168,6 +169,6 @@ def _alike(edges: Edges, members: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     size = np.sqrt(edges.axes[members].prod(axis=1))
     contrast = np.abs(edges.contrast[members])
-    usual = np.median(size)
-    alike = (size < _RATIO * usual) & (_RATIO * size > usual) & (contrast > _CONTRAST * np.median(contrast))
+    usual = median(size)
+    alike = (size < _RATIO * usual) & (_RATIO * size > usual) & (contrast > _CONTRAST * median(contrast))
     return np.asarray(alike)

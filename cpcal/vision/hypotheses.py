@@ -12,6 +12,7 @@ from scipy.special import bdtrc
 
 from cpcal.vision import one_row
 from cpcal.vision.homography import fitted, mapped, orientation
+from cpcal.vision.middle import median
 from cpcal.vision.runs import RowMatches, collinear, match_rows
 from cpcal.vision.symmetry import self_maps
 from cpcal.vision.target import Target
@@ -138,9 +139,7 @@ def judged(view: View, target: Target, homography: Array) -> Hypothesis:
     in_view = view.in_view(predicted, target.radius * _scale(homography, target.dots))
     in_view[numbers] = True
     errors = int(in_view.sum()) - len(numbers) + len(view.points) - len(found)
-    mirrored = bool(
-        np.median(orientation(homography, target.dots)) > 0.0
-    )  # y points up on the target, down in the view
+    mirrored = bool(median(orientation(homography, target.dots)) > 0.0)  # y points up on the target, down in the view
     return Hypothesis(homography, found, numbers, in_view, errors, mirrored)
 
 
@@ -182,7 +181,7 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
 
 def _errors(view: View, target: Target, fit: Hypothesis, predicted: Array) -> int:
     found, numbers = pairs(view, predicted, view.reach)
-    radius = target.radius * float(np.median(_scale(fit.homography, target.dots)))
+    radius = target.radius * median(_scale(fit.homography, target.dots))
     in_view = view.in_view(predicted, np.full(len(predicted), radius))
     in_view[numbers] = True
     return int(in_view.sum()) - len(numbers) + len(view.points) - len(found)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.vision.grey import Grey
+from cpcal.vision.middle import median
 from cpcal.vision.segmentation import Spots
 from cpcal.vision.two_by_two import inverses
 
@@ -46,7 +47,7 @@ def light_gradient(grey: Grey, found: Spots, gap: Array) -> Array:
         normal += 1e-9 * len(some) * np.eye(len(normal))  # in case dots lie on few lines
         coefficients = np.asarray(np.linalg.solve(normal, some.T @ level[good]), dtype=np.float64)
         off = np.abs(level - values @ coefficients)
-        good = off <= _OUTLYING * 1.4826 * np.median(off) + 1e-12
+        good = off <= _OUTLYING * 1.4826 * median(off) + 1e-12
     slope = np.stack([to_right @ coefficients, to_bottom @ coefficients], axis=1)
     return np.asarray(slope / (np.maximum(values @ coefficients, 1.0)[:, None] * half))
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.vision.grey import noise_level
+from cpcal.vision.middle import median
 from cpcal.vision.opencv import opencv
 from cpcal.vision.two_by_two import determinants, eigenvalues
 
@@ -80,7 +81,7 @@ def surveys(image: Grey8, bright: bool | None = None) -> list[Survey]:
     mean = cv2.blur(half, (_WIDEST, _WIDEST))
     looks = [_doubled(_standing_out(_excess(half, mean, kind), least, kind)) for kind in kinds]
     most = max(looks, key=len)
-    if len(most) < _ENOUGH or np.median(most.radius) < _SMALL:
+    if len(most) < _ENOUGH or median(most.radius) < _SMALL:
         least = max(_NOISE * noise_level(image), _LEAST)
         near = _mean(image, half, _NARROW)
         looks += [_standing_out(_excess(image, near, kind), least, kind) for kind in kinds]
@@ -105,8 +106,8 @@ def _doubled(found: Spots) -> Spots:
 def _survey(image: Grey8, half: Grey8, mean: Grey8, found: Spots) -> Survey:
     at = np.minimum((0.5 * found.center).astype(np.int64), np.array(half.shape[::-1]) - 1)
     contrast = np.abs(half[at[:, 1], at[:, 0]].astype(np.float64) - mean[at[:, 1], at[:, 0]])
-    least = max(_NOISE * noise_level(image), _LEAST, _CONTRAST * float(np.median(contrast)))
-    return Survey(found.bright, len(found), float(np.median(found.radius)), least)
+    least = max(_NOISE * noise_level(image), _LEAST, _CONTRAST * median(contrast))
+    return Survey(found.bright, len(found), median(found.radius), least)
 
 
 def spots(image: Grey8, survey: Survey) -> Spots:
@@ -208,5 +209,5 @@ def _alike(found: Spots) -> Spots:
     if not len(found):
         return found
     radius = found.radius
-    middle = float(np.median(radius))
+    middle = median(radius)
     return found.kept((radius < _ALIKE * middle) & (_ALIKE * radius > middle))
