@@ -108,9 +108,10 @@ def _fitted(grey: Grey, found: Spots) -> Edges:
     gap = _gap(found)
     room, light = np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE), light_gradient(grey, found, gap)
     edges = fitted_edges(grey, found.center, found.spread, room, light)
-    if np.isnan(light).any() or np.isnan(edges.noise).all():
+    fitted = ~np.isnan(edges.noise)
+    if np.isnan(light).any() or not fitted.any():
         return edges
-    strange = ~(edges.noise < _STRANGE * np.nanmedian(edges.noise))
+    strange = ~(edges.noise < _STRANGE * median(edges.noise[fitted]))
     if not strange.any():
         return edges
     usual = np.flatnonzero(~strange)

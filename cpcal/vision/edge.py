@@ -150,6 +150,7 @@ class _Fit:
         own = (pixels > -_column(room)) & (pixels < np.float32(INSIDE))
         self.weight: Single = (own if inside is None else own & inside).astype(np.float32)
         self._start(pixels[:, : self.rough])
+        self.level *= self.weight  # once, where every step would do it
 
     def _start(self, pixels: Single) -> None:
         """Back, contrast and blur to begin with."""

@@ -47,7 +47,7 @@ def normal_equations(
     parameters: Array, table: Single, level: Single, weight: Single, used: int
 ) -> tuple[Array, Array, Array]:
     """Of the first `used` parameters: the normal matrices (n, used, used), right sides (n, used) and the sums (n,) of
-    squared residuals, for grey levels (n, k) of weight 0 or 1."""
+    squared residuals, for grey levels (n, k) of weight 0 or 1, themselves 0 where the weight is."""
     p = parameters.astype(np.float32)
     depth, slope = _depths(parameters, table)
     z = depth * np.exp(-p[:, 7:8])
@@ -62,8 +62,7 @@ def normal_equations(
     share *= light
     model = p[:, 6:7] * share
     model += p[:, 5:6] * light
-    residual = weight * level
-    residual -= model
+    residual = level - model
     depth *= density
     np.negative(depth, out=depth)
     density *= slope
