@@ -70,20 +70,21 @@ class Camera:
     def normalised(self, pixels: npt.ArrayLike) -> Array:
         """The directions (..., 2) that pixels (..., 2) show, by Newton's method; nan where there is none nearby."""
         wanted = (np.asarray(pixels, dtype=np.float64) - self.center) / self.focal
-        x = wanted.copy()
-        for _ in range(_NEWTON_STEPS):
-            slope, off = distortion_jacobian(x, self.distortion), wanted - distorted(x, self.distortion)
-            determinant = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
-            across = slope[..., 0, 0] * off[..., 1] - slope[..., 1, 0] * off[..., 0]
-            along = slope[..., 1, 1] * off[..., 0] - slope[..., 0, 1] * off[..., 1]
-            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                step = np.stack([along, across], axis=-1) / determinant[..., None]
-            x = x + step
-            if not (np.abs(step) > _LAST).any():
-                break
-        missed = ~(np.abs(distorted(x, self.distortion) - wanted).max(axis=-1) < 1e-9)
-        x[missed] = np.nan
-        return x
+        u, v = np.ascontiguousarray(np.moveaxis(wanted, -1, 0))
+        x, y = u, v
+        numbers = self.distortion.tolist()
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            for _ in range(_NEWTON_STEPS):
+                (dx, dy), (xx, xy, yy) = _bent(x, y, numbers), _slopes(x, y, numbers)
+                off_x, off_y, determinant = u - dx, v - dy, xx * yy - xy * xy
+                step_x, step_y = (yy * off_x - xy * off_y) / determinant, (xx * off_y - xy * off_x) / determinant
+                x, y = x + step_x, y + step_y
+                if not ((np.abs(step_x) > _LAST) | (np.abs(step_y) > _LAST)).any():
+                    break
+            dx, dy = _bent(x, y, numbers)
+            found = np.stack([x, y], axis=-1)
+            found[~((np.abs(dx - u) < 1e-9) & (np.abs(dy - v) < 1e-9))] = np.nan
+        return found
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
@@ -100,27 +101,36 @@ class Camera:
 def distorted(normalised: npt.ArrayLike, distortion: Array) -> Array:
     """d(x, y), (..., 2) -> (..., 2)."""
     p = np.asarray(normalised, dtype=np.float64)
-    k1, k2, p1, p2, k3 = distortion
-    x, y = p[..., 0], p[..., 1]
-    r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    dx = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-    dy = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-    return np.stack([dx, dy], axis=-1)
+    return np.stack(_bent(p[..., 0], p[..., 1], distortion.tolist()), axis=-1)
 
 
 def distortion_jacobian(normalised: npt.ArrayLike, distortion: Array) -> Array:
     """The derivatives of d by (x, y), (..., 2) -> (..., 2, 2)."""
     p = np.asarray(normalised, dtype=np.float64)
+    xx, cross, yy = _slopes(p[..., 0], p[..., 1], distortion.tolist())
+    return np.stack([np.stack([xx, cross], axis=-1), np.stack([cross, yy], axis=-1)], axis=-2)
+
+
+def _bent(x: Array, y: Array, distortion: list[float]) -> tuple[Array, Array]:
+    """The two components of d."""
     k1, k2, p1, p2, k3 = distortion
-    x, y = p[..., 0], p[..., 1]
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    dx = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    dy = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    return dx, dy
+
+
+def _slopes(x: Array, y: Array, distortion: list[float]) -> tuple[Array, Array, Array]:
+    """The derivatives of the first component by x, of it by y (and of the other by x), of the other by y."""
+    k1, k2, p1, p2, k3 = distortion
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
     slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))  # of `radial` by r^2, twice: its gradient is slope * (x, y)
     cross = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
     xx = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
     yy = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-    return np.stack([np.stack([xx, cross], axis=-1), np.stack([cross, yy], axis=-1)], axis=-2)
+    return xx, cross, yy
 
 
 # 1024 x 768 pixels of 4.65 micrometres behind an objective of 4.2 mm; an ordinary lens, a little off its centre

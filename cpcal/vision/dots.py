@@ -18,7 +18,9 @@ from cpcal.robot.robot import frozen_array
 from cpcal.vision.edge import OUTSIDE, Edges, fitted_edges
 from cpcal.vision.grey import Grey, eight_bits, grey_levels, noise_level
 from cpcal.vision.light import light_gradient
+from cpcal.vision.middle import median
 from cpcal.vision.segmentation import Spots, spots, surveys
+from cpcal.vision.two_by_two import eigenvalues
 
 Array = npt.NDArray[np.float64]
 
@@ -106,9 +108,10 @@ def _fitted(grey: Grey, found: Spots) -> Edges:
     gap = _gap(found)
     room, light = np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE), light_gradient(grey, found, gap)
     edges = fitted_edges(grey, found.center, found.spread, room, light)
-    if np.isnan(light).any() or np.isnan(edges.noise).all():
+    fitted = ~np.isnan(edges.noise)
+    if np.isnan(light).any() or not fitted.any():
         return edges
-    strange = ~(edges.noise < _STRANGE * np.nanmedian(edges.noise))
+    strange = ~(edges.noise < _STRANGE * median(edges.noise[fitted]))
     if not strange.any():
         return edges
     usual = np.flatnonzero(~strange)
@@ -127,7 +130,7 @@ def _gap(found: Spots) -> Array:
     if len(found) < 2:
         return np.full(len(found), np.inf)
     distance, other = (np.asarray(a) for a in cKDTree(found.center).query(found.center, min(6, len(found))))
-    long = 2.0 * np.sqrt(np.linalg.eigvalsh(found.spread)[:, 1])
+    long = 2.0 * np.sqrt(eigenvalues(found.spread)[:, 1])
     gap = (distance[:, 1:] - long[:, None] - long[other[:, 1:]]).min(axis=1)
     return np.asarray(gap)
 
@@ -167,6 +170,6 @@ def _alike(edges: Edges, members: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     size = np.sqrt(edges.axes[members].prod(axis=1))
     contrast = np.abs(edges.contrast[members])
-    usual = np.median(size)
-    alike = (size < _RATIO * usual) & (_RATIO * size > usual) & (contrast > _CONTRAST * np.median(contrast))
+    usual = median(size)
+    alike = (size < _RATIO * usual) & (_RATIO * size > usual) & (contrast > _CONTRAST * median(contrast))
     return np.asarray(alike)

@@ -10,6 +10,7 @@ covariance. What the model leaves out is symmetric about the centre and so moves
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy.typing as npt
 
 from cpcal.vision.edge_model import PARAMETERS, depths, monomials, normal_equations
 from cpcal.vision.grey import Grey
+from cpcal.vision.two_by_two import determinants, eigenvalues, inverses
 
 Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
@@ -65,11 +67,11 @@ class Edges:
             array[members] = getattr(others, field.name)
         return Edges(*arrays)
 
-    @property
+    @cached_property
     def axes(self) -> Array:
         """(n, 2) semi-axes, pixels, the longer first."""
         conic = np.where(np.isfinite(self.conic), self.conic, np.eye(2))
-        axes = 1.0 / np.sqrt(np.maximum(np.linalg.eigvalsh(conic), 1e-12))
+        axes = 1.0 / np.sqrt(np.maximum(eigenvalues(conic), 1e-12))
         axes[np.isnan(self.blur)] = np.nan
         return axes
 
@@ -89,7 +91,7 @@ def fitted_edges(grey: Grey, center: Array, spread: Array, room: Array, light: A
     """The blurred ellipses next to those of `center` (n, 2) and second moments `spread` (n, 2, 2), pixels; `room` (n,)
     pixels beyond the edge are the dot's own; `light` (n, 2) the share by which it grows per pixel, nan where each dot
     has to tell itself. Where the fit fails the numbers are nan."""
-    axes = 2.0 * np.sqrt(np.linalg.eigvalsh(spread))
+    axes = 2.0 * np.sqrt(eigenvalues(spread))
     out = np.full((len(center), 13), np.nan)
     for part in _parts(axes[:, 1]):
         out[part] = _Fit(grey, _stencil(axes[part]), center[part], spread[part], room[part], light[part]).run()
@@ -130,9 +132,9 @@ class _Fit:
     ) -> None:
         self.at = np.rint(center).astype(np.int64)
         self.level, inside = _levels(grey, self.at, stencil)
-        self.unit = float(np.mean(2.0 * np.linalg.det(spread) ** 0.25))
+        self.unit = float(np.mean(2.0 * determinants(spread) ** 0.25))
         self.table = monomials(*(stencil / self.unit).T)
-        conic = 0.25 * self.unit**2 * np.linalg.inv(spread)
+        conic = 0.25 * self.unit**2 * inverses(spread)
         self.p = np.zeros((len(center), PARAMETERS))
         self.p[:, :2] = (center - self.at) / self.unit
         self.p[:, 2:5] = conic[:, [0, 0, 1], [0, 1, 1]]
@@ -148,6 +150,7 @@ class _Fit:
         own = (pixels > -_column(room)) & (pixels < np.float32(INSIDE))
         self.weight: Single = (own if inside is None else own & inside).astype(np.float32)
         self._start(pixels[:, : self.rough])
+        self.level *= self.weight  # once, where every step would do it
 
     def _start(self, pixels: Single) -> None:
         """Back, contrast and blur to begin with."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.vision.middle import median
+
 Array = npt.NDArray[np.float64]
 
 
@@ -30,7 +32,7 @@ def fitted(points: Array, images: Array) -> Array:
     homography = np.linalg.eigh(flat.T @ flat)[1][:, 0].reshape(3, 3)
     homography = np.linalg.solve(out, homography @ into)
     depth = points @ homography[2, :2] + homography[2, 2]
-    return np.asarray(homography * (np.sign(np.median(np.sign(depth))) or 1.0) / np.linalg.norm(homography))
+    return np.asarray(homography * (np.sign(median(np.sign(depth))) or 1.0) / np.linalg.norm(homography))
 
 
 def _normalised(points: Array) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,7 @@ from scipy.special import bdtrc
 
 from cpcal.vision import one_row
 from cpcal.vision.homography import fitted, mapped, orientation
+from cpcal.vision.middle import median
 from cpcal.vision.runs import RowMatches, collinear, match_rows
 from cpcal.vision.symmetry import self_maps
 from cpcal.vision.target import Target
@@ -89,6 +91,7 @@ def _crossing_pairs(
     return [(int(i), int(j)) for i, j in np.argwhere(different)]
 
 
+@lru_cache(maxsize=256)
 def _crossing(target: Target, k: int, m: int) -> tuple[float, float] | None:
     """Where two rows cross, along each of them (mm from its first dot)."""
     first, second = (target.dots[list(target.lines[i])] for i in (k, m))
@@ -103,7 +106,7 @@ def _crossing(target: Target, k: int, m: int) -> tuple[float, float] | None:
 
 def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis | None:
     """The homography of some pairs, grown over all dots that it predicts."""
-    if len(np.unique(found)) < len(found):
+    if len(set(found.tolist())) < len(found):
         return None
     homography = fitted(target.dots[numbers], view.points[found])
     for reach in (0.2 * view.spacing, 0.2 * view.spacing, view.reach):
@@ -136,9 +139,7 @@ def judged(view: View, target: Target, homography: Array) -> Hypothesis:
     in_view = view.in_view(predicted, target.radius * _scale(homography, target.dots))
     in_view[numbers] = True
     errors = int(in_view.sum()) - len(numbers) + len(view.points) - len(found)
-    mirrored = bool(
-        np.median(orientation(homography, target.dots)) > 0.0
-    )  # y points up on the target, down in the view
+    mirrored = bool(median(orientation(homography, target.dots)) > 0.0)  # y points up on the target, down in the view
     return Hypothesis(homography, found, numbers, in_view, errors, mirrored)
 
 
@@ -180,7 +181,7 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
 
 def _errors(view: View, target: Target, fit: Hypothesis, predicted: Array) -> int:
     found, numbers = pairs(view, predicted, view.reach)
-    radius = target.radius * float(np.median(_scale(fit.homography, target.dots)))
+    radius = target.radius * median(_scale(fit.homography, target.dots))
     in_view = view.in_view(predicted, np.full(len(predicted), radius))
     in_view[numbers] = True
     return int(in_view.sum()) - len(numbers) + len(view.points) - len(found)

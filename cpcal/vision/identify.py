@@ -98,7 +98,7 @@ def identify(
         raise Unidentified("most dots lie on one another")
     found = _identified(seen, target)
     mine = usable[found.found]
-    return replace(found, found=mine, false=np.setdiff1d(np.arange(len(pixels)), mine))
+    return replace(found, found=mine, false=_others(len(pixels), mine))
 
 
 def _check_count(count: int, target: Target) -> None:
@@ -163,7 +163,14 @@ def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> 
     if margin < MARGIN:
         other = "the target's mirror image fits" if reflected else "another assignment fits"
         return _Refusal(f"ambiguous: {other} as well or nearly so", margin > -MARGIN)  # else the other is to be found
-    seen = np.isin(np.arange(len(target.dots)), fit.numbers)
-    false = np.setdiff1d(np.arange(len(view.points)), fit.found)
-    missing = np.flatnonzero(fit.in_view & ~seen)
+    false = _others(len(view.points), fit.found)
+    unseen = _others(len(target.dots), fit.numbers)
+    missing = unseen[fit.in_view[unseen]]
     return Identification(fit.found, fit.numbers, fit.homography, false, missing, by_chance, margin)
+
+
+def _others(count: int, some: Ints) -> Ints:
+    """The numbers from 0 to count that are not among some."""
+    rest = np.ones(count, dtype=bool)
+    rest[some] = False
+    return np.flatnonzero(rest)

@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.vision.grey import Grey
+from cpcal.vision.middle import median
 from cpcal.vision.segmentation import Spots
+from cpcal.vision.two_by_two import inverses
 
 Array = npt.NDArray[np.float64]
 
@@ -45,7 +47,7 @@ def light_gradient(grey: Grey, found: Spots, gap: Array) -> Array:
         normal += 1e-9 * len(some) * np.eye(len(normal))  # in case dots lie on few lines
         coefficients = np.asarray(np.linalg.solve(normal, some.T @ level[good]), dtype=np.float64)
         off = np.abs(level - values @ coefficients)
-        good = off <= _OUTLYING * 1.4826 * np.median(off) + 1e-12
+        good = off <= _OUTLYING * 1.4826 * median(off) + 1e-12
     slope = np.stack([to_right @ coefficients, to_bottom @ coefficients], axis=1)
     return np.asarray(slope / (np.maximum(values @ coefficients, 1.0)[:, None] * half))
 
@@ -55,7 +57,7 @@ def _levels(grey: Grey, found: Spots, gap: Array) -> Array:
     if found.bright:
         points = found.center[:, None, :] + _CORNERS
     else:
-        inverse = np.linalg.inv(found.spread)
+        inverse = inverses(found.spread)
         reach = 2.0 / np.sqrt(np.einsum("ki,nij,kj->nk", _AROUND, inverse, _AROUND))
         beside = np.clip(0.5 * gap, 1.5, _BESIDE)
         points = found.center[:, None, :] + (reach + beside[:, None])[..., None] * _AROUND
@@ -65,9 +67,12 @@ def _levels(grey: Grey, found: Spots, gap: Array) -> Array:
 
 def _terms(at: Array, degree: int) -> tuple[Array, Array, Array]:
     """The monomials of x and y up to a degree and their derivatives, each (n, terms)."""
-    x, y = at.T
-    powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
-    values = np.stack([x**i * y**j for i, j in powers], axis=1)
-    by_x = np.stack([i * x ** max(i - 1, 0) * y**j for i, j in powers], axis=1)
-    by_y = np.stack([j * x**i * y ** max(j - 1, 0) for i, j in powers], axis=1)
+    i, j = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]).T
+    powers = np.ones((degree + 1, *at.shape))
+    for k in range(degree):
+        powers[k + 1] = powers[k] * at
+    x, y = powers[..., 0].T, powers[..., 1].T  # (n, degree + 1)
+    values = x[:, i] * y[:, j]
+    by_x = i * x[:, np.maximum(i - 1, 0)] * y[:, j]
+    by_y = j * x[:, i] * y[:, np.maximum(j - 1, 0)]
     return values, by_x, by_y

@@ -19,6 +19,7 @@ from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import normalised
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
+from cpcal.vision.middle import median
 from cpcal.vision.pose_fit import Fit, NoPose, fit, plain_model, same_pose, turned_over
 from cpcal.vision.target import Target
 
@@ -79,7 +80,9 @@ def estimate_pose(
     dots = target.dots[which]
     _check_spread(dots)
     factors: Array = np.asarray(np.linalg.cholesky(spread), dtype=np.float64)
-    plain, start = plain_model(dots, rays, float(camera.focal.mean() / np.sqrt(np.median(spread[:, [0, 1], [0, 1]]))))
+    plain, start = plain_model(
+        dots, rays, float(camera.focal.mean() / np.sqrt(median(spread[:, [0, 1], [0, 1]].ravel())))
+    )
     first = fit(plain, start)
     second = fit(plain, turned_over(first.pose, dots))
     if second.chi_square < first.chi_square:
@@ -184,7 +187,7 @@ def _screened(model: _Pixels, pose: Pose) -> tuple[Bools, Fit, Array]:
         found = fit(model.only(used), pose)
         residuals = (found.residuals if used.all() else model(found.pose, False)[0]).reshape(-1, 2)
         square = (residuals * residuals).sum(axis=1)
-        level = max(1.0, float(np.median(square)) / _MEDIAN)
+        level = max(1.0, median(square) / _MEDIAN)
         good = square <= cut * level
         if not (np.isfinite(square).all() and (~good).sum() <= OUTLIERS * len(good)):
             raise NoPose(f"{(~good).sum()} of {len(good)} dots do not fit one pose")

@@ -19,6 +19,7 @@ Model = Callable[[Pose, bool], tuple[Array, Array | None]]  # residuals (k,) and
 _STEPS = 200  # most fits need five, those of a small distant target a hundred
 _SMALL = 1e-3  # standard deviations: a step that ends the fit
 _ROUGH = 1e-9  # of chi-square: a decrease that ends the fit when the residuals are large
+_BY_POSITION = np.eye(9, 6, -6)  # h = (r_1, r_2, t) by position and, yet to be filled in, by rotation vector
 _TINY = 1e-3  # rad, and of the distance: a step that leaves the derivatives as they are
 
 
@@ -44,15 +45,16 @@ def fit(model: Model, pose: Pose) -> Fit:
     chi_square = float(residuals @ residuals)
     for _ in range(_STEPS):
         normal = slope.T @ slope
+        damped = normal + damping * np.diag(np.diag(normal)) if damping > 0.0 else normal
         try:
-            step: Array = np.asarray(np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ residuals))
+            step: Array = np.asarray(np.linalg.solve(damped, slope.T @ residuals))
         except np.linalg.LinAlgError:
             raise NoPose("the dots do not determine the pose") from None
         moved = moved_by(pose, step)
         if step @ normal @ step < max(_SMALL**2, _ROUGH * chi_square) and damping < 1e-3:
             residuals = residuals - slope @ step
             return Fit(moved, float(residuals @ residuals), normal, residuals)
-        tiny = np.abs(step[:3]).max() < _TINY * abs(pose.position[2]) and np.abs(step[3:]).max() < _TINY
+        tiny = _largest(step[:3]) < _TINY * abs(pose.position[2]) and _largest(step[3:]) < _TINY
         trial, trial_slope = model(moved, not tiny)
         trial_square = float(trial @ trial)
         if trial_square <= chi_square:
@@ -61,6 +63,10 @@ def fit(model: Model, pose: Pose) -> Fit:
         else:
             damping = max(10.0 * damping, 1e-4)
     raise NoPose(f"the fit has not ended after {_STEPS} steps")
+
+
+def _largest(values: Array) -> float:
+    return float(max(map(abs, values.tolist())))
 
 
 def moved_by(pose: Pose, step: Array) -> Pose:
@@ -118,13 +124,11 @@ class _Equations:
 
     def __call__(self, pose: Pose, slope: bool) -> tuple[Array, Array | None]:
         turn = pose.rotation
-        moved = np.zeros((9, 6))  # h by position and rotation vector
-        moved[6:, :3] = np.eye(3)
-        for k in range(2):
-            x, y, z = turn[:, k].tolist()
-            moved[3 * k : 3 * k + 3, 3:] = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))
-        h = np.concatenate([turn[:, 0], turn[:, 1], pose.position])
-        return self.matrix @ -h, self.matrix @ moved
+        residuals = self.matrix @ -np.concatenate([turn[:, 0], turn[:, 1], pose.position])
+        (x, u, _), (y, v, _), (z, w, _) = turn.tolist()
+        moved = _BY_POSITION.copy()
+        moved[:6, 3:] = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0), (0.0, w, -v), (-w, 0.0, u), (v, -u, 0.0))
+        return residuals, self.matrix @ moved
 
 
 def turned_over(pose: Pose, dots: Array) -> Pose:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.robot.robot import frozen_array
 from cpcal.vision.homography import line_maps, on_line
 from cpcal.vision.target import Target
 
@@ -87,10 +88,8 @@ def _near_pairs(points: Array, neighbours: int) -> tuple[Ints, Ints]:
     if neighbours >= n - 1:
         upper = np.triu_indices(n, 1)
         return np.asarray(upper[0], dtype=np.int64), np.asarray(upper[1], dtype=np.int64)
-    square = _squared_distances(points, points)
-    near = np.argpartition(square, neighbours, axis=1)[:, : neighbours + 1]
-    chosen = np.zeros((n, n), dtype=bool)
-    np.put_along_axis(chosen, near, True, axis=1)
+    square = _squared_distances(points, points).astype(np.float32)  # which numpy partitions fast
+    chosen = square <= np.partition(square, neighbours, axis=1)[:, neighbours, None]
     i, j = np.nonzero(np.triu(chosen | chosen.T, 1))
     return i, j
 
@@ -111,9 +110,10 @@ def _across(points: npt.NDArray[Any], origin: npt.NDArray[Any], direction: npt.N
     return _along(points, origin, np.stack([-direction[:, 1], direction[:, 0]], axis=1))
 
 
+@lru_cache(maxsize=64)
 def _column_weights(count: int) -> Array:
     """Random numbers whose sums tell sets of columns apart."""
-    return np.random.default_rng(0).uniform(1.0, 2.0, count)
+    return frozen_array(np.random.default_rng(0).uniform(1.0, 2.0, count))
 
 
 def _distinct_rows(inside: Bools) -> Ints:
@@ -157,11 +157,12 @@ class _Quads:
     amplified: Array  # (Q, k) how errors of the three sampled dots grow at each dot of the longest row
 
 
+@lru_cache(maxsize=64)
 def row_places(target: Target, row: int) -> Array:
     """The places (k,) mm of a row's dots along it, from its first."""
     dots = target.dots[list(target.lines[row])]
     along = dots[-1] - dots[0]
-    return np.asarray((dots - dots[0]) @ along / np.linalg.norm(along))
+    return frozen_array((dots - dots[0]) @ along / np.linalg.norm(along))
 
 
 @lru_cache(maxsize=8)

@@ -7,13 +7,16 @@ are and whether they are bright; the second uses a neighbourhood made for them, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.vision.grey import noise_level
+from cpcal.vision.middle import median
 from cpcal.vision.opencv import opencv
+from cpcal.vision.two_by_two import determinants, eigenvalues
 
 Array = npt.NDArray[np.float64]
 Grey8 = npt.NDArray[np.uint8]
@@ -46,10 +49,10 @@ class Spots:
     def __len__(self) -> int:
         return len(self.center)
 
-    @property
+    @cached_property
     def radius(self) -> Array:
         """(n,) of the circle of the same area, pixels."""
-        return 2.0 * np.asarray(np.linalg.det(self.spread)) ** 0.25
+        return 2.0 * determinants(self.spread) ** 0.25
 
     def kept(self, keep: npt.NDArray[Any]) -> Spots:
         return Spots(self.center[keep], self.spread[keep], self.bright)
@@ -76,11 +79,12 @@ def surveys(image: Grey8, bright: bool | None = None) -> list[Survey]:
     least = max(_NOISE * noise_level(half), _LEAST)
     kinds = (True, False) if bright is None else (bright,)
     mean = cv2.blur(half, (_WIDEST, _WIDEST))
-    looks = [_doubled(_standing_out(half, mean, least, kind)) for kind in kinds]
+    looks = [_doubled(_standing_out(_excess(half, mean, kind), least, kind)) for kind in kinds]
     most = max(looks, key=len)
-    if len(most) < _ENOUGH or np.median(most.radius) < _SMALL:
+    if len(most) < _ENOUGH or median(most.radius) < _SMALL:
         least = max(_NOISE * noise_level(image), _LEAST)
-        looks += [_standing_out(image, _mean(image, half, _NARROW), least, kind) for kind in kinds]
+        near = _mean(image, half, _NARROW)
+        looks += [_standing_out(_excess(image, near, kind), least, kind) for kind in kinds]
     best = [max((found for found in looks if found.bright == kind), key=len) for kind in kinds]
     best.sort(key=len, reverse=True)
     return [_survey(image, half, mean, found) for found in best if len(found) > _LIKELY * len(best[0])]
@@ -102,14 +106,14 @@ def _doubled(found: Spots) -> Spots:
 def _survey(image: Grey8, half: Grey8, mean: Grey8, found: Spots) -> Survey:
     at = np.minimum((0.5 * found.center).astype(np.int64), np.array(half.shape[::-1]) - 1)
     contrast = np.abs(half[at[:, 1], at[:, 0]].astype(np.float64) - mean[at[:, 1], at[:, 0]])
-    least = max(_NOISE * noise_level(image), _LEAST, _CONTRAST * float(np.median(contrast)))
-    return Survey(found.bright, len(found), float(np.median(found.radius)), least)
+    least = max(_NOISE * noise_level(image), _LEAST, _CONTRAST * median(contrast))
+    return Survey(found.bright, len(found), median(found.radius), least)
 
 
 def spots(image: Grey8, survey: Survey) -> Spots:
     """The candidates for dots in an image, all brighter or all darker than around them, clear of its border."""
     mean = _mean(image, _halved(image), _NEIGHBOURHOOD * survey.radius)
-    return _standing_out(image, mean, survey.contrast, survey.bright)
+    return _standing_out(_excess(image, mean, survey.bright, out=mean), survey.contrast, survey.bright)
 
 
 def _halved(image: Grey8) -> Grey8:
@@ -122,26 +126,33 @@ def _none(bright: bool) -> Spots:
     return Spots(np.zeros((0, 2)), np.zeros((0, 2, 2)), bright)
 
 
-def _standing_out(image: Grey8, mean: Grey8, least: float, bright: bool) -> Spots:
-    """The elliptic regions of about one size that are at least `least` brighter (or darker) than the mean around."""
+def _excess(image: Grey8, mean: Grey8, bright: bool, out: Grey8 | None = None) -> Grey8:
+    """By how much pixels are brighter (or darker) than the mean around, at least 0; `out` may be the mean."""
     cv2 = opencv()
-    excess = cv2.subtract(image, mean) if bright else cv2.subtract(mean, image)
-    mask = cv2.threshold(excess, least, 255.0, cv2.THRESH_BINARY)[1]
+    excess: Grey8 = cv2.subtract(image, mean, dst=out) if bright else cv2.subtract(mean, image, dst=out)
+    return excess
+
+
+def _standing_out(excess: Grey8, least: float, bright: bool) -> Spots:
+    """The elliptic regions of about one size that are at least `least` brighter (or darker) than around: of an excess
+    that is used up, because fresh memory would take longer than the threshold."""
+    cv2 = opencv()
+    mask = cv2.threshold(excess, least, 255.0, cv2.THRESH_BINARY, dst=excess)[1]
     if _too_many(mask):
         return _none(bright)
-    outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)  # corners do
     outlines = [outline for outline in outlines if len(outline) >= 4]
     if not outlines:
         return _none(bright)
     area, center, moments = _moments(outlines)
-    inner = np.linalg.eigvalsh(np.where((area > 0.0)[:, None, None], moments, np.eye(2)))
+    inner = eigenvalues(np.where((area > 0.0)[:, None, None], moments, np.eye(2)))
     elliptic = area > _ELLIPTIC * 4.0 * np.pi * np.sqrt(np.maximum(inner[:, 0] * inner[:, 1], 0.0))
     # an outline runs through the centres of pixels: the region reaches half a pixel farther, in every direction
     growth = (0.25 + np.sqrt(np.maximum(inner, 1e-4))) ** 2 - inner
     spread = moments + growth.mean(axis=1)[:, None, None] * np.eye(2)
     slim = np.sqrt((inner[:, 0] + growth[:, 0]) / (inner[:, 1] + growth[:, 1]))
     low, high = _boxes(outlines)
-    clear = (low > 0).all(axis=1) & (high < [image.shape[1] - 1, image.shape[0] - 1]).all(axis=1)
+    clear = (low > 0).all(axis=1) & (high < [mask.shape[1] - 1, mask.shape[0] - 1]).all(axis=1)
     keep = (area > 0.0) & elliptic & clear & (slim > _SLIMMEST)
     found = Spots(center[keep], spread[keep], bright)
     return _alike(found.kept(found.radius < _LARGEST))
@@ -198,5 +209,5 @@ def _alike(found: Spots) -> Spots:
     if not len(found):
         return found
     radius = found.radius
-    middle = float(np.median(radius))
+    middle = median(radius)
     return found.kept((radius < _ALIKE * middle) & (_ALIKE * radius > middle))

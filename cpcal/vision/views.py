@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.vision.camera import Camera
+from cpcal.vision.middle import median
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -98,4 +99,4 @@ def _spacing(points: Array) -> float:
     x, y = points.T
     square = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
     np.fill_diagonal(square, np.inf)
-    return float(np.sqrt(np.median(square.min(axis=1))))
+    return float(np.sqrt(median(square.min(axis=1))))
