@@ -27,7 +27,7 @@ import numpy.typing as npt
 from cpcal.interfaces import Verdict
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, transformed
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera, distortion_jacobian
-from cpcal.vision.pose_set import PixelBoxes, enclose_pose
+from cpcal.vision.pose_sets.pose_set import PixelBoxes, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 Array = npt.NDArray[np.float64]

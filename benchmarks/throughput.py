@@ -20,12 +20,12 @@ from typing import Any
 
 from cpcal.robot import simulate_study
 from cpcal.robot.study import PoseTable
+from cpcal.vision.batch.detect import ImageFolder, detect
+from cpcal.vision.batch.study_images import RenderedImages, camera_above
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.detect import ImageFolder, detect
-from cpcal.vision.detection import detections_bytes
+from cpcal.vision.files.detection import detections_bytes
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene
-from cpcal.vision.study_images import RenderedImages, camera_above
 from cpcal.vision.target import DELTALAB_TARGET
 
 WHOLE = 14_784

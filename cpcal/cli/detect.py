@@ -14,15 +14,15 @@ from cpcal.errors import InputError, Problem
 from cpcal.report import clean
 from cpcal.robot.study_writer import table_bytes
 from cpcal.robot.writer import write_file
-from cpcal.vision.calibrate_images import calibrate_from_images
+from cpcal.vision.batch.detect import Detections, ImageFolder, detect
+from cpcal.vision.batch.study_images import study_table
+from cpcal.vision.calibration import calibrate_from_images
 from cpcal.vision.camera import Camera
-from cpcal.vision.camera_file import load_camera, save_camera
-from cpcal.vision.detect import Detections, ImageFolder, detect
-from cpcal.vision.detection import Detection, detections_bytes
-from cpcal.vision.readings import Readings, load_readings
-from cpcal.vision.study_images import study_table
+from cpcal.vision.files.camera_file import load_camera, save_camera
+from cpcal.vision.files.detection import Detection, detections_bytes
+from cpcal.vision.files.readings import Readings, load_readings
+from cpcal.vision.files.target_file import load_target, save_target
 from cpcal.vision.target import Target
-from cpcal.vision.target_file import load_target, save_target
 
 _NAMED = 3  # files for each reason
 

@@ -15,10 +15,10 @@ from cpcal.cli.progress import bar
 from cpcal.cli.shots import IMAGES, TABLES, shot_study, write_shots
 from cpcal.robot import DELTALAB, Study
 from cpcal.robot.writer import write_file
-from cpcal.vision.detect import Detections, ImageFolder, Source, detect
-from cpcal.vision.detection import detections_bytes
-from cpcal.vision.readings import readings_of
-from cpcal.vision.study_images import RenderedImages, study_table
+from cpcal.vision.batch.detect import Detections, ImageFolder, Source, detect
+from cpcal.vision.batch.study_images import RenderedImages, study_table
+from cpcal.vision.files.detection import detections_bytes
+from cpcal.vision.files.readings import readings_of
 
 SUBSET = {"runs": 2, "validation_runs": 1, "images": 2}
 WHOLE = {"runs": 11, "validation_runs": 10, "images": 11}  # the paper's 14,784 images

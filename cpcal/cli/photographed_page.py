@@ -13,8 +13,8 @@ from cpcal.cli.photographed import Photographed
 from cpcal.report.images import ImagesFound, Picture, picture
 from cpcal.report.study_tables import TextTable
 from cpcal.robot import PoseTable, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.vision.detection import POSITION, QUATERNION, SIGMA, values_of
 from cpcal.vision.drawn import drawn
+from cpcal.vision.files.detection import POSITION, QUATERNION, SIGMA, values_of
 from cpcal.vision.measure import NotMeasured, measure_pose
 
 Array = npt.NDArray[np.float64]

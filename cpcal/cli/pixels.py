@@ -19,13 +19,11 @@ from cpcal.report.numbers import bracket_text
 from cpcal.report.study_tables import TextTable
 from cpcal.result import Result, save_result
 from cpcal.robot import Campaign, Pose, save_campaign
+from cpcal.vision.batch.parallel import in_parallel
+from cpcal.vision.batch.study_images import RenderedImages
+from cpcal.vision.files.readings import readings_of
 from cpcal.vision.measure import measure_pose
-from cpcal.vision.parallel import in_parallel
-from cpcal.vision.pixel_boxes import unbiased_boxes
-from cpcal.vision.pose_set import PoseSet, enclose_pose
-from cpcal.vision.readings import readings_of
-from cpcal.vision.set_campaign import campaign_of
-from cpcal.vision.study_images import RenderedImages
+from cpcal.vision.pose_sets import PoseSet, campaign_of, enclose_pose, unbiased_boxes
 
 HALF_WIDTH = 0.03  # pixels: every dot's box; no dot of the demo's images is farther from where it should be
 

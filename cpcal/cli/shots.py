@@ -9,14 +9,14 @@ from cpcal.cli.folders import unwritable
 from cpcal.cli.progress import bar
 from cpcal.robot import Robot, Study, simulate_study
 from cpcal.robot.study_writer import STUDY_NAME, study_bytes
+from cpcal.vision.batch.study_images import RenderedImages, camera_above
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.camera_file import save_camera
+from cpcal.vision.files.camera_file import save_camera
+from cpcal.vision.files.readings import readings_bytes, readings_of
+from cpcal.vision.files.target_file import save_target
 from cpcal.vision.opencv import opencv
-from cpcal.vision.readings import readings_bytes, readings_of
 from cpcal.vision.render import Scene
-from cpcal.vision.study_images import RenderedImages, camera_above
 from cpcal.vision.target import DELTALAB_TARGET
-from cpcal.vision.target_file import save_target
 
 SCENE = Scene(gradient=(0.25, 0.15))
 IMAGES = "images"

@@ -10,10 +10,10 @@ import typer
 from cpcal.cli.folders import check_writable
 from cpcal.errors import InputError, Problem
 from cpcal.report import clean
+from cpcal.vision.files.target_file import load_target, save_target
+from cpcal.vision.files.target_print import print_target
 from cpcal.vision.target import DELTALAB_TARGET
 from cpcal.vision.target_design import design_target, separation
-from cpcal.vision.target_file import load_target, save_target
-from cpcal.vision.target_print import print_target
 
 
 def target(

@@ -19,12 +19,12 @@ from cpcal.cli.study_page import study_found
 from cpcal.errors import InputError
 from cpcal.report.images import IMAGES_NAME, load_images, save_images
 from cpcal.robot import load_study
+from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA
-from cpcal.vision.camera_file import load_camera
-from cpcal.vision.detection import load_detections
-from cpcal.vision.study_images import RenderedImages
+from cpcal.vision.files.camera_file import load_camera
+from cpcal.vision.files.detection import load_detections
+from cpcal.vision.files.target_file import load_target
 from cpcal.vision.target import DELTALAB_TARGET
-from cpcal.vision.target_file import load_target
 
 FEW = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 2}
 SMALL = Plan(photographs=FEW, legs=(6,), script_seconds=0.5)

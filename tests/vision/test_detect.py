@@ -12,12 +12,12 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 
 from cpcal.errors import InputError
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector, simulate_study
+from cpcal.vision.batch.detect import ImageFolder, detect
+from cpcal.vision.batch.study_images import MEAN, RenderedImages, camera_above
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.detect import ImageFolder, detect
-from cpcal.vision.detection import POSITION, QUATERNION, SIGMA, detections_bytes, values_of
+from cpcal.vision.files.detection import POSITION, QUATERNION, SIGMA, detections_bytes, values_of
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene
-from cpcal.vision.study_images import MEAN, RenderedImages, camera_above
 from cpcal.vision.target import DELTALAB_TARGET
 
 BAD = {

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from cpcal.errors import InputError
 from cpcal.robot import simulate_study
-from cpcal.vision.detection import NUMBERS, Detection, detections_bytes, load_detections
-from cpcal.vision.readings import load_readings, readings_bytes, readings_of
-from cpcal.vision.study_images import study_table
+from cpcal.vision.batch.study_images import study_table
+from cpcal.vision.files.detection import NUMBERS, Detection, detections_bytes, load_detections
+from cpcal.vision.files.readings import load_readings, readings_bytes, readings_of
 
 NAMES = st.lists(st.text(st.characters(exclude_categories=("Cs", "Cc")), min_size=1), unique=True, max_size=6)
 ROW = st.tuples(*[st.floats(-1e9, 1e9) for _ in NUMBERS])

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
-from cpcal.vision.image_file import UnreadableImageError, image_files, read_image
+from cpcal.vision.files.image_file import UnreadableImageError, image_files, read_image
 from cpcal.vision.opencv import opencv
 
 GREY = np.arange(64 * 48, dtype=np.uint8).reshape(48, 64)

@@ -25,8 +25,8 @@ from cpcal.robot import (
 )
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
-from cpcal.vision.pixel_boxes import unbiased_boxes
-from cpcal.vision.pose_set import Frames, PixelBoxes, PoseSet, enclose_pose
+from cpcal.vision.pose_sets.pixel_boxes import unbiased_boxes
+from cpcal.vision.pose_sets.pose_set import Frames, PixelBoxes, PoseSet, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))

@@ -15,7 +15,7 @@ from cpcal.robot import (
     transformed,
 )
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.pose_set import PixelBoxes, PoseSet, enclose_pose
+from cpcal.vision.pose_sets.pose_set import PixelBoxes, PoseSet, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))

@@ -11,9 +11,9 @@ from cpcal.errors import InputError
 from cpcal.interval import Box, IntervalArray
 from cpcal.robot import Pose, normalised
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera, distortion_jacobian
-from cpcal.vision.enclosed import exact, half_vector, rotation
-from cpcal.vision.pose_rows import NAMES, Frames, PoseBox, pose_rows
-from cpcal.vision.pyramid import field_of_view, pixel_slopes, pixels_of, pyramids
+from cpcal.vision.pose_sets.enclosed import exact, half_vector, rotation
+from cpcal.vision.pose_sets.pose_rows import NAMES, Frames, PoseBox, pose_rows
+from cpcal.vision.pose_sets.pyramid import field_of_view, pixel_slopes, pixels_of, pyramids
 
 MIDDLE = np.array([511.0, 380.0])
 CAMERAS = (

@@ -19,8 +19,8 @@ from cpcal.robot import (
     transformed,
 )
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.pose_set import Frames, PixelBoxes, PoseSet, enclose_pose
-from cpcal.vision.set_campaign import campaign_of
+from cpcal.vision.pose_sets.pose_set import Frames, PixelBoxes, PoseSet, enclose_pose
+from cpcal.vision.pose_sets.set_campaign import campaign_of
 from cpcal.vision.target import DELTALAB_TARGET
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))

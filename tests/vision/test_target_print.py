@@ -12,9 +12,9 @@ import pytest
 
 from cpcal.errors import InputError
 from cpcal.vision.dots import observe_dots
-from cpcal.vision.image_file import read_image
+from cpcal.vision.files.image_file import read_image
+from cpcal.vision.files.target_print import print_target, sheet, target_pdf, target_svg
 from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
-from cpcal.vision.target_print import print_target, sheet, target_pdf, target_svg
 
 SMALL = two_diagonals(
     "small & <dark>, $5", (-60.0, -31.0, -9.0, 22.0, 55.0), (-58.0, -20.0, 40.0, 63.0), 100.0, 25.0, 3.0, bright=False

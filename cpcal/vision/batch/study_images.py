@@ -15,11 +15,11 @@ from cpcal.errors import InputError, Problem
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import quaternion_from_rotation_vector, quaternion_product
 from cpcal.robot.study import PoseTable
+from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera
-from cpcal.vision.detection import POSITION, QUATERNION, Detection, values_of
-from cpcal.vision.image_file import UnreadableImageError
+from cpcal.vision.files.detection import POSITION, QUATERNION, Detection, values_of
+from cpcal.vision.files.image_file import UnreadableImageError
 from cpcal.vision.opencv import opencv
-from cpcal.vision.parallel import in_parallel
 from cpcal.vision.render import Image, Scene, render
 from cpcal.vision.target import Target
 

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from cpcal.errors import CpcalError, InputError, Problem
 from cpcal.robot.kinematics import Pose
-from cpcal.vision.adjustment import Found, State
-from cpcal.vision.calibration_start import first_camera, first_pose, homography_rms
+from cpcal.vision.calibration.adjustment import Found, State
+from cpcal.vision.calibration.camera_fit import DOTS_MIN, Fit, covariance, excess, robust_fit
+from cpcal.vision.calibration.start import first_camera, first_pose, homography_rms
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
-from cpcal.vision.camera_file import CameraRecord
-from cpcal.vision.camera_fit import DOTS_MIN, Fit, covariance, excess, robust_fit
+from cpcal.vision.files.camera_file import CameraRecord
 from cpcal.vision.homography import fitted
 from cpcal.vision.target import Target
 

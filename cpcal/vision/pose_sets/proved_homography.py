@@ -24,7 +24,7 @@ from cpcal.interfaces import Contractor
 from cpcal.interval import IntervalArray
 from cpcal.network import ConstraintNetwork
 from cpcal.solver import Network
-from cpcal.vision.enclosed import (
+from cpcal.vision.pose_sets.enclosed import (
     ENGINE,
     cross,
     exact,
@@ -34,7 +34,7 @@ from cpcal.vision.enclosed import (
     transposed,
     with_float_coefficients,
 )
-from cpcal.vision.pyramid import Pyramids
+from cpcal.vision.pose_sets.pyramid import Pyramids
 
 Array = npt.NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.vision.edge_model import PARAMETERS, depths, monomials, normal_equations
-from cpcal.vision.grey import Grey
+from cpcal.vision.dots.edge_model import PARAMETERS, depths, monomials, normal_equations
+from cpcal.vision.dots.grey import Grey
 from cpcal.vision.two_by_two import determinants, eigenvalues, inverses
 
 Array = npt.NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.robot.kinematics import Pose
-from cpcal.vision.adjustment import Found, Free, State, adjusted, normal_equations, residuals, squares
+from cpcal.vision.calibration.adjustment import Found, Free, State, adjusted, normal_equations, residuals, squares
 
 Array = npt.NDArray[np.float64]
 

@@ -24,9 +24,9 @@ from cpcal.proof.statement import limits
 from cpcal.prove import Recording, certifying
 from cpcal.robot.kinematics import Pose
 from cpcal.search import Search
-from cpcal.vision.pose_enclosure import Found, View, first_box, pose_network
-from cpcal.vision.pose_rows import PoseBox
-from cpcal.vision.proved_homography import homography_network
+from cpcal.vision.pose_sets.pose_enclosure import Found, View, first_box, pose_network
+from cpcal.vision.pose_sets.pose_rows import PoseBox
+from cpcal.vision.pose_sets.proved_homography import homography_network
 
 _PASSES = 6
 _PAYS = 0.95

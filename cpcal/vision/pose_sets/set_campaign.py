@@ -10,7 +10,7 @@ import numpy.typing as npt
 from cpcal.errors import InputError, Problem
 from cpcal.robot.campaign import Campaign
 from cpcal.robot.robot import Robot
-from cpcal.vision.pose_set import PoseSet
+from cpcal.vision.pose_sets.pose_set import PoseSet
 
 
 def campaign_of(

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError
-from cpcal.vision.calibrate_camera import (
+from cpcal.vision.calibration.calibrate_camera import (
     CalibratedView,
     Calibration,
     NotCalibratedError,
@@ -22,8 +22,8 @@ from cpcal.vision.calibrate_camera import (
 )
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import Dots, observe_dots
+from cpcal.vision.files.image_file import UnreadableImageError, read_image
 from cpcal.vision.identify import Unidentified, identify
-from cpcal.vision.image_file import UnreadableImageError, read_image
 from cpcal.vision.target import Target
 
 Size = tuple[int, int]

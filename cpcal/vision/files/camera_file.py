@@ -14,7 +14,7 @@ from cpcal.robot.problems import Problems
 from cpcal.robot.robot import frozen_array
 from cpcal.robot.writer import matrix, provenance_lines, quoted, vector, write_file
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
-from cpcal.vision.sections import SectionReader, opened
+from cpcal.vision.files.sections import SectionReader, opened
 
 Array = npt.NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from typing import IO
 from cpcal.errors import InputError, Problem
 from cpcal.version import __version__
 from cpcal.vision.camera import Camera
-from cpcal.vision.detection import Detection
+from cpcal.vision.files.detection import Detection
 from cpcal.vision.target import Target
 
 FORMAT = "cpcal-detect-journal/1"

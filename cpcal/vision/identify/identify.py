@@ -1,6 +1,6 @@
 """Which found dot is which dot of the target.
 
-Two rows of the target are recognised by cross-ratios along collinear runs (`cpcal.vision.runs`); together they give a
+Two rows of the target are recognised by cross-ratios along collinear runs (`runs`); together they give a
 homography, and every other dot is predicted and looked for. What is accepted has passed four tests:
 
 - chance: were the found dots strewn at random, each predicted dot would be hit with a probability p (the share of the
@@ -8,7 +8,7 @@ homography, and every other dot is predicted and looked for. What is accepted ha
   P(hits or more of those predicted in view, beyond the dots that made the hypothesis), must be below 1e-9;
 - shares: at least half of the dots predicted in view are found, and at least half of the found ones are explained;
 - rivals: call each dot missing in view and each found dot unexplained an error. Every other way to lay the target onto
-  the found dots by one of its near-symmetries (`cpcal.vision.symmetry`) must make four errors more. If errors come
+  the found dots by one of its near-symmetries (`symmetry`) must make four errors more. If errors come
   singly, in one dot of thirty, that is a likelihood ratio near a million. It is also a guarantee: where a near-symmetry
   makes d errors on the perfect target, it makes at least d - e on one with e errors, so it can only win when
   2 e >= d + 4. For the DeltaLab target d is 18 (its turns), so no ten errors, wherever they are, make it wrong;
@@ -24,9 +24,9 @@ import numpy.typing as npt
 
 from cpcal.errors import CpcalError
 from cpcal.vision.camera import Camera
-from cpcal.vision.hypotheses import Hypothesis, accidents, best_rival, hypotheses
+from cpcal.vision.identify.hypotheses import Hypothesis, accidents, best_rival, hypotheses
+from cpcal.vision.identify.views import View, guesses, seen_by
 from cpcal.vision.target import Target
-from cpcal.vision.views import View, guesses, seen_by
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.vision.grey import Grey
+from cpcal.vision.dots.grey import Grey
+from cpcal.vision.dots.segmentation import Spots
 from cpcal.vision.middle import median
-from cpcal.vision.segmentation import Spots
 from cpcal.vision.two_by_two import inverses
 
 Array = npt.NDArray[np.float64]

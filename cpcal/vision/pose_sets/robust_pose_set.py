@@ -24,10 +24,10 @@ from cpcal.interval import IntervalArray
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import normalised
 from cpcal.solver import Network
-from cpcal.vision.all_but import MOST, all_but
-from cpcal.vision.enclosed import joined
-from cpcal.vision.pose_enclosure import Found, View, contracted, enclosed
-from cpcal.vision.pose_rows import PoseBox, pose_rows
+from cpcal.vision.pose_sets.all_but import MOST, all_but
+from cpcal.vision.pose_sets.enclosed import joined
+from cpcal.vision.pose_sets.pose_enclosure import Found, View, contracted, enclosed
+from cpcal.vision.pose_sets.pose_rows import PoseBox, pose_rows
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

@@ -28,14 +28,14 @@ from cpcal.interfaces import Verdict
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.robot import frozen_array
 from cpcal.vision.camera import Camera
-from cpcal.vision.enclosed import exact, rotation
-from cpcal.vision.pixel_boxes import PixelBoxes
-from cpcal.vision.pose_certificate import write_certificate
-from cpcal.vision.pose_enclosure import Found, Indices, View, contractor_of, enclosed
-from cpcal.vision.pose_rows import Frames, PoseBox, pose_box
-from cpcal.vision.proved_homography import Motions
-from cpcal.vision.pyramid import pyramids
-from cpcal.vision.robust_pose_set import enclosed_but
+from cpcal.vision.pose_sets.enclosed import exact, rotation
+from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes
+from cpcal.vision.pose_sets.pose_certificate import write_certificate
+from cpcal.vision.pose_sets.pose_enclosure import Found, Indices, View, contractor_of, enclosed
+from cpcal.vision.pose_sets.pose_rows import Frames, PoseBox, pose_box
+from cpcal.vision.pose_sets.proved_homography import Motions
+from cpcal.vision.pose_sets.pyramid import pyramids
+from cpcal.vision.pose_sets.robust_pose_set import enclosed_but
 from cpcal.vision.target import Target
 
 __all__ = ["Frames", "PixelBoxes", "PoseSet", "enclose_pose"]
@@ -106,7 +106,7 @@ def enclose_pose(
     """A box that is proved to hold every pose that shows all dots but at most `outliers` in their pixel boxes.
 
     `frames` are exact motions: then the poses are those of the mobile frame in the base frame, which is where the
-    box's axes are. `certificate` names a file for the proof of the last stage (see `cpcal.vision.pose_certificate`);
+    box's axes are. `certificate` names a file for the proof of the last stage (see `pose_certificate`);
     there is none with outliers.
 
     Raises InputError for boxes that are not of this target, or that show nothing of the camera's field of view.

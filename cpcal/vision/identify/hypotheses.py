@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import bdtrc
 
-from cpcal.vision import one_row
 from cpcal.vision.homography import fitted, mapped, orientation
+from cpcal.vision.identify import one_row
+from cpcal.vision.identify.runs import RowMatches, collinear, match_rows
+from cpcal.vision.identify.symmetry import self_maps
+from cpcal.vision.identify.views import View
 from cpcal.vision.middle import median
-from cpcal.vision.runs import RowMatches, collinear, match_rows
-from cpcal.vision.symmetry import self_maps
 from cpcal.vision.target import Target
-from cpcal.vision.views import View
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

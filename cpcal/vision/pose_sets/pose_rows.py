@@ -29,7 +29,7 @@ from cpcal.robot.kinematics import Pose
 from cpcal.robot.robot import frozen_array
 from cpcal.robot.rotation import normalised, quaternion_conjugate, quaternion_product
 from cpcal.solver import Network
-from cpcal.vision.enclosed import (
+from cpcal.vision.pose_sets.enclosed import (
     ENGINE,
     cross,
     exact,
@@ -41,8 +41,8 @@ from cpcal.vision.enclosed import (
     transposed,
     with_float_coefficients,
 )
-from cpcal.vision.enclosed import quaternion_product as enclosed_product
-from cpcal.vision.proved_homography import Motions
+from cpcal.vision.pose_sets.enclosed import quaternion_product as enclosed_product
+from cpcal.vision.pose_sets.proved_homography import Motions
 
 Array = npt.NDArray[np.float64]
 

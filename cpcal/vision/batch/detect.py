@@ -16,13 +16,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from cpcal.errors import InputError
+from cpcal.vision.batch.journal import Journal
+from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera
-from cpcal.vision.detection import Detection
-from cpcal.vision.image_file import UnreadableImageError, image_files, read_image
-from cpcal.vision.journal import Journal
+from cpcal.vision.files.detection import Detection
+from cpcal.vision.files.image_file import UnreadableImageError, image_files, read_image
 from cpcal.vision.measure import Measured, NotMeasured, measure_pose
 from cpcal.vision.opencv import MissingExtraError, opencv
-from cpcal.vision.parallel import in_parallel
 from cpcal.vision.target import Target
 
 Progress = Callable[[int, int], None]

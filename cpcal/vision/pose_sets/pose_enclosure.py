@@ -15,9 +15,9 @@ from cpcal.network import ConstraintNetwork
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import quaternion_from_matrix
 from cpcal.solver import Network
-from cpcal.vision.pose_rows import Frames, PoseBox, pose_box, pose_rows
-from cpcal.vision.proved_homography import Motions, first_motions
-from cpcal.vision.pyramid import Pyramids
+from cpcal.vision.pose_sets.pose_rows import Frames, PoseBox, pose_box, pose_rows
+from cpcal.vision.pose_sets.proved_homography import Motions, first_motions
+from cpcal.vision.pose_sets.pyramid import Pyramids
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

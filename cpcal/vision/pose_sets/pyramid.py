@@ -25,7 +25,7 @@ import numpy.typing as npt
 from cpcal.errors import InputError, Problem
 from cpcal.interval import IntervalArray
 from cpcal.vision.camera import Camera, distortion_jacobian
-from cpcal.vision.enclosed import ENGINE, exact, inner, stacked
+from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner, stacked
 
 Array = npt.NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.vision.grey import noise_level
+from cpcal.vision.dots.grey import noise_level
 from cpcal.vision.middle import median
 from cpcal.vision.opencv import opencv
 from cpcal.vision.two_by_two import determinants, eigenvalues

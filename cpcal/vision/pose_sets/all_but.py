@@ -18,9 +18,9 @@ import numpy.typing as npt
 from cpcal.interfaces import LinearStatus
 from cpcal.interval import Box, IntervalArray
 from cpcal.linear import Glop, LazyRows, lower_bound
-from cpcal.vision.enclosed import ENGINE, exact
-from cpcal.vision.pose_enclosure import Found, View
-from cpcal.vision.pose_rows import PoseBox, PoseRows, pose_rows
+from cpcal.vision.pose_sets.enclosed import ENGINE, exact
+from cpcal.vision.pose_sets.pose_enclosure import Found, View
+from cpcal.vision.pose_sets.pose_rows import PoseBox, PoseRows, pose_rows
 
 Array = npt.NDArray[np.float64]
 Dots = frozenset[int]

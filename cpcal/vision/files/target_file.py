@@ -9,7 +9,7 @@ import numpy as np
 
 from cpcal.robot.problems import Problems, shown
 from cpcal.robot.writer import matrix, provenance_lines, quoted, write_file
-from cpcal.vision.sections import SectionReader, Table, opened
+from cpcal.vision.files.sections import SectionReader, Table, opened
 from cpcal.vision.target import Target
 
 TARGET_FORMAT = "cpcal-target/1"

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.vision.homography import mapped
-from cpcal.vision.runs import RowMatches
+from cpcal.vision.identify.runs import RowMatches
+from cpcal.vision.identify.views import View
 from cpcal.vision.target import Target
-from cpcal.vision.views import View
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

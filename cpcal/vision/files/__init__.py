@@ -1,0 +1,1 @@
+"""What vision reads and writes: targets, cameras, images, tables of poses and of leg readings."""

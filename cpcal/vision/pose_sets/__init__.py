@@ -1,0 +1,7 @@
+"""Guaranteed pose sets: all poses that show the dots in their boxes of pixels, enclosed by proof."""
+
+from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes, unbiased_boxes
+from cpcal.vision.pose_sets.pose_set import PoseSet, enclose_pose
+from cpcal.vision.pose_sets.set_campaign import campaign_of
+
+__all__ = ["PixelBoxes", "PoseSet", "campaign_of", "enclose_pose", "unbiased_boxes"]
