@@ -11,6 +11,7 @@ from typing import Any
 from rich.console import Console
 
 from cpcal.cli.detect import show_detections
+from cpcal.cli.folders import made
 from cpcal.cli.progress import bar
 from cpcal.cli.shots import IMAGES, TABLES, shot_study, write_shots
 from cpcal.robot import DELTALAB, Study
@@ -44,6 +45,7 @@ def photographed(
     exact, shots = shot_study(DELTALAB, options)
     count = sum(len(images.names) for images in shots.values())
     console.print(f"Images: {count:,}, rendered{f' in {folder / IMAGES}' if keep else ''}", soft_wrap=True)
+    made(folder)
     start = perf_counter()
     if keep:
         write_shots(exact, shots, folder)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 
 import numpy as np
 import pytest
+from rich.console import Console
 from tinyhtml5.parser import HTMLParser
 from typer.testing import CliRunner
 
@@ -15,6 +17,8 @@ import cpcal
 from cpcal.calibration import load_record
 from cpcal.cli import app
 from cpcal.cli.demo import Plan
+from cpcal.cli.photographed import photographed
+from cpcal.cli.photographed_page import images_found
 from cpcal.cli.study_page import study_found
 from cpcal.errors import InputError
 from cpcal.report.images import IMAGES_NAME, load_images, save_images
@@ -168,6 +172,18 @@ def test_the_demo_goes_the_whole_road(demo):
     assert (folder / "pixel-run" / "leg6.cert.jsonl").is_file()
     assert len(list((folder / "pixel-sets").glob("*.cert.jsonl"))) == 64
     assert "accepted all 68 certificates" in found.checked  # of fits, legs and pose sets
+
+
+def test_images_need_not_be_kept(tmp_path):
+    """As with --full: each image is rendered when it is measured."""
+    size = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 1}
+    folder = tmp_path / "new" / "demo"
+    done = photographed(folder, 3, {}, Console(file=io.StringIO()), size=size, keep=False)
+    assert {name: len(found.rows) for name, found in done.found.items()} == {"calibration": 64, "validation": 2}
+    assert all(row.found for found in done.found.values() for row in found.rows)
+    assert done.rendering is None
+    assert not (folder / "images").exists()
+    assert "rendering" in {row[0] for row in images_found(done).time.rows}
 
 
 def test_what_is_kept_of_images_is_read_back(demo, tmp_path):

@@ -10,7 +10,8 @@ from benchmarks.vision_accuracy import KINDS, spoiled
 from benchmarks.vision_scenes import facing_poses, found_dots, one
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
-from cpcal.vision.identify import ACCIDENTS, MARGIN, Identification, Unidentified, identify
+from cpcal.vision.identify import Identification, Unidentified, identify
+from cpcal.vision.identify.identify import ACCIDENTS, MARGIN
 from cpcal.vision.identify.symmetry import self_maps
 from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
 
