@@ -15,7 +15,7 @@ from cpcal.report import clean
 from cpcal.robot.study_writer import table_bytes
 from cpcal.robot.writer import write_file
 from cpcal.vision.batch.detect import Detections, ImageFolder, detect
-from cpcal.vision.batch.study_images import study_table
+from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.calibration import calibrate_from_images
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.camera_file import load_camera, save_camera
@@ -94,7 +94,7 @@ def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, 
 def show_detections(found: Detections, where: Path) -> None:
     """Counts, and each reason with some files."""
     poses = sum(row.found for row in found.rows)
-    work = sum(found.seconds.values())
+    work = sum(seconds for stage, seconds in found.seconds.items() if stage != RenderedImages.stage)
     pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
     typer.echo(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {where}")
     for reason, files in by_reason(found.rows).items():

@@ -13,6 +13,7 @@ from cpcal.cli.photographed import Photographed
 from cpcal.report.images import ImagesFound, Picture, picture
 from cpcal.report.study_tables import TextTable
 from cpcal.robot import PoseTable, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.drawn import drawn
 from cpcal.vision.files.detection import POSITION, QUATERNION, SIGMA, values_of
 from cpcal.vision.measure import NotMeasured, measure_pose
@@ -95,12 +96,12 @@ def _time(done: Photographed) -> TextTable:
     rows = []
     if done.rendering is not None:
         rows.append(("rendering and writing, side by side", f"{done.rendering:.1f}", ""))
-    names = {"read": "reading" if done.rendering is not None else "rendering"}
     for stage, seconds in work.items():
-        rows.append((names.get(stage, stage), f"{seconds:.1f}", f"{1e3 * seconds / max(count, 1):.1f}"))
-    total = sum(work.values())
+        rows.append((stage, f"{seconds:.1f}", f"{1e3 * seconds / max(count, 1):.1f}"))
+    total = sum(seconds for stage, seconds in work.items() if stage != RenderedImages.stage)
     pace = f"{count / total:.0f}" if total > 0.0 else "—"
-    rows.append((f"all: {pace} images a second of work; the paper: {PAPER_PACE:.1f}", f"{total:.1f}", ""))
+    but = " but rendering" if RenderedImages.stage in work else ""
+    rows.append((f"all{but}: {pace} images a second of work; the paper: {PAPER_PACE:.1f}", f"{total:.1f}", ""))
     return TextTable(("stage", "work [s]", "an image [ms]"), tuple(rows))
 
 

@@ -35,6 +35,11 @@ class Source(Protocol):
     @property
     def names(self) -> Sequence[str]: ...
 
+    @property
+    def stage(self) -> str:
+        """What it takes to have an image: "reading", "rendering"."""
+        ...
+
     def stamp(self, name: str) -> str:
         """Another text when the image is another one."""
         ...
@@ -49,6 +54,7 @@ class ImageFolder:
     """The image files in a folder and below."""
 
     folder: Path
+    stage = "reading"
 
     @property
     def names(self) -> Sequence[str]:
@@ -130,7 +136,7 @@ class _Work:
         start = time.perf_counter()
         try:
             image = self.source.read(name)
-            _add(waited, {"read": time.perf_counter() - start})
+            _add(waited, {self.source.stage: time.perf_counter() - start})
             found = measure_pose(image, self.target, self.camera)
             _add(waited, found.seconds)
             return detection(name, found)
