@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,24 +33,19 @@ _WEAK = 5.0  # and below it, a remark
 _LARGE = 0.1  # rad: rms rotation residuals that calibrated sensors hardly have
 
 
-@dataclass(frozen=True, eq=False)
-class FrameCalibration:
-    """The camera in the base frame, the target in the mobile frame, and how well they are known.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Fitted:
+    """What is told of every fit.
 
-    camera_in_base     X; target_in_mobile Z; positions in mm
     position_residual  (N, 3) mm, the target's origin as B_i has it less that of X^-1 A_i Z, in the camera frame
     rotation_residual  (N, 3) rad, the rotation vector from X^-1 A_i Z to B_i, in the camera frame
     sigma_position     (3,) mm, sigma_rotation (3,) rad: standard deviations that weighted the two, by axis
     unit_weight        size of the weighted residuals; near 1 when the two standard deviations are right
-    covariance         (12, 12), of X's position (mm) and rotation vector (rad, base frame), then of Z's position and
-                       rotation vector (mobile frame), by linearised least squares for independent errors
+    covariance         by linearised least squares for independent errors, mm and rad
     spread             rad, how far the direction moves that the rotations move least (see pose_pairs.py)
     remarks            sentences on what makes the result doubtful; empty when nothing does
     """
 
-    camera_in_base: Pose
-    target_in_mobile: Pose
-    method: str
     position_residual: Array
     rotation_residual: Array
     sigma_position: Array
@@ -58,6 +54,22 @@ class FrameCalibration:
     covariance: Array
     spread: float
     remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FrameCalibration(_Fitted):
+    """The camera in the base frame, the target in the mobile frame, and how well they are known.
+
+    camera_in_base     X; target_in_mobile Z; positions in mm
+    covariance         (12, 12), of X's position (mm) and rotation vector (rad, base frame), then of Z's position and
+                       rotation vector (mobile frame)
+
+    The rest is in `_Fitted`.
+    """
+
+    camera_in_base: Pose
+    target_in_mobile: Pose
+    method: str
 
     @property
     def standard_deviations(self) -> Array:
@@ -65,19 +77,11 @@ class FrameCalibration:
         return np.sqrt(np.diagonal(self.covariance))
 
 
-@dataclass(frozen=True, eq=False)
-class HandEye:
-    """X of `A_i X = X B_i`; everything else as in FrameCalibration, with a covariance (6, 6)."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HandEye(_Fitted):
+    """`transform`: X of `A_i X = X B_i`; everything else as in `_Fitted`, with X for Z and a covariance (6, 6)."""
 
     transform: Pose
-    position_residual: Array
-    rotation_residual: Array
-    sigma_position: Array
-    sigma_rotation: Array
-    unit_weight: float
-    covariance: Array
-    spread: float
-    remarks: tuple[str, ...]
 
 
 def calibrate_frames(
@@ -109,19 +113,11 @@ def calibrate_frames(
     x, z = METHODS[method](pairs)
     _remarks(name, spread, residuals(pairs, x, z)[1])  # refuses what no refinement can mend
     best = _estimated(pairs, x, z, refine, sigma_position, sigma_rotation, tied=False)
-    position, turn = residuals(pairs, best.x, best.z)
     return FrameCalibration(
-        _in_mm(best.x, pairs.unit),
-        _in_mm(best.z, pairs.unit),
-        method,
-        position * pairs.unit,
-        turn,
-        best.sigma_position * pairs.unit,
-        best.sigma_rotation,
-        best.unit_weight,
-        _covariance_in_mm(best.covariance, pairs.unit),
-        float(spread.values[0]),
-        _remarks(name, spread, turn),
+        camera_in_base=_in_mm(best.x, pairs.unit),
+        target_in_mobile=_in_mm(best.z, pairs.unit),
+        method=method,
+        **_told(pairs, best, name, spread),
     )
 
 
@@ -143,18 +139,22 @@ def hand_eye(
     start = andreff_hand_eye(pairs.a, pairs.b)
     _remarks(name, spread, residuals(pairs, start, start)[1])
     best = _estimated(pairs, start, start, refine, sigma_position, sigma_rotation, tied=True)
-    position, turn = residuals(pairs, best.x, best.x)
-    return HandEye(
-        _in_mm(best.x, pairs.unit),
-        position * pairs.unit,
-        turn,
-        best.sigma_position * pairs.unit,
-        best.sigma_rotation,
-        best.unit_weight,
-        _covariance_in_mm(best.covariance, pairs.unit),
-        float(spread.values[0]),
-        _remarks(name, spread, turn),
-    )
+    return HandEye(transform=_in_mm(best.x, pairs.unit), **_told(pairs, best, name, spread))
+
+
+def _told(pairs: Pairs, best: Refined, name: str, spread: Spreads) -> dict[str, Any]:
+    """The fields of `_Fitted`, lengths in mm."""
+    position, turn = residuals(pairs, best.x, best.z)
+    return {
+        "position_residual": position * pairs.unit,
+        "rotation_residual": turn,
+        "sigma_position": best.sigma_position * pairs.unit,
+        "sigma_rotation": best.sigma_rotation,
+        "unit_weight": best.unit_weight,
+        "covariance": _covariance_in_mm(best.covariance, pairs.unit),
+        "spread": float(spread.values[0]),
+        "remarks": _remarks(name, spread, turn),
+    }
 
 
 def redefined(robot: Robot, camera_in_base: Pose, target_in_mobile: Pose) -> Robot:

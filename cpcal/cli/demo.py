@@ -76,13 +76,9 @@ def demo(
     for name in (REPORT_NAME, IMAGES_NAME):  # what is older must not stand beside newer results
         (output / name).unlink(missing_ok=True)
     console = terminal()
-    photos = None
-    if images:
-        size, keep = (WHOLE, False) if full else (PLAN.photographs or SUBSET, True)
-        photos = photographed(output, seed, PLAN.imperfect, console, size=size, keep=keep)
-        save_study(photos.study, output / STUDY)
-    else:
-        save_study(simulate_study(seed=seed, **PLAN.size, **PLAN.imperfect), output / STUDY)  # type: ignore[arg-type]
+    photos = _photos(output, seed, full, console) if images else None
+    study = photos.study if photos else simulate_study(seed=seed, **PLAN.size, **PLAN.imperfect)  # type: ignore[arg-type]
+    save_study(study, output / STUDY)
     record = _calibrated(output, seed, console)
     campaign = load_campaign(output / CAMPAIGN)
     _fits(campaign, record, output / FITS, console)
@@ -103,6 +99,11 @@ def demo(
         raise unwritable(output, error) from None
     console.print(f"The whole study: {page}", soft_wrap=True)
     raise typer.Exit(status_of(result) if accepted else Status.UNKNOWN)
+
+
+def _photos(output: Path, seed: int, full: bool, console: Console) -> Photographed:
+    size, keep = (WHOLE, False) if full else (PLAN.photographs or SUBSET, True)
+    return photographed(output, seed, PLAN.imperfect, console, size=size, keep=keep)
 
 
 def _calibrated(output: Path, seed: int, console: Console) -> CalibrationRecord:

@@ -18,7 +18,7 @@ from cpcal.report.images import ImagesFound
 from cpcal.report.numbers import bracket_text
 from cpcal.report.study_tables import TextTable
 from cpcal.result import Result, save_result
-from cpcal.robot import Campaign, Pose, save_campaign
+from cpcal.robot import Campaign, save_campaign
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.files.readings import readings_of
@@ -96,7 +96,7 @@ def with_sets(found: ImagesFound, done: Photographed, run: PixelRun, campaign: C
     names = list(run.sets)
     count, refuted = len(names), sum(run.sets[n].verdict is Verdict.REFUTED for n in names)
     proved = [n for n in names if run.sets[n].verdict is Verdict.PROVED]
-    holding = sum(_true_pose(done, name) in run.sets[name] for name in proved)
+    holding = sum(done.shots["calibration"].pose(name) in run.sets[name] for name in proved)
     seconds = np.median([run.sets[name].seconds for name in names])
     said = (
         f"Each dot of one image a configuration is stated to be within ±{HALF_WIDTH:g} pixels of where it was found. "
@@ -108,12 +108,6 @@ def with_sets(found: ImagesFound, done: Photographed, run: PixelRun, campaign: C
         "each leg, for both campaigns:",
     )
     return replace(found, sets=_widths(run.campaign, campaign), brackets=_brackets(run.result, result), sets_said=said)
-
-
-def _true_pose(done: Photographed, name: str) -> Pose:
-    images = done.shots["calibration"]
-    k = images.names.index(name)
-    return Pose(images.poses.position[k], images.poses.quaternion[k])
 
 
 def _widths(pixel: Campaign, repeats: Campaign) -> TextTable:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.robot.motion import transformed
 from cpcal.vision.camera import Camera
 from cpcal.vision.measure import Measured
 from cpcal.vision.opencv import opencv
@@ -23,7 +24,7 @@ def drawn(image: npt.NDArray[np.integer], found: Measured, target: Target, camer
     small = cv2.resize(_grey8(image), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     picture = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
     pose = found.estimate.pose
-    seen = camera.project(pose.position + target.points @ pose.rotation.T)
+    seen = camera.project(transformed(pose, target.points))
     for line in target.lines:
         _lines(picture, seen[list(line)], scale, _LINE)
     for ring in contours(target, camera, pose)[found.numbers]:
@@ -31,7 +32,7 @@ def drawn(image: npt.NDArray[np.integer], found: Measured, target: Target, camer
     size = _AXIS * np.ptp(target.dots, axis=0).max()
     for axis, colour in (((1.0, 0.0, 0.0), _X_AXIS), ((0.0, 1.0, 0.0), _Y_AXIS)):
         ends = np.array([np.zeros(3), size * np.array(axis)])
-        _lines(picture, camera.project(pose.position + ends @ pose.rotation.T), scale, colour, thick=2)
+        _lines(picture, camera.project(transformed(pose, ends)), scale, colour, thick=2)
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())
 
 

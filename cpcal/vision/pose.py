@@ -22,6 +22,7 @@ from cpcal.vision.dot_model import centers_of, predict
 from cpcal.vision.middle import median
 from cpcal.vision.pose_fit import Fit, NoPose, fit, plain_model, same_pose, turned_over
 from cpcal.vision.target import Target
+from cpcal.vision.two_by_two import determinants
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -87,19 +88,12 @@ def estimate_pose(
     second = fit(plain, turned_over(first.pose, dots))
     if second.chi_square < first.chi_square:
         first, second = second, first
-    used, final, residuals = _screened(_Pixels(dots, seen, factors, target.radius, camera), first.pose)
+    pixels = _Pixels(dots, seen, factors, target.radius, camera)
+    used, final, residuals = _screened(pixels, first.pose)
     degrees = 2 * int(used.sum()) - 6
     p_value = float(chdtrc(degrees, final.chi_square))
     scale = final.chi_square / degrees if p_value < POOR else 1.0
-    rival = np.inf
-    if not same_pose(second.pose, first):
-        # The plain model's residuals differ from the dot model's by no more than the first pose's in both tell, and by
-        # the dots' relative depths, surely less than a factor of 2.
-        least = 0.5 * np.sqrt(second.chi_square) - np.sqrt(first.chi_square) - np.sqrt(final.chi_square)
-        rival = (max(least, 0.0) ** 2 - final.chi_square) / scale
-        if rival < AMBIGUOUS:
-            second = fit(_Pixels(dots[used], seen[used], factors[used], target.radius, camera), second.pose)
-            rival = np.inf if same_pose(second.pose, final) else (second.chi_square - final.chi_square) / scale
+    rival = _rival(first, second, final, pixels, used, scale)
     if rival < AMBIGUOUS:
         raise NoPose(f"ambiguous: two poses fit about equally well, chi-square {rival:.1f} apart")
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
@@ -113,8 +107,22 @@ def estimate_pose(
         degrees,
         p_value,
         scale,
-        float(rival),
+        rival,
     )
+
+
+def _rival(first: Fit, second: Fit, final: Fit, pixels: _Pixels, used: Bools, scale: float) -> float:
+    """By how much at least the plane's second pose fits worse than the final one, over `scale`; inf: it is the same."""
+    if same_pose(second.pose, first):
+        return np.inf
+    # The plain model's residuals differ from the dot model's by no more than the first pose's in both tell, and by
+    # the dots' relative depths, surely less than a factor of 2.
+    least = 0.5 * np.sqrt(second.chi_square) - np.sqrt(first.chi_square) - np.sqrt(final.chi_square)
+    rival = (max(least, 0.0) ** 2 - final.chi_square) / scale
+    if rival < AMBIGUOUS:
+        second = fit(pixels.only(used), second.pose)
+        rival = np.inf if same_pose(second.pose, final) else (second.chi_square - final.chi_square) / scale
+    return float(rival)
 
 
 def _checked(
@@ -129,8 +137,7 @@ def _checked(
         problems.append(Problem("dots", "some centres are not finite", "leave those dots out"))
     if len(np.unique(which)) < len(which) or not ((which >= 0) & (which < len(target.dots))).all():
         problems.append(Problem("dots", "the numbers are not different dots of the target", "number dots from 0"))
-    determinant = spread[:, 0, 0] * spread[:, 1, 1] - spread[:, 0, 1] * spread[:, 1, 0]
-    if not (np.isfinite(spread).all() and (determinant > 0.0).all() and (spread[:, 0, 0] > 0.0).all()):
+    if not (np.isfinite(spread).all() and (determinants(spread) > 0.0).all() and (spread[:, 0, 0] > 0.0).all()):
         problems.append(Problem("dots", "some covariances are not positive definite", "give pixels squared"))
     if problems:
         raise InputError(problems)

@@ -72,13 +72,16 @@ class RenderedImages:
     def stamp(self, name: str) -> str:
         return f"{self.seed}-{self.scene}"
 
-    def read(self, name: str) -> Image:
+    def pose(self, name: str) -> Pose:
+        """Of the target in the camera frame, in the image of that name."""
         k = self._rows[name]
+        return Pose(self.poses.position[k], self.poses.quaternion[k])
+
+    def read(self, name: str) -> Image:
         scene = self.scene
         if PurePosixPath(name).stem == MEAN:
             scene = replace(scene, noise=scene.noise / math.sqrt(10.0))
-        pose = Pose(self.poses.position[k], self.poses.quaternion[k])
-        return render(self.target, self.camera, pose, scene, seed=_image_seed(self.seed, name))
+        return render(self.target, self.camera, self.pose(name), scene, seed=_image_seed(self.seed, name))
 
     def write(
         self, folder: Path, *, workers: int | None = None, progress: Callable[[int, int], None] | None = None
