@@ -17,9 +17,6 @@ from cpcal.calibration.equations import (
 from cpcal.calibration.estimate import (
     Fit,
 )
-from cpcal.calibration.exact import (
-    solves_exactly,
-)
 from cpcal.calibration.fit import (
     fit,
 )
@@ -130,7 +127,6 @@ __all__ = [
     "save_record",
     "screen",
     "select_poses",
-    "solves_exactly",
     "tolerance_half_width",
     "tolerance_interval",
     "validate",

@@ -10,6 +10,7 @@ from cpcal.certify.leg import certify_leg
 from cpcal.certify.model import chosen_model
 from cpcal.certify.question import Progress, Question, check
 from cpcal.errors import InputError, Problem
+from cpcal.files.campaign_json import save_campaign_json
 from cpcal.results import LegResult, ModelNote, Result
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
@@ -61,6 +62,8 @@ def certify(
     plugins.check_names(contractors)
     limits = Limits(seconds=time_limit, gap=gap)
     folder = None if certificates is None else emptied(Path(certificates), "leg*.cert.jsonl")
+    if folder is not None:
+        save_campaign_json(campaign, folder)
     engine = get_arithmetic(arithmetic)
     question = Question(
         campaign, delta, center, tuple(contractors), engine, eps, limits, support, method, folder, progress, corrected

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction as F
 
-from cpcal.checker.claims import Accepted
+from cpcal.checker import Accepted
 from cpcal.report import clean
 from cpcal.solver.interval import Interval
 

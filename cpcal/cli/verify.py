@@ -3,39 +3,27 @@
 from __future__ import annotations
 
 import time
-from enum import StrEnum
-from fractions import Fraction
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cpcal.checker.checker import check
-from cpcal.checker.refusal import Refused
-from cpcal.cli.checked import flint
+from cpcal.checker import Refused, Unusable, check
 from cpcal.cli.claims import sentences
-from cpcal.cli.report import beside
 from cpcal.errors import InputError, Problem
+from cpcal.files import load_campaign
 
 VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."
-
-
-class Numbers(StrEnum):
-    FRACTIONS = "fractions"
-    FLINT = "flint"
 
 
 def verify(
     target: Annotated[Path, typer.Argument(metavar="RUN|CERTIFICATE", help="A run, or one certificate in it.")],
     campaign: Annotated[
         Path | None,
-        typer.Option(metavar="CAMPAIGN", help="Folder of the campaign.", show_default="RUN/../campaign"),
+        typer.Option(metavar="CAMPAIGN", help="Folder of the original campaign, to compare the run's with."),
     ] = None,
-    numbers: Annotated[
-        Numbers, typer.Option(help="Exact numbers: Python's own, or FLINT's, with the same verdicts in less time.")
-    ] = Numbers.FRACTIONS,
 ) -> None:
-    """Check the certificates of a RUN, or one CERTIFICATE, against the CAMPAIGN that they speak of.
+    """Check the certificates of a RUN, or one CERTIFICATE, against the campaign.json beside them.
 
     The checker forms every polynomial again from the campaign's numbers, or from the constraints that the certificate
     states, in exact rational arithmetic; it uses no solver and no rounding. docs/certificate-format.md says what a
@@ -45,25 +33,22 @@ def verify(
     if not certificates or not all(path.is_file() for path in certificates):
         what = "holds no certificate (*.cert.jsonl)" if target.is_dir() else "is no file"
         raise InputError([Problem(str(target), what, "name the folder of a run, or a certificate in it")])
-    folder = _beside(certificates[0].parent) if campaign is None else campaign
-    accepted = [_verified(path, folder, numbers) for path in certificates]
+    digest = None if campaign is None else load_campaign(campaign).sha256
+    accepted = [_verified(path, digest) for path in certificates]
     raise typer.Exit(0 if all(accepted) else 1)
 
 
-def _beside(run: Path) -> Path | None:
-    """The campaign of a run, where there is one: constraints of one's own have none."""
-    try:
-        return beside(run)
-    except InputError:
-        return None
-
-
-def _verified(path: Path, campaign: Path | None, numbers: Numbers) -> bool:
+def _verified(path: Path, digest: str | None) -> bool:
     began = time.monotonic()
     try:
-        accepted = check(path, campaign, rational=Fraction if numbers is Numbers.FRACTIONS else flint())
+        accepted = check(path)
+    except Unusable as reason:
+        raise InputError([Problem(str(path), str(reason), "name the folder of a run")]) from None
     except Refused as reason:
         typer.echo(f"{path.name}: REFUSED, {reason}")
+        return False
+    if digest not in (None, accepted.campaign):
+        typer.echo(f"{path.name}: REFUSED, the campaign is another one: its SHA-256 differs")
         return False
     work = f"{accepted.steps} steps, {time.monotonic() - began:.1f} s"
     for sentence in sentences(accepted):

@@ -115,6 +115,7 @@ class LegResult:
             "floor": self.floor,
             "support": list(self.support),
             "certificate": self.certificate,
+            "certified": self.certificate is not None,
             "nodes": self.nodes,
             "lps": self.programs,
             "seconds": self.seconds,

@@ -57,7 +57,8 @@ class Campaign:
     uncertainty: Uncertainty | None = None
     provenance: dict[str, str] = field(default_factory=dict)
     model: ModelChoice | None = None
-    file_sha256: str | None = field(default=None, init=False)  # set by load_campaign; not carried over by replace()
+    # names and SHA-256 of the files that it was read from; set by the readers, not carried over by replace()
+    files: tuple[tuple[str, str], ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
@@ -143,14 +144,10 @@ class Campaign:
 
     @cached_property
     def sha256(self) -> str:
-        """Of the bytes of campaign.toml, a NUL and the bytes of measurements.csv, in hex.
+        """Of the bytes of the campaign's exact file, `campaign.json`, in hex."""
+        from cpcal.files.campaign_json import campaign_sha256
 
-        For a campaign read from files these are the files' bytes as they stood; for one made in memory, the
-        bytes that `save_campaign` writes.
-        """
-        from cpcal.files.campaign_writer import campaign_digest, csv_bytes, toml_bytes
-
-        return self.file_sha256 or campaign_digest(toml_bytes(self), csv_bytes(self))
+        return campaign_sha256(self)
 
     def __eq__(self, other: object) -> bool:
         """Equality of all values; how the files were formatted does not matter."""

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.certificate.readings import at_point, failing, stretching
 from cpcal.solver.certificate.statement import Statement, limits, number
-from cpcal.solver.certificate.writer import Certifying, line
+from cpcal.solver.certificate.writer import Certifying, line, written
 from cpcal.solver.contract import Contractor
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize import Minimum
@@ -54,7 +55,7 @@ class Recording:
         """Take down what became of a node."""
         name = self._names.pop(event.node.serial)
         if event.kind is EventKind.PRUNED and not self._records:  # cut away by the incumbent
-            self._records.append({"pass": name, "cap": self._cap(event.node.box), "bounds": []})
+            self._records.append({"pass": name, "cap": self._cap(event.node.box), "rows": [], "bounds": []})
         for record in self._records:
             self._put(event.node.box, record | {"exclude" if "weights" in record else "pass": name})
         self._records.clear()
@@ -95,6 +96,18 @@ class Recording:
         o = self._objective
         return None if o is None else number(np.nextafter(box.lo[o], -np.inf))
 
+    def _complete(self, claims: Claims) -> Claims:
+        """With the readings by which the point is seen to be a solution, and the rows by which it is seen to fail."""
+        problem, point = self._statement.problem, claims["point"]
+        if point is None:
+            return claims
+        x = at_point([float.fromhex(v) for v in point["at"]])
+        holds = problem.chosen if point["holds"] == "all" else point["holds"]
+        signs = [stretching(problem, x, k) for k in holds]
+        rows = (failing(problem, x, k) for k in point["fails"])
+        fails = [written(row) for row in rows if row is not None]
+        return claims | {"point": point | {"readings": signs if any(map(_moved, signs)) else None, "fails": fails}}
+
     def write(self, path: str | os.PathLike[str], claims: Claims) -> Path:
         """The certificate, all or nothing."""
         target = Path(path)
@@ -102,7 +115,7 @@ class Recording:
         try:
             with partial.open("w", encoding="utf-8") as out:
                 out.writelines(line(first) for first in self._statement.header(self._domain))
-                out.write(line(claims))
+                out.write(line(self._complete(claims)))
                 cap = None if claims["cap"] is None else float.fromhex(claims["cap"])
                 out.writelines(line(step) for step in self._useful_steps(cap))
             partial.replace(target)
@@ -139,6 +152,10 @@ def claims_verified(point: npt.NDArray[np.float64], cap: float, holds: list[int]
     """That a point satisfies some measurements and fails others."""
     verified = {"at": [number(v) for v in point], "holds": holds, "fails": fails}
     return {"cap": number(cap), "infeasible": False, "epsilon": None, "enclosure": None, "point": verified}
+
+
+def _moved(signs: str) -> bool:
+    return set(signs) != {"0"} and bool(signs)
 
 
 def _valid(point: npt.NDArray[np.float64]) -> dict[str, Any]:
