@@ -1,4 +1,4 @@
-"""Legs, kinematics, pose and rotation, campaign and study files, simulated campaigns and studies."""
+"""Values: robot, pose, rotation, kinematics, campaign, study."""
 
 from cpcal.robot.campaign import (
     Campaign,
@@ -51,11 +51,13 @@ from cpcal.robot.study import (
     Truth,
 )
 from cpcal.robot.uncertainty import (
+    EXACT_OR_NOT,
     Uncertainty,
 )
 
 __all__ = [
     "DELTALAB",
+    "EXACT_OR_NOT",
     "ROBOTS",
     "Campaign",
     "ForwardPoses",
