@@ -10,7 +10,7 @@ import typer
 
 from cpcal.cli.folders import check_writable, made
 from cpcal.cli.progress import bar
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, printable
 from cpcal.report import clean
 from cpcal.robot.study_writer import table_bytes
 from cpcal.robot.writer import write_file
@@ -20,7 +20,6 @@ from cpcal.vision.calibration import calibrate_from_images
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.camera_file import load_camera, save_camera
 from cpcal.vision.files.detection import Detection, detections_bytes
-from cpcal.vision.files.file_names import shown_name
 from cpcal.vision.files.readings import Readings, load_readings
 from cpcal.vision.files.target_file import load_target, save_target
 from cpcal.vision.target import Target
@@ -74,7 +73,7 @@ def detect_poses(
     if known is not None and table is not None:
         made(table.absolute().parent)
         write_file(table, table_bytes(study_table(found.rows, known)))
-        typer.echo(f"Table of a study: {shown_name(table)}")
+        typer.echo(f"Table of a study: {printable(table)}")
 
 
 def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, Camera, Readings | None]:
@@ -98,11 +97,11 @@ def show_detections(found: Detections, where: Path) -> None:
     work = sum(seconds for stage, seconds in found.seconds.items() if stage != RenderedImages.stage)
     pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
     typer.echo(
-        f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {shown_name(where)}"
+        f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {printable(where)}"
     )
     for reason, files in by_reason(found.rows).items():
         more = f" and {len(files) - _NAMED:,} more" if len(files) > _NAMED else ""
-        typer.echo(f"  {len(files):,} x {clean(reason)}: {', '.join(map(shown_name, files[:_NAMED]))}{more}")
+        typer.echo(f"  {len(files):,} x {printable(reason)}: {', '.join(map(printable, files[:_NAMED]))}{more}")
 
 
 def by_reason(rows: Sequence[Detection]) -> dict[str, list[str]]:
@@ -122,12 +121,12 @@ def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool) -> 
     typer.echo(clean(str(found)))
     for view in found.views:
         if not view.reason:
-            typer.echo(f"  {shown_name(view.name)}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")
-    typer.echo(f"Camera: {shown_name(output)}")
+            typer.echo(f"  {printable(view.name)}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")
+    typer.echo(f"Camera: {printable(output)}")
     if refine_dots:
         refined = output.with_name("refined-target.toml")
         save_target(found.target, refined)
-        typer.echo(f"Target as it was seen: {shown_name(refined)}")
+        typer.echo(f"Target as it was seen: {printable(refined)}")
 
 
 def _check(
@@ -145,8 +144,8 @@ def _check(
         problems.append(Problem("options", "--readings and --table go together", "give both, or none"))
     if not images.is_dir():
         what = "is not a folder" if images.exists() else "does not exist"
-        problems.append(Problem(shown_name(images), what, "give a folder with images"))
+        problems.append(Problem(str(images), what, "give a folder with images"))
     elif not ImageFolder(images).names:
-        problems.append(Problem(shown_name(images), "holds no PNG, JPEG or TIFF files", "give a folder with images"))
+        problems.append(Problem(str(images), "holds no PNG, JPEG or TIFF files", "give a folder with images"))
     if problems:
         raise InputError(problems)

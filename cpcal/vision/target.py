@@ -60,7 +60,7 @@ class Target:
             return [Problem("target radius", f"is {radius:g}", f"give mm, from {SMALLEST:g} to {LARGEST:g}")]
         if not (np.abs(dots) <= LARGEST).all():
             k = int(np.argmax((np.abs(dots) > LARGEST).any(axis=1)))
-            what = "of dot {} is ({:g}, {:g}): no plate is so large".format(k, *dots[k])
+            what = "place dot {} at ({:g}, {:g}): no plate is so large".format(k, *dots[k])
             return [Problem("target dots", what, f"give mm, at most {LARGEST:g}")]
         if len(dots) > MOST_DOTS:
             return [Problem("target dots", f"are {len(dots):,}", f"give at most {MOST_DOTS}")]

@@ -16,7 +16,6 @@ from cpcal.robot.writer import write_file
 from cpcal.version import __version__
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import NUMBERS, Detection
-from cpcal.vision.files.file_names import shown_name
 from cpcal.vision.target import Target
 
 FORMAT = "cpcal-detect-journal/1"
@@ -43,7 +42,7 @@ class Journal:
             file = path.open("a", encoding="utf-8", errors="surrogateescape")
         except OSError as error:
             what = f"cannot be written: {error.strerror or error}"
-            raise InputError([Problem(shown_name(path), what, "choose a folder that can be written to")]) from None
+            raise InputError([Problem(str(path), what, "choose a folder that can be written to")]) from None
         return cls(file, rows)
 
     def get(self, name: str, stamp: str) -> Detection | None:
@@ -98,11 +97,11 @@ def _text(path: Path) -> str:
         return ""
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}"
-        raise InputError([Problem(shown_name(path), what, "give a file that can be read")]) from None
+        raise InputError([Problem(str(path), what, "give a file that can be read")]) from None
 
 
 def _no_journal(path: Path) -> InputError:
-    return InputError([Problem(shown_name(path), "is not a journal of `cpcal detect`", "choose another file")])
+    return InputError([Problem(str(path), "is not a journal of `cpcal detect`", "choose another file")])
 
 
 def _row(line: str) -> tuple[str, Detection] | None:

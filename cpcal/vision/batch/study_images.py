@@ -18,7 +18,6 @@ from cpcal.robot.study import PoseTable
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import POSITION, QUATERNION, Detection, values_of
-from cpcal.vision.files.file_names import shown_name
 from cpcal.vision.files.image_file import UnreadableImageError
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene, render
@@ -129,9 +128,7 @@ def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, st
     for d, (pose, run, _) in zip(found, ids, strict=True):
         if (pose, run) not in readings:
             what = f"no leg readings are given for pose {pose!r}, run {run!r}"
-            problems.append(
-                Problem(shown_name(d.file), what, "name images POSE/RUN/IMAGE.png, as in the table of readings")
-            )
+            problems.append(Problem(d.file, what, "name images POSE/RUN/IMAGE.png, as in the table of readings"))
     if problems:
         raise InputError(problems[:50], omitted=max(len(problems) - 50, 0))
     if not found:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError
+from cpcal.errors import InputError, printable
 from cpcal.vision.calibration.calibrate_camera import (
     CalibratedView,
     Calibration,
@@ -22,7 +22,6 @@ from cpcal.vision.calibration.calibrate_camera import (
 )
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import Dots, observe_dots
-from cpcal.vision.files.file_names import shown_name
 from cpcal.vision.files.image_file import UnreadableImageError, read_image
 from cpcal.vision.identify import Unidentified, identify
 from cpcal.vision.target import Target
@@ -68,7 +67,7 @@ def calibrate_from_images(
 def _seen(image: str | os.PathLike[str] | npt.NDArray[Any], target: Target, name: str) -> _Seen:
     try:
         if isinstance(image, (str, os.PathLike)):
-            name = shown_name(image)
+            name = printable(image)
             image = read_image(Path(image))
         dots = observe_dots(image, bright=target.bright)
     except UnreadableImageError as error:

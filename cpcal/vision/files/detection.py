@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot.problems import Problems, shown
-from cpcal.vision.files.file_names import shown_name
 
 POSITION, QUATERNION, SIGMA = slice(0, 3), slice(3, 7), slice(7, 13)
 NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "sx", "sy", "sz", "srx", "sry", "srz", "rms")
@@ -65,19 +64,15 @@ def load_detections(path: Path) -> list[Detection]:
     try:
         text = path.read_text(encoding="utf-8", errors="surrogateescape")
     except OSError as error:
-        raise InputError(
-            [Problem(shown_name(path), f"cannot be read: {error.strerror}", "see `cpcal detect`")]
-        ) from None
+        raise InputError([Problem(str(path), f"cannot be read: {error.strerror}", "see `cpcal detect`")]) from None
     rows = csv.reader(io.StringIO(text))
     if tuple(next(rows, ())) != COLUMNS:
-        raise InputError(
-            [Problem(shown_name(path), "is not a table of poses", "give a file that `cpcal detect` wrote", 1)]
-        )
+        raise InputError([Problem(str(path), "is not a table of poses", "give a file that `cpcal detect` wrote", 1)])
     for row in rows:
         found = _row(row)
         if found is None:
             what = f"is no row of such a table: {shown(','.join(row))}"
-            problems.add(Problem(shown_name(path), what, "have `cpcal detect` write the file again", rows.line_num))
+            problems.add(Problem(str(path), what, "have `cpcal detect` write the file again", rows.line_num))
         else:
             out.append(found)
     problems.raise_any()

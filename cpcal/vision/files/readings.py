@@ -13,7 +13,6 @@ from cpcal.errors import InputError, Problem
 from cpcal.robot.problems import Problems
 from cpcal.robot.study import PoseTable
 from cpcal.robot.table import read_table
-from cpcal.vision.files.file_names import shown_name
 
 Array = npt.NDArray[np.float64]
 Readings = dict[tuple[str, str], Array]
@@ -37,15 +36,15 @@ def load_readings(path: Path) -> Readings:
     """The table in a file. Raises InputError with every problem."""
     problems = Problems()
     if path.exists() and not path.is_file():  # a pipe would wait for ever, a device would never end
-        raise InputError([Problem(shown_name(path), "is no regular file", "give a table pose,run,L1,...,Ln in mm")])
+        raise InputError([Problem(str(path), "is no regular file", "give a table pose,run,L1,...,Ln in mm")])
     try:
         with path.open("rb") as file:
             table = read_table(
-                file, shown_name(path), None, problems, lambda _: None, required=_columns, optional=lambda _: []
+                file, str(path), None, problems, lambda _: None, required=_columns, optional=lambda _: []
             )
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}"
-        raise InputError([Problem(shown_name(path), what, "give a table pose,run,L1,...,Ln in mm")]) from None
+        raise InputError([Problem(str(path), what, "give a table pose,run,L1,...,Ln in mm")]) from None
     problems.raise_any()
     values = np.stack([table.values[name] for name in table.values], axis=1)
     order = [list(table.values).index(f"L{k}") for k in range(1, values.shape[1] + 1)]

@@ -8,7 +8,6 @@ from pathlib import Path
 from cpcal.robot.problems import Problems, shown
 from cpcal.robot.reader import small_file
 from cpcal.robot.settings import Reader, line_numbers, parsed
-from cpcal.vision.files.file_names import shown_name
 
 Table = dict[str, object]
 
@@ -19,10 +18,10 @@ def opened(
     """A reader of the TOML file `path`, its format and the names of its sections looked at; None if it is none."""
     file = Path(path)
     content = small_file(file, problems, "write one as docs/vision-files.md shows")
-    document = None if content is None else parsed(content, shown_name(file), problems, format_)
+    document = None if content is None else parsed(content, str(file), problems, format_)
     if content is None or document is None:
         return None
-    reader = SectionReader(document, line_numbers(content.decode("utf-8-sig"), document), shown_name(file), problems)
+    reader = SectionReader(document, line_numbers(content.decode("utf-8-sig"), document), str(file), problems)
     reader.known((), document, ("format", *sections, "provenance"))
     reader.format(format_)
     return reader

@@ -59,7 +59,7 @@ def _target(reader: SectionReader) -> Target | None:
         return None
     for problem in Target.problems_of(np.array(dots), radius, lines):
         key = problem.where.rpartition(" ")[2]  # radius, dots or lines
-        what = problem.what if key == "lines" else f"{key} {problem.what}"
+        what = problem.what if problem.what.startswith(("(", "the")) else f"{key} {problem.what}"
         reader.wrong(("target", key), what, problem.remedy)
     return None if problems.listed else Target(name, np.array(dots), radius, lines, bright)
 

@@ -21,7 +21,6 @@ from matplotlib.patches import Circle, Rectangle
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot.writer import write_file
-from cpcal.vision.files.file_names import shown_name
 from cpcal.vision.target import Target
 
 Array = npt.NDArray[np.float64]
@@ -93,7 +92,7 @@ def print_target(target: Target, path: str | os.PathLike[str]) -> None:
     elif file.suffix == ".svg":
         write_file(file, target_svg(target).encode())
     else:
-        raise InputError([Problem(shown_name(file), "is neither a .pdf nor an .svg file", "name it so")])
+        raise InputError([Problem(str(file), "is neither a .pdf nor an .svg file", "name it so")])
 
 
 def target_svg(target: Target) -> str:
