@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
-from cpcal.robot.problems import shown
+from cpcal.errors import InputError, Problem, shown
 from cpcal.robot.robot import frozen_array
 
 Array = npt.NDArray[np.float64]

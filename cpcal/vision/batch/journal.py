@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import IO
 
 from cpcal.errors import InputError, Problem
-from cpcal.robot.writer import write_file
+from cpcal.files.campaign_writer import write_file
 from cpcal.version import __version__
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import NUMBERS, Detection
