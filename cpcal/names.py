@@ -6,7 +6,7 @@ characters, so that it stays what it looks like in every message, table and page
 
 from __future__ import annotations
 
-NAME_MAX = 100  # characters
+NAME_MAX = 200  # characters
 TEXT_MAX = 20_000
 
 NAME_REMEDY = f"use at most {NAME_MAX} printable characters, on one line"

@@ -138,9 +138,10 @@ def test_the_same_bytes_every_time(campaign, tmp_path):
 
 
 def test_hostile_names_do_nothing(campaign):
-    robot = dataclasses.replace(campaign.robot, name=HOSTILE)
-    pose = tuple(f"{HOSTILE[:-5].replace('/', '')}{k}" for k in range(len(campaign)))
-    hostile = dataclasses.replace(campaign, robot=robot, pose=pose, provenance={HOSTILE: HOSTILE + "}}{% raw %}"})
+    printable = HOSTILE[:-5]
+    robot = dataclasses.replace(campaign.robot, name=printable)
+    pose = tuple(f"{printable.replace('/', '')}{k}" for k in range(len(campaign)))
+    hostile = dataclasses.replace(campaign, robot=robot, pose=pose, provenance={printable: printable + "}}{% raw %}"})
     leg = leg_result(hostile, support=tuple(hostile.measurement_ids[:3]), status=HOSTILE)
     page = render(hostile, result_of(hostile, leg, version=HOSTILE, arithmetic=HOSTILE, center=HOSTILE))
     harmless(page)
