@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from cpcal.interval import Arithmetic, Box, IntervalArray
 from cpcal.network import Constraint, ConstraintNetwork, Expr, Tape
+from cpcal.network.dag import leaves
 from cpcal.network.expression import as_expr
-from cpcal.network.network import leaves
 from cpcal.network.point import Point
 
 Floats = npt.NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from cpcal.interval import Arithmetic, IntervalArray
 from cpcal.network import Constraint, ConstraintNetwork, Expr, Tape
-from cpcal.network.network import leaves
+from cpcal.network.dag import leaves
 from cpcal.network.rows import Extremes
 
 Floats = npt.NDArray[np.float64]

@@ -12,8 +12,9 @@ import numpy as np
 
 from cpcal.interval import Arithmetic, IntervalArray
 from cpcal.network import coefficient as coef
+from cpcal.network.dag import topological
 from cpcal.network.expression import Expr
-from cpcal.network.network import ConstraintNetwork, topological
+from cpcal.network.network import ConstraintNetwork
 from cpcal.network.operations import TABLE
 
 Monomial = tuple[int, ...]

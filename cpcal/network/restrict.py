@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.interval import IntervalArray
+from cpcal.network.dag import topological
 from cpcal.network.expression import Constraint, Expr
-from cpcal.network.network import ConstraintNetwork, topological
+from cpcal.network.network import ConstraintNetwork
 
 Rows = npt.NDArray[np.intp]
 

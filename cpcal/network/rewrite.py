@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from cpcal.interval import Arithmetic, IntervalArray
 from cpcal.network import coefficient as coef
+from cpcal.network.dag import topological
 from cpcal.network.expression import Constraint, Expr, as_expr, sqr
-from cpcal.network.network import ConstraintNetwork, topological
+from cpcal.network.network import ConstraintNetwork
 from cpcal.network.polynomial import Expander, Monomial, NotPolynomial, PolynomialArray
 
 # For the readings of one row, by the digest of their leaf: a part of the set that decides the row.

@@ -11,8 +11,9 @@ import numpy as np
 
 from cpcal.interval import Arithmetic, IntervalArray
 from cpcal.interval.array import Floats
+from cpcal.network.dag import topological
 from cpcal.network.expression import Expr
-from cpcal.network.network import ConstraintNetwork, topological
+from cpcal.network.network import ConstraintNetwork
 from cpcal.network.operations import TABLE, align
 
 Slots = list[IntervalArray]

@@ -14,9 +14,10 @@ import numpy.typing as npt
 
 from cpcal.errors import ModelError
 from cpcal.interval import IntervalArray
+from cpcal.network.dag import topological
 from cpcal.network.expression import Constraint as NetworkConstraint
 from cpcal.network.expression import Expr, as_expr, sqr
-from cpcal.network.network import ConstraintNetwork, topological
+from cpcal.network.network import ConstraintNetwork
 from cpcal.network.rewrite import terms
 from cpcal.proof.constraints import Constraint, Constraints
 from cpcal.proof.polynomial import Polynomial, combined, product

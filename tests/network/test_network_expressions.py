@@ -13,8 +13,9 @@ from contractors import HC4, Lifted
 from cpcal.errors import ModelError
 from cpcal.interval import Interval, IntervalArray, get_arithmetic
 from cpcal.network import ConstraintNetwork, Tape, maximum, norm, sqr, sqrt
+from cpcal.network.dag import topological
 from cpcal.network.expression import as_expr
-from cpcal.network.network import component_names, topological
+from cpcal.network.network import component_names
 
 
 @pytest.fixture
