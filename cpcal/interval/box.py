@@ -256,8 +256,9 @@ def _interval(name: str, value: Interval | Number | tuple[Number, Number]) -> In
     if isinstance(value, Interval):
         return value
     try:
-        return Interval(*value) if isinstance(value, Sequence) else Interval(value)
-    except (ModelError, TypeError, ValueError) as error:
+        lo, hi = value if isinstance(value, Sequence) and not isinstance(value, str) else (value, value)
+        return Interval(round_down(lo), round_up(hi))
+    except (ModelError, ValueError) as error:
         raise ModelError(f"{name}: {error}") from error
 
 

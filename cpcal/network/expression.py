@@ -21,7 +21,7 @@ from cpcal.network.data import checked, enclosed, freeze, is_thick, own, pair
 Operand = Union["Expr", float, int, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
 Shape = tuple[int, ...]
 
-_LEVELS = 32  # levels of a deep expression that pickle may follow by recursion
+_LEVELS = 64  # levels of a deep expression that pickle may follow by recursion
 
 
 @dataclass(frozen=True, eq=False, repr=False)
