@@ -14,7 +14,7 @@ from benchmarks.records import ANSWERED, Results, Run, load, save
 from benchmarks.runner import execute
 from benchmarks.suites import SUITES, Entry
 from benchmarks.tasks import KINDS
-from cpcal import plugins
+from cpcal.solver import plugins
 
 app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 

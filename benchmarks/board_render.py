@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import chebyshev
 
-from cpcal.robot import Pose
-from cpcal.robot.motion import transformed
+from cpcal.robot import Pose, transformed
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene, exposed

@@ -35,9 +35,14 @@ from benchmarks.board_methods import AprilTags, Charuco, Dots, Failed, Method
 from benchmarks.isolation import ONE_THREAD
 from benchmarks.machine import machine
 from benchmarks.vision_scenes import FACING, facing_poses, one
-from cpcal.robot import Pose, quaternion_from_rotation_vector
-from cpcal.robot.motion import transformed
-from cpcal.robot.rotation import quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.robot import (
+    Pose,
+    quaternion_conjugate,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+    rotation_vector,
+    transformed,
+)
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene

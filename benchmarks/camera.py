@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from benchmarks.vision_scenes import facing_poses, one
 from cpcal.robot import Pose
-from cpcal.vision.calibration.calibrate_camera import Calibration, TargetView, calibrate_camera
+from cpcal.vision.calibration import Calibration, TargetView, calibrate_camera
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target

@@ -22,13 +22,13 @@ import numpy as np
 
 from contractors import HC4, Beaumont, Krawczyk, Lifted, LinearSystem, fixpoint
 from contractors.linear_system import Method
-from cpcal.calibration import leg_box, leg_network
-from cpcal.interfaces import Contractor
-from cpcal.interval import get_arithmetic
-from cpcal.network import ConstraintNetwork
-from cpcal.plugins import ContractorFactory
-from cpcal.robot import Campaign, simulate
-from cpcal.robot.simulate import true_robot
+from cpcal.legs import leg_box, leg_network
+from cpcal.robot import Campaign
+from cpcal.simulate import simulate, true_robot
+from cpcal.solver.contract import Contractor
+from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.plugins import ContractorFactory
 
 
 def _repeated(network: ConstraintNetwork, *, method: Method, **options: Any) -> Contractor:

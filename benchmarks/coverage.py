@@ -18,7 +18,7 @@ import numpy as np
 
 import cpcal
 from cpcal.calibration import Noise, fit
-from cpcal.robot import true_robot
+from cpcal.simulate import true_robot
 
 KINDS: dict[str, dict[str, Any]] = {
     "x_c of g, errors from the residuals": {"covariance": "residuals"},

@@ -22,8 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import quaternion_from_rotation_vector, quaternion_product
+from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import Dots, observe_dots
 from cpcal.vision.opencv import opencv

@@ -17,8 +17,9 @@ import time
 from pathlib import Path
 
 import cpcal
-from cpcal.robot import KinematicsError, Study, simulate_study
-from cpcal.robot.simulate import STROKE
+from cpcal.robot import KinematicsError, Study
+from cpcal.simulate import simulate_study
+from cpcal.simulate.campaigns import STROKE
 
 CASES: dict[str, tuple[str, dict[str, float]]] = {
     "axis offset, lower joint": ("axis_offset", {}),

@@ -24,10 +24,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interfaces import Verdict
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, transformed
+from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera, distortion_jacobian
-from cpcal.vision.pose_sets.pose_set import PixelBoxes, enclose_pose
+from cpcal.vision.pose_sets import PixelBoxes, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 Array = npt.NDArray[np.float64]

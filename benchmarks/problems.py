@@ -20,10 +20,11 @@ import numpy as np
 import numpy.typing as npt
 
 import cpcal
-from cpcal.calibration import least_squares, leg_box, leg_network
-from cpcal.interval import Box, get_arithmetic
-from cpcal.network import ConstraintNetwork
+from cpcal.calibration import least_squares
+from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork
 
 Floats = npt.NDArray[np.float64]
 

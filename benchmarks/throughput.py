@@ -18,8 +18,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from cpcal.robot import simulate_study
-from cpcal.robot.study import PoseTable
+from cpcal.robot import PoseTable
+from cpcal.simulate import simulate_study
 from cpcal.vision.batch.detect import ImageFolder, detect
 from cpcal.vision.batch.study_images import RenderedImages, camera_above
 from cpcal.vision.camera import DELTALAB_CAMERA

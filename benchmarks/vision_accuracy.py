@@ -23,8 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.vision_scenes import facing_poses, found_dots, one
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.identify import Unidentified, identify
 from cpcal.vision.measure import NotMeasured, measure_pose

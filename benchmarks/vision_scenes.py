@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import quaternion_from_rotation_vector, quaternion_product
+from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.target import Target

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.interfaces import Contraction, Contractor
-from cpcal.interval import Box
+from cpcal.solver.contract import Contraction, Contractor
+from cpcal.solver.interval import Box
 
 
 class Composable:
@@ -91,7 +91,7 @@ def followed(one: Contraction, two: Contraction) -> Contraction:
 
 
 def _tolerance(contractor: Contractor) -> float:
-    """How far from monotone (see cpcal.testing), as a share of the box."""
+    """How far from monotone (see cpcal.solver.testing), as a share of the box."""
     return float(getattr(contractor, "monotone_tolerance", 1e-9))
 
 

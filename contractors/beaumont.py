@@ -15,7 +15,7 @@ import numpy as np
 
 from contractors.interval_rows import Decomposition, IntervalRows, beaumont
 from contractors.krawczyk import Krawczyk
-from cpcal.interval import Box
+from cpcal.solver.interval import Box
 
 _THIN = 1e-9  # of the largest coefficient: rows whose matrix is no wider gain nothing by another expansion
 

@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from contractors.algebra import Composable, shrunk
 from contractors.hc4 import moved_bounds
-from cpcal.interfaces import Contraction, Step
-from cpcal.interval import Box, IntervalArray, get_arithmetic
-from cpcal.network import ConstraintNetwork, Tape, one_sided_rows
+from cpcal.solver.contract import Contraction, Step
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Tape, one_sided_rows
 
 Floats = npt.NDArray[np.float64]
 

@@ -13,9 +13,9 @@ import numpy as np
 from contractors.algebra import Composable
 from contractors.hc4 import HC4, moved_bounds
 from contractors.slices import contract_all, cuts, slice_of
-from cpcal.interfaces import Contraction, Contractor, Step
-from cpcal.interval import Box
-from cpcal.network import ConstraintNetwork
+from cpcal.solver.contract import Contraction, Contractor, Step
+from cpcal.solver.interval import Box
+from cpcal.solver.network import ConstraintNetwork
 
 
 class Cid(Composable):

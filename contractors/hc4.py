@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from contractors.algebra import Composable
-from cpcal.interfaces import Contraction, Step
-from cpcal.interval import Box, IntervalArray, get_arithmetic
-from cpcal.network import ConstraintNetwork, Tape, one_sided_rows
+from cpcal.solver.contract import Contraction, Step
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Tape, one_sided_rows
 
 
 class HC4(Composable):

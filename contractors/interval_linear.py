@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interval import Arithmetic, IntervalArray, get_arithmetic
+from cpcal.solver.interval import Arithmetic, IntervalArray, get_arithmetic
 
 Floats = npt.NDArray[np.float64]
 

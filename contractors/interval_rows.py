@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interfaces import Polyhedron
-from cpcal.interval import Arithmetic, Box, IntervalArray
-from cpcal.network import CentredForm, ConstraintNetwork, one_sided_rows
+from cpcal.solver.contract import Polyhedron
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray
+from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows
 
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

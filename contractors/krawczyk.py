@@ -10,10 +10,10 @@ import numpy.typing as npt
 from contractors.algebra import Composable, followed
 from contractors.interval_rows import Decomposition, IntervalRows, Linearised, inequalities, krawczyk
 from contractors.polyhedral import Programs
-from cpcal.interfaces import Contraction, LinearEngine, Polyhedron
-from cpcal.interval import Box, get_arithmetic
-from cpcal.linear import Glop
-from cpcal.network import ConstraintNetwork
+from cpcal.solver.contract import Contraction, LinearEngine, Polyhedron
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.linear import Glop
+from cpcal.solver.network import ConstraintNetwork
 
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

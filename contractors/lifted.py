@@ -17,13 +17,13 @@ import numpy.typing as npt
 from contractors.algebra import Composable
 from contractors.relaxation import Relaxation, Structure
 from contractors.supports import Directions, over_box
-from cpcal.interfaces import Contraction, LinearEngine, LinearSolution, LinearStatus, Step, StepWeights
-from cpcal.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.linear import Glop, LazyRows, lower_bound
-from cpcal.network import ConstraintNetwork, polynomial_form
-from cpcal.network.monotone import DecisiveReadings
-from cpcal.network.restrict import restricted
-from cpcal.network.rows import Rows
+from cpcal.solver.contract import Contraction, LinearEngine, LinearSolution, LinearStatus, Step, StepWeights
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.linear import Glop, LazyRows, lower_bound
+from cpcal.solver.network import ConstraintNetwork, polynomial_form
+from cpcal.solver.network.monotone import DecisiveReadings
+from cpcal.solver.network.restrict import restricted
+from cpcal.solver.network.rows import Rows
 
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

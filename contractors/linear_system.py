@@ -10,9 +10,9 @@ import numpy.typing as npt
 from contractors.algebra import Composable
 from contractors.hc4 import moved_bounds
 from contractors.interval_linear import enclose_gauss, enclose_krawczyk, enclose_rump
-from cpcal.interfaces import Contraction, Step
-from cpcal.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.network import CentredForm, Constraint, ConstraintNetwork
+from cpcal.solver.contract import Contraction, Step
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.network import CentredForm, Constraint, ConstraintNetwork
 
 Floats = npt.NDArray[np.float64]
 Method = Literal["gauss", "krawczyk", "rump"]

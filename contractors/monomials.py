@@ -13,8 +13,8 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interval import Arithmetic, IntervalArray
-from cpcal.network.polynomial import Monomial
+from cpcal.solver.interval import Arithmetic, IntervalArray
+from cpcal.solver.network.polynomial import Monomial
 
 Floats = npt.NDArray[np.float64]
 

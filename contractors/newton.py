@@ -1,7 +1,7 @@
-"""newton: the interval Newton operator on a square part of a network's equalities (see cpcal.existence.operators).
+"""newton: the interval Newton operator on a square part of a network's equalities (see `solver.existence.operators`).
 
 Near a simple zero the widths of a box are squared at every pass. To prove that a zero exists is the matter of
-`cpcal.existence.prove_unique`, which `Network.solve` asks about each box that it keeps.
+`cpcal.solver.existence.prove_unique`, which `Network.solve` asks about each box that it keeps.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ import numpy as np
 
 from contractors.algebra import Composable, shrunk
 from contractors.hc4 import moved_bounds
-from cpcal.existence import Equalities, Operator, chosen, hansen_sengupta, unknowns
-from cpcal.interfaces import Contraction, Step
-from cpcal.interval import Box, get_arithmetic
-from cpcal.network import ConstraintNetwork
+from cpcal.solver.contract import Contraction, Step
+from cpcal.solver.existence import Equalities, Operator, chosen, hansen_sengupta, unknowns
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork
 
 
 class Newton(Composable):

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interfaces import Contraction, LinearEngine, LinearSolution, LinearStatus, Polyhedron, Step
-from cpcal.interval import Arithmetic, Box, IntervalArray
-from cpcal.linear import LazyRows, lower_bound
+from cpcal.solver.contract import Contraction, LinearEngine, LinearSolution, LinearStatus, Polyhedron, Step
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray
+from cpcal.solver.linear import LazyRows, lower_bound
 
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

@@ -23,10 +23,10 @@ import numpy.typing as npt
 from contractors.algebra import Composable
 from contractors.hc4 import HC4, moved_bounds
 from cpcal.errors import ModelError
-from cpcal.interfaces import Contraction, Contractor, Step
-from cpcal.interval import Box, IntervalArray
-from cpcal.network import ConstraintNetwork
-from cpcal.network.restrict import restricted
+from cpcal.solver.contract import Contraction, Contractor, Step
+from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.restrict import restricted
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.monomials import Shift, column_bounds, product_rows
-from cpcal.interval import Arithmetic, Box, IntervalArray
-from cpcal.network import PolynomialSystem
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray
+from cpcal.solver.network import PolynomialSystem
 
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

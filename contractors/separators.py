@@ -12,9 +12,9 @@ import numpy as np
 
 from contractors.algebra import Composable, Then, Union
 from contractors.hc4 import HC4, moved_bounds
-from cpcal.interfaces import Contraction, Contractor, Step
-from cpcal.interval import Box, IntervalArray, get_arithmetic
-from cpcal.network import ConstraintNetwork, Tape, one_sided_rows
+from cpcal.solver.contract import Contraction, Contractor, Step
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Tape, one_sided_rows
 
 
 class Violating(Composable):

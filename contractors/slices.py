@@ -8,8 +8,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interfaces import Contractor
-from cpcal.interval import Box, IntervalArray
+from cpcal.solver.contract import Contractor
+from cpcal.solver.interval import Box, IntervalArray
 
 Floats = npt.NDArray[np.float64]
 

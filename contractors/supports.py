@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interval import Arithmetic, Box, IntervalArray
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 
 Floats = npt.NDArray[np.float64]
 

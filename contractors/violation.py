@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
-from cpcal.interfaces import LinearEngine, LinearStatus
-from cpcal.interval import Box, get_arithmetic
-from cpcal.linear import Glop, LazyRows
-from cpcal.network import ConstraintNetwork, polynomial_form
-from cpcal.search import LargestFirst
+from cpcal.solver.contract import LinearEngine, LinearStatus
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.linear import Glop, LazyRows
+from cpcal.solver.network import ConstraintNetwork, polynomial_form
+from cpcal.solver.search import LargestFirst
 
 Floats = npt.NDArray[np.float64]
 

@@ -4,17 +4,26 @@ campaign = cpcal.load_campaign("campaign/")
 result = cpcal.certify(campaign, delta=100.0)
 """
 
-from cpcal.calibration import LegModel, Measured, Parameter, register_model
-from cpcal.certify import PointResult, certify, certify_point
-from cpcal.comparison import Comparison, compare, compare_networks, load_comparison, save_comparison
+from cpcal.certify import PointResult, certify, certify_point, compare, compare_networks
 from cpcal.errors import CpcalError, InputError, ModelError, PluginError
-from cpcal.interfaces import Contraction, Contractor, Limits, Polyhedron, Step, Strategy, Verdict
-from cpcal.interval import Box, Interval
-from cpcal.judged import Judged
-from cpcal.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
-from cpcal.result import LegResult, Result, load_result, save_result
-from cpcal.robot import Campaign, Robot, load_campaign, save_campaign, simulate
-from cpcal.solver import Network, Paving, Solution
+from cpcal.files import load_campaign, save_campaign
+from cpcal.legs import LegModel, Measured, Parameter, register_model
+from cpcal.results import (
+    Comparison,
+    LegResult,
+    Result,
+    VerifiedPoint,
+    load_comparison,
+    load_result,
+    save_comparison,
+    save_result,
+)
+from cpcal.robot import Campaign, Robot
+from cpcal.simulate import simulate
+from cpcal.solver.contract import Contraction, Contractor, Limits, Polyhedron, Step, Strategy, Verdict
+from cpcal.solver.interval import Box, Interval
+from cpcal.solver.model import Network, Paving, Solution
+from cpcal.solver.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
 from cpcal.version import __version__
 
 __all__ = [
@@ -28,7 +37,6 @@ __all__ = [
     "Expr",
     "InputError",
     "Interval",
-    "Judged",
     "LegModel",
     "LegResult",
     "Limits",
@@ -46,6 +54,7 @@ __all__ = [
     "Step",
     "Strategy",
     "Verdict",
+    "VerifiedPoint",
     "__version__",
     "certify",
     "certify_point",

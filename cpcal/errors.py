@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -47,3 +48,46 @@ class ModelError(CpcalError):
 
 class PluginError(CpcalError):
     """A contractor was asked for that is not installed, or that breaks its contract."""
+
+
+LISTED = 50  # problems that are kept; further ones are counted
+_SHOWN = 40  # characters of an input's own text that a message repeats
+
+
+class Problems:
+    """A growing list of problems; only the first `LISTED` are kept."""
+
+    def __init__(self) -> None:
+        self.listed: list[Problem] = []
+        self.omitted = 0
+
+    def __len__(self) -> int:
+        return len(self.listed) + self.omitted
+
+    def add(self, problem: Problem, *, always: bool = False) -> None:
+        """Take note of a problem; `always` lists it however many there are already."""
+        if always or len(self.listed) < LISTED:
+            self.listed.append(problem)
+        else:
+            self.omitted += 1
+
+    def add_unknown(
+        self, where: str, what: str, name: str, known: Iterable[str], otherwise: str, line: int | None
+    ) -> None:
+        """Take note of a name that means nothing, with the nearest known one as remedy, or `otherwise`."""
+        near: list[str] = []
+        if len(self.listed) < LISTED:  # the search is slow, and a file of rubbish holds many names
+            near = difflib.get_close_matches(name[:100], list(known), n=1)
+        self.add(Problem(where, what, f"did you mean {near[0]!r}?" if near else otherwise, line))
+
+    def raise_any(self) -> None:
+        """Raise one InputError with all problems, if there are any."""
+        if self.listed:
+            raise InputError(self.listed, omitted=self.omitted)
+
+
+def shown(text: object) -> str:
+    """The repr of `text`, cut to a length that a message can bear."""
+    short = text[: _SHOWN + 1] if isinstance(text, str) else text
+    result = repr(short)
+    return result if len(result) <= _SHOWN + 2 else result[:_SHOWN] + "..."

@@ -18,9 +18,9 @@ from benchmarks.methods.sweep import timed_sweep
 from benchmarks.problems import Leg
 from benchmarks.records import Answer
 from benchmarks.tasks import Unsupported
-from cpcal.calibration import residuals
-from cpcal.interval import IntervalArray
+from cpcal.legs import residuals
 from cpcal.robot import rotation_matrix
+from cpcal.solver.interval import IntervalArray
 
 _PASSES = 10  # at most, while the box shrinks
 

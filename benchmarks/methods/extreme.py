@@ -7,11 +7,11 @@ import numpy.typing as npt
 from scipy import optimize
 
 from benchmarks.problems import Leg
-from cpcal.interval import Box
-from cpcal.linear import Glop
-from cpcal.network import ConstraintNetwork
-from cpcal.network.rows import Rows
-from cpcal.optimize.fit import fit
+from cpcal.solver.interval import Box
+from cpcal.solver.linear import Glop
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.rows import Rows
+from cpcal.solver.optimize import fit
 
 Floats = npt.NDArray[np.float64]
 

@@ -11,13 +11,13 @@ from benchmarks.methods.extreme import extreme, minimax
 from benchmarks.methods.method import HULL_GAP
 from benchmarks.problems import Leg
 from benchmarks.records import Answer
-from contractors.algebra import fixpoint
-from cpcal import plugins
-from cpcal.calibration import PARAMETERS, leg_network
-from cpcal.interfaces import Limits, Verdict
-from cpcal.interval import Box, get_arithmetic
-from cpcal.network import ConstraintNetwork
-from cpcal.optimize import Minimum, minimize, run
+from contractors import fixpoint
+from cpcal.legs import PARAMETERS, leg_network
+from cpcal.solver import plugins
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.optimize import Minimum, minimize, run
 
 _ENGINE = get_arithmetic("float64")
 

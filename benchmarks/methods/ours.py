@@ -14,12 +14,12 @@ from benchmarks.methods.sweep import timed_sweep
 from benchmarks.problems import Leg
 from benchmarks.records import Answer
 from benchmarks.tasks import Unsupported
-from contractors.hc4 import HC4
-from cpcal import plugins
-from cpcal.interfaces import Limits, Verdict
-from cpcal.interval import get_arithmetic
-from cpcal.optimize import Minimum, minimize, run
-from cpcal.result import LegResult
+from contractors import HC4
+from cpcal.results import LegResult
+from cpcal.solver import plugins
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.optimize import Minimum, minimize, run
 
 
 class Cpcal:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from cpcal.proof.checker import check
+from cpcal.checker.checker import check
 
 
 def checked(certificate: Path, campaign: Path) -> dict[str, float]:

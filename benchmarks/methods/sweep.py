@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.methods.method import Question, Work
 from benchmarks.problems import Leg
 from benchmarks.records import Answer
-from cpcal.interval import IntervalArray
+from cpcal.solver.interval import IntervalArray
 
 _SECONDS = 1.0  # at least this long, and at least thrice
 

@@ -1,44 +1,93 @@
 """From campaigns to fits and constraint networks: frames, leg models, least squares, statistics, validation."""
 
-from cpcal.calibration.averaging import averaged
-from cpcal.calibration.dip import dip, dip_p_value
-from cpcal.calibration.distribution import ChannelStatistics, describe
-from cpcal.calibration.equations import LegEquations
-from cpcal.calibration.estimate import Fit
-from cpcal.calibration.exact import solves_exactly
-from cpcal.calibration.fit import fit
-from cpcal.calibration.frames import FrameCalibration, HandEye, calibrate_frames, hand_eye, redefined
-from cpcal.calibration.identification import leg_jacobian, robot_jacobian
-from cpcal.calibration.least_squares import least_squares
-from cpcal.calibration.leg import exactly_read, leg_box, leg_network, residuals
-from cpcal.calibration.model_fit import ModelResiduals, fit_model, model_residuals, reading_room_of
-from cpcal.calibration.models import (
-    PARAMETERS,
-    PLAIN,
-    LegModel,
-    Measured,
-    Parameter,
-    built_in,
-    half_width_problems,
-    known_models,
-    leg_model,
-    register_model,
+from cpcal.calibration.averaging import (
+    averaged,
 )
-from cpcal.calibration.observability import Observability, column_scale, observability
-from cpcal.calibration.record import CalibrationRecord, recorded
-from cpcal.calibration.record_file import RECORD_NAME, load_record, save_record
-from cpcal.calibration.screening import Screening, screen
-from cpcal.calibration.selection import Selection, select_poses
-from cpcal.calibration.statement import leg_statement, model_statement
-from cpcal.calibration.statistics import Deviations, campaign_deviations, deviations, mean_rotations
-from cpcal.calibration.study import StudyCalibration, as_campaign, calibrate_study
-from cpcal.calibration.tolerance import half_widths, readings_needed, tolerance_half_width, tolerance_interval
-from cpcal.calibration.validation import ErrorSummary, PoseErrors, Validation, pose_errors, validate
-from cpcal.calibration.weights import Noise
+from cpcal.calibration.dip import (
+    dip,
+    dip_p_value,
+)
+from cpcal.calibration.distribution import (
+    ChannelStatistics,
+    describe,
+)
+from cpcal.calibration.equations import (
+    LegEquations,
+)
+from cpcal.calibration.estimate import (
+    Fit,
+)
+from cpcal.calibration.exact import (
+    solves_exactly,
+)
+from cpcal.calibration.fit import (
+    fit,
+)
+from cpcal.calibration.frames import (
+    FrameCalibration,
+    HandEye,
+    calibrate_frames,
+    hand_eye,
+    redefined,
+)
+from cpcal.calibration.identification import (
+    leg_jacobian,
+    robot_jacobian,
+)
+from cpcal.calibration.least_squares import (
+    least_squares,
+)
+from cpcal.calibration.observability import (
+    Observability,
+    column_scale,
+    observability,
+)
+from cpcal.calibration.record import (
+    CalibrationRecord,
+    recorded,
+)
+from cpcal.calibration.record_file import (
+    RECORD_NAME,
+    load_record,
+    save_record,
+)
+from cpcal.calibration.screening import (
+    Screening,
+    screen,
+)
+from cpcal.calibration.selection import (
+    Selection,
+    select_poses,
+)
+from cpcal.calibration.statistics import (
+    Deviations,
+    campaign_deviations,
+    deviations,
+    mean_rotations,
+)
+from cpcal.calibration.study import (
+    StudyCalibration,
+    as_campaign,
+    calibrate_study,
+)
+from cpcal.calibration.tolerance import (
+    half_widths,
+    readings_needed,
+    tolerance_half_width,
+    tolerance_interval,
+)
+from cpcal.calibration.validation import (
+    ErrorSummary,
+    PoseErrors,
+    Validation,
+    pose_errors,
+    validate,
+)
+from cpcal.calibration.weights import (
+    Noise,
+)
 
 __all__ = [
-    "PARAMETERS",
-    "PLAIN",
     "RECORD_NAME",
     "CalibrationRecord",
     "ChannelStatistics",
@@ -48,12 +97,8 @@ __all__ = [
     "FrameCalibration",
     "HandEye",
     "LegEquations",
-    "LegModel",
-    "Measured",
-    "ModelResiduals",
     "Noise",
     "Observability",
-    "Parameter",
     "PoseErrors",
     "Screening",
     "Selection",
@@ -61,7 +106,6 @@ __all__ = [
     "Validation",
     "as_campaign",
     "averaged",
-    "built_in",
     "calibrate_frames",
     "calibrate_study",
     "campaign_deviations",
@@ -70,31 +114,18 @@ __all__ = [
     "deviations",
     "dip",
     "dip_p_value",
-    "exactly_read",
     "fit",
-    "fit_model",
-    "half_width_problems",
     "half_widths",
     "hand_eye",
-    "known_models",
     "least_squares",
-    "leg_box",
     "leg_jacobian",
-    "leg_model",
-    "leg_network",
-    "leg_statement",
     "load_record",
     "mean_rotations",
-    "model_residuals",
-    "model_statement",
     "observability",
     "pose_errors",
-    "reading_room_of",
     "readings_needed",
     "recorded",
     "redefined",
-    "register_model",
-    "residuals",
     "robot_jacobian",
     "save_record",
     "screen",

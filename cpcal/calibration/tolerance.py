@@ -72,7 +72,7 @@ def half_widths(
     "extreme"    the largest error seen
     "tolerance"  `coverage` of the errors with `confidence`, whatever their distribution
 
-    of the errors of `Deviations.errors`. Each channel is judged by itself: a reading with C channels lies in all its
+    of the errors of `Deviations.errors`. Each channel is taken by itself: a reading with C channels lies in all its
     sets less often than in each.
     """
     if method == "sigma":

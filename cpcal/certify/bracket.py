@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.certify.question import Floats, Question
-from cpcal.interfaces import Contractor
-from cpcal.network import ConstraintNetwork
-from cpcal.network.restrict import restricted
-from cpcal.optimize import Bracket, Minimum, Trial, minimize, run
-from cpcal.prove import Recording, certifying, claims_of
-from cpcal.search import Event
+from cpcal.solver.certificate.recording import Recording, certifying, claims_of
+from cpcal.solver.contract import Contractor
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.restrict import restricted
+from cpcal.solver.optimize import Bracket, Minimum, Trial, minimize, run
+from cpcal.solver.search import Event
 
 
 @dataclass(frozen=True)

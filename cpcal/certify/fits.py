@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cpcal.calibration.models import PLAIN
-from cpcal.calibration.record import CalibrationRecord
+from cpcal.calibration import CalibrationRecord
 from cpcal.certify.point import certify_point
 from cpcal.errors import InputError, Problem
-from cpcal.judged import Judged
+from cpcal.legs import PLAIN
+from cpcal.results import VerifiedPoint
 from cpcal.robot import Campaign
 
 FORMAT = "cpcal-fits/1"
@@ -21,11 +21,11 @@ FITS_NAME = "fits.json"
 
 
 @dataclass(frozen=True)
-class JudgedFit:
+class VerifiedFit:
     """One leg of a fit at eps = 0, and the file that certifies it (in the folder of `fits.json`)."""
 
     leg: int
-    judged: Judged
+    verified: VerifiedPoint
     certificate: str
 
 
@@ -34,11 +34,11 @@ class CertifiedFits:
     """Both fits of a campaign, legs in ascending order."""
 
     campaign_sha256: str
-    x_c: tuple[JudgedFit, ...]
-    x_c_sigma: tuple[JudgedFit, ...]
+    x_c: tuple[VerifiedFit, ...]
+    x_c_sigma: tuple[VerifiedFit, ...]
 
     @property
-    def both(self) -> tuple[tuple[str, tuple[JudgedFit, ...]], ...]:
+    def both(self) -> tuple[tuple[str, tuple[VerifiedFit, ...]], ...]:
         """With their names."""
         return (("x_c", self.x_c), ("x_c_sigma", self.x_c_sigma))
 
@@ -50,7 +50,7 @@ def certify_fits(
     *,
     legs: Sequence[int] | None = None,
 ) -> CertifiedFits:
-    """Judge both fits of the record by `certify_point` at eps = 0, with certificates and `fits.json` in `folder`.
+    """Verify both fits of the record by `certify_point` at eps = 0, with certificates and `fits.json` in `folder`.
 
     They are fits of the plain model. A leg of a fit satisfies a measurement when THERE EXISTS a reading in its set at
     which the leg equation holds.
@@ -60,15 +60,15 @@ def certify_fits(
         raise InputError([Problem("calibration record", "is of another campaign", "calibrate again")])
     Path(folder).mkdir(parents=True, exist_ok=True)
 
-    def judged(name: str, values: tuple[tuple[float, ...], ...]) -> tuple[JudgedFit, ...]:
+    def verified(name: str, values: tuple[tuple[float, ...], ...]) -> tuple[VerifiedFit, ...]:
         out = []
         for leg in legs or range(1, campaign.legs + 1):
             file = f"{name}.leg{leg}.cert.jsonl"
             found = certify_point(campaign, leg, values[leg - 1], certificate=Path(folder) / file, model=PLAIN.name)
-            out.append(JudgedFit(leg, found.judged, file))
+            out.append(VerifiedFit(leg, found.verified, file))
         return tuple(out)
 
-    both = judged("x_c", record.x_c.values), judged("x_c_sigma", record.x_c_sigma.values)
+    both = verified("x_c", record.x_c.values), verified("x_c_sigma", record.x_c_sigma.values)
     found = CertifiedFits(campaign.sha256, *both)
     text = json.dumps(_to_json(found), indent=1, allow_nan=False)
     (Path(folder) / FITS_NAME).write_text(text + "\n", encoding="utf-8")
@@ -89,12 +89,12 @@ def load_fits(folder: str | os.PathLike[str]) -> CertifiedFits:
 
 
 def _to_json(found: CertifiedFits) -> dict[str, Any]:
-    def rows(fits: tuple[JudgedFit, ...]) -> list[dict[str, Any]]:
-        return [{"leg": fit.leg, **fit.judged.to_json(), "certificate": fit.certificate} for fit in fits]
+    def rows(fits: tuple[VerifiedFit, ...]) -> list[dict[str, Any]]:
+        return [{"leg": fit.leg, **fit.verified.to_json(), "certificate": fit.certificate} for fit in fits]
 
     legs = {name: rows(fits) for name, fits in found.both}
     return {"format": FORMAT, "campaign_sha256": found.campaign_sha256, **legs}
 
 
-def _from_json(rows: list[dict[str, Any]]) -> tuple[JudgedFit, ...]:
-    return tuple(JudgedFit(int(row["leg"]), Judged.from_json(row), str(row["certificate"])) for row in rows)
+def _from_json(rows: list[dict[str, Any]]) -> tuple[VerifiedFit, ...]:
+    return tuple(VerifiedFit(int(row["leg"]), VerifiedPoint.from_json(row), str(row["certificate"])) for row in rows)

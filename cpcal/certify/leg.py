@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpcal.calibration import PLAIN, built_in, exactly_read, solves_exactly
+from cpcal.calibration import solves_exactly
 from cpcal.certify.bracket import Answered, by_bound, prove_support
-from cpcal.certify.point import judged_rows
+from cpcal.certify.point import verified_rows
 from cpcal.certify.question import Floats, Question
-from cpcal.certify.script import by_timeout
-from cpcal.interfaces import Verdict
-from cpcal.judged import Judged
-from cpcal.network import ConstraintNetwork
-from cpcal.optimize import Bracket, Minimum, irreducible, minimize, run
-from cpcal.optimize import support as find_support
-from cpcal.result import LegResult
+from cpcal.certify.timeout_method import by_timeout
+from cpcal.legs import PLAIN, built_in, exactly_read
+from cpcal.results import LegResult, VerifiedPoint
+from cpcal.solver.contract import Verdict
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.optimize import Bracket, Minimum, irreducible, minimize, run
+from cpcal.solver.optimize import support as find_support
 
 # at most for each proof that a few measurements suffice: a convenience must not cost more than the answer
 _SUPPORT_NODES = 3
@@ -63,7 +63,7 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
     found = answer.minimum
     ids, enclosure = question.campaign.measurement_ids, found.enclosure
     eps = question.eps or 0.0
-    good, bad = judged_rows(question.campaign, leg, middle, eps, question.engine, question.model)
+    good, bad = verified_rows(question.campaign, leg, middle, eps, question.engine, question.model)
     names = question.model.parameters
     return LegResult(
         leg,
@@ -81,7 +81,7 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
         found.seconds,
         answer.certificate,
         trials=answer.trials,
-        judged=Judged(eps, len(good), len(bad), len(question.campaign)),
+        verified=VerifiedPoint(eps, len(good), len(bad), len(question.campaign)),
     )
 
 

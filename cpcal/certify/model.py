@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cpcal.calibration import PLAIN, LegModel, half_width_problems, leg_model
 from cpcal.errors import InputError, Problem
+from cpcal.legs import PLAIN, LegModel, half_width_problems, leg_model
 from cpcal.robot import Campaign
 
 

@@ -9,23 +9,23 @@ from fractions import Fraction as F
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration import PLAIN, LegModel, built_in, leg_box, leg_network, leg_statement
 from cpcal.certify.model import chosen_model
 from cpcal.errors import InputError, Problem
-from cpcal.interval import Arithmetic, Box, get_arithmetic
-from cpcal.judged import Judged
-from cpcal.optimize import judge
-from cpcal.prove import Recording, claims_judged
+from cpcal.legs import PLAIN, LegModel, built_in, leg_box, leg_network, leg_statement
+from cpcal.results import VerifiedPoint
 from cpcal.robot import Campaign
+from cpcal.solver.certificate.recording import Recording, claims_verified
+from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
+from cpcal.solver.optimize import verify_point
 
 
 @dataclass(frozen=True)
 class PointResult:
-    """What is proved of a point of one leg: `judged` counts, `holds` and `fails` name the measurements (pose/run)."""
+    """What is proved of a point of one leg: `verified` counts, `holds` and `fails` name the measurements (pose/run)."""
 
     leg: int
     point: tuple[float, ...]
-    judged: Judged
+    verified: VerifiedPoint
     holds: tuple[str, ...]
     fails: tuple[str, ...]
 
@@ -61,15 +61,15 @@ def certify_point(
         wrong.append(Problem("certificate", f"{corrected.name!r}, a model of one's own, has none", "leave it out"))
     if wrong:
         raise InputError(wrong)
-    good, bad = judged_rows(campaign, leg, x, eps, get_arithmetic(arithmetic), corrected)
+    good, bad = verified_rows(campaign, leg, x, eps, get_arithmetic(arithmetic), corrected)
     if certificate is not None:
         good, bad = _certified(campaign, leg, x, eps, good, bad, certificate, corrected)
     ids = campaign.measurement_ids
-    counts = Judged(eps, len(good), len(bad), len(campaign))
+    counts = VerifiedPoint(eps, len(good), len(bad), len(campaign))
     return PointResult(leg, tuple(map(float, x)), counts, tuple(ids[k] for k in good), tuple(ids[k] for k in bad))
 
 
-def judged_rows(
+def verified_rows(
     campaign: Campaign,
     leg: int,
     x: npt.NDArray[np.float64],
@@ -80,7 +80,7 @@ def judged_rows(
     """Numbers (from 0) of the measurements that the point (n,) of the model is proved to satisfy, and to fail."""
     box = leg_box(x, 0.0, model).with_bounds(x, x)
     network = leg_network(campaign, leg, box, engine=engine, eps=(eps, eps), model=model)
-    found = judge(network, np.append(x, eps), engine)
+    found = verify_point(network, np.append(x, eps), engine)
     return np.flatnonzero(found.holds).tolist(), np.flatnonzero(found.fails).tolist()
 
 
@@ -100,5 +100,5 @@ def _certified(
     bad = [k for k in bad if statement.problem.fails(k, at)]
     at_eps = np.append(x, eps)
     with Recording(statement, Box((*model.parameters, "eps"), at_eps, at_eps)) as recording:
-        recording.write(path, claims_judged(at_eps, eps, good, bad))
+        recording.write(path, claims_verified(at_eps, eps, good, bad))
     return good, bad

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal import plugins
-from cpcal.calibration import PLAIN, LegModel, fit_model, leg_box, leg_network, model_statement
 from cpcal.errors import InputError, Problem
-from cpcal.interfaces import Contractor, Limits
-from cpcal.interval import Arithmetic, Box
-from cpcal.network import ConstraintNetwork
-from cpcal.optimize import Bracket
-from cpcal.proof.statement import Statement
+from cpcal.legs import PLAIN, LegModel, fit_model, leg_box, leg_network, model_statement
 from cpcal.robot import Campaign
+from cpcal.solver import plugins
+from cpcal.solver.certificate.statement import Statement
+from cpcal.solver.contract import Contractor, Limits
+from cpcal.solver.interval import Arithmetic, Box
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.optimize import Bracket
 
 Floats = npt.NDArray[np.float64]
 Progress = Callable[[int, Bracket], None]

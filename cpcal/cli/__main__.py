@@ -1,6 +1,6 @@
 """`python -m cpcal.cli`."""
 
-from cpcal.cli import main
+from cpcal.cli.app import main
 
 if __name__ == "__main__":
     main()

@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 from cpcal.cli.calibrate import calibrate
 from cpcal.cli.certify import certify
 from cpcal.cli.compare import compare_models
-from cpcal.cli.demo import demo
+from cpcal.cli.demo.command import demo
 from cpcal.cli.detect import detect_poses
 from cpcal.cli.plugins import plugins
 from cpcal.cli.report import report

@@ -12,15 +12,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cpcal.calibration import calibrate_study
-from cpcal.calibration.record import CalibrationRecord, recorded
-from cpcal.calibration.record_file import RECORD_NAME, save_record
-from cpcal.calibration.study import StudyCalibration
+from cpcal.calibration import RECORD_NAME, CalibrationRecord, StudyCalibration, calibrate_study, recorded, save_record
 from cpcal.cli.folders import CAMPAIGN, VALIDATION, check_writable, unwritable
 from cpcal.cli.show import terminal
 from cpcal.errors import InputError, Problem
+from cpcal.files import load_study, save_campaign
 from cpcal.report import clean, study_tables
-from cpcal.robot import load_study, save_campaign
 
 
 class Frames(StrEnum):

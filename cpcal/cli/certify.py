@@ -11,7 +11,7 @@ import typer
 from cpcal.cli.folders import check_writable
 from cpcal.cli.run import Question, answer, publish
 from cpcal.cli.status import status_of
-from cpcal.robot import load_campaign
+from cpcal.files import load_campaign
 
 
 class Center(StrEnum):

@@ -7,9 +7,9 @@ from fractions import Fraction
 from pathlib import Path
 from typing import cast
 
-from cpcal.proof.checker import check
-from cpcal.proof.lines import Rational
-from cpcal.proof.refusal import Refused
+from cpcal.checker.checker import check
+from cpcal.checker.lines import Rational
+from cpcal.checker.refusal import Refused
 
 
 def check_all(pairs: Iterable[tuple[Path, Path]], *, rational: Rational | None = None) -> tuple[bool, str]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction as F
 
-from cpcal.interval import Interval
-from cpcal.proof.claims import Accepted
+from cpcal.checker.claims import Accepted
 from cpcal.report import clean
+from cpcal.solver.interval import Interval
 
 Hull = tuple[tuple[F, ...], tuple[F, ...]]
 

@@ -11,12 +11,12 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from cpcal.certify import COMPARED, compare
 from cpcal.cli.certify import Engine, numbers_of
 from cpcal.cli.folders import check_writable, unwritable
 from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
-from cpcal.comparison import COMPARED, Comparison, Entry, compare, save_comparison
-from cpcal.interfaces import Verdict
+from cpcal.files import load_campaign
 from cpcal.report import clean
 from cpcal.report.comparison import (
     COMPARISON_PAGE,
@@ -26,7 +26,8 @@ from cpcal.report.comparison import (
     said,
     write_comparison,
 )
-from cpcal.robot import load_campaign
+from cpcal.results import Comparison, Entry, save_comparison
+from cpcal.solver.contract import Verdict
 
 _STYLES = {Verdict.PROVED: "bold green", Verdict.REFUTED: "bold red", Verdict.UNKNOWN: "bold yellow"}
 

@@ -11,9 +11,9 @@ import typer
 from cpcal.cli.folders import check_writable, made
 from cpcal.cli.progress import bar
 from cpcal.errors import InputError, Problem
+from cpcal.files.campaign_writer import write_file
+from cpcal.files.study_writer import table_bytes
 from cpcal.report import clean
-from cpcal.robot.study_writer import table_bytes
-from cpcal.robot.writer import write_file
 from cpcal.vision.batch.detect import Detections, ImageFolder, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.calibration import calibrate_from_images

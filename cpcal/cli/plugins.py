@@ -7,10 +7,10 @@ from importlib.metadata import EntryPoint
 from rich import box
 from rich.table import Table
 
-from cpcal import plugins as registry
 from cpcal.cli.show import terminal
 from cpcal.errors import PluginError
 from cpcal.report import clean
+from cpcal.solver import plugins as registry
 
 
 def plugins() -> None:

@@ -21,8 +21,8 @@ from rich.progress import (
 from rich.progress_bar import ProgressBar
 from rich.text import Text
 
-from cpcal.optimize import Bracket
 from cpcal.report import bracket_text
+from cpcal.solver.optimize import Bracket
 
 _CLOSED = 1e-9  # mm, as in Limits.gap_absolute
 _WAITING = "waiting"

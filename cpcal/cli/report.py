@@ -12,12 +12,12 @@ from cpcal.cli.folders import CAMPAIGN, check_writable, unwritable
 from cpcal.cli.show import terminal
 from cpcal.cli.study_page import holds_study, study_found
 from cpcal.errors import InputError, Problem
+from cpcal.files import load_campaign
 from cpcal.report import REPORT_NAME
 from cpcal.report.page import render
 from cpcal.report.study import render_study
 from cpcal.report.template import written
-from cpcal.result import load_result
-from cpcal.robot import load_campaign
+from cpcal.results import load_result
 
 
 def report(

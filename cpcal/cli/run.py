@@ -11,13 +11,13 @@ from pathlib import Path
 import typer
 
 from cpcal.certify import certify
+from cpcal.certify.projections import with_projections
 from cpcal.cli.folders import unwritable
 from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result, terminal
 from cpcal.report import REPORT_NAME, write_report
-from cpcal.result import Result, save_result
+from cpcal.results import Result, save_result
 from cpcal.robot import Campaign
-from cpcal.shadows import with_shadows
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def answer(campaign: Campaign, question: Question, run: Path, *, quiet: bool) ->
             progress=progress,
             model=question.model,
         )
-    return with_shadows(campaign, result)
+    return with_projections(campaign, result)
 
 
 def publish(campaign: Campaign, result: Result, run: Path, *, as_json: bool) -> None:

@@ -7,8 +7,9 @@ from typing import Any
 
 from cpcal.cli.folders import unwritable
 from cpcal.cli.progress import bar
-from cpcal.robot import Robot, Study, simulate_study
-from cpcal.robot.study_writer import STUDY_NAME, study_bytes
+from cpcal.files.study_writer import STUDY_NAME, study_bytes
+from cpcal.robot import Robot, Study
+from cpcal.simulate import simulate_study
 from cpcal.vision.batch.study_images import RenderedImages, camera_above
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.camera_file import save_camera

@@ -7,9 +7,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cpcal.interfaces import Verdict
 from cpcal.report import LONGER, QUANTIFIER, center_sentence, clean, leg_sentence, missing_legs, result_table
-from cpcal.result import Result
+from cpcal.results import Result
+from cpcal.solver.contract import Verdict
 
 _STYLES = {Verdict.PROVED: "bold green", Verdict.REFUTED: "bold red", Verdict.UNKNOWN: "bold yellow"}
 _WIDE = 120  # where there is no terminal to fit

@@ -7,18 +7,21 @@ from typing import Annotated
 
 import typer
 
-from cpcal import robot as stations
 from cpcal.cli.folders import check_new
 from cpcal.cli.shots import shot_study, write_shots
 from cpcal.errors import InputError, Problem
+from cpcal.files import save_campaign, save_study
 from cpcal.report import clean
+from cpcal.robot import ROBOTS, known_robot
+from cpcal.simulate import simulate as simulate_campaign
+from cpcal.simulate import simulate_study
 
 _STUDY = "Study: the paper's experiment (--study)"
 _LEGS = "Imperfect legs (--study): what seven parameters a leg leave out; 0: perfect"
 
 
 def simulate(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help=f"One of: {', '.join(stations.ROBOTS)}.")],
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help=f"One of: {', '.join(ROBOTS)}.")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for what is simulated.")],
     seed: Annotated[int, typer.Option(help="The same seed gives the same files, byte for byte.")] = 1,
     runs: Annotated[
@@ -122,7 +125,7 @@ def simulate(
     }
     _refuse(only_campaign if study else only_study, study=study)
     check_new(output, force=force)
-    nominal = stations.known_robot(robot)
+    nominal = known_robot(robot)
     given = {"runs": runs, "random_poses": random_poses, **(only_study if study else only_campaign)}
     common = {
         "seed": seed,
@@ -139,12 +142,12 @@ def simulate(
         write_shots(whole, shots, output)
         rows = f"{len(whole.calibration):,} images for calibration, {len(whole.validation):,} for validation"
     elif study:
-        whole = stations.simulate_study(nominal, **options)  # type: ignore[arg-type]
-        stations.save_study(whole, output)
+        whole = simulate_study(nominal, **options)  # type: ignore[arg-type]
+        save_study(whole, output)
         rows = f"{len(whole.calibration):,} rows for calibration, {len(whole.validation):,} for validation"
     else:
-        campaign = stations.simulate(nominal, **options)  # type: ignore[arg-type]
-        stations.save_campaign(campaign, output)
+        campaign = simulate_campaign(nominal, **options)  # type: ignore[arg-type]
+        save_campaign(campaign, output)
         rows = f"{len(campaign):,} measurements"
     typer.echo(f"{clean(nominal.name)}: {rows} (seed {seed}) in {output}")
 

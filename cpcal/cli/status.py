@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from cpcal.interfaces import Verdict
-from cpcal.result import Result
+from cpcal.results import Result
+from cpcal.solver.contract import Verdict
 
 
 class Status(IntEnum):

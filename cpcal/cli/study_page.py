@@ -8,10 +8,10 @@ from cpcal.calibration import RECORD_NAME, load_record
 from cpcal.certify.fits import load_fits
 from cpcal.cli.checked import check_all
 from cpcal.cli.folders import CAMPAIGN, FITS, PIXEL_CAMPAIGN, PIXEL_RUN, PIXEL_SETS, RUN, SCRIPT
+from cpcal.files import load_campaign
 from cpcal.report.images import load_images
 from cpcal.report.study import StudyFound
-from cpcal.result import load_result
-from cpcal.robot import load_campaign
+from cpcal.results import load_result
 
 
 def holds_study(folder: Path) -> bool:

@@ -10,12 +10,12 @@ from typing import Annotated
 
 import typer
 
+from cpcal.checker.checker import check
+from cpcal.checker.refusal import Refused
 from cpcal.cli.checked import flint
 from cpcal.cli.claims import sentences
 from cpcal.cli.report import beside
 from cpcal.errors import InputError, Problem
-from cpcal.proof.checker import check
-from cpcal.proof.refusal import Refused
 
 VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."
 

@@ -2,7 +2,7 @@
 
 from cpcal.report.numbers import bracket_text, clean, gap_text, rounded_down, rounded_up
 from cpcal.report.page import REPORT_NAME, write_page, write_report
-from cpcal.report.room import reading_room
+from cpcal.report.sensitivity import reading_sensitivity
 from cpcal.report.table import Table, result_table
 from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
 
@@ -17,7 +17,7 @@ __all__ = [
     "gap_text",
     "leg_sentence",
     "missing_legs",
-    "reading_room",
+    "reading_sensitivity",
     "result_table",
     "rounded_down",
     "rounded_up",

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration import PLAIN
+from cpcal.legs import PLAIN
 from cpcal.report.words import LONGER, QUANTIFIER
-from cpcal.result import Result
+from cpcal.results import Result
 from cpcal.robot import Campaign
 
 _CENTERS = {

@@ -8,13 +8,13 @@ from typing import Any
 
 from markupsafe import Markup
 
-from cpcal.comparison import Comparison, Entry
-from cpcal.interfaces import Verdict
 from cpcal.report.dots import comparison_svg, legend
 from cpcal.report.numbers import bracket_text, clean
 from cpcal.report.origin import versions
 from cpcal.report.template import rendered, written
 from cpcal.report.words import LONGER, QUANTIFIER
+from cpcal.results import Comparison, Entry
+from cpcal.solver.contract import Verdict
 
 COMPARISON_PAGE = "compare.html"
 

@@ -9,8 +9,8 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cpcal.comparison import Comparison, Entry
 from cpcal.report.svg import DOT, EDGE, GRID, INK, MASS, SUPPORT, figure_svg
+from cpcal.results import Comparison, Entry
 
 MOST_ROWS = 40  # subjects that are drawn
 _MARKS = (("o", DOT), ("s", EDGE), ("D", SUPPORT), ("^", MASS))

@@ -8,7 +8,7 @@ from typing import Any
 
 from cpcal.errors import InputError, Problem
 from cpcal.report.numbers import clean
-from cpcal.result import LegResult, Result
+from cpcal.results import LegResult, Result
 from cpcal.robot import Campaign
 
 

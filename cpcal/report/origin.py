@@ -5,8 +5,8 @@ from __future__ import annotations
 import shlex
 from importlib.metadata import PackageNotFoundError, version
 
-from cpcal.calibration import PLAIN
-from cpcal.result import Result
+from cpcal.legs import PLAIN
+from cpcal.results import Result
 from cpcal.robot import Campaign
 from cpcal.version import __version__
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.calibration import PARAMETERS, PLAIN, model_residuals
-from cpcal.optimize import Answer, Trial
+from cpcal.legs import PARAMETERS, PLAIN, model_residuals
 from cpcal.report.assumptions import assumptions
 from cpcal.report.bars import Enclosure, enclosure_svg
 from cpcal.report.match import check_match
@@ -18,12 +17,13 @@ from cpcal.report.numbers import bracket_text, nearest, rounded_down, rounded_up
 from cpcal.report.origin import command, versions
 from cpcal.report.pairs import pairs
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
-from cpcal.report.room import reading_room
+from cpcal.report.sensitivity import reading_sensitivity
 from cpcal.report.table import result_table
 from cpcal.report.template import rendered, written
 from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
-from cpcal.result import LegResult, Result, model_of
+from cpcal.results import LegResult, Result, model_of
 from cpcal.robot import Campaign
+from cpcal.solver.optimize import Answer, Trial
 
 REPORT_NAME = "report.html"
 
@@ -138,7 +138,7 @@ def _figure(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any
     if leg.point is None or not np.isfinite(leg.eps_hi) or model is None:
         return None
     residual = model_residuals(campaign, leg.leg, leg.point, model)
-    room = reading_room(campaign, leg.leg, leg.point, model)
+    room = reading_sensitivity(campaign, leg.leg, leg.point, model)
     chosen = set(leg.support)
     support = np.array([name in chosen for name in campaign.measurement_ids], dtype=bool)
     svg = residual_svg(

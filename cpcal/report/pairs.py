@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.calibration import PARAMETERS
+from cpcal.legs import PARAMETERS
 from cpcal.report.numbers import bracket_text, plain_gap
 from cpcal.report.panels import Panel, in_view, panel_svg
-from cpcal.result import LegResult, Result
+from cpcal.results import LegResult, Result
 from cpcal.robot import Campaign
 
 
 def pairs(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] | None:
     """The panels and what their caption says; None where the result has none."""
-    if leg.shadows is None:
+    if leg.projections is None:
         return None
     panels = _panels(campaign, result, leg)
-    eps = leg.shadows.eps
+    eps = leg.projections.eps
     return {
         "svgs": [Markup(_svg(leg.leg, k, panel)) for k, panel in enumerate(panels)],  # made by us
         "eps": bracket_text(eps, eps)[0],  # rounded down: what holds to within eps holds to within less
@@ -31,17 +31,17 @@ def pairs(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] 
 
 
 def _panels(campaign: Campaign, result: Result, leg: LegResult) -> list[Panel]:
-    assert leg.shadows is not None
-    box = leg.shadows.box
+    assert leg.projections is not None
+    box = leg.projections.box
     point = None if leg.point is None else np.array(leg.point[:7])
     fit = np.array(leg.center[:7]) if result.center == "fit" else None
     nominal = campaign.robot.parameters[leg.leg - 1]
     origin = box.mid[:7] if point is None else point
     panels = []
-    for shadow in leg.shadows.pairs:
-        k = [PARAMETERS.index(name) for name in shadow.parameters]
+    for projection in leg.projections.pairs:
+        k = [PARAMETERS.index(name) for name in projection.parameters]
         points = (None if point is None else point[k], None if fit is None else fit[k], nominal[k])
-        panels.append(Panel(shadow.parameters, box.lo[k], box.hi[k], shadow.half_planes, origin[k], *points))
+        panels.append(Panel(projection.parameters, box.lo[k], box.hi[k], projection.half_planes, origin[k], *points))
     return panels
 
 

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from cpcal.polygon import HalfPlane
 from cpcal.report.svg import BAND, DOT, EDGE, GRID, INK, SUPPORT, figure_svg
+from cpcal.results.projection import HalfPlane
 
 Floats = npt.NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.calibration.record import CalibrationRecord, Channel, Errors
+from cpcal.calibration import CalibrationRecord
+from cpcal.calibration.record import Channel, Errors
 from cpcal.certify.fits import CertifiedFits
 from cpcal.errors import InputError, Problem
-from cpcal.interfaces import Verdict
 from cpcal.report import paper, study_tables
 from cpcal.report.images import ImagesFound
 from cpcal.report.numbers import bracket_text
@@ -22,8 +22,9 @@ from cpcal.report.page import render
 from cpcal.report.study_figures import histogram_svg, validation_svg
 from cpcal.report.study_tables import SYMBOLS, TextTable
 from cpcal.report.template import written
-from cpcal.result import Result
+from cpcal.results import Result
 from cpcal.robot import Campaign
+from cpcal.solver.contract import Verdict
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "table6": study_tables.validation(record, paper_too=True),
         "table7": _table7(found),
         "fits_table": _fits_table(found.fits),
-        "fits": [_fit_sentence(name, [fit.judged.verdict for fit in fits]) for name, fits in found.fits.both],
+        "fits": [_fit_sentence(name, [fit.verified.verdict for fit in fits]) for name, fits in found.fits.both],
         "figure3": [_histogram(channel) for channel in lengths],
         "figure4": [_histogram(channel) for channel in poses],
         "figure5": [_validation("x_c", record.validation), _validation("x_c_sigma", record.validation_sigma)],
@@ -127,9 +128,9 @@ def _table7(found: StudyFound) -> TextTable:
 
 def _fits_table(fits: CertifiedFits) -> TextTable:
     rows = []
-    for name, judged in fits.both:
-        rows.append((f"{name}: satisfied", *(str(fit.judged.holds) for fit in judged)))
-        rows.append((f"{name}: refuting", *(str(fit.judged.fails) for fit in judged)))
+    for name, verified in fits.both:
+        rows.append((f"{name}: satisfied", *(str(fit.verified.holds) for fit in verified)))
+        rows.append((f"{name}: refuting", *(str(fit.verified.fails) for fit in verified)))
     return TextTable(("leg", *(str(fit.leg) for fit in fits.x_c)), tuple(rows))
 
 
@@ -138,7 +139,7 @@ def _fit_sentence(name: str, verdicts: list[Verdict]) -> str:
     proved = sum(verdict is Verdict.PROVED for verdict in verdicts)
     legs = f"of {len(verdicts)} legs"
     if refuted == len(verdicts):
-        return f"{name} is no solution for any leg judged: refuted by measurements, with proof."
+        return f"{name} is no solution for any leg verified: refuted by measurements, with proof."
     return f"{name} is a solution for {proved} {legs} and refuted for {refuted}; of the others nothing is proved."
 
 
@@ -151,13 +152,13 @@ def _apart(record: CalibrationRecord) -> dict[str, Any]:
 
 def _loose(result: Result) -> dict[str, Any] | None:
     """The widest proved bounds among the polygons' boxes: how far parameters may move for a little more eps."""
-    boxes = [(leg.leg, leg.shadows) for leg in result.legs if leg.shadows is not None]
+    boxes = [(leg.leg, leg.projections) for leg in result.legs if leg.projections is not None]
     if not boxes:
         return None
-    leg, shadows = max(boxes, key=lambda pair: float(np.max(pair[1].box.width)))
-    k = int(np.argmax(shadows.box.width))
-    width = float(shadows.box.width[k])
-    eps = bracket_text(shadows.eps, shadows.eps)[0]
+    leg, projections = max(boxes, key=lambda pair: float(np.max(pair[1].box.width)))
+    k = int(np.argmax(projections.box.width))
+    width = float(projections.box.width[k])
+    eps = bracket_text(projections.eps, projections.eps)[0]
     return {"leg": leg, "name": SYMBOLS[k], "mm": f"{math.ceil(10 * width) / 10:.1f}", "eps": eps}
 
 

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from cpcal.calibration import Validation
 from cpcal.calibration.record import Channel
-from cpcal.calibration.validation import Validation
 from cpcal.report.svg import BAND, DOT, EDGE, GRID, INK, ROOM, SUPPORT, figure_svg
 
 _DASHES = (0, (4, 3))

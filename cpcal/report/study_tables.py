@@ -10,8 +10,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cpcal.calibration.record import CalibrationRecord, Channel, Parameters, Rows
-from cpcal.calibration.validation import ErrorSummary
+from cpcal.calibration import CalibrationRecord, ErrorSummary
+from cpcal.calibration.record import Channel, Parameters, Rows
 from cpcal.report import paper
 from cpcal.report.numbers import nearest
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cpcal.interfaces import Verdict
 from cpcal.report.numbers import bracket_text, gap_text
-from cpcal.result import LegResult, Result
+from cpcal.results import LegResult, Result
+from cpcal.solver.contract import Verdict
 
 
 @dataclass(frozen=True)

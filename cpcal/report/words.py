@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from cpcal.interfaces import Verdict
 from cpcal.report.numbers import bracket_text
-from cpcal.result import LegResult, Result
+from cpcal.results import LegResult, Result
+from cpcal.solver.contract import Verdict
 
 QUANTIFIER = (
     "To satisfy the equations to within eps means: for every measurement there exists a reading in its set "
@@ -29,7 +29,7 @@ def center_sentence(result: Result, leg: LegResult) -> str | None:
     """What is proved of the middle of the box as a solution."""
     names = {"fit": "The least-squares fit", "plain": "The plain model's least-squares fit"}
     name = names.get(result.center, "The nominal parameter vector")
-    return None if leg.judged is None else leg.judged.sentence(name)
+    return None if leg.verified is None else leg.verified.sentence(name)
 
 
 def missing_legs(result: Result, legs: int) -> str | None:

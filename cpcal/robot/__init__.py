@@ -1,6 +1,8 @@
 """Legs, kinematics, pose and rotation, campaign and study files, simulated campaigns and studies."""
 
-from cpcal.robot.campaign import Campaign
+from cpcal.robot.campaign import (
+    Campaign,
+)
 from cpcal.robot.kinematics import (
     ForwardPoses,
     KinematicsError,
@@ -12,12 +14,27 @@ from cpcal.robot.kinematics import (
     leg_vectors,
     pose_jacobian,
 )
-from cpcal.robot.mechanisms import Mechanisms
-from cpcal.robot.model_choice import ModelChoice
-from cpcal.robot.motion import compose, inverse, transformed
-from cpcal.robot.proved_pose import ProvedPose, prove_pose
-from cpcal.robot.reader import load_campaign
-from cpcal.robot.robot import DELTALAB, ROBOTS, Robot, known_robot
+from cpcal.robot.mechanisms import (
+    Mechanisms,
+)
+from cpcal.robot.model_choice import (
+    ModelChoice,
+)
+from cpcal.robot.motion import (
+    compose,
+    inverse,
+    transformed,
+)
+from cpcal.robot.proved_pose import (
+    ProvedPose,
+    prove_pose,
+)
+from cpcal.robot.robot import (
+    DELTALAB,
+    ROBOTS,
+    Robot,
+    known_robot,
+)
 from cpcal.robot.rotation import (
     normalised,
     quaternion_conjugate,
@@ -28,13 +45,14 @@ from cpcal.robot.rotation import (
     rotation_vector,
     small_rotation,
 )
-from cpcal.robot.simulate import simulate, true_robot
-from cpcal.robot.simulate_study import simulate_study
-from cpcal.robot.study import PoseTable, Study, Truth
-from cpcal.robot.study_reader import load_study
-from cpcal.robot.study_writer import save_study
-from cpcal.robot.uncertainty import Uncertainty
-from cpcal.robot.writer import save_campaign
+from cpcal.robot.study import (
+    PoseTable,
+    Study,
+    Truth,
+)
+from cpcal.robot.uncertainty import (
+    Uncertainty,
+)
 
 __all__ = [
     "DELTALAB",
@@ -59,8 +77,6 @@ __all__ = [
     "inverse_kinematics",
     "known_robot",
     "leg_vectors",
-    "load_campaign",
-    "load_study",
     "normalised",
     "pose_jacobian",
     "prove_pose",
@@ -70,11 +86,6 @@ __all__ = [
     "quaternion_product",
     "rotation_matrix",
     "rotation_vector",
-    "save_campaign",
-    "save_study",
-    "simulate",
-    "simulate_study",
     "small_rotation",
     "transformed",
-    "true_robot",
 ]

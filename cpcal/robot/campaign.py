@@ -15,12 +15,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, Problems
 from cpcal.robot.model_choice import ModelChoice
-from cpcal.robot.problems import Problems
 from cpcal.robot.robot import Robot, frozen_array, is_text
 from cpcal.robot.uncertainty import Uncertainty, sizes
-from cpcal.robot.writer import campaign_digest, csv_bytes, toml_bytes
 
 Array = npt.NDArray[np.float64]
 
@@ -150,6 +148,8 @@ class Campaign:
         For a campaign read from files these are the files' bytes as they stood; for one made in memory, the
         bytes that `save_campaign` writes.
         """
+        from cpcal.files.campaign_writer import campaign_digest, csv_bytes, toml_bytes
+
         return self.file_sha256 or campaign_digest(toml_bytes(self), csv_bytes(self))
 
     def __eq__(self, other: object) -> bool:

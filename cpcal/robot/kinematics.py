@@ -13,12 +13,7 @@ import numpy.typing as npt
 
 from cpcal.errors import CpcalError
 from cpcal.robot.robot import Robot
-from cpcal.robot.rotation import (
-    normalised,
-    quaternion_from_rotation_vector,
-    quaternion_product,
-    rotation_matrix,
-)
+from cpcal.robot.rotation import normalised, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 
 Array = npt.NDArray[np.float64]
 

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot.robot import frozen_array
-from cpcal.robot.simulate import joint_phases
 
 Array = npt.NDArray[np.float64]
 
@@ -33,6 +32,11 @@ FIELDS: dict[str, int | None] = {
     "joint_phase": 2,
 }
 _UNIT = 1e-6  # tolerance on the norm of an axis
+
+
+def joint_phases(legs: int, stream: np.random.Generator) -> Array:
+    """Two random phases a leg, (n, 2) rad, for `joint_effect`."""
+    return stream.uniform(0.0, 2.0 * np.pi, (legs, 2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ an approximate pose, also taken as exact, a pose is written as
     P  and  R = R(1, s) R(q)          R(1, s) v = v + 2 (s x v + s x (s x v)) / (1 + s.s)
 
 in six unknowns: every rotation but the half-turns from R(q) is one s. The equations are ||P + R b - a||^2 = (L + l)^2,
-which are those of the legs where L + l > 0; the interval Newton test of cpcal.existence does the proof.
+which are those of the legs where L + l > 0; the interval Newton test of cpcal.solver.existence does the proof.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-from cpcal.existence import UniquenessProver
-from cpcal.interval import Arithmetic, Box, get_arithmetic
-from cpcal.network import ConstraintNetwork, Expr, sqr
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.robot import Robot
+from cpcal.solver.existence import UniquenessProver
+from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Expr, sqr
 
 Array = npt.NDArray[np.float64]
 

@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, Problems
 from cpcal.robot.campaign import IDENTIFIER_REMEDY, QUATERNION_TOLERANCE, is_identifier, quaternion_problem
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.mechanisms import Mechanisms
 from cpcal.robot.motion import compose, inverse
-from cpcal.robot.problems import Problems
 from cpcal.robot.robot import Robot, frozen_array, is_text
 
 Array = npt.NDArray[np.float64]

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.robot.kinematics import Pose
+from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
 from cpcal.vision.lens import Jet, jet, jets_by_coefficient
 from cpcal.vision.target import Target

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.robot.motion import transformed
+from cpcal.robot import transformed
 from cpcal.vision.camera import Camera
 from cpcal.vision.measure import Measured
 from cpcal.vision.opencv import opencv

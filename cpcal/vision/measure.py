@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import CpcalError
-from cpcal.robot.kinematics import Pose
+from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import Dots, observe_dots
 from cpcal.vision.identify import Identification, Unidentified, identify

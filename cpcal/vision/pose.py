@@ -15,8 +15,7 @@ import numpy.typing as npt
 from scipy.special import chdtrc
 
 from cpcal.errors import InputError, Problem
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import normalised
+from cpcal.robot import Pose, normalised
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
 from cpcal.vision.middle import median

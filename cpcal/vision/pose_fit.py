@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import CpcalError
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import quaternion_conjugate, quaternion_from_matrix, quaternion_product, rotation_vector
+from cpcal.robot import Pose, quaternion_conjugate, quaternion_from_matrix, quaternion_product, rotation_vector
 
 Array = npt.NDArray[np.float64]
 Model = Callable[[Pose, bool], tuple[Array, Array | None]]  # residuals (k,) and, on request, minus their slopes (k, 6)

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.motion import transformed
+from cpcal.robot import Pose, transformed
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv
 from cpcal.vision.target import Target

@@ -13,8 +13,7 @@ from benchmarks import boards
 from benchmarks.board_methods import AprilTags, Charuco, Failed, Found
 from benchmarks.board_render import Board, bright_share, cells_at, render_board
 from benchmarks.isolation import ONE_THREAD
-from cpcal.robot import Pose
-from cpcal.robot.motion import transformed
+from cpcal.robot import Pose, transformed
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene

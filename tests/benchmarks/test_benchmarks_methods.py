@@ -13,7 +13,7 @@ from benchmarks.problems import Leg, problem
 from benchmarks.records import Answer
 from benchmarks.suites import MINIMISE
 from benchmarks.tasks import Task, Unsupported
-from cpcal.calibration import residuals
+from cpcal.legs import residuals
 
 BEST = 0.5042169  # mm, eps* of the leg, rounded down
 

@@ -23,16 +23,10 @@ from cpcal.calibration import (
     tolerance_interval,
 )
 from cpcal.errors import InputError
-from cpcal.robot import (
-    load_campaign,
-    quaternion_conjugate,
-    quaternion_from_rotation_vector,
-    quaternion_product,
-    rotation_vector,
-    save_campaign,
-    simulate,
-)
-from cpcal.robot.simulate import EULER_SIGMA, LENGTH_SIGMA, POSITION_SIGMA
+from cpcal.files import load_campaign, save_campaign
+from cpcal.robot import quaternion_conjugate, quaternion_from_rotation_vector, quaternion_product, rotation_vector
+from cpcal.simulate import simulate
+from cpcal.simulate.campaigns import EULER_SIGMA, LENGTH_SIGMA, POSITION_SIGMA
 
 SIGMA = np.concatenate([POSITION_SIGMA, np.radians(EULER_SIGMA), LENGTH_SIGMA])
 

@@ -15,9 +15,8 @@ from cpcal.robot import (
     quaternion_product,
     rotation_matrix,
     rotation_vector,
-    simulate,
-    true_robot,
 )
+from cpcal.simulate import simulate, true_robot
 
 
 def forward(parameters, lengths, guess):

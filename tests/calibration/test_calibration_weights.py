@@ -16,8 +16,8 @@ from cpcal.robot import (
     inverse_kinematics,
     quaternion_from_rotation_vector,
     quaternion_product,
-    simulate,
 )
+from cpcal.simulate import simulate
 
 
 @pytest.fixture(scope="module")

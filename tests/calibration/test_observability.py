@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 
 from cpcal.calibration import column_scale, observability, robot_jacobian, select_poses
 from cpcal.errors import InputError
-from cpcal.robot import DELTALAB, Pose, simulate
+from cpcal.robot import DELTALAB, Pose
+from cpcal.simulate import simulate
 
 INDICES = ["product", "condition", "smallest", "noise_amplification"]
 

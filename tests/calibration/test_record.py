@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from cpcal import InputError
-from cpcal.calibration import calibrate_study, load_record, recorded, save_record
-from cpcal.calibration.record import CalibrationRecord
-from cpcal.calibration.study import StudyCalibration
-from cpcal.robot import Study, simulate_study
+from cpcal.calibration import CalibrationRecord, StudyCalibration, calibrate_study, load_record, recorded, save_record
+from cpcal.robot import Study
+from cpcal.simulate import simulate_study
 
 
 @pytest.fixture(scope="module")

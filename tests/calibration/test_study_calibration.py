@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cpcal.calibration import calibrate_study
-from cpcal.calibration.study import StudyCalibration
-from cpcal.robot import Robot, Study, inverse, simulate_study, transformed
+from cpcal.calibration import StudyCalibration, calibrate_study
+from cpcal.robot import Robot, Study, inverse, transformed
+from cpcal.simulate import simulate_study
 
 
 def truth_in_camera_and_target(study: Study) -> Robot:

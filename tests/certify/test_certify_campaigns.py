@@ -9,9 +9,9 @@ import numpy.typing as npt
 import pytest
 
 from cpcal import Campaign, InputError, LegResult, PluginError, Robot, Verdict, certify, simulate
-from cpcal.calibration import residuals
+from cpcal.legs import residuals
 from cpcal.robot import rotation_matrix
-from cpcal.robot.simulate import true_robot
+from cpcal.simulate import true_robot
 
 Floats = npt.NDArray[np.float64]
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.proof.checker import check
-from cpcal.proof.claims import Accepted
-from cpcal.result import save_result
+from cpcal.checker.checker import check
+from cpcal.checker.claims import Accepted
+from cpcal.results import save_result
 
 SMALL: dict[str, Any] = {"seed": 1, "extremal": False, "random_poses": 16}
 Asked = Callable[..., tuple[cpcal.LegResult, Path]]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import cpcal
 from cpcal.calibration import solves_exactly
 from cpcal.calibration.exact import Dyadic
-from cpcal.robot import true_robot
+from cpcal.simulate import true_robot
 
 numbers = st.lists(st.floats(-1e9, 1e9), min_size=3, max_size=3)
 

@@ -1,4 +1,4 @@
-"""x_c and x_c_sigma as solutions: what is judged is written and read again."""
+"""x_c and x_c_sigma as solutions: what is verified is written and read again."""
 
 import json
 
@@ -7,8 +7,8 @@ import pytest
 import cpcal
 from cpcal.calibration import calibrate_study, recorded
 from cpcal.certify.fits import certify_fits, load_fits
-from cpcal.proof.checker import check
-from cpcal.robot import simulate_study
+from cpcal.checker.checker import check
+from cpcal.simulate import simulate_study
 
 
 @pytest.fixture(scope="module")
@@ -26,15 +26,15 @@ def test_both_fits_are_judged_with_certificates(study, found, tmp_path):
     fits = certify_fits(found.campaign, record, tmp_path / "fits", legs=[2, 5])
     assert load_fits(tmp_path / "fits") == fits
     cpcal.save_campaign(found.campaign, tmp_path / "campaign")
-    for (name, judged), fit in zip(fits.both, (found.x_c, found.x_c_sigma), strict=True):
-        assert [leg.leg for leg in judged] == [2, 5]
-        for leg in judged:
+    for (name, verified), fit in zip(fits.both, (found.x_c, found.x_c_sigma), strict=True):
+        assert [leg.leg for leg in verified] == [2, 5]
+        for leg in verified:
             assert leg.certificate == f"{name}.leg{leg.leg}.cert.jsonl"
             alone = cpcal.certify_point(found.campaign, leg.leg, fit.parameters[leg.leg - 1])
-            assert leg.judged == alone.judged
-            assert leg.judged.verdict is cpcal.Verdict.REFUTED
+            assert leg.verified == alone.verified
+            assert leg.verified.verdict is cpcal.Verdict.REFUTED
             point = check(tmp_path / "fits" / leg.certificate, tmp_path / "campaign").claims.point
-            assert (len(point.holds), len(point.fails)) == (leg.judged.holds, leg.judged.fails)
+            assert (len(point.holds), len(point.fails)) == (leg.verified.holds, leg.verified.fails)
 
 
 def test_another_campaign_is_refused(study, found, tmp_path):

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.calibration import fit_model, least_squares, leg_model, leg_statement
-from cpcal.calibration.leg import residuals
-from cpcal.proof.checker import check
+from cpcal.calibration import least_squares
+from cpcal.checker.checker import check
+from cpcal.legs import fit_model, leg_model, leg_statement, residuals
 from cpcal.robot import ModelChoice
-from cpcal.robot.simulate import true_robot
+from cpcal.simulate import true_robot
 
 SMALL = {"extremal": False, "random_poses": 24}
 
@@ -22,7 +22,7 @@ SMALL = {"extremal": False, "random_poses": 24}
 @pytest.mark.parametrize("arithmetic", ["float64", "arb"])
 @pytest.mark.parametrize("eps", [0.0, 0.5])
 @pytest.mark.parametrize("factor", [0.0, 3.0])
-def test_judgements_agree_with_exact_fractions(factor: float, eps: float, arithmetic: str) -> None:
+def test_verdicts_agree_with_exact_fractions(factor: float, eps: float, arithmetic: str) -> None:
     campaign = cpcal.simulate(seed=2, joint_error=10.0, factor=factor, **SMALL)
     x = least_squares(campaign, 3)
     found = cpcal.certify_point(campaign, 3, x, eps=eps, arithmetic=arithmetic)
@@ -30,7 +30,7 @@ def test_judgements_agree_with_exact_fractions(factor: float, eps: float, arithm
     for k, name in enumerate(campaign.measurement_ids):
         assert problem.holds(k, at) == (name in found.holds)
         assert problem.fails(k, at) == (name in found.fails)
-    assert found.judged.fails > 0
+    assert found.verified.fails > 0
 
 
 def test_exact_readings_are_judged_by_the_residual() -> None:
@@ -42,7 +42,7 @@ def test_exact_readings_are_judged_by_the_residual() -> None:
     names = np.array(campaign.measurement_ids)
     assert set(found.holds) >= set(names[size < eps - 1e-9])
     assert set(found.fails) >= set(names[size > eps + 1e-9])
-    assert found.judged.verdict is cpcal.Verdict.REFUTED
+    assert found.verified.verdict is cpcal.Verdict.REFUTED
 
 
 def test_the_true_leg_is_a_solution_of_a_perfect_robot() -> None:
@@ -50,9 +50,9 @@ def test_the_true_leg_is_a_solution_of_a_perfect_robot() -> None:
     leg = cpcal.certify(campaign, legs=[1]).legs[0]
     assert leg.point is not None
     found = cpcal.certify_point(campaign, 1, leg.point)
-    assert found.judged.verdict is cpcal.Verdict.PROVED
+    assert found.verified.verdict is cpcal.Verdict.PROVED
     assert len(found.holds) == len(campaign)
-    assert "satisfies all 64 equations exactly" in found.judged.sentence("It")
+    assert "satisfies all 64 equations exactly" in found.verified.sentence("It")
 
 
 @pytest.mark.parametrize("model", ["plain", "gain", "linear", "lateral"])
@@ -75,17 +75,17 @@ def test_the_certificate_says_the_same(factor: float, model: str, tmp_path: Path
     assert found.fails
 
 
-def test_results_judge_the_center_and_keep_it(tmp_path: Path) -> None:
+def test_results_verify_the_center_and_keep_it(tmp_path: Path) -> None:
     campaign = cpcal.simulate(seed=2, joint_error=1.0, factor=3.0, **SMALL)
     result = cpcal.certify(campaign, legs=[2])
-    judged = result.legs[0].judged
-    assert judged == cpcal.certify_point(campaign, 2, result.legs[0].center).judged
+    verified = result.legs[0].verified
+    assert verified == cpcal.certify_point(campaign, 2, result.legs[0].center).verified
     cpcal.save_result(result, tmp_path)
-    assert cpcal.load_result(tmp_path).legs[0].judged == judged
+    assert cpcal.load_result(tmp_path).legs[0].verified == verified
 
 
 def test_unknown_is_neither() -> None:
-    undecided = cpcal.Judged(0.0, 3, 0, 5)
+    undecided = cpcal.VerifiedPoint(0.0, 3, 0, 5)
     assert undecided.verdict is cpcal.Verdict.UNKNOWN
     assert "2 are undecided" in undecided.sentence("It")
 
@@ -94,13 +94,13 @@ def test_points_of_models(tmp_path: Path) -> None:
     campaign = cpcal.simulate(seed=3, joint_error=0.0, factor=3.0, truncate=2.9, **SMALL)
     campaign = replace(campaign, length=campaign.length / 1.02, model=ModelChoice("gain", {}))
     x = [*true_robot(campaign).parameters[0], 0.02]
-    assert cpcal.certify_point(campaign, 1, x).judged.verdict is cpcal.Verdict.PROVED  # as the campaign has it
-    assert cpcal.certify_point(campaign, 1, x[:7], model="plain").judged.verdict is cpcal.Verdict.REFUTED
+    assert cpcal.certify_point(campaign, 1, x).verified.verdict is cpcal.Verdict.PROVED  # as the campaign has it
+    assert cpcal.certify_point(campaign, 1, x[:7], model="plain").verified.verdict is cpcal.Verdict.REFUTED
     with pytest.raises(cpcal.InputError, match="a point of the gain model is 8 finite numbers"):
         cpcal.certify_point(campaign, 1, x[:7])
     own = cpcal.LegModel("mine", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
     cpcal.register_model(own)
-    assert cpcal.certify_point(campaign, 1, x, model="mine").judged.verdict is cpcal.Verdict.REFUTED
+    assert cpcal.certify_point(campaign, 1, x, model="mine").verified.verdict is cpcal.Verdict.REFUTED
     with pytest.raises(cpcal.InputError, match="a model of one's own, has none"):
         cpcal.certify_point(campaign, 1, x, model="mine", certificate=tmp_path / "none")
     with pytest.raises(cpcal.InputError) as refused:

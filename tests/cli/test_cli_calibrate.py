@@ -6,7 +6,8 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.calibration import calibrate_study, load_record
 from cpcal.cli import app
-from cpcal.robot import save_study, simulate_study
+from cpcal.files import save_study
+from cpcal.simulate import simulate_study
 
 runner = CliRunner()
 
@@ -30,7 +31,7 @@ def test_it_writes_campaigns_and_record_and_prints_tables(study, tmp_path):
     assert record.campaign_sha256 == campaign.sha256
     assert record.check_sha256 == cpcal.load_campaign(tmp_path / "c" / "validation").sha256
     assert (record.frames.method, record.factor) == ("andreff", 2.0)
-    expected = calibrate_study(cpcal.robot.load_study(study), method="andreff", factor=2.0)
+    expected = calibrate_study(cpcal.files.load_study(study), method="andreff", factor=2.0)
     assert campaign.sha256 == expected.campaign.sha256
     for text in ("Standard deviations", "x_c_sigma", "orientation, mean [°]", "DOES NOT EXPLAIN", "Validation of x_c:"):
         assert text in outcome.stdout

@@ -11,8 +11,8 @@ from cpcal.calibration import load_record
 from cpcal.certify.fits import load_fits
 from cpcal.cli import app
 from cpcal.cli.checked import check_all
-from cpcal.cli.demo import Plan
-from cpcal.robot import load_study
+from cpcal.cli.demo.command import Plan
+from cpcal.files import load_study
 
 SMALL = Plan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), script_seconds=1.0)
 
@@ -27,7 +27,7 @@ def run(*arguments):
 def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo") / "demo"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cpcal.cli.demo.PLAN", SMALL)
+        patch.setattr("cpcal.cli.demo.command.PLAN", SMALL)
         outcome = run("demo", "-o", folder, "--seed", 3)
     return folder, outcome
 
@@ -57,8 +57,8 @@ def test_the_model_is_refuted_and_both_methods_agree(demo):
     assert leg.eps_lo > 0.0
     assert scripted.eps_lo <= leg.eps_hi
     assert leg.eps_lo <= scripted.eps_hi
-    for _, judged in load_fits(folder / "fits").both:
-        assert judged[0].judged.verdict is cpcal.Verdict.REFUTED
+    for _, verified in load_fits(folder / "fits").both:
+        assert verified[0].verified.verdict is cpcal.Verdict.REFUTED
     for text in ("x_c_sigma satisfies", "The paper's script", "accepted all 3 certificates", "report.html"):
         assert text in outcome.stdout
 

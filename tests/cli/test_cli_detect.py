@@ -16,13 +16,13 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 import cpcal
 from cpcal.calibration import load_record
 from cpcal.cli import app
-from cpcal.cli.demo import Plan
-from cpcal.cli.photographed import photographed
-from cpcal.cli.photographed_page import images_found
+from cpcal.cli.demo.command import Plan
+from cpcal.cli.demo.image_study import photographed
+from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.study_page import study_found
 from cpcal.errors import InputError
+from cpcal.files import load_study
 from cpcal.report.images import IMAGES_NAME, load_images, save_images
-from cpcal.robot import load_study
 from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA
 from cpcal.vision.files.camera_file import load_camera
@@ -44,7 +44,7 @@ def run(*arguments):
 def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo") / "demo"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cpcal.cli.demo.PLAN", SMALL)
+        patch.setattr("cpcal.cli.demo.command.PLAN", SMALL)
         outcome = run("demo", "--images", "-o", folder, "--seed", 3)
     return folder, outcome
 

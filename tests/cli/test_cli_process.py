@@ -12,7 +12,7 @@ from rich.console import Console
 import cpcal
 from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result
-from cpcal.optimize import Bracket
+from cpcal.solver.optimize import Bracket
 
 # A real SIGINT, sent when leg 2 reports its first bracket. Runners may start us with SIGINT ignored.
 _INTERRUPTED = """

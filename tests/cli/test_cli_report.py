@@ -47,9 +47,9 @@ def test_the_same_page_as_certify_wrote(copy):
 def test_the_run_has_polygons_and_an_older_one_without_still_has_its_page(copy):
     file, page = copy / "run" / "result.json", copy / "run" / "report.html"
     data = json.loads(file.read_text(encoding="utf-8"))
-    assert len(data["legs"][0]["shadows"]["pairs"]) == 7
+    assert len(data["legs"][0]["projections"]["pairs"]) == 7
     assert page.read_text(encoding="utf-8").count("Leg 1: polygon that holds") == 7
-    del data["legs"][0]["shadows"]
+    del data["legs"][0]["projections"]
     file.write_text(json.dumps(data), encoding="utf-8")
     assert report(copy / "run").exit_code == 0
     assert "polygon that holds" not in page.read_text(encoding="utf-8")
@@ -113,13 +113,13 @@ def test_no_run_and_no_file(copy):
         (("legs", 0, "support"), [1], "support"),
         (("legs", 0, "sentence"), {}, "status"),
         (("legs", 0, "enclosure", "lo"), [2.0], "bounds"),
-        (("legs", 0, "shadows"), 5, "lacks or garbles"),
-        (("legs", 0, "shadows", "eps"), "nan", "not finite"),
-        (("legs", 0, "shadows", "box", "hi"), ["inf"] * 7, "not finite"),
-        (("legs", 0, "shadows", "pairs", 0, "parameters"), ["a[0]", "a[0]"], "no two parameters"),
-        (("legs", 0, "shadows", "pairs", 0, "parameters"), ["a[0]", "<b>"], "no two parameters"),
-        (("legs", 0, "shadows", "pairs", 0, "half_planes", 0), [0.0, 0.0, 1.0], "without a direction"),
-        (("legs", 0, "shadows", "pairs", 0, "half_planes", 0), [1.0], "lacks or garbles"),
+        (("legs", 0, "projections"), 5, "lacks or garbles"),
+        (("legs", 0, "projections", "eps"), "nan", "not finite"),
+        (("legs", 0, "projections", "box", "hi"), ["inf"] * 7, "not finite"),
+        (("legs", 0, "projections", "pairs", 0, "parameters"), ["a[0]", "a[0]"], "no two parameters"),
+        (("legs", 0, "projections", "pairs", 0, "parameters"), ["a[0]", "<b>"], "no two parameters"),
+        (("legs", 0, "projections", "pairs", 0, "half_planes", 0), [0.0, 0.0, 1.0], "without a direction"),
+        (("legs", 0, "projections", "pairs", 0, "half_planes", 0), [1.0], "lacks or garbles"),
     ],
 )
 def test_a_garbled_result_is_refused(copy, path, value, text):

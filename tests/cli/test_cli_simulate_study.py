@@ -4,7 +4,8 @@ import pytest
 from typer.testing import CliRunner
 
 from cpcal.cli import app
-from cpcal.robot import load_study, save_study, simulate_study
+from cpcal.files import load_study, save_study
+from cpcal.simulate import simulate_study
 
 runner = CliRunner()
 

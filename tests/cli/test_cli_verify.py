@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.cli.app import app
+from cpcal.cli import app
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Every registered contractor, and the algebra, keeps the promises of `cpcal.testing`; broken ones are refused."""
+"""Every registered contractor, and the algebra, keeps the promises of `solver.testing`; broken ones are refused."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from contractors import (
     Union,
     fixpoint,
 )
-from cpcal import plugins
 from cpcal.errors import PluginError
-from cpcal.existence import krawczyk
-from cpcal.interfaces import Contraction, Contractor, Polyhedron, Step
-from cpcal.interval import Box
-from cpcal.network import ConstraintNetwork
-from cpcal.plugins import ContractorFactory
-from cpcal.testing import CONFORMANCE, boxes, cases, check_contractor
+from cpcal.solver import plugins
+from cpcal.solver.contract import Contraction, Contractor, Polyhedron, Step
+from cpcal.solver.existence import krawczyk
+from cpcal.solver.interval import Box
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.plugins import ContractorFactory
+from cpcal.solver.testing import CONFORMANCE, boxes, cases, check_contractor
 
 
 def then(network: ConstraintNetwork, **options: Any) -> Contractor:

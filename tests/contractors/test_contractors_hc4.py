@@ -8,8 +8,9 @@ import pytest
 import cpcal
 from contractors import HC4
 from contractors import hc4 as module
-from cpcal.calibration import least_squares, leg_box, leg_network
-from cpcal.interval import Box, IntervalArray, get_arithmetic
+from cpcal.calibration import least_squares
+from cpcal.legs import leg_box, leg_network
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 
 
 @pytest.mark.parametrize("runs", [1, 3])

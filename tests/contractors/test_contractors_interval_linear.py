@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from contractors import LinearSystem
 from contractors.interval_linear import enclose_gauss, enclose_krawczyk, enclose_rump
-from cpcal.interval import IntervalArray, get_arithmetic
-from cpcal.network import ConstraintNetwork, sqr
+from cpcal.solver.interval import IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, sqr
 
 Enclose = Callable[..., IntervalArray | None]
 METHODS: dict[str, Enclose] = {"gauss": enclose_gauss, "krawczyk": enclose_krawczyk, "rump": enclose_rump}

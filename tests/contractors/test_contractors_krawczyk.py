@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 
 from contractors import HC4, Beaumont, Krawczyk, fixpoint
 from contractors.interval_rows import IntervalRows, beaumont, inequalities, krawczyk
-from cpcal.calibration import leg_box, leg_network
-from cpcal.interfaces import Contraction
-from cpcal.interval import Box, IntervalArray, get_arithmetic
-from cpcal.network import ConstraintNetwork, evaluate, maximum, minimum, sqr, sqrt
-from cpcal.robot import Campaign, simulate
-from cpcal.robot.simulate import true_robot
+from cpcal.legs import leg_box, leg_network
+from cpcal.robot import Campaign
+from cpcal.simulate import simulate, true_robot
+from cpcal.solver.contract import Contraction
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, evaluate, maximum, minimum, sqr, sqrt
 
 Floats = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)

@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from contractors import HC4, Lifted
 from contractors.monomials import Shift, column_bounds, product_rows
-from cpcal.calibration import least_squares, leg_box, leg_network
-from cpcal.interval import Interval, get_arithmetic
-from cpcal.network import ConstraintNetwork, norm, sqrt
-from cpcal.network.polynomial import Monomial
-from cpcal.robot import Campaign, simulate
-from cpcal.robot.simulate import true_robot
+from cpcal.calibration import least_squares
+from cpcal.legs import leg_box, leg_network
+from cpcal.robot import Campaign
+from cpcal.simulate import simulate, true_robot
+from cpcal.solver.interval import Interval, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, norm, sqrt
+from cpcal.solver.network.polynomial import Monomial
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from contractors import HC4, Newton, fixpoint
-from cpcal.existence import hansen_sengupta, krawczyk
-from cpcal.interval import Box
-from cpcal.network import ConstraintNetwork, norm, sqr
+from cpcal.solver.existence import hansen_sengupta, krawczyk
+from cpcal.solver.interval import Box
+from cpcal.solver.network import ConstraintNetwork, norm, sqr
 
 OPERATORS = {"hansen-sengupta": hansen_sengupta, "krawczyk": krawczyk}
 

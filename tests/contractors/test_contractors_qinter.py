@@ -13,9 +13,9 @@ from contractors import HC4, Separator, Violating, fixpoint, qinter
 from contractors.qinter import one_by_one, q_intersection
 from cpcal import Network
 from cpcal.errors import ModelError
-from cpcal.existence import Inside
-from cpcal.interval import Box, IntervalArray, get_arithmetic
-from cpcal.network import ConstraintNetwork, Expr, norm, sqr, sqrt
+from cpcal.solver.existence import Inside
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
 
 
 def brute_force(boxes: IntervalArray, q: int) -> IntervalArray | None:

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors.relaxation import Relaxation, Structure
-from cpcal.interval import Box, get_arithmetic
-from cpcal.network import ConstraintNetwork, polynomial_form, sqrt
-from cpcal.network.monotone import DecisiveReadings
-from cpcal.testing import Case, cases
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, polynomial_form, sqrt
+from cpcal.solver.network.monotone import DecisiveReadings
+from cpcal.solver.testing import Case, cases
 
 
 def rows_hold(net: ConstraintNetwork, box: Box, point: list[float], engine: str = "float64") -> list[bool]:

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from contractors import HC4, BoxConsistency, Cid, Newton, Shaving, fixpoint
 from contractors.slices import contract_all, cuts
-from cpcal.interfaces import Contraction, Contractor
-from cpcal.interval import Box
-from cpcal.network import ConstraintNetwork, sqr
+from cpcal.solver.contract import Contraction, Contractor
+from cpcal.solver.interval import Box
+from cpcal.solver.network import ConstraintNetwork, sqr
 
 ENGINES = ["float64", "arb"]
 

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from contractors import HC4, Lifted
 from contractors.supports import Directions, over_box
-from cpcal.calibration import least_squares, leg_box, leg_network, residuals
-from cpcal.interfaces import LinearSolution, LinearStatus, Supporting
-from cpcal.interval import Box, get_arithmetic
-from cpcal.linear import Glop
-from cpcal.network import ConstraintNetwork
-from cpcal.robot import simulate
-from cpcal.robot.simulate import true_robot
+from cpcal.calibration import least_squares
+from cpcal.legs import leg_box, leg_network, residuals
+from cpcal.simulate import simulate, true_robot
+from cpcal.solver.contract import LinearSolution, LinearStatus, Supporting
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.linear import Glop
+from cpcal.solver.network import ConstraintNetwork
 
 SEEDS = st.integers(0, 2**32 - 1)
 ARITHMETICS = pytest.mark.parametrize("arithmetic", ["float64", "arb"])

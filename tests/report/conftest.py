@@ -8,25 +8,25 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.calibration import PARAMETERS, calibrate_study, recorded
-from cpcal.certify.fits import CertifiedFits, JudgedFit
-from cpcal.comparison import Comparison, Entry
-from cpcal.polygon import Shadow, Shadows
+from cpcal.calibration import calibrate_study, recorded
+from cpcal.certify.fits import CertifiedFits, VerifiedFit
+from cpcal.legs import PARAMETERS
 from cpcal.report import write_page
 from cpcal.report.comparison import write_comparison
 from cpcal.report.study import StudyFound, write_study_page
-from cpcal.robot import simulate_study
+from cpcal.results import Comparison, Entry, Projection, Projections
+from cpcal.simulate import simulate_study
 
 
 def hexagons(box, eps, *pairs):
-    """Shadows in a box of the names `PARAMETERS`, two corners cut off each."""
+    """Projections in a box of the names `PARAMETERS`, two corners cut off each."""
 
     def one(i, j):
         u, v = 1.0 / box.width[i], 1.0 / box.width[j]
         middle, reach = u * box.mid[i] - v * box.mid[j], 0.4
-        return Shadow((PARAMETERS[i], PARAMETERS[j]), ((u, -v, middle + reach), (-u, v, reach - middle)))
+        return Projection((PARAMETERS[i], PARAMETERS[j]), ((u, -v, middle + reach), (-u, v, reach - middle)))
 
-    return Shadows(eps, box, tuple(one(i, j) for i, j in pairs or combinations(range(4), 2)))
+    return Projections(eps, box, tuple(one(i, j) for i, j in pairs or combinations(range(4), 2)))
 
 
 @pytest.fixture(scope="package")
@@ -53,11 +53,13 @@ def page(tmp_path_factory):
     thin = box(1, np.array([3e-9, 4e-8, 1.234e-5, 0.00987, 1.0, 1.0, 1.0]))
     wide = box(2, np.array([0.0999, 1.0, 1234.5, 9.99e5, 1.0, 1.0, 1.0]))
     legs = (
-        leg(1, 1e-7, shadows=hexagons(thin, 0.1)),
-        leg(2, 4.0, shadows=hexagons(wide, 0.0890001)),
+        leg(1, 1e-7, projections=hexagons(thin, 0.1)),
+        leg(2, 4.0, projections=hexagons(wide, 0.0890001)),
         leg(3, np.array([np.inf, 1.0, 2e3, 1.0, 1.0, 1.0, 1e9])),
         leg(4, 1.0, enclosure=cpcal.Box.empty(PARAMETERS), verdict=cpcal.Verdict.REFUTED, point=None),
-        leg(5, 100.0, verdict=cpcal.Verdict.UNKNOWN, point=None, eps_hi=math.inf, shadows=hexagons(box(5, 2.0), 0.2)),
+        leg(
+            5, 100.0, verdict=cpcal.Verdict.UNKNOWN, point=None, eps_hi=math.inf, projections=hexagons(box(5, 2.0), 0.2)
+        ),
         leg(6, 0.0),
     )
     asked = (PARAMETERS, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0")
@@ -112,7 +114,7 @@ def study():
             0.25,
         )
         made = cpcal.LegResult(number, cpcal.Verdict.PROVED, "Both bounds are proved.", *numbers)
-        return dataclasses.replace(made, shadows=hexagons(box, 0.1), **changes)
+        return dataclasses.replace(made, projections=hexagons(box, 0.1), **changes)
 
     def result(*legs, **changes):
         asked = (PARAMETERS, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0")
@@ -124,11 +126,13 @@ def study():
     open_ended = leg(5, verdict=cpcal.Verdict.UNKNOWN, point=None, eps_hi=math.inf)
     script = result(*(leg(k) for k in range(1, 5)), open_ended, perfect, method="timeout", time_limit=3.0)
 
-    def judged(name, solutions):
+    def verified(name, solutions):
         legs = [(k, (64, 0) if k in solutions else (12, 51)) for k in range(1, 7)]
-        return tuple(JudgedFit(k, cpcal.Judged(0.0, *counts, 64), f"{name}.leg{k}.cert.jsonl") for k, counts in legs)
+        return tuple(
+            VerifiedFit(k, cpcal.VerifiedPoint(0.0, *counts, 64), f"{name}.leg{k}.cert.jsonl") for k, counts in legs
+        )
 
-    fits = CertifiedFits(campaign.sha256, judged("x_c", ()), judged("x_c_sigma", (6,)))
+    fits = CertifiedFits(campaign.sha256, verified("x_c", ()), verified("x_c_sigma", (6,)))
     said = "The checker accepted all 18 certificates (FLINT's exact rationals, no solver): 65 steps."
     return StudyFound(campaign, record, fits, bound, script, said)
 

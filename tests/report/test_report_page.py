@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.report import QUANTIFIER, REPORT_NAME, reading_room, write_report
+from cpcal.report import QUANTIFIER, REPORT_NAME, reading_sensitivity, write_report
 from cpcal.report.page import render
 
 NAMES = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
@@ -231,7 +231,7 @@ def test_one_exact_measurement_and_no_residual_at_all():
 def test_room_of_the_readings_agrees_with_corners_of_their_sets(campaign):
     leg = 3
     x = campaign.robot.parameters[leg - 1]
-    room = reading_room(campaign, leg, x)
+    room = reading_sensitivity(campaign, leg, x)
     largest = np.zeros(len(campaign))
     centre = _residual(campaign, x, leg, np.zeros(6))
     for corner in np.ndindex(*(2,) * 6):

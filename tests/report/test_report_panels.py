@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.calibration import PARAMETERS
-from cpcal.polygon import Shadow, Shadows
+from cpcal.legs import PARAMETERS
 from cpcal.report.page import render
 from cpcal.report.panels import Panel, in_view, panel_svg, polygon
+from cpcal.results import Projection, Projections
 
 CAMPAIGN = cpcal.simulate(seed=1, joint_error=1.0)
 
@@ -70,9 +70,9 @@ def test_points_off_the_panel_are_not_drawn():
 def page(eps, **changes):
     x = CAMPAIGN.robot.parameters[0]
     box = cpcal.Box(PARAMETERS, x - 0.5, x + 0.5)
-    shadows = Shadows(eps, box, (Shadow(("a[2]", "l"), ((1.0, 1.0, float(x[2] + x[6])),)),))
+    projections = Projections(eps, box, (Projection(("a[2]", "l"), ((1.0, 1.0, float(x[2] + x[6])),)),))
     numbers = (0.099, 0.1, tuple(x), tuple(x), box, 0.0, (), 1, 94, 0.25)
-    leg = cpcal.LegResult(1, cpcal.Verdict.PROVED, "Proved.", *numbers, shadows=shadows)
+    leg = cpcal.LegResult(1, cpcal.Verdict.PROVED, "Proved.", *numbers, projections=projections)
     asked = (PARAMETERS, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0")
     result = cpcal.Result(CAMPAIGN.robot.name, CAMPAIGN.sha256, len(CAMPAIGN), *asked, (leg,))
     if "asked" in changes:

@@ -56,7 +56,7 @@ def test_the_same_bytes_every_time(study, tmp_path):
 
 def test_verdicts_are_told_as_they_are(study):
     page = render_study(study)
-    assert "x_c is no solution for any leg judged" in page
+    assert "x_c is no solution for any leg verified" in page
     assert "x_c_sigma is a solution for 1 of 6 legs and refuted for 5" in page
     assert "no parameters within ±100 mm satisfy all equations exactly (leg 1, 2, 3, 4, 5)" in page
     assert "some parameters do (leg 6)" in page

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cpcal.errors import InputError
-from cpcal.interval import get_arithmetic
 from cpcal.robot import (
     DELTALAB,
     Pose,
@@ -22,6 +21,7 @@ from cpcal.robot import (
     quaternion_from_rotation_vector,
     quaternion_product,
 )
+from cpcal.solver.interval import get_arithmetic
 
 CENTRE = central_pose(DELTALAB, [70.0] * 6)
 

@@ -6,8 +6,7 @@ import pytest
 
 from benchmarks.camera import normalised_errors
 from benchmarks.vision_scenes import facing_poses, one
-from cpcal.vision.calibration.calibrate_camera import NotCalibratedError
-from cpcal.vision.calibration.calibrate_images import calibrate_from_images
+from cpcal.vision.calibration import NotCalibratedError, calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.render import render
 from cpcal.vision.target import DELTALAB_TARGET

@@ -11,7 +11,8 @@ import pytest
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
 from cpcal.errors import InputError
-from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector, simulate_study
+from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.simulate import simulate_study
 from cpcal.vision.batch.detect import ImageFolder, detect
 from cpcal.vision.batch.study_images import MEAN, RenderedImages, camera_above
 from cpcal.vision.camera import DELTALAB_CAMERA

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cpcal.errors import InputError
-from cpcal.robot import simulate_study
+from cpcal.simulate import simulate_study
 from cpcal.vision.batch.study_images import study_table
 from cpcal.vision.files.detection import NUMBERS, Detection, detections_bytes, load_detections
 from cpcal.vision.files.readings import load_readings, readings_bytes, readings_of

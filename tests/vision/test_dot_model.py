@@ -7,8 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from benchmarks.vision_scenes import facing_poses, one
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import quaternion_from_rotation_vector, quaternion_product
+from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import centers_of, predict, predicted_centers
 from cpcal.vision.render import contours

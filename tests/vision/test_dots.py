@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.dots import Errors, errors, random_pose, true_centers
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import quaternion_from_rotation_vector
+from cpcal.robot import Pose, quaternion_from_rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.dots import find_dots, observe_dots
 from cpcal.vision.render import Scene, render

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cpcal.errors import InputError
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import quaternion_from_rotation_vector
+from cpcal.robot import Pose, quaternion_from_rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.dots import observe_dots
 from cpcal.vision.measure import NotMeasured, measure_pose

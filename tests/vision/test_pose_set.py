@@ -9,10 +9,9 @@ import pytest
 from scipy.optimize import linprog
 
 from benchmarks.pose_sets import drawn_pose, main, pixels_and_slopes, trial
+from cpcal.checker.checker import check
+from cpcal.checker.refusal import Refused
 from cpcal.errors import InputError
-from cpcal.interfaces import Verdict
-from cpcal.proof.checker import check
-from cpcal.proof.refusal import Refused
 from cpcal.robot import (
     Pose,
     compose,
@@ -20,13 +19,14 @@ from cpcal.robot import (
     normalised,
     quaternion_from_rotation_vector,
     quaternion_product,
-    simulate_study,
     transformed,
 )
+from cpcal.simulate import simulate_study
+from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
-from cpcal.vision.pose_sets.pixel_boxes import unbiased_boxes
-from cpcal.vision.pose_sets.pose_set import Frames, PixelBoxes, PoseSet, enclose_pose
+from cpcal.vision.pose_sets import PixelBoxes, PoseSet, enclose_pose, unbiased_boxes
+from cpcal.vision.pose_sets.pose_set import Frames
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cpcal.interfaces import Verdict
 from cpcal.robot import (
     Pose,
     normalised,
@@ -14,8 +13,9 @@ from cpcal.robot import (
     quaternion_product,
     transformed,
 )
+from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.pose_sets.pose_set import PixelBoxes, PoseSet, enclose_pose
+from cpcal.vision.pose_sets import PixelBoxes, PoseSet, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))

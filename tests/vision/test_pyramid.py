@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cpcal.errors import InputError
-from cpcal.interval import Box, IntervalArray
 from cpcal.robot import Pose, normalised
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera, distortion_jacobian
 from cpcal.vision.pose_sets.enclosed import exact, half_vector, rotation
 from cpcal.vision.pose_sets.pose_rows import NAMES, Frames, PoseBox, pose_rows

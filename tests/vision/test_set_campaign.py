@@ -9,18 +9,12 @@ import pytest
 
 import cpcal
 from cpcal.errors import InputError
-from cpcal.robot import (
-    Pose,
-    compose,
-    inverse_kinematics,
-    load_campaign,
-    save_campaign,
-    simulate_study,
-    transformed,
-)
+from cpcal.files import load_campaign, save_campaign
+from cpcal.robot import Pose, compose, inverse_kinematics, transformed
+from cpcal.simulate import simulate_study
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.pose_sets.pose_set import Frames, PixelBoxes, PoseSet, enclose_pose
-from cpcal.vision.pose_sets.set_campaign import campaign_of
+from cpcal.vision.pose_sets import PixelBoxes, PoseSet, campaign_of, enclose_pose
+from cpcal.vision.pose_sets.pose_set import Frames
 from cpcal.vision.target import DELTALAB_TARGET
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))

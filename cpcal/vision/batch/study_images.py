@@ -12,9 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import quaternion_from_rotation_vector, quaternion_product
-from cpcal.robot.study import PoseTable
+from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import POSITION, QUATERNION, Detection, values_of

@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import normalised, quaternion_from_rotation_vector, quaternion_product
+from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
 

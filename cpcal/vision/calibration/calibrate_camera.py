@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import CpcalError, InputError, Problem
-from cpcal.robot.kinematics import Pose
+from cpcal.robot import Pose
 from cpcal.vision.calibration.adjustment import Found, State
 from cpcal.vision.calibration.camera_fit import DOTS_MIN, Fit, covariance, excess, robust_fit
 from cpcal.vision.calibration.start import first_camera, first_pose, homography_rms

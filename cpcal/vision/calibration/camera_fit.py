@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.robot.kinematics import Pose
+from cpcal.robot import Pose
 from cpcal.vision.calibration.adjustment import Found, Free, State, adjusted, normal_equations, residuals, squares
 
 Array = npt.NDArray[np.float64]

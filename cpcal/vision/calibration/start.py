@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import quaternion_from_matrix
+from cpcal.robot import Pose, quaternion_from_matrix
 from cpcal.vision.camera import Camera
 from cpcal.vision.homography import mapped
 

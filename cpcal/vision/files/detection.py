@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
-from cpcal.robot.problems import Problems, shown
+from cpcal.errors import InputError, Problem, Problems, shown
 
 POSITION, QUATERNION, SIGMA = slice(0, 3), slice(3, 7), slice(7, 13)
 NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "sx", "sy", "sz", "srx", "sry", "srz", "rms")

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
-from cpcal.robot.problems import Problems
-from cpcal.robot.study import PoseTable
-from cpcal.robot.table import read_table
+from cpcal.errors import InputError, Problem, Problems
+from cpcal.files.table import read_table
+from cpcal.robot import PoseTable
 
 Array = npt.NDArray[np.float64]
 Readings = dict[tuple[str, str], Array]

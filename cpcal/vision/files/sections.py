@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from cpcal.robot.problems import Problems, shown
-from cpcal.robot.reader import small_file
-from cpcal.robot.settings import Reader, line_numbers, parsed
+from cpcal.errors import Problems, shown
+from cpcal.files.campaign_reader import small_file
+from cpcal.files.campaign_settings import Reader, line_numbers, parsed
 
 Table = dict[str, object]
 

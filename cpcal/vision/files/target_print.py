@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from cpcal.errors import InputError, Problem
-from cpcal.robot.writer import write_file
+from cpcal.files.campaign_writer import write_file
 from cpcal.vision.target import Target
 
 Array = npt.NDArray[np.float64]

@@ -15,9 +15,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interfaces import LinearStatus
-from cpcal.interval import Box, IntervalArray
-from cpcal.linear import Glop, LazyRows, lower_bound
+from cpcal.solver.contract import LinearStatus
+from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.linear import Glop, LazyRows, lower_bound
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact
 from cpcal.vision.pose_sets.pose_enclosure import Found, View
 from cpcal.vision.pose_sets.pose_rows import PoseBox, PoseRows, pose_rows

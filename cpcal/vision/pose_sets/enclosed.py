@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interval import IntervalArray, get_arithmetic
+from cpcal.solver.interval import IntervalArray, get_arithmetic
 
 ENGINE = get_arithmetic("float64")
 

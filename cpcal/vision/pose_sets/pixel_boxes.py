@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-from cpcal.interval import IntervalArray
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.motion import transformed
+from cpcal.robot import Pose, transformed
 from cpcal.robot.robot import frozen_array
+from cpcal.solver.interval import IntervalArray
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.target import Target

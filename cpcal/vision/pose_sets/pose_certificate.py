@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 
 from cpcal.errors import ModelError
-from cpcal.interfaces import Contractor
-from cpcal.interval import Box
-from cpcal.network import ConstraintNetwork
-from cpcal.network.restrict import restricted
-from cpcal.proof.exact_network import network_statement
-from cpcal.proof.statement import limits
-from cpcal.prove import Recording, certifying
-from cpcal.robot.kinematics import Pose
-from cpcal.search import Search
+from cpcal.robot import Pose
+from cpcal.solver.certificate.exact_network import network_statement
+from cpcal.solver.certificate.recording import Recording, certifying
+from cpcal.solver.certificate.statement import limits
+from cpcal.solver.contract import Contractor
+from cpcal.solver.interval import Box
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.restrict import restricted
+from cpcal.solver.search import Search
 from cpcal.vision.pose_sets.pose_enclosure import Found, View, first_box, pose_network
 from cpcal.vision.pose_sets.pose_rows import PoseBox
 from cpcal.vision.pose_sets.proved_homography import homography_network

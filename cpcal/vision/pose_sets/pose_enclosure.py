@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal import plugins
-from cpcal.interfaces import Contractor
-from cpcal.interval import Box, IntervalArray
-from cpcal.network import ConstraintNetwork
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import quaternion_from_matrix
-from cpcal.solver import Network
+from cpcal.robot import Pose, quaternion_from_matrix
+from cpcal.solver import plugins
+from cpcal.solver.contract import Contractor
+from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.model import Network
+from cpcal.solver.network import ConstraintNetwork
 from cpcal.vision.pose_sets.pose_rows import Frames, PoseBox, pose_box, pose_rows
 from cpcal.vision.pose_sets.proved_homography import Motions, first_motions
 from cpcal.vision.pose_sets.pyramid import Pyramids

@@ -24,11 +24,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-from cpcal.interval import Box, IntervalArray
-from cpcal.robot.kinematics import Pose
+from cpcal.robot import Pose, normalised, quaternion_conjugate, quaternion_product
 from cpcal.robot.robot import frozen_array
-from cpcal.robot.rotation import normalised, quaternion_conjugate, quaternion_product
-from cpcal.solver import Network
+from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.model import Network
 from cpcal.vision.pose_sets.enclosed import (
     ENGINE,
     cross,

@@ -24,9 +24,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-from cpcal.interfaces import Verdict
-from cpcal.robot.kinematics import Pose
+from cpcal.robot import Pose
 from cpcal.robot.robot import frozen_array
+from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import Camera
 from cpcal.vision.pose_sets.enclosed import exact, rotation
 from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes

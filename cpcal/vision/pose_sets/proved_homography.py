@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.interfaces import Contractor
-from cpcal.interval import IntervalArray
-from cpcal.network import ConstraintNetwork
-from cpcal.solver import Network
+from cpcal.solver.contract import Contractor
+from cpcal.solver.interval import IntervalArray
+from cpcal.solver.model import Network
+from cpcal.solver.network import ConstraintNetwork
 from cpcal.vision.pose_sets.enclosed import (
     ENGINE,
     cross,

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-from cpcal.interval import IntervalArray
+from cpcal.solver.interval import IntervalArray
 from cpcal.vision.camera import Camera, distortion_jacobian
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner, stacked
 

@@ -19,11 +19,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal import plugins
-from cpcal.interval import IntervalArray
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.rotation import normalised
-from cpcal.solver import Network
+from cpcal.robot import Pose, normalised
+from cpcal.solver import plugins
+from cpcal.solver.interval import IntervalArray
+from cpcal.solver.model import Network
 from cpcal.vision.pose_sets.all_but import MOST, all_but
 from cpcal.vision.pose_sets.enclosed import joined
 from cpcal.vision.pose_sets.pose_enclosure import Found, View, contracted, enclosed

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-from cpcal.robot.campaign import Campaign
-from cpcal.robot.robot import Robot
+from cpcal.robot import Campaign, Robot
 from cpcal.vision.pose_sets.pose_set import PoseSet
 
 

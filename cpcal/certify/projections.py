@@ -1,0 +1,127 @@
+"""How well a leg's parameters are determined, two at a time (the paper's Fig. 6): proved outer polygons.
+
+Of (a, b, l), in mm; a model's extra parameters take any value that fits. Each half-plane is a linear program over a
+relaxation of all parameters, proved from its multipliers by a
+contractor that offers `supports`. The certificates do not hold these proofs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.legs import PARAMETERS, LegModel, ModelResiduals, leg_box, leg_network
+from cpcal.results import LegResult, Projection, Projections, Result, model_of
+from cpcal.robot import Campaign
+from cpcal.solver import plugins
+from cpcal.solver.contract import Contractor, Supporting, Verdict
+from cpcal.solver.interval import Box, get_arithmetic
+
+Floats = npt.NDArray[np.float64]
+Pair = tuple[int, int]
+
+MARGIN = 1.1  # times eps_hi, where that leaves (nearly) one point
+ARITHMETIC = "float64"  # rounded outward; arb would prove the same in a hundred times the time
+
+_WITHIN = (*combinations(range(3), 2), *combinations(range(3, 6), 2))  # pairs of coordinates of one joint
+_ACROSS = tuple(pair for pair in combinations(range(7), 2) if pair not in _WITHIN)
+_ANGLES = np.arange(24) * (math.pi / 12)  # of the half-planes' normals, in a picture whose box is a square
+_PASSES = 12  # of the contractor, at most
+_SETTLED = 0.75  # another pass only while some width shrinks below this part of what it was
+_DRAWN = (1e-9, 1e6)  # mm: a parameter known better, or worse, has no projection worth drawing
+
+
+def with_projections(campaign: Campaign, result: Result) -> Result:
+    """The result with `projections` for every leg that has a tolerance to draw them at; Ctrl-C ends it early."""
+    if result.interrupted:
+        return result
+    legs = list(result.legs)
+    try:
+        for k, leg in enumerate(legs):
+            legs[k] = replace(leg, projections=projections(campaign, result, leg))
+    except KeyboardInterrupt:
+        return replace(result, legs=tuple(legs), interrupted=True)
+    return replace(result, legs=tuple(legs))
+
+
+def projections(campaign: Campaign, result: Result, leg: LegResult) -> Projections | None:
+    """Of all x within `result.delta` of the leg's center that satisfy its equations to within `projection_eps`.
+
+    "Satisfies": THERE EXISTS for every measurement a reading in its set. None where there is no such tolerance or no x,
+    where none of the result's contractors offers `supports`, or where all is known too well, or too badly, to be drawn.
+    """
+    eps = projection_eps(result, leg)
+    if eps is None:
+        return None
+    engine, model = get_arithmetic(ARITHMETIC), model_of(result)
+    if model is None:
+        return None
+    box = leg_box(leg.center, result.delta, model)
+    network = leg_network(campaign, leg.leg, box, engine=engine, eps=(eps, eps), model=model)
+    for name in result.contractors:
+        contractor = plugins.load(name)(network, objective=None, arithmetic=ARITHMETIC)
+        if isinstance(contractor, Supporting):
+            box = _contracted(contractor, network.domain)
+            pairs = () if box.is_empty else tuple(_projections(campaign, leg.leg, model, contractor, box))
+            return Projections(eps, Box(model.parameters, box.lo[:-1], box.hi[:-1]), pairs) if pairs else None
+    return None
+
+
+def projection_eps(result: Result, leg: LegResult) -> float | None:
+    """The eps asked for; else eps_hi, with a margin if the bracket is closed: S(eps_hi) is then (nearly) a point."""
+    if result.eps is not None:
+        return None if leg.verdict is Verdict.REFUTED else result.eps
+    if not math.isfinite(leg.eps_hi):
+        return None
+    return MARGIN * leg.eps_hi if leg.verdict is Verdict.PROVED else leg.eps_hi
+
+
+def _contracted(contractor: Contractor, box: Box) -> Box:
+    for _ in range(_PASSES):
+        before, box = box, contractor.contract(box).box
+        if box.is_empty or not bool((box.width < _SETTLED * before.width).any()):
+            break
+    return box
+
+
+def _projections(
+    campaign: Campaign, leg: int, model: LegModel, contractor: Supporting, box: Box
+) -> Iterator[Projection]:
+    pairs = [*_WITHIN, _most_correlated(campaign, leg, model, box.mid[:-1])]
+    drawn = (box.width > _DRAWN[0]) & (box.width < _DRAWN[1])
+    pairs = [pair for pair in pairs if drawn[list(pair)].all()]
+    directions = [_normals(box, pair) for pair in pairs]
+    if not pairs:
+        return
+    bounds = contractor.supports(box, np.concatenate(directions)).reshape(len(pairs), -1)
+    if np.isneginf(bounds).any():
+        return
+    for pair, normals, highest in zip(pairs, directions, bounds, strict=True):
+        planes = zip(normals[:, pair[0]].tolist(), normals[:, pair[1]].tolist(), highest.tolist(), strict=True)
+        yield Projection((PARAMETERS[pair[0]], PARAMETERS[pair[1]]), tuple(p for p in planes if math.isfinite(p[2])))
+
+
+def _normals(box: Box, pair: Pair) -> Floats:
+    """Directions of the half-planes: all around, but for the axes, whose bounds the box has."""
+    angles = _ANGLES[np.arange(len(_ANGLES)) % 6 != 0]
+    out = np.zeros((len(angles), len(box)))
+    out[:, pair[0]] = np.cos(angles) / box.width[pair[0]]
+    out[:, pair[1]] = np.sin(angles) / box.width[pair[1]]
+    return out
+
+
+def _most_correlated(campaign: Campaign, leg: int, model: LegModel, x: Floats) -> Pair:
+    """Of two parameters that are not of the same joint, those that the measurements tell apart worst.
+
+    In floating point, from the linearised equations: it chooses what is drawn, not what is proved.
+    """
+    jacobian = ModelResiduals(campaign, leg, model).jacobian(x)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian)
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = np.abs(covariance / np.outer(spread, spread))
+    return max(_ACROSS, key=lambda pair: float(correlation[pair]))

@@ -1,0 +1,178 @@
+"""Campaigns to files: canonical bytes, their digest, and writing that never leaves anything half-written."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import os
+import shutil
+import uuid
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty
+
+FORMAT = "cpcal-campaign/1"
+TOML_NAME = "campaign.toml"
+CSV_NAME = "measurements.csv"
+
+
+def reading_columns(legs: int) -> list[str]:
+    """The columns that every measurements.csv has, for n legs."""
+    return ["pose", "run", "x", "y", "z", "qw", "qx", "qy", "qz", *(f"L{i}" for i in range(1, legs + 1))]
+
+
+def override_columns(legs: int) -> list[str]:
+    """The optional columns: half-widths (mm, rad, mm) that replace those of campaign.toml row by row."""
+    return ["dx", "dy", "dz", "drx", "dry", "drz", *(f"dL{i}" for i in range(1, legs + 1))]
+
+
+def campaign_digest(toml: bytes, table: bytes) -> str:
+    """SHA-256, in hex, of campaign.toml, a NUL and measurements.csv."""
+    return hashlib.sha256(toml + b"\0" + table).hexdigest()
+
+
+def toml_bytes(campaign: Campaign) -> bytes:
+    """The canonical campaign.toml; floats by repr, so that they are read back bit for bit."""
+    lines = [f"format = {quoted(FORMAT)}", "", *robot_lines(campaign.robot)]
+    if campaign.uncertainty is not None:
+        lines += _uncertainty_lines(campaign.uncertainty)
+    if campaign.model is not None:
+        lines += _model_lines(campaign.model)
+    lines += provenance_lines(campaign.provenance)
+    return ("\n".join(lines) + "\n").encode()
+
+
+def robot_lines(robot: Robot) -> list[str]:
+    """The section [robot]."""
+    return [
+        "[robot]",
+        f"name = {quoted(robot.name)}",
+        f"base = {matrix(robot.base)}",
+        f"mobile = {matrix(robot.mobile)}",
+        f"offset = {vector(robot.offset)}",
+    ]
+
+
+def provenance_lines(provenance: dict[str, str]) -> list[str]:
+    """The section [provenance] and an empty line before it; nothing where there is none."""
+    if not provenance:
+        return []
+    return ["", "[provenance]", *(f"{quoted(key)} = {quoted(text)}" for key, text in provenance.items())]
+
+
+def _uncertainty_lines(uncertainty: Uncertainty) -> list[str]:
+    lines = ["", "[uncertainty]"]
+    suffix = "half_width"
+    if uncertainty.factor is not None:
+        lines.append(f"factor = {float(uncertainty.factor)!r}")
+        suffix = "sigma"
+    names = ("position", "rotation", "length")
+    return lines + [f"{name}_{suffix} = {vector(getattr(uncertainty, name))}" for name in names]
+
+
+def _model_lines(model: ModelChoice) -> list[str]:
+    lines = ["", "[model]", f"name = {quoted(model.name)}"]
+    if model.half_widths:
+        widths = ", ".join(f"{name} = {float(value)!r}" for name, value in model.half_widths.items())
+        lines.append(f"half_widths = {{ {widths} }}")
+    return lines
+
+
+def csv_bytes(campaign: Campaign) -> bytes:
+    """The canonical measurements.csv; an override column is there only where some row needs it."""
+    values = np.concatenate([campaign.position, campaign.quaternion, campaign.length], axis=1)
+    radii = np.concatenate([campaign.position_radius, campaign.rotation_radius, campaign.length_radius], axis=1)
+    stated = np.zeros(6 + campaign.legs) if campaign.uncertainty is None else campaign.uncertainty.half_widths
+    differs = radii != stated
+    used = np.flatnonzero(differs.any(axis=0))
+    header = reading_columns(campaign.legs) + [override_columns(campaign.legs)[column] for column in used]
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(header)
+    cells: Iterable[list[str]] = ([] for _ in range(len(values)))
+    if len(used):
+        cells = (
+            [repr(value) if own else "" for value, own in zip(row, owns, strict=True)]
+            for row, owns in zip(radii[:, used].tolist(), differs[:, used].tolist(), strict=True)
+        )
+    rows = zip(campaign.pose, campaign.run, values.tolist(), cells, strict=True)
+    writer.writerows([pose, run, *map(repr, numbers), *extra] for pose, run, numbers, extra in rows)
+    return buffer.getvalue().encode()
+
+
+def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
+    """Write the campaign's two files into the folder `path`, which is made if need be.
+
+    A new folder appears complete or not at all. In an existing folder other files stay, and campaign.toml is
+    taken away first and put back last: an interruption leaves a folder that is refused, never a mixture.
+    """
+    write_folder(Path(path), {CSV_NAME: csv_bytes(campaign), TOML_NAME: toml_bytes(campaign)}, head=TOML_NAME)
+
+
+def write_folder(folder: Path, contents: dict[str, bytes], *, head: str) -> None:
+    """Write files into a folder as `save_campaign` does; `head` is the one without which the others are refused."""
+    draft = folder.absolute().parent / f".{folder.absolute().name}.{uuid.uuid4().hex}.tmp"
+    try:
+        draft.parent.mkdir(parents=True, exist_ok=True)
+        draft.mkdir()
+        for name, content in contents.items():
+            _write(draft / name, content)
+        if folder.exists():
+            (folder / head).unlink(missing_ok=True)
+            for name in sorted(contents, key=lambda name: name == head):
+                os.replace(draft / name, folder / name)
+        else:
+            os.rename(draft, folder)
+    except OSError as error:
+        what = f"cannot be written: {error.strerror or error}"
+        raise InputError([Problem(str(folder), what, "choose a folder that can be written to")]) from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write one file: it appears complete or not at all, and what was there is replaced at the end.
+
+    Raises InputError when it cannot be written.
+    """
+    draft = path.absolute().with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+    try:
+        _write(draft, content)
+        os.replace(draft, path)
+    except OSError as error:
+        what = f"cannot be written: {error.strerror or error}"
+        raise InputError([Problem(str(path), what, "choose a file that can be written to")]) from error
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _write(path: Path, content: bytes) -> None:
+    with path.open("xb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def quoted(text: str) -> str:
+    """A TOML basic string, or quoted key."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
+
+
+def vector(values: npt.NDArray[np.float64]) -> str:
+    """A TOML array; floats by repr."""
+    return "[" + ", ".join(map(repr, values.tolist())) + "]"
+
+
+def matrix(rows: npt.NDArray[np.float64]) -> str:
+    """A TOML array of arrays, one a line."""
+    return "[\n" + "".join(f"    {vector(row)},\n" for row in rows) + "]"

@@ -1,0 +1,67 @@
+"""Studies from files (docs/study-format.md): all problems of the three files at once, each with its line."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from cpcal.errors import Problem, Problems
+from cpcal.files.campaign_reader import small_file, unreadable
+from cpcal.files.study_settings import StudySettings, read_study_settings
+from cpcal.files.study_writer import CALIBRATION_NAME, STUDY_NAME, VALIDATION_NAME
+from cpcal.files.table import Table, read_table
+from cpcal.robot import PoseTable, Study
+
+_ABSENT = "a study is a folder with the three files study.toml, calibration.csv and validation.csv"
+
+
+def load_study(path: str | os.PathLike[str]) -> Study:
+    """The study in the folder `path`.
+
+    study.toml states the nominal robot and, of a simulated study, the truth; calibration.csv and validation.csv have
+    the columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and perhaps image: the target frame in the camera
+    frame (mm, unit quaternion) and the readings (mm).
+
+    Raises one InputError that lists every problem of the three files.
+    """
+    folder = Path(path)
+    problems = Problems()
+    if not folder.is_dir():
+        what = "is not a folder" if folder.exists() else "does not exist"
+        problems.add(Problem(str(folder), what, _ABSENT))
+        problems.raise_any()
+    content = small_file(folder / STUDY_NAME, problems, _ABSENT)
+    settings = StudySettings(None, None, None, {})
+    if content is not None:
+        settings = read_study_settings(content, str(folder / STUDY_NAME), problems)
+    tables = [_table(folder / name, settings.legs, problems) for name in (CALIBRATION_NAME, VALIDATION_NAME)]
+    problems.raise_any()
+    robot = settings.robot
+    assert robot is not None  # what keeps it from being read is a problem, and was raised
+    calibration, validation = (_pose_table(table, robot.legs) for table in tables)
+    return Study(robot, calibration, validation, settings.truth, settings.provenance)
+
+
+def _table(path: Path, legs: int | None, problems: Problems) -> Table:
+    try:
+        with path.open("rb") as file:
+            return read_table(file, str(path), legs, problems, lambda _: None, optional=lambda _: ["image"])
+    except OSError as error:
+        problems.add(unreadable(path, error, _ABSENT))
+        return Table()
+
+
+def _pose_table(table: Table, legs: int) -> PoseTable:
+    def columns(*names: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+        return np.stack([table.values[name] for name in names], axis=1)
+
+    return PoseTable(
+        tuple(table.pose),
+        tuple(table.run),
+        columns("x", "y", "z"),
+        columns("qw", "qx", "qy", "qz"),
+        columns(*(f"L{i}" for i in range(1, legs + 1))),
+        tuple(table.image) or None,
+    )

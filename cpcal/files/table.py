@@ -1,0 +1,242 @@
+"""Reads measurements.csv as a stream: every bad cell with its line number, in bounded memory and time."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from array import array
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import Problem, Problems, shown
+from cpcal.files.campaign_writer import override_columns, reading_columns
+from cpcal.robot.campaign import IDENTIFIER_REMEDY, QUATERNION_TOLERANCE, is_identifier, quaternion_problem
+
+BAD_ROWS_MAX = 1_000  # reading stops after so many
+LINE_MAX = 2**16  # bytes in a line
+
+_IDENTIFIERS = ("pose", "run", "image")
+_QUATERNION = ("qw", "qx", "qy", "qz")
+
+
+@dataclass
+class Table:
+    """The rows of a measurements.csv. `values[name]` is a column; an empty override cell is NaN.
+
+    `image` is empty where there is no such column, as in every campaign.
+    """
+
+    pose: list[str] = field(default_factory=list)
+    run: list[str] = field(default_factory=list)
+    image: list[str] = field(default_factory=list)
+    values: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
+
+
+def read_table(
+    file: BinaryIO,
+    where: str,
+    legs: int | None,
+    problems: Problems,
+    saw: Callable[[bytes], object],
+    *,
+    required: Callable[[int], list[str]] = reading_columns,
+    optional: Callable[[int], list[str]] = override_columns,
+) -> Table:
+    """The table in an open file called `where`, for a robot of `legs` legs (None: not known).
+
+    `required` names the columns for n legs that must be there, `optional` those that may: those of half-widths, or
+    "image", which names a row together with pose and run.
+
+    Calls `saw` with every piece of the file that was read, for the digest; adds to `problems`.
+    """
+    before = len(problems)
+    lines = _lines(file, where, problems, saw)
+    for number, cells in lines:
+        if cells is None:
+            return Table()  # an unreadable header; what follows would make no sense
+        columns = _header(cells, number, where, legs, problems, required, optional)
+        return _Rows(columns, where, problems).read(lines) if columns else Table()
+    if len(problems) == before:
+        problems.add(Problem(where, "is empty", "write a header and one line for each measurement", 1))
+    return Table()
+
+
+def _lines(
+    file: BinaryIO, where: str, problems: Problems, saw: Callable[[bytes], object]
+) -> Iterator[tuple[int, list[str] | None]]:
+    """Line numbers and cells of the lines that are not blank; None for a line that cannot be read at all."""
+    number = 0
+    while raw := file.readline(LINE_MAX):
+        saw(raw)
+        number += 1
+        if number == 1:
+            raw = raw.removeprefix(b"\xef\xbb\xbf")
+        if len(raw) == LINE_MAX and not raw.endswith(b"\n"):
+            what = f"the line is longer than {LINE_MAX:,} bytes; the rest of the file was not read"
+            remedy = "is this a CSV file? end each measurement's line"
+            problems.add(Problem(where, what, remedy, number), always=True)
+            return
+        try:
+            text = raw.decode()
+            if not text or text.isspace():
+                continue
+            yield number, next(csv.reader((text,), strict=True))
+        except UnicodeDecodeError:
+            problems.add(Problem(where, "the line is not UTF-8 text", "save the file as UTF-8 text", number))
+            yield number, None
+        except csv.Error as error:
+            remedy = "one measurement a line, cells separated by commas, quotes and line ends in order"
+            what = f"the line is not CSV: {str(error).partition(' - ')[0]}"
+            problems.add(Problem(where, what, remedy, number))
+            yield number, None
+
+
+def _header(
+    cells: list[str],
+    line: int,
+    where: str,
+    legs: int | None,
+    problems: Problems,
+    required_for: Callable[[int], list[str]],
+    optional: Callable[[int], list[str]],
+) -> list[str | None] | None:
+    """The name of each column, None where it is unknown or a repetition; no list when none is known."""
+    names = [cell.strip() for cell in cells]
+    if legs is None:
+        legs = len({name for name in names if re.fullmatch(r"L[1-9][0-9]{0,3}", name)})
+    required = required_for(legs)
+    known = {*required, *optional(legs)}
+    if not known.intersection(names):
+        remedy = "start with the line " + shorter(",".join(required))
+        problems.add(Problem(where, f"no header: {shown(','.join(names))}", remedy, line))
+        return None
+    columns: list[str | None] = []
+    given: set[str] = set()
+    for name in names:
+        if name in given:
+            problems.add(Problem(where, f"the column {name!r} is there twice", "take one of them out", line))
+        elif name not in known:
+            otherwise = f"take it out, or check that the robot has {legs} legs"
+            problems.add_unknown(where, f"unknown column {shown(name)}", name, known, otherwise, line)
+        columns.append(name if name in known and name not in given else None)
+        if name in known:
+            given.add(name)
+    for name in required:
+        if name not in given:
+            problems.add(Problem(where, f"the column {name!r} is missing", f"add a column {name}", line))
+    return columns
+
+
+def shorter(text: str) -> str:
+    """At most some 100 characters of a header."""
+    return text if len(text) <= 100 else text[:100] + "..."
+
+
+def _listed(names: Iterable[str]) -> str:
+    """ "pose and run", "pose, run and image"."""
+    *first, last = names
+    return ", ".join(first) + " and " + last
+
+
+class _Rows:
+    """Checks and gathers the rows below a header."""
+
+    def __init__(self, columns: list[str | None], where: str, problems: Problems) -> None:
+        self.where, self.problems = where, problems
+        self.columns = columns
+        place = {name: index for index, name in enumerate(columns) if name is not None}
+        self.ids = {name: place[name] for name in _IDENTIFIERS if name in place}
+        self.names = [name for name in place if name not in _IDENTIFIERS]
+        self.cells = [
+            (place[name], name, name.startswith("d")) for name in self.names
+        ]  # index, name, whether it is an optional half-width
+        self.quaternion = [self.names.index(name) for name in _QUATERNION if name in place]
+        self.seen: dict[tuple[str, ...], int] = {}
+        self.numbers = array("d")
+
+    def read(self, lines: Iterator[tuple[int, list[str] | None]]) -> Table:
+        """The rows that are fit; stops after `BAD_ROWS_MAX` that are not."""
+        bad = 0
+        table = Table()
+        clean = not self.problems
+        line = 1
+        for line, cells in lines:
+            before = len(self.problems)
+            if cells is not None:
+                names = self.check(line, cells)
+                if clean:
+                    for name, text in names.items():
+                        getattr(table, name).append(text)
+            if cells is None or len(self.problems) > before:
+                clean = False
+                self.numbers = array("d")
+                bad += 1
+            if bad >= BAD_ROWS_MAX:
+                what = f"{bad:,} bad rows: the rest of the file was not read"
+                remedy = "mend these first, and check that this is the right file"
+                self.problems.add(Problem(self.where, what, remedy, line), always=True)
+                break
+        if not self.seen and not bad:
+            remedy = "add one line for each measurement"
+            self.problems.add(Problem(self.where, "holds no measurements", remedy, line))
+        if clean and self.seen:
+            grid = np.frombuffer(self.numbers, dtype=np.float64).reshape(-1, len(self.names))
+            table.values = {name: grid[:, index] for index, name in enumerate(self.names)}
+        return table
+
+    def wrong(self, line: int, what: str, remedy: str) -> None:
+        self.problems.add(Problem(self.where, what, remedy, line))
+
+    def check(self, line: int, cells: list[str]) -> dict[str, str]:
+        """Take note of what is wrong with a row, and keep its numbers. The row's names, by column."""
+        if len(cells) != len(self.columns):
+            what = f"{len(cells)} cells, but the header has {len(self.columns)}"
+            self.wrong(line, what, "give one cell for each column, separated by commas")
+            return {}
+        names = {column: self.name(line, cells[index], column) for column, index in self.ids.items()}
+        if "pose" in names and "run" in names:
+            first = self.seen.setdefault(tuple(names.values()), line)
+            if first != line:
+                which = " ".join(f"{column} {shown(text)}" for column, text in names.items())
+                self.wrong(line, f"{which} was given on line {first} already", f"give each {_listed(names)} once")
+        else:
+            self.seen[()] = line
+        row = [self.number(line, name, cells[index], optional) for index, name, optional in self.cells]
+        self.numbers.extend(row)
+        if len(self.quaternion) == 4:
+            norm = math.hypot(*(row[index] for index in self.quaternion))
+            if abs(norm - 1.0) > QUATERNION_TOLERANCE:  # False for NaN, which was reported
+                self.wrong(line, *quaternion_problem(norm))
+        return names
+
+    def name(self, line: int, cell: str, column: str) -> str:
+        text = cell.strip()
+        if not is_identifier(text):
+            self.wrong(
+                line, f"{shown(text)} cannot be the name of a{'n' * (column == 'image')} {column}", IDENTIFIER_REMEDY
+            )
+        return text
+
+    def number(self, line: int, name: str, cell: str, optional: bool) -> float:
+        """The number in a cell; NaN where it is left empty and may be, or where it was reported."""
+        try:
+            value = float(cell)
+        except ValueError:
+            if cell and not cell.isspace():
+                self.wrong(line, f"{name}: {shown(cell)} is not a number", "write a number like -12.5 or 1e-3")
+            elif not optional:
+                self.wrong(line, f"{name} is empty", "give a number, or take the line out")
+            return math.nan
+        if "_" in cell:
+            self.wrong(line, f"{name}: {shown(cell)} is not a number", "take the underscore out")
+        elif not math.isfinite(value):
+            self.wrong(line, f"{name} is {shown(cell)}", "give a finite number, or take the line out")
+            return math.nan
+        elif optional and value < 0:
+            self.wrong(line, f"{name}: the half-width {shown(cell)} is negative", "give a number >= 0")
+        return value

@@ -1,0 +1,74 @@
+"""One leg of a campaign as a certificate states it."""
+
+from __future__ import annotations
+
+from fractions import Fraction as F
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.checker.leg import Leg
+from cpcal.checker.measurement import Measurement
+from cpcal.checker.models import Model
+from cpcal.legs.equation import exactly_read, leg_network
+from cpcal.legs.models import PLAIN, LegModel, built_in
+from cpcal.robot import Campaign
+from cpcal.solver.certificate.exact_network import NotStated, network_statement
+from cpcal.solver.certificate.statement import LegStatement, Statement
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.network.restrict import restricted
+
+
+class LegReadings:
+    """The rows of a campaign for one leg, in exact numbers: what the checker reads from the files."""
+
+    def __init__(self, campaign: Campaign, leg: int) -> None:
+        self._campaign, self._leg = campaign, leg - 1
+
+    def __len__(self) -> int:
+        return len(self._campaign)
+
+    def measurement(self, k: int) -> Measurement:
+        """Row k, from 0."""
+        c = self._campaign
+        vectors = (c.position[k], c.quaternion[k], c.position_radius[k], c.rotation_radius[k])
+        position, quaternion, moved, turned = (_exact(v) for v in vectors)
+        length, radius = F(float(c.length[k, self._leg])), F(float(c.length_radius[k, self._leg]))
+        return Measurement(position, quaternion, length, moved, turned, radius)
+
+
+def leg_statement(
+    campaign: Campaign, leg: int, only: tuple[int, ...] | None = None, model: str = PLAIN.name
+) -> LegStatement:
+    """Leg `leg` (from 1) with all measurements, or with `only` those (numbers from 0, ascending).
+
+    `model` is the name of one that comes with cpcal: those the checker knows.
+    """
+    return LegStatement(Leg(LegReadings(campaign, leg), Model(model), only), campaign.sha256, leg, only)
+
+
+def model_statement(
+    campaign: Campaign, leg: int, model: LegModel, domain: Box, only: tuple[int, ...] | None = None
+) -> Statement | None:
+    """What a certificate says: for a model that comes with cpcal the leg, for others the constraints themselves.
+
+    `domain` holds the parameters and, last, eps. None where constraints have no exact polynomial form, as those of a
+    model of one's own with uncertain readings.
+    """
+    if built_in(model):
+        return leg_statement(campaign, leg, only, model.name)
+    if not exactly_read(campaign, leg):
+        return None
+    box, eps = Box(model.parameters, domain.lo[:-1], domain.hi[:-1]), (float(domain.lo[-1]), float(domain.hi[-1]))
+    engine = get_arithmetic("float64")  # nothing that is stated depends on it
+    network = leg_network(campaign, leg, box, engine=engine, eps=eps, model=model, stated=True)
+    if only is not None:
+        network = restricted(network, [np.array(only, dtype=np.intp)] * len(network.constraints))
+    try:
+        return network_statement(network, "eps", f"leg {leg}, model {model.name}, campaign {campaign.sha256}")
+    except NotStated:
+        return None
+
+
+def _exact(values: npt.NDArray[np.float64]) -> tuple[F, ...]:
+    return tuple(F(float(v)) for v in values)

@@ -1,0 +1,209 @@
+"""Leg models: the plain one of the paper, and corrections of it with more parameters (the paper's future work).
+
+With v = P + R b - a and measured (P, R, L), every model is
+
+    g(x, M) = sqrt(||v||^2 - h(x, M)) - (L + l + t(x, M))        in mm
+
+where the plain model has h = t = 0. A model's extra parameters vanish when there is nothing to correct, so every model
+contains the plain one: its smallest eps is never larger.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError, ModelError, Problem
+from cpcal.solver.network import Expr, norm, sqr, sqrt
+from cpcal.solver.network.expression import as_expr
+
+PARAMETERS = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """An extra parameter of a leg model; it is looked for within `half_width` (in `unit`) of 0."""
+
+    name: str
+    unit: str
+    half_width: float
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What the N measurements of one leg are to a model, as expressions: values in the reading sets.
+
+    `position` (N, 3): P, mm, base frame. `length` (N,): L, mm. `rotate(u)` (N, 3): R u for three numbers u.
+    `vector` (N, 3): v = P + R b - a, mm, which holds unknowns.
+    """
+
+    position: Expr
+    length: Expr
+    vector: Expr
+    rotate: Callable[[npt.ArrayLike], Expr]
+
+
+Parameters = Mapping[str, Expr]  # of the extra parameters, by name
+Term = Callable[[Measured, Parameters], Expr]  # (N,), or a number for all
+
+
+@dataclass(frozen=True)
+class LegModel:
+    """A model by its extra parameters and what they do. `term` is t in mm, `square` is h in mm^2; see the module.
+
+    `summary` completes "the length of a leg is ...". Only sums and products of what is measured and of the unknowns can
+    be bounded well; of degree one in the unknowns for `term`, two for `square`, if it is to have a certificate.
+    """
+
+    name: str
+    summary: str
+    extra: tuple[Parameter, ...] = ()
+    term: Term | None = None
+    square: Term | None = None
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """All names: the seven of the plain model first."""
+        return (*PARAMETERS, *(p.name for p in self.extra))
+
+    @property
+    def half_widths(self) -> npt.NDArray[np.float64]:
+        """Of the extra parameters, in their units."""
+        return np.array([p.half_width for p in self.extra], dtype=np.float64)
+
+    def equation(self, measured: Measured, offset: Expr, extra: Parameters) -> Expr:
+        """g (N,) in mm; `offset` is l."""
+        distance, length = norm(measured.vector), measured.length + offset
+        if self.square is not None:
+            distance = sqrt(sqr(measured.vector).sum(-1) - self._of("square", self.square, measured, extra))
+        if self.term is not None:
+            length = length + self._of("term", self.term, measured, extra)
+        return distance - length
+
+    def _of(self, what: str, function: Term, measured: Measured, extra: Parameters) -> Expr:
+        """What the model's function gives, if it is an expression for each measurement. Raises ModelError."""
+        found = function(measured, extra)
+        if not isinstance(found, Expr) or found.shape not in ((), measured.length.shape):
+            shape = measured.length.shape
+            raise ModelError(f"{what} of the model {self.name!r} must give an expression of shape {shape} or ()")
+        return found
+
+    def within(self, half_widths: Mapping[str, float]) -> LegModel:
+        """The same model with other half-widths of some extra parameters. Raises InputError."""
+        problems = list(half_width_problems(self, half_widths))
+        if problems:
+            raise InputError(problems)
+        extra = (replace(p, half_width=float(half_widths.get(p.name, p.half_width))) for p in self.extra)
+        return replace(self, extra=tuple(extra))
+
+
+def half_width_problems(model: LegModel, half_widths: Mapping[str, float]) -> list[Problem]:
+    """What is wrong with half-widths for a model."""
+    names = [p.name for p in model.extra]
+    known = f"its extra parameters are {', '.join(names)}" if names else "it has no extra parameters"
+    out = [
+        Problem("half_widths", f"model {model.name!r} has no extra parameter {name!r}", known)
+        for name in half_widths
+        if name not in names
+    ]
+    for name, value in half_widths.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not (number and math.isfinite(value) and value >= 0.0):
+            out.append(Problem("half_widths", f"{value!r} is no half-width of {name!r}", "give a number, 0 or more"))
+    return out
+
+
+# the models that come with cpcal ------------------------------------------------------------------------------
+
+
+def _gain(measured: Measured, x: Parameters) -> Expr:
+    return measured.length * x["s"]
+
+
+def _linear(measured: Measured, x: Parameters) -> Expr:
+    position = sum((measured.position[:, i] * x[f"c{axis}"] for i, axis in enumerate("xyz")), as_expr(0.0))
+    rotation = sum((turn * x[f"t{axis}"] for turn, axis in zip(_turns(measured), "xyz", strict=True)), as_expr(0.0))
+    return _gain(measured, x) + position + rotation
+
+
+def _turns(measured: Measured) -> list[Expr]:
+    """sin(angle) times the axis of the rotation: (R e_j)_k - (R e_k)_j over 2, which is linear in R."""
+    columns = [measured.rotate(column) for column in np.eye(3)]
+    return [0.5 * (columns[j][:, k] - columns[k][:, j]) for j, k in ((1, 2), (2, 0), (0, 1))]
+
+
+def _lateral(measured: Measured, x: Parameters) -> Expr:
+    return x["h"]
+
+
+_GAIN = Parameter("s", "mm/mm", 0.05)
+
+PLAIN = LegModel("plain", "L + l: the distance of the joint centres is what the sensor reads, and an offset")
+GAIN = LegModel("gain", "L (1 + s) + l: the sensor of the leg has a gain error s", (_GAIN,), _gain)
+LINEAR = LegModel(
+    "linear",
+    "L (1 + s) + l + c.P + t.r: of first order in all that is measured, with r = sin(angle) times the axis of R",
+    (_GAIN, *(Parameter(f"c{i}", "mm/mm", 0.05) for i in "xyz"), *(Parameter(f"t{i}", "mm", 20.0) for i in "xyz")),
+    _linear,
+)
+LATERAL = LegModel(
+    "lateral",
+    "L + l beside a lateral offset between the joint centres: ||v||^2 = (L + l)^2 + h (h < 0 corrects the other way)",
+    (Parameter("h", "mm^2", 900.0),),
+    square=_lateral,
+)
+
+_BUILT_IN = (PLAIN, GAIN, LINEAR, LATERAL)
+_MODELS: dict[str, LegModel] = {model.name: model for model in _BUILT_IN}
+
+
+def built_in(model: LegModel) -> bool:
+    """Whether it comes with cpcal, with any half-widths: the checker of certificates knows those by their names."""
+    return any(
+        (model.name, model.parameters, model.term, model.square) == (m.name, m.parameters, m.term, m.square)
+        for m in _BUILT_IN
+    )
+
+
+def register_model(model: LegModel) -> LegModel:
+    """Make a model of one's own known by its name, in this process, in the place of an earlier one; the model itself.
+
+    Raises InputError with everything that is wrong: a name that is no identifier or belongs to a model of cpcal, no
+    extra parameters, names that are taken, half-widths that are none.
+    """
+    problems: list[Problem] = []
+    names = [p.name for p in model.extra]
+    if not model.name.isidentifier() or model.name in (m.name for m in _BUILT_IN):
+        problems.append(
+            Problem("model", f"{model.name!r} is no identifier, or a model of cpcal", "choose another name")
+        )
+    if not names or (model.term is None and model.square is None):
+        problems.append(
+            Problem(f"model {model.name!r}", "corrects nothing", "give extra parameters, and term or square")
+        )
+    taken = {"a", "b", "l", "eps"}
+    for name in names:
+        if not name.isidentifier() or name in taken:
+            problems.append(Problem(f"model {model.name!r}", f"{name!r} is no identifier, or taken", "choose another"))
+        taken.add(name)
+    problems += half_width_problems(model, {p.name: p.half_width for p in model.extra})
+    if problems:
+        raise InputError(problems)
+    _MODELS[model.name] = model
+    return model
+
+
+def known_models() -> tuple[str, ...]:
+    return tuple(_MODELS)
+
+
+def leg_model(name: str) -> LegModel:
+    """The model of that name. Raises InputError, listing those there are."""
+    if name not in _MODELS:
+        remedy = f"use one of {', '.join(_MODELS)}, or register yours with cpcal.register_model"
+        raise InputError([Problem("model", f"{name!r} is not known", remedy)])
+    return _MODELS[name]

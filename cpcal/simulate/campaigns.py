@@ -1,0 +1,251 @@
+"""Simulated campaigns: a true robot, its extremal and random poses, and readings with the paper's noise.
+
+The true robot is the nominal one plus manufacturing deviations. A true pose P, R is the forward kinematics of
+the true robot. The sensors then read, run by run,
+
+    L      = ||P + R b - a|| - l + joint error + noise          (legs; true a, b, l)
+    P_k    = P + noise,      R(q_k) = R(1, s) R,  2 s = noise     (camera; in the base frame)
+
+so that noise within the half-widths leaves the truth inside the reading sets of DESIGN section 1, up to the
+rounding of a float. Everything follows from the seed: one random stream for each of the true robot, the joint
+error, the random poses and the noise, so that more poses or runs do not change the robot.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import InputError
+from cpcal.robot import (
+    DELTALAB,
+    Campaign,
+    KinematicsError,
+    Pose,
+    Robot,
+    Uncertainty,
+    central_pose,
+    forward_kinematics,
+    inverse_kinematics,
+    leg_vectors,
+    normalised,
+    pose_jacobian,
+    quaternion_product,
+    small_rotation,
+)
+from cpcal.robot.mechanisms import joint_phases
+from cpcal.simulate.option_checks import OptionChecks
+
+Array = npt.NDArray[np.float64]
+
+STROKE = (0.0, 140.0)  # mm, readings of a DeltaLab leg: 345 to 485 mm long (the paper, section 2.2)
+LENGTH_SIGMA = (0.0077, 0.0127, 0.0117, 0.0102, 0.0118, 0.0190)  # mm (the paper, Table 2)
+EULER_SIGMA = (9.23e-3, 1.19e-2, 8.94e-3)  # degrees (Table 3); taken as the rotation vector's components
+POSITION_SIGMA = (6.33e-2, 2.30e-2, 6.08e-2)  # mm (Table 3)
+
+_WAVES = 3.0  # of the joint error, per radian of joint angle
+_INSIDE = 1.0 - 1e-6  # truncated noise stays this much inside, clear of rounding
+_MAX_TILT = 60.0  # degrees from upright; the DeltaLab's extremal poses reach 35
+_POSES_MAX = 1_000_000
+MEASUREMENTS_MAX = 10_000_000
+
+
+@dataclass(frozen=True)
+class _Sensors:
+    """Standard deviations: position (3,) mm, rotation (3,) rad, length (6,) mm."""
+
+    position: Array
+    rotation: Array
+    length: Array
+
+
+def simulate(
+    robot: Robot = DELTALAB,
+    *,
+    seed: int,
+    runs: int = 1,
+    random_poses: int = 0,
+    extremal: bool = True,
+    joint_error: float = 0.0,
+    factor: float = 3.0,
+    noise: float = 1.0,
+    truncate: float | None = None,
+    deviation: float = 1.0,
+    stroke: tuple[float, float] = STROKE,
+) -> Campaign:
+    """A campaign of the 64 extremal leg configurations and of random ones, as a sensor would deliver it.
+
+    robot         the nominal robot, which the campaign states; six legs
+    seed          >= 0; the same seed gives the same campaign, bit for bit
+    runs          measurements of each configuration; run ids "1", "2", ...
+    random_poses  configurations with readings uniform over the stroke; pose ids "r000", ...
+    extremal      whether to take the 64 extremal ones; in pose "e37" leg i + 1 is long if bit i of 37 is set
+    joint_error   mm, amplitude of `joint_effect`, which 7 parameters a leg cannot describe
+    factor        half-width of the reading sets in standard deviations; 0: readings are declared exact
+    noise         scale of the paper's standard deviations (Tables 2 and 3), both as drawn and as declared
+    truncate      noise beyond this many standard deviations is drawn again; with `truncate <= factor` the
+                  truth lies inside the reading sets (when joint_error is 0)
+    deviation     mm, standard deviation of each true parameter from its nominal value
+    stroke        mm, shortest and longest reading
+
+    The true robot is in the provenance: see `true_robot`. InputError for senseless options, KinematicsError
+    when a configuration cannot be assembled.
+    """
+    _check_options(locals())
+    shape_stream, joint_stream, pose_stream, noise_stream = streams(seed)
+    deviations = deviation * shape_stream.standard_normal((robot.legs, 7))
+    truth = Robot.from_parameters(robot.name, robot.parameters + deviations)
+    names, readings = configurations(stroke, pose_stream, random_poses=random_poses, extremal=extremal)
+    poses = assembled(truth, readings, stroke)
+    phases = joint_phases(truth.legs, joint_stream)
+    lengths = inverse_kinematics(truth, poses) + joint_error * joint_effect(truth, poses, phases)
+    sensors = _Sensors(
+        noise * np.array(POSITION_SIGMA), noise * np.radians(EULER_SIGMA), noise * np.array(LENGTH_SIGMA)
+    )
+    position, quaternion, length = _measured(poses, lengths, sensors, runs, truncate, noise_stream)
+    stated = Uncertainty(sensors.position, sensors.rotation, sensors.length, factor) if factor > 0 else None
+    options: dict[str, object] = {
+        "seed": seed,
+        "runs": runs,
+        "random_poses": random_poses,
+        "extremal": extremal,
+    }
+    options |= {"joint_error": joint_error, "factor": factor, "noise": noise, "truncate": truncate}
+    options |= {"deviation": deviation, "stroke": list(stroke)}
+    return Campaign.from_arrays(
+        robot,
+        position,
+        quaternion,
+        length,
+        pose=[name for name in names for _ in range(runs)],
+        run=[str(run) for _ in names for run in range(1, runs + 1)],
+        uncertainty=stated,
+        provenance={
+            "generator": "cpcal simulate",
+            "options": json.dumps(options),
+            "true_parameters": json.dumps(truth.parameters.tolist()),
+        },
+    )
+
+
+def true_robot(campaign: Campaign) -> Robot | None:
+    """The true robot behind a simulated campaign; None when its provenance does not tell."""
+    try:
+        parameters = json.loads(campaign.provenance["true_parameters"])
+        return Robot.from_parameters(campaign.robot.name, parameters)
+    except (KeyError, ValueError, TypeError, InputError):
+        return None
+
+
+def configurations(
+    stroke: tuple[float, float], stream: np.random.Generator, *, random_poses: int, extremal: bool
+) -> tuple[list[str], Array]:
+    """Pose ids (K) and the readings, (K, 6) mm, that command them."""
+    low, high = stroke
+    bits = np.arange(64)[:, None] >> np.arange(6) & 1
+    corners = np.where(bits == 1, high, low)
+    drawn = stream.uniform(low, high, (random_poses, 6))
+    names = [f"e{k:02d}" for k in range(64)] if extremal else []
+    names += [f"r{k:03d}" for k in range(random_poses)]
+    return names, np.concatenate([corners, drawn]) if extremal else drawn
+
+
+def assembled(robot: Robot, readings: Array, stroke: tuple[float, float]) -> Pose:
+    """The poses (K) with these readings (K, 6), all on the assembly branch of the upright mid-stroke pose.
+
+    Each is continued from that pose along a straight line in the readings. See `check_branch`.
+    """
+    centre = central_pose(robot, np.full(robot.legs, 0.5 * (stroke[0] + stroke[1])))
+    poses = forward_kinematics(robot, readings, centre)
+    check_branch(robot, poses, centre)
+    return poses
+
+
+def check_branch(robot: Robot, poses: Pose, centre: Pose) -> None:
+    """KinematicsError unless the poses (K) lie on the assembly branch of the pose `centre`.
+
+    The Jacobian's determinant must have the same sign there, and the platform be above the base and moderately
+    tilted.
+    """
+    sign = np.sign(np.linalg.det(pose_jacobian(robot, centre)))
+    same = np.sign(np.linalg.det(pose_jacobian(robot, poses))) == sign
+    upright = poses.rotation[:, 2, 2] > math.cos(math.radians(_MAX_TILT))
+    lost = np.flatnonzero(~(same & upright & (poses.position[:, 2] > robot.base[:, 2].max())))
+    if len(lost):
+        message = f"{len(lost)} of {len(same)} configurations leave the assembly branch of the upright pose"
+        raise KinematicsError(f"{message}: lessen the deviation or the stroke", tuple(map(int, lost)))
+
+
+def joint_effect(robot: Robot, poses: Pose, phases: Array) -> Array:
+    """A smooth effect in [-1, 1] of the joints' angles on each leg's reading, (..., n).
+
+    With t_x, t_y the angles of the leg about the base joint and t'_x, t'_y those about the mobile joint (rad,
+    each in its platform's frame), and the two phases p, p' of each leg, (n, 2) rad, it is
+    (sin(3 (t_x + t_y) + p) + sin(3 (t'_x - t'_y) + p')) / 2. Over the extremal poses its largest value is 0.8
+    or more, and 0.3 to 1.2 (typically 0.75) is left after the best fit of 7 parameters (300 seeds).
+    """
+    at_base = leg_vectors(robot, poses)
+    at_mobile = np.einsum("...ji,...nj->...ni", poses.rotation, at_base)
+    base_angle = np.arctan2(at_base[..., 0], at_base[..., 2]) + np.arctan2(at_base[..., 1], at_base[..., 2])
+    mobile_angle = np.arctan2(at_mobile[..., 0], at_mobile[..., 2]) - np.arctan2(at_mobile[..., 1], at_mobile[..., 2])
+    waves = np.sin(_WAVES * base_angle + phases[:, 0]) + np.sin(_WAVES * mobile_angle + phases[:, 1])
+    return np.asarray(0.5 * waves)
+
+
+def _measured(
+    poses: Pose,
+    lengths: Array,
+    sensors: _Sensors,
+    runs: int,
+    truncate: float | None,
+    stream: np.random.Generator,
+) -> tuple[Array, Array, Array]:
+    """Noisy positions (K runs, 3), quaternions (K runs, 4), readings (K runs, n); a pose's runs together."""
+    count = len(lengths) * runs
+    position = np.repeat(poses.position, runs, axis=0)
+    quaternion = np.repeat(poses.quaternion, runs, axis=0)
+    length = np.repeat(lengths, runs, axis=0)
+    draw = standard_noise(stream, (count, 6 + lengths.shape[1]), truncate)
+    turned = quaternion_product(small_rotation(draw[:, 3:6] * sensors.rotation), quaternion)
+    return (
+        position + draw[:, :3] * sensors.position,
+        normalised(turned),
+        length + draw[:, 6:] * sensors.length,
+    )
+
+
+def standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncate: float | None) -> Array:
+    """Independent standard normal numbers, those beyond +-truncate drawn again."""
+    draw = stream.standard_normal(shape)
+    while truncate is not None:
+        beyond = np.abs(draw) > truncate * _INSIDE
+        if not beyond.any():
+            break
+        draw[beyond] = stream.standard_normal(int(beyond.sum()))
+    return draw
+
+
+def streams(seed: int, count: int = 4) -> list[np.random.Generator]:
+    """Independent PCG64 generators; asking for more of them does not change the first ones."""
+    return [np.random.Generator(np.random.PCG64(child)) for child in np.random.SeedSequence(seed).spawn(count)]
+
+
+def _check_options(options: dict[str, Any]) -> None:
+    """InputError that names every option without a meaning."""
+    checks = OptionChecks(options)
+    checks.six_legs("robot")
+    checks.whole("seed", 0)
+    checks.whole("runs", 1, _POSES_MAX)
+    checks.whole("random_poses", 0 if options["extremal"] else 1, _POSES_MAX)
+    if not checks.problems:
+        total = (64 * bool(options["extremal"]) + options["random_poses"]) * options["runs"]
+        checks.demand("runs", total <= MEASUREMENTS_MAX, f"keep poses times runs within {MEASUREMENTS_MAX:,}")
+    checks.sizes("joint_error", "factor", "noise", "deviation")
+    checks.truncate("truncate")
+    checks.stroke("stroke")
+    checks.finish()

@@ -1,0 +1,222 @@
+"""Simulated studies: the paper's experiment (sections 2.2 to 2.3.3) on a robot whose legs may be imperfect.
+
+Sensors are commanded to the 64 extremal configurations, several runs each, and to random ones. The true robot is the
+nominal one plus manufacturing deviations, and its legs have the given mechanisms; `assembly.py` finds each true pose.
+What is recorded of a pose P, R of the mobile frame in the base frame is
+
+    L     = commanded reading + noise (Table 2), once a run
+    q, P  = R(1, s) camera R target,   2 s = noise,   position + noise (Table 3): target frame in camera frame
+
+Table 3 speaks of single images. A run's row is the mean of its ten images unless images are asked for: the noise of a
+mean of ten that are independent. (The paper does not tell how much of Table 3 is the robot's own scatter between runs,
+which a mean of images would not lessen; here that scatter comes from backlash alone.)
+
+Everything follows from the seed: one random stream for each kind of thing, so that neither more runs nor another size
+of a mechanism change the robot, the frames or the configurations; the true parameters and the joint error's phases are
+those of `simulate` with the same seed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.robot import (
+    DELTALAB,
+    Mechanisms,
+    Pose,
+    PoseTable,
+    Robot,
+    Study,
+    Truth,
+    central_pose,
+    compose,
+    normalised,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+    rotation_matrix,
+    small_rotation,
+)
+from cpcal.simulate.assembly import assembled_with
+from cpcal.simulate.campaigns import (
+    EULER_SIGMA,
+    LENGTH_SIGMA,
+    MEASUREMENTS_MAX,
+    POSITION_SIGMA,
+    STROKE,
+    assembled,
+    check_branch,
+    configurations,
+    standard_noise,
+    streams,
+)
+from cpcal.simulate.option_checks import OptionChecks
+
+Array = npt.NDArray[np.float64]
+Stream = np.random.Generator
+
+MEAN_OF = 10  # images of a run, of which a row without images is the mean (the paper, section 2.3.2)
+_MECHANISMS = ("joint_error", "axis_offset", "joint_offset", "backlash", "friction", "sag", "gain")
+
+
+def simulate_study(
+    robot: Robot = DELTALAB,
+    *,
+    seed: int,
+    runs: int = 11,
+    validation_runs: int = 10,
+    random_poses: int = 64,
+    images: int = 0,
+    noise: float = 1.0,
+    pose_noise: float | None = None,
+    camera: Pose | None = None,
+    truncate: float | None = None,
+    deviation: float = 1.0,
+    stroke: tuple[float, float] = STROKE,
+    joint_error: float = 0.0,
+    axis_offset: float = 0.0,
+    joint_offset: float = 0.0,
+    backlash: float = 0.0,
+    friction: float = 0.2,
+    sag: float = 0.0,
+    gain: float = 0.0,
+) -> Study:
+    """A study as the paper's experiment would deliver it, with the truth.
+
+    robot             the nominal robot; six legs
+    seed              >= 0; the same seed gives the same study, bit for bit
+    runs              of each of the 64 extremal configurations ("e00" to "e63"; see `simulate`), for calibration
+    random_poses  random configurations ("r000", ...), with `validation_runs` runs each, for validation
+    images            rows of single images of each run; 0: one row a run, the mean of ten images
+    noise             scale of the paper's standard deviations (Tables 2 and 3)
+    pose_noise        of Table 3 alone, where that is another; 0 gives the true poses, to render images of
+    camera            the base frame in the camera frame, mm; left out: drawn, about a metre above the base
+    truncate          noise beyond this many standard deviations is drawn again
+    deviation         mm, standard deviation of each true parameter from its nominal value
+    stroke            mm, shortest and longest reading
+    joint_error       mm, amplitude of `joint_effect`
+
+    What follows is explained in `Mechanisms`; size 0 is a perfect leg, and changes nothing, bit for bit.
+
+    axis_offset       mm, between the two axes of each lower joint, with a random sign
+    joint_offset      mm, each of the three offsets between the axes of each upper joint, with random signs
+    backlash          mm, whole clearance of each leg; its side follows the load
+    friction          in platform weights, by which the direction of approach, random in each run, shifts the load
+    sag               mm, shortening of a leg that lies flat, by its own weight
+    gain              relative error of each length sensor, about mid-stroke, with a random sign
+
+    InputError for senseless options, KinematicsError when a configuration cannot be assembled.
+    """
+    options = dict(locals())
+    _check_options(options)
+    shape, joint, pose, noise_c, mechanism, frames, approach_c, noise_v, approach_v = streams(seed, 9)
+    true_robot = Robot.from_parameters(robot.name, robot.parameters + deviation * shape.standard_normal((6, 7)))
+    sizes = {name: options[name] for name in _MECHANISMS}
+    mechanisms = Mechanisms.drawn(6, mechanism, joint, **sizes, reference=0.5 * (stroke[0] + stroke[1]))
+    drawn_camera, target = _camera(frames), _target(frames)
+    truth = Truth(seed, true_robot, mechanisms, drawn_camera if camera is None else camera, target)
+    scales = (noise, noise if pose_noise is None else pose_noise)
+
+    def table(extremal: bool, runs: int, approach: Stream, noisy: Stream) -> PoseTable:
+        drawn = 0 if extremal else random_poses
+        names, readings = configurations(stroke, pose, random_poses=drawn, extremal=extremal)
+        poses = true_poses(truth, readings, stroke, runs, approach)
+        ids = [(name, str(run)) for name in names for run in range(1, runs + 1)]
+        return _recorded(truth, ids, poses, np.repeat(readings, runs, axis=0), images, scales, truncate, noisy)
+
+    left_out = {"robot", "camera", *(("pose_noise",) if pose_noise is None else ())}
+    told = {name: value for name, value in options.items() if name not in left_out}
+    return Study(
+        robot,
+        table(True, runs, approach_c, noise_c),
+        table(False, validation_runs, approach_v, noise_v),
+        truth,
+        {"generator": "cpcal simulate --study", "options": json.dumps(told)},
+    )
+
+
+def true_poses(truth: Truth, readings: Array, stroke: tuple[float, float], runs: int, approach: Stream) -> Pose:
+    """The mobile frame in the base frame for readings (K, 6), `runs` times each: (K runs).
+
+    Each leg comes to its length extending or retracting, at random in every run.
+    """
+    robot = truth.robot
+    ideal = assembled(robot, readings, stroke)
+    ideal = Pose(np.repeat(ideal.position, runs, axis=0), np.repeat(ideal.quaternion, runs, axis=0))
+    came = np.where(approach.random((len(readings) * runs, robot.legs)) < 0.5, -1.0, 1.0)
+    if truth.mechanisms.perfect:
+        return ideal
+    poses = assembled_with(robot, truth.mechanisms, np.repeat(readings, runs, axis=0), ideal, came)
+    check_branch(robot, poses, central_pose(robot, np.full(robot.legs, 0.5 * (stroke[0] + stroke[1]))))
+    return poses
+
+
+def _recorded(
+    truth: Truth,
+    ids: list[tuple[str, str]],
+    poses: Pose,
+    readings: Array,
+    images: int,
+    noise: tuple[float, float],
+    truncate: float | None,
+    stream: Stream,
+) -> PoseTable:
+    """What camera and sensors say of the poses (M), one after the other: M rows, or M images rows."""
+    rows = max(images, 1)
+    share = noise[1] if images else noise[1] / math.sqrt(MEAN_OF)
+    length = readings + noise[0] * standard_noise(stream, readings.shape, truncate) * np.array(LENGTH_SIGMA)
+    seen = compose(compose(truth.camera, poses), truth.target)
+    draw = share * standard_noise(stream, (len(ids) * rows, 6), truncate)
+    turn = small_rotation(draw[:, 3:] * np.radians(EULER_SIGMA))
+    return PoseTable(
+        tuple(pose for pose, _ in ids for _ in range(rows)),
+        tuple(run for _, run in ids for _ in range(rows)),
+        np.repeat(seen.position, rows, axis=0) + draw[:, :3] * np.array(POSITION_SIGMA),
+        normalised(quaternion_product(turn, np.repeat(seen.quaternion, rows, axis=0))),
+        np.repeat(length, rows, axis=0),
+        tuple(str(image) for _ in ids for image in range(1, rows + 1)) if images else None,
+    )
+
+
+def _camera(stream: Stream) -> Pose:
+    """The base frame seen by a camera about a metre above the base that looks down, aimed by eye."""
+    place = np.array([*stream.normal(0.0, 50.0, 2), stream.uniform(900.0, 1100.0)])
+    down = np.array([0.0, 1.0, 0.0, 0.0])
+    quaternion = quaternion_product(_loosely_upright(stream, math.radians(5.0)), down)
+    return Pose(-rotation_matrix(quaternion) @ place, normalised(quaternion))
+
+
+def _target(stream: Stream) -> Pose:
+    """The target frame on the mobile platform, put there by eye."""
+    position = np.array([*stream.normal(0.0, 20.0, 2), stream.uniform(5.0, 20.0)])
+    return Pose(position, normalised(_loosely_upright(stream, math.radians(2.0))))
+
+
+def _loosely_upright(stream: Stream, tilt: float) -> Array:
+    """A quaternion: any turn about z, then a tilt with a standard deviation of `tilt` rad about x and about y."""
+    turn = quaternion_from_rotation_vector([0.0, 0.0, stream.uniform(-np.pi, np.pi)])
+    return quaternion_product(quaternion_from_rotation_vector([*stream.normal(0.0, tilt, 2), 0.0]), turn)
+
+
+def _check_options(options: dict[str, Any]) -> None:
+    checks = OptionChecks(options)
+    checks.six_legs("robot")
+    checks.whole("seed", 0)
+    checks.whole("images", 0, MEASUREMENTS_MAX)
+    for name in ("runs", "validation_runs", "random_poses"):
+        checks.whole(name, 1, MEASUREMENTS_MAX)
+    if not checks.problems:
+        each = 64 * options["runs"] + options["random_poses"] * options["validation_runs"]
+        total = each * max(options["images"], 1)
+        checks.demand("runs", total <= MEASUREMENTS_MAX, f"keep the rows within {MEASUREMENTS_MAX:,}")
+    checks.sizes("noise", "deviation", *_MECHANISMS)
+    if not checks.problems:
+        checks.demand("gain", options["gain"] < 1.0, "give a relative error, such as 0.001")
+    checks.sizes(*(("pose_noise",) if options["pose_noise"] is not None else ()))
+    checks.truncate("truncate")
+    checks.stroke("stroke")
+    checks.finish()

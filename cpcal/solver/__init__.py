@@ -1,0 +1,1 @@
+"""The constraint solver. It knows nothing of robots."""

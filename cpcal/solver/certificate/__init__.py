@@ -1,0 +1,1 @@
+"""Records what a search proved and writes it as a certificate."""

@@ -1,0 +1,145 @@
+"""Records a minimisation as a certificate: the steps as they are found, then what they prove together."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.solver.certificate.statement import Statement, limits, number
+from cpcal.solver.certificate.writer import Certifying, line
+from cpcal.solver.contract import Contractor
+from cpcal.solver.interval import Box
+from cpcal.solver.optimize import Minimum
+from cpcal.solver.search import Event, EventKind
+
+Claims = dict[str, Any]  # line of a certificate
+
+
+def certifying(parts: Sequence[Contractor]) -> list[Contractor]:
+    """Those contractors that give weights with their steps, so that the steps can be proved again."""
+    return [part for part in parts if getattr(part, "certifies", False)]
+
+
+class Recording:
+    """Steps of one search, kept in a temporary file until `write`; use it in a `with` block."""
+
+    def __init__(self, statement: Statement, domain: Box) -> None:
+        self._statement, self._domain = statement, domain
+        self._steps = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - closed by __exit__
+        self._records: list[dict[str, Any]] = []
+        self._names, self._fresh = {0: 0}, 1
+        self._objective = statement.problem.objective
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._steps.close()
+
+    def contractor(self, parts: Sequence[Contractor]) -> Contractor:
+        """All of `parts`, one after the other, as far as the checker's rule proves what they do."""
+        return Certifying(parts, self._statement, self._records.append)
+
+    def event(self, event: Event) -> None:
+        """Take down what became of a node."""
+        name = self._names.pop(event.node.serial)
+        if event.kind is EventKind.PRUNED and not self._records:  # cut away by the incumbent
+            self._records.append({"pass": name, "cap": self._cap(event.node.box), "bounds": []})
+        for record in self._records:
+            self._put(event.node.box, record | {"exclude" if "weights" in record else "pass": name})
+        self._records.clear()
+        if event.kind is EventKind.CONTRACTED:
+            self._names[event.children[0].serial] = name
+        elif event.kind is EventKind.SPLIT:
+            first, second = event.children
+            i = int(np.flatnonzero(first.box.hi != second.box.hi)[0])
+            into = [self._fresh, self._fresh + 1]
+            split = {"split": name, "unknown": i, "at": number(first.box.hi[i]), "into": into}
+            self._put(event.contraction.box, split)
+            self._names[first.serial], self._names[second.serial] = into
+            self._fresh += 2
+
+    def _put(self, box: Box, step: dict[str, Any]) -> None:
+        """Keep a step with the least objective of its box, for one that turns out worse than the claim is left out."""
+        lowest = None if self._objective is None else float(box.lo[self._objective])
+        self._steps.write(line([lowest, step]))
+
+    def _useful_steps(self, cap: float | None) -> Iterator[dict[str, Any]]:
+        """The steps on boxes that reach down to `cap`, their boxes named in order."""
+        names, fresh = {0: 0}, 1
+        self._steps.seek(0)
+        for text in self._steps:
+            lowest, step = json.loads(text)
+            kind = next(word for word in ("pass", "exclude", "split") if word in step)
+            old = step[kind]
+            if old not in names or (cap is not None and lowest > cap):
+                continue
+            step[kind] = names[old] if kind == "pass" else names.pop(old)
+            if kind == "split":
+                names |= dict(zip(step["into"], (fresh, fresh + 1), strict=True))
+                step["into"], fresh = [fresh, fresh + 1], fresh + 2
+            yield step
+
+    def _cap(self, box: Box) -> str | None:
+        """Just below the objective of a box that is worse than what is known."""
+        o = self._objective
+        return None if o is None else number(np.nextafter(box.lo[o], -np.inf))
+
+    def write(self, path: str | os.PathLike[str], claims: Claims) -> Path:
+        """The certificate, all or nothing."""
+        target = Path(path)
+        partial = target.with_name(f".{target.name}.partial")
+        try:
+            with partial.open("w", encoding="utf-8") as out:
+                out.writelines(line(first) for first in self._statement.header(self._domain))
+                out.write(line(claims))
+                cap = None if claims["cap"] is None else float.fromhex(claims["cap"])
+                out.writelines(line(step) for step in self._useful_steps(cap))
+            partial.replace(target)
+        finally:
+            partial.unlink(missing_ok=True)
+        return target
+
+
+def claims_of(found: Minimum, domain: Box, objective: str, *, lower_only: bool = False) -> Claims:
+    """What a minimisation over `domain` has proved, or its lower bound alone."""
+    lowest, cap = domain[objective].lo, min(found.hi, domain[objective].hi)
+    bracket: dict[str, Any] | None = {"lo": number(min(found.lo, cap)), "hi": None}
+    hull = point = None
+    if lowest == domain[objective].hi:  # one value of the objective was asked about
+        bracket = None
+    if not lower_only and not found.enclosure.is_empty:
+        hull = limits(found.enclosure)
+    if not lower_only and found.witness is not None:
+        point = _valid(found.witness.point)
+        if bracket is not None:
+            bracket["hi"] = number(found.hi)
+    refuted = found.witness is None and found.lo == np.inf
+    return {"cap": number(cap), "infeasible": refuted, "epsilon": bracket, "enclosure": hull, "point": point}
+
+
+def claims_at(cap: float, *, refuted: bool, point: npt.NDArray[np.float64] | None) -> Claims:
+    """That no solution has an objective up to `cap`, if that is `refuted`, and that `point` is one, if it is given."""
+    bracket = {"lo": number(cap), "hi": None} if refuted else None
+    valid = None if point is None else _valid(point)
+    return {"cap": number(cap), "infeasible": refuted, "epsilon": bracket, "enclosure": None, "point": valid}
+
+
+def claims_verified(point: npt.NDArray[np.float64], cap: float, holds: list[int], fails: list[int]) -> Claims:
+    """That a point satisfies some measurements and fails others."""
+    verified = {"at": [number(v) for v in point], "holds": holds, "fails": fails}
+    return {"cap": number(cap), "infeasible": False, "epsilon": None, "enclosure": None, "point": verified}
+
+
+def _valid(point: npt.NDArray[np.float64]) -> dict[str, Any]:
+    return {"at": [number(v) for v in point], "holds": "all", "fails": []}

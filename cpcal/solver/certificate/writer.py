@@ -1,0 +1,151 @@
+"""A contractor whose every step is proved by the checker's own rule before it counts.
+
+Another contractor proposes bounds with weights; they are shortened, and `Rule` says in exact arithmetic what they
+prove. The search goes on from the boxes that were proved, so what is written is what the checker will see.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from fractions import Fraction as F
+from typing import Any
+
+import numpy as np
+
+from cpcal.checker.polynomial import ExactBox
+from cpcal.checker.rule import Rule, Weights
+from cpcal.solver.certificate.statement import Statement, number
+from cpcal.solver.contract import Contraction, Contractor, Step, StepWeights
+from cpcal.solver.interval import Box
+
+Record = Callable[[dict[str, Any]], None]
+
+_BITS = (10, 14, 18, 24, 32, 53)  # of the largest weight: the first that prove nearly as much as was proposed
+_LOSS = 0.02  # of the width that was proposed, given away for shorter numbers
+
+
+class Certifying:
+    """Does what `parts` propose, one after the other, as far as the rule proves it; tells `record` of each step.
+
+    Steps without weights count for nothing.
+    """
+
+    idempotent = False
+
+    def __init__(self, parts: Sequence[Contractor], statement: Statement, record: Record) -> None:
+        self._parts, self._statement, self._record = parts, statement, record
+
+    def contract(self, box: Box) -> Contraction:
+        steps: tuple[Step, ...] = ()
+        point, programs = None, 0
+        for part in self._parts:
+            done = self._proved(part.contract(box), box)
+            box, steps, programs = done.box, steps + done.steps, programs + done.programs
+            point = point if done.point is None else done.point
+            if box.is_empty:
+                break
+        return Contraction(box, steps, point, programs)
+
+    def _proved(self, proposed: Contraction, box: Box) -> Contraction:
+        rule = Rule(self._statement.problem, ExactBox(_fractions(box.lo), _fractions(box.hi)))
+        o = self._statement.problem.objective
+        cap = None if o is None else number(float(box.hi[o]))
+        lo, hi, bounds = box.lo.copy(), box.hi.copy(), []
+        steps: list[Step] = []
+        for step in proposed.steps:
+            if step.weights is None:
+                continue
+            if step.variable is None:
+                excluding = self._excluding(rule, step.weights)
+                if excluding is not None:
+                    self._record({"exclude": 0, "cap": cap, "weights": encoded(excluding)})
+                    return Contraction(Box.empty(box.names), (*steps, step), None, proposed.programs)
+                continue
+            i = box.index(step.variable)
+            weights, bound = self._bound(rule, i, step, _LOSS * _width(proposed.box, i))
+            if (step.side == "lo" and bound > lo[i]) or (step.side == "hi" and bound < hi[i]):
+                (lo if step.side == "lo" else hi)[i] = bound
+                bounds.append([i, step.side, number(bound), encoded(weights)])
+                steps.append(step)
+        if bounds:
+            self._record({"pass": 0, "cap": cap, "bounds": bounds})
+        return Contraction(box.with_bounds(lo, hi), tuple(steps), proposed.point, proposed.programs)
+
+    def _excluding(self, rule: Rule, proposed: StepWeights) -> Weights | None:
+        for bits in _BITS:
+            weights = self._exact(proposed, bits)
+            if rule.excludes(weights):
+                return weights
+        return None
+
+    def _bound(self, rule: Rule, i: int, step: Step, loss: float) -> tuple[Weights, float]:
+        """The shortest weights, and the bound on unknown i that they prove, that lose little of what was proposed."""
+        assert step.weights is not None
+        for bits in _BITS:
+            weights = self._exact(step.weights, bits)
+            proved = rule.bound(i, step.side, weights)
+            if abs(proved - F(step.bound)) <= F(loss):
+                break
+        return weights, brief(proved, step.side == "lo", loss)
+
+    def _exact(self, weights: StepWeights, bits: int) -> Weights:
+        """The checker's form of proposed weights: whole numbers of so many bits at most, those that vanish left out."""
+        placed = [(self._statement.place(c, part, k), w) for c, part, k, w in weights.rows]
+        kinds = [w for _, w in placed], [e[-1] for e in weights.products], [e[-1] for e in weights.tangents]
+        (rows, r), (products, p), (tangents, t) = (whole(values, bits) for values in kinds)
+        return Weights(
+            tuple((*place, w) for (place, _), w in zip(placed, rows, strict=True) if w and place is not None),
+            tuple(
+                (i, j, int(a), int(b), w) for (i, j, a, b, _), w in zip(weights.products, products, strict=True) if w
+            ),
+            tuple((i, F(touch), w) for (i, touch, _), w in zip(weights.tangents, tangents, strict=True) if w),
+            (r, p, t),
+        )
+
+
+def whole(values: Sequence[float], bits: int) -> tuple[list[int], int]:
+    """Whole numbers that are nearly proportional to nonnegative ones, and the power of two between them."""
+    exponent = math.frexp(max(values, default=0.0))[1] - bits
+    return [round(math.ldexp(value, -exponent)) for value in values], exponent
+
+
+def rounded(value: F, down: bool) -> float:
+    """The nearest float64 that is not above (below) a fraction."""
+    nearest = float(value)
+    if down and F(nearest) > value:
+        return math.nextafter(nearest, -math.inf)
+    if not down and F(nearest) < value:
+        return math.nextafter(nearest, math.inf)
+    return nearest
+
+
+def brief(value: F, down: bool, loss: float) -> float:
+    """A float64 with few digits that is at most about `loss` below (above) a fraction."""
+    if loss > 0.0:
+        unit = F(2) ** (math.frexp(loss)[1] - 1)
+        value = ((value / unit).__floor__() if down else (value / unit).__ceil__()) * unit
+    return rounded(value, down)
+
+
+def encoded(weights: Weights) -> dict[str, Any]:
+    """The JSON of weights."""
+    return {
+        "rows": weights.rows,
+        "products": weights.products,
+        "tangents": [[i, number(t), w] for i, t, w in weights.tangents],
+        "exponents": weights.exponents,
+    }
+
+
+def _width(box: Box, i: int) -> float:
+    return 0.0 if box.is_empty else float(box.hi[i] - box.lo[i])
+
+
+def _fractions(values: np.ndarray[Any, Any]) -> tuple[F, ...]:
+    return tuple(F(float(v)) for v in values)
+
+
+def line(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"), allow_nan=False) + "\n"

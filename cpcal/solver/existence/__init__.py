@@ -1,0 +1,25 @@
+"""What is proved to exist: whole boxes of solutions, and boxes that hold exactly one."""
+
+from cpcal.solver.existence.equalities import Equalities, Linearization
+from cpcal.solver.existence.inside import Inside
+from cpcal.solver.existence.operators import Operator, chosen, hansen_sengupta, krawczyk, unknowns
+from cpcal.solver.existence.readings import ReadingConstraint, highest, reads, upper_ends
+from cpcal.solver.existence.unique import Unique, UniquenessProver, prove_unique
+
+__all__ = [
+    "Equalities",
+    "Inside",
+    "Linearization",
+    "Operator",
+    "ReadingConstraint",
+    "Unique",
+    "UniquenessProver",
+    "chosen",
+    "hansen_sengupta",
+    "highest",
+    "krawczyk",
+    "prove_unique",
+    "reads",
+    "unknowns",
+    "upper_ends",
+]

@@ -1,0 +1,82 @@
+"""Constraints with readings, on a box or at a point: proofs that they hold for all readings, or for some."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.solver.interval import Arithmetic, IntervalArray
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
+from cpcal.solver.network.dag import leaves
+from cpcal.solver.network.rows import Extremes
+
+Floats = npt.NDArray[np.float64]
+
+
+class ReadingConstraint:
+    """One constraint `lower <= body <= upper` with readings.
+
+    With one choice of readings body <= upper and with another body >= lower: then some readings between them satisfy
+    both, for the sets are convex and the body is continuous (intermediate value theorem), provided that no component
+    of a reading enters two elements of the body, nor the bounds.
+    """
+
+    def __init__(self, network: ConstraintNetwork, constraint: Constraint) -> None:
+        self._over = constraint.body - constraint.upper
+        self._under = constraint.lower - constraint.body
+        self._order = constraint.lower - constraint.upper
+        self._tape = Tape(network, [self._over, self._under, self._order, constraint.body])
+        self._extremes = Extremes(network, constraint.body)
+        bounds_read = any(_reads_expr(e) for e in (constraint.lower, constraint.upper))
+        self._usable = self._extremes.owners.exclusive and not bounds_read
+
+    def holds_for_all(self, engine: Arithmetic, box: IntervalArray) -> bool:
+        slots = self._tape.forward(engine, box)
+        worst = max(highest(slots[self._tape.slot(e)]) for e in (self._over, self._under))
+        return worst <= 0.0 and self._tape.defined(slots)
+
+    def excesses(self, engine: Arithmetic, box: IntervalArray, point: Floats) -> Floats:
+        """Element by element a bound of how far some reading is from satisfying it; <= 0: some reading does."""
+        slots = self._tape.forward(engine, box)
+        size = int(np.prod(self._over.shape))
+        if not self._usable or not self._tape.defined(slots):
+            return np.full(size, np.inf)
+        smallest, largest = self._extremes.at(point)
+        over = self._tape.forward(engine, box, self._moved(smallest))[self._tape.slot(self._over)]
+        under = self._tape.forward(engine, box, self._moved(largest))[self._tape.slot(self._under)]
+        order = slots[self._tape.slot(self._order)]
+        return np.asarray(np.max([upper_ends(x, size) for x in (over, under, order)], axis=0))
+
+    def _moved(self, readings: dict[int, IntervalArray]) -> dict[int, IntervalArray]:
+        """The same readings (not constants: those keep their enclosures) by the slots of this tape."""
+        tape = self._extremes.tape
+        return {self._tape.slot(tape.nodes[k]): _inside(readings[k], tape.nodes[k]) for k in tape.readings}
+
+
+def _inside(values: IntervalArray, reading: Expr) -> IntervalArray:
+    """Values moved surely into a reading's set: its bounds are stored rounded outward by up to two floats."""
+    data = reading.data
+    assert isinstance(data, IntervalArray)
+    lo = np.minimum(np.nextafter(np.nextafter(data.lo, np.inf), np.inf), data.mid)
+    hi = np.maximum(np.nextafter(np.nextafter(data.hi, -np.inf), -np.inf), data.mid)
+    return IntervalArray.point(np.where(data.lo == data.hi, data.lo, np.clip(values.lo, lo, hi)))
+
+
+def upper_ends(x: IntervalArray, size: int) -> Floats:
+    """The upper bounds of so many elements, infinite where one is undefined."""
+    return np.broadcast_to(np.where(x.empty, np.inf, x.hi).ravel(), (size,))
+
+
+def highest(x: IntervalArray) -> float:
+    """The largest upper bound; infinite where something is undefined."""
+    if bool(np.any(x.empty)):
+        return np.inf
+    return float(np.max(x.hi, initial=-np.inf))
+
+
+def reads(constraint: Constraint) -> bool:
+    return any(_reads_expr(e) for e in (constraint.body, constraint.lower, constraint.upper))
+
+
+def _reads_expr(expr: object) -> bool:
+    return any(leaf.op == "reading" for leaf in leaves((expr,)))  # type: ignore[arg-type]

@@ -1,0 +1,170 @@
+"""Existence and uniqueness by strict inclusion: a box that holds exactly one solution of a network."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import ModelError
+from cpcal.solver.existence.equalities import Equalities
+from cpcal.solver.existence.inside import Inside
+from cpcal.solver.existence.operators import Operator, hansen_sengupta, inside, krawczyk
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray
+from cpcal.solver.network import ConstraintNetwork
+
+Floats = npt.NDArray[np.float64]
+
+_POLISH = 12  # Newton steps in floating point before anything is proved
+_AROUND = 4  # inflations of a box
+_FROM_POINT = 10  # and of a point
+_REFINEMENTS = 20
+_INFLATE = 0.1  # of the width, on both sides
+_FLOATS = 32  # units in the last place that are added as well
+_LEAST = 1e-16  # of the domain, so that a zero at 0 gets some room
+
+
+@dataclass(frozen=True)
+class Unique:
+    """`box` holds exactly one solution, and `region` (around it) no other."""
+
+    box: Box
+    region: Box
+
+
+class UniquenessProver:
+    """Proves single solutions of one network, where it has as many equations as unknowns.
+
+    The equations must be free of readings (else solutions are no single points). The other constraints, and the
+    domain, must hold on the whole box that is found. A component whose domain is one number is no unknown.
+    """
+
+    def __init__(self, network: ConstraintNetwork, engine: Arithmetic, operator: Operator = hansen_sengupta) -> None:
+        self._engine, self._operator = engine, operator
+        self._domain = network.domain
+        self._equalities = Equalities(network)
+        self._rest = Inside(self._equalities.rest, engine)
+        self._columns = np.flatnonzero(self._domain.hi > self._domain.lo)
+        self._free = np.zeros(len(self._domain))
+        self._free[self._columns] = 1.0
+        width = self._domain.width
+        self._least = np.where(np.isfinite(width), _LEAST * width, 0.0)
+
+    @property
+    def applies(self) -> bool:
+        """Whether the network is of the kind for which something can be proved."""
+        return 0 < self._equalities.count == len(self._columns) and not self._equalities.reads
+
+    def prove(self, box: Box) -> Unique | None:
+        """The only solution in or next to a bounded box, or None where nothing was proved.
+
+        First a region that covers the box is tried, so that the box is known to hold no second solution; then one
+        that grows from the approximate zero until it holds (epsilon-inflation).
+        """
+        if not self.applies or box.is_empty or not box.is_bounded:
+            return None
+        box = box.intersect(self._domain)
+        center = None if box.is_empty else self._polished(box)
+        if center is None:
+            return None
+        around = IntervalArray(np.minimum(box.lo, center), np.maximum(box.hi, center))
+        return self._grown(around, center, _AROUND) or self._grown(IntervalArray.point(center), center, _FROM_POINT)
+
+    def narrowed(self, box: Box) -> Box:
+        """The part of a bounded box that the operator leaves: it holds all its solutions, and may be empty."""
+        if not self.applies or box.is_empty or not box.is_bounded:
+            return box
+        left = self._narrowed(box.array)
+        return box.intersect(box.with_bounds(left.lo, left.hi))
+
+    def _narrowed(self, x: IntervalArray) -> IntervalArray:
+        """N(X) again and again, as long as it halves some width; NaN where X holds no zero."""
+        for _ in range(_REFINEMENTS):
+            image = self._image(self._operator, x, x.mid)
+            if image is None:
+                break
+            image = image.intersect(x)
+            halved = bool(((image.hi - image.lo) < 0.5 * (x.hi - x.lo)).any())
+            x = image
+            if not halved or bool(x.empty.any()):
+                break
+        return x
+
+    def _polished(self, box: Box) -> Floats | None:
+        """An approximate zero near the box, by Newton's method in floating point."""
+        point, columns = box.mid, self._columns
+        wide = bool((box.rad[columns] > 0.0).any())  # from a point the zero may be anywhere
+        reach = 4.0 * box.rad + 1e-6 * np.abs(point) if wide else np.full(len(point), np.inf)
+        for _ in range(_POLISH):
+            value, jacobian = self._equalities.estimate(point)
+            try:
+                step = np.linalg.solve(jacobian[:, columns], value)
+            except np.linalg.LinAlgError:
+                return None
+            new = point.copy()
+            new[columns] -= step
+            if not np.isfinite(new).all() or (np.abs(new - box.mid) > reach).any():
+                return box.mid if wide else None
+            done = bool((np.abs(new - point) <= np.spacing(np.abs(point))).all())
+            point = new
+            if done:
+                break
+        return point
+
+    def _grown(self, start: IntervalArray, center: Floats, tries: int) -> Unique | None:
+        """Epsilon-inflation: a region that grows by its own image until N(region) lies in its interior."""
+        region = self._inflated(start)
+        for _ in range(tries):
+            image = self._image(self._operator, region, center)
+            if image is None or bool(image.empty.any()):
+                return None
+            if inside(image, region, self._columns):
+                return self._checked(image, region)
+            larger = self._image(krawczyk, region, center)
+            if larger is None:
+                return None
+            # only where it has to be: what one component gains makes the image of the others larger
+            tight = (larger.lo <= region.lo) | (larger.hi >= region.hi)
+            grown = self._inflated(region.hull(larger))
+            region = IntervalArray(np.where(tight, grown.lo, region.lo), np.where(tight, grown.hi, region.hi))
+        return None
+
+    def _checked(self, image: IntervalArray, region: IntervalArray) -> Unique | None:
+        """The zero in `image` narrowed down, if the other constraints hold where it is."""
+        narrow = self._narrowed(image)
+        tight = self._domain.with_bounds(narrow.lo, narrow.hi)
+        if tight.is_empty or not tight.subset(self._domain) or not self._rest(tight):
+            return None
+        return Unique(tight, self._domain.with_bounds(region.lo, region.hi))
+
+    def _image(self, operator: Operator, region: IntervalArray, center: Floats) -> IntervalArray | None:
+        """N(region); None where it is not defined or not bounded."""
+        box = self._domain.with_bounds(region.lo, region.hi)
+        linear = self._equalities.linearize(self._engine, box, center) if box.is_bounded else None
+        if linear is None:
+            return None
+        with np.errstate(all="ignore"):
+            return operator(self._engine, linear, self._columns, box.array)
+
+    def _inflated(self, x: IntervalArray) -> IntervalArray:
+        """A little larger in every unknown."""
+        with np.errstate(over="ignore"):
+            more = _INFLATE * (x.hi - x.lo) + _FLOATS * np.spacing(x.mag) + self._least
+            return IntervalArray(x.lo - more * self._free, x.hi + more * self._free)
+
+
+def prove_unique(network: ConstraintNetwork, where: Box | Sequence[float] | Floats, engine: Arithmetic) -> Box | None:
+    """A box proved to hold exactly one solution of the network, or None: in or next to a box, or the zero that
+    Newton's method reaches from a point. It serves networks with as many equations as unknowns.
+
+    Raises ModelError for a point of another dimension.
+    """
+    if not isinstance(where, Box):
+        point = np.asarray(where, dtype=np.float64)
+        if point.shape != (len(network.names),):
+            raise ModelError(f"a point of this network has {len(network.names)} components, not shape {point.shape}")
+        where = Box(network.names, point, point)
+    found = UniquenessProver(network, engine).prove(where)
+    return None if found is None else found.box

@@ -1,0 +1,272 @@
+"""A named box: what is known of the variables of a network. Immutable, so that searches may share it."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NoReturn
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import ModelError
+from cpcal.solver.interval.array import Floats, IntervalArray
+from cpcal.solver.interval.float64 import Float64
+from cpcal.solver.interval.number import Number, float_bounds, round_down, round_up
+from cpcal.solver.interval.scalar import Interval, format_bound
+
+_ENGINE = Float64()
+_ONE_LINE = 3  # up to this many variables a box is printed on one line
+
+
+class Box:
+    """A product of closed intervals with a name each. Bounds are float64, rounded outward where they come in.
+
+    A box with one empty component has no point: it is *the* empty box of its names, all bounds NaN. Equality
+    and hash go by names and bounds. `lo` and `hi` are read-only arrays.
+    """
+
+    __slots__ = ("hi", "lo", "names")
+
+    names: tuple[str, ...]
+    lo: Floats
+    hi: Floats
+
+    def __init__(self, names: Sequence[str], lo: npt.ArrayLike, hi: npt.ArrayLike) -> None:
+        """NaN in both bounds is an empty component. ModelError for lo > hi, bad or repeated names, bad shapes."""
+        if isinstance(names, str):
+            raise ModelError(f"{names!r} are not names: give a sequence of strings")
+        names = tuple(map(checked_name, names))
+        repeated = [name for name, count in Counter(names).items() if count > 1]
+        if repeated:
+            raise ModelError(f"variables need different names; repeated: {', '.join(repeated)}")
+        lower, upper = _bounds(lo, 0), _bounds(hi, 1)
+        if lower.shape != (len(names),) or upper.shape != (len(names),):
+            raise ModelError(f"{len(names)} names, but bounds of shapes {lower.shape} and {upper.shape}")
+        wrong = ~_has_points(lower, upper) & ~(np.isnan(lower) & np.isnan(upper))
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            raise ModelError(f"{names[i]}: [{lower[i]}, {upper[i]}] is no interval: give lo <= hi, one finite")
+        self._set(names, lower, upper)
+
+    def _set(self, names: tuple[str, ...], lo: Floats, hi: Floats) -> None:
+        # Adding zero copies, and turns -0.0 into 0.0: equal boxes have equal bits.
+        lo, hi = lo + 0.0, hi + 0.0
+        if not _has_points(lo, hi).all():
+            if (np.isnan(lo) != np.isnan(hi)).any():
+                raise ModelError("one bound is NaN and the other is not: an operation outside its domain?")
+            lo, hi = np.full(len(names), np.nan), np.full(len(names), np.nan)
+        lo.flags.writeable = hi.flags.writeable = False
+        object.__setattr__(self, "names", names)
+        object.__setattr__(self, "lo", lo)
+        object.__setattr__(self, "hi", hi)
+
+    @classmethod
+    def _raw(cls, names: tuple[str, ...], lo: Floats, hi: Floats) -> Box:
+        box = object.__new__(cls)
+        box._set(names, lo, hi)
+        return box
+
+    @classmethod
+    def from_dict(cls, bounds: Mapping[str, Interval | Number | tuple[Number, Number]]) -> Box:
+        """`Box.from_dict({"x": (0, 1), "y": Interval(2, 3), "z": 4})`."""
+        intervals = [_interval(name, value) for name, value in bounds.items()]
+        return cls(tuple(bounds), np.array([i.lo for i in intervals]), np.array([i.hi for i in intervals]))
+
+    @classmethod
+    def empty(cls, names: Sequence[str]) -> Box:
+        """The box without points."""
+        if not names:
+            raise ModelError("a box without variables is never empty: it has one point")
+        nan = np.full(len(names), np.nan)
+        return cls(names, nan, nan)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"a Box is immutable: use replace() or with_bounds(), not {name} = ...")
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(f"a Box is immutable: cannot delete {name!r}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Box._raw, (self.names, self.lo, self.hi)
+
+    @property
+    def array(self) -> IntervalArray:
+        """The bounds as an engine takes them."""
+        return IntervalArray(self.lo, self.hi)
+
+    @property
+    def mid(self) -> Floats:
+        """A point of the box near its middle; NaN if empty."""
+        return self.array.mid
+
+    @property
+    def rad(self) -> Floats:
+        """Upper bounds of the distances from `mid` to the faces; NaN if empty."""
+        return self.array.rad
+
+    @property
+    def width(self) -> Floats:
+        """Upper bounds of `hi - lo`; NaN if empty."""
+        return _ENGINE.sub(self.array, self.array).hi
+
+    @property
+    def is_empty(self) -> bool:
+        return len(self.lo) > 0 and math.isnan(self.lo[0])
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether no bound is infinite; the empty box is bounded."""
+        return not bool(np.isinf(self.lo).any() or np.isinf(self.hi).any())
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __bool__(self) -> NoReturn:
+        raise TypeError("a box has no truth value: test .is_empty, len(box) or `point in box`")
+
+    def index(self, name: str) -> int:
+        """The position of a variable."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise ModelError(f"no variable {name!r}; there are {', '.join(self.names)}") from None
+
+    def __getitem__(self, name: str) -> Interval:
+        i = self.index(name)
+        return Interval.empty() if self.is_empty else Interval(float(self.lo[i]), float(self.hi[i]))
+
+    def replace(self, name_or_index: str | int, lo: Number | None = None, hi: Number | None = None) -> Box:
+        """A box with another lower or upper bound (or both) of one variable; lo > hi gives the empty box."""
+        i = self.index(name_or_index) if isinstance(name_or_index, str) else name_or_index
+        if self.is_empty:
+            return self
+        lower, upper = self.lo.copy(), self.hi.copy()
+        if lo is not None:
+            lower[i] = round_down(lo)
+        if hi is not None:
+            upper[i] = round_up(hi)
+        return Box._raw(self.names, lower, upper)
+
+    def with_bounds(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Box:
+        """A box of the same names with these bounds; lo > hi or NaN anywhere gives the empty box."""
+        lower, upper = _bounds(lo, 0), _bounds(hi, 1)
+        if lower.shape != self.lo.shape or upper.shape != self.lo.shape:
+            raise ModelError(f"{len(self)} variables, but bounds of shapes {lower.shape} and {upper.shape}")
+        return Box._raw(self.names, lower, upper)
+
+    def _same_names(self, other: Box) -> None:
+        if self.names != other.names:
+            raise ModelError(f"boxes of different variables: {list(self.names)} and {list(other.names)}")
+
+    def intersect(self, other: Box) -> Box:
+        """The points in both; `&` for short."""
+        self._same_names(other)
+        return Box._raw(self.names, np.maximum(self.lo, other.lo), np.minimum(self.hi, other.hi))
+
+    def hull(self, other: Box) -> Box:
+        """The smallest box that contains both; `|` for short. The empty box is neutral."""
+        self._same_names(other)
+        return Box._raw(self.names, np.fmin(self.lo, other.lo), np.fmax(self.hi, other.hi))
+
+    def __and__(self, other: Box) -> Box:
+        return self.intersect(other) if isinstance(other, Box) else NotImplemented
+
+    def __or__(self, other: Box) -> Box:
+        return self.hull(other) if isinstance(other, Box) else NotImplemented
+
+    def subset(self, other: Box) -> bool:
+        """Whether every point of this box is one of other; the empty box lies in all."""
+        self._same_names(other)
+        return self.is_empty or bool(((self.lo >= other.lo) & (self.hi <= other.hi)).all())
+
+    def __contains__(self, point: Mapping[str, Number] | Sequence[Number] | Floats) -> bool:
+        """Whether a point lies inside: values by name, or in the order of the names."""
+        if isinstance(point, Mapping):
+            missing = [name for name in self.names if name not in point]
+            if missing:
+                raise ModelError(f"the point gives no value for {', '.join(missing)}")
+            return not self.is_empty and all(point[name] in self[name] for name in self.names)
+        if isinstance(point, str) or len(point) != len(self):
+            raise ModelError(f"{point!r} is no point of {len(self)} variables; for names use `in box.names`")
+        return not self.is_empty and all(x in self[name] for name, x in zip(self.names, point, strict=True))
+
+    def __eq__(self, other: object) -> bool:
+        return self._key() == other._key() if isinstance(other, Box) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple[tuple[str, ...], bytes, bytes]:
+        return (self.names, b"", b"") if self.is_empty else (self.names, self.lo.tobytes(), self.hi.tobytes())
+
+    def __repr__(self) -> str:
+        if self.is_empty:
+            return f"Box.empty({list(self.names)!r})"
+        pairs = zip(self.names, self.lo, self.hi, strict=True)
+        items = [f"{n!r}: ({format_bound(lo)}, {format_bound(hi)})" for n, lo, hi in pairs]
+        joined = ", ".join(items) if len(items) <= _ONE_LINE else "\n    " + ",\n    ".join(items) + ",\n"
+        return f"Box.from_dict({{{joined}}})"
+
+    def __str__(self) -> str:
+        """One line per variable (one line in all for a few)."""
+        if self.is_empty:
+            return f"empty box of {', '.join(self.names)}"
+        if len(self) <= _ONE_LINE:
+            return ", ".join(f"{name} in {self[name]}" for name in self.names)
+        longest = max(map(len, self.names))
+        return "\n".join(f"{name:<{longest}} in {self[name]}" for name in self.names)
+
+    def to_json(self) -> dict[str, Any]:
+        """Bounds as `float.hex` text; `"empty": true` in their place for the empty box."""
+        if self.is_empty:
+            return {"names": list(self.names), "empty": True}
+        lo, hi = ([float(bound).hex() for bound in bounds] for bounds in (self.lo, self.hi))
+        return {"names": list(self.names), "lo": lo, "hi": hi}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Box:
+        """The inverse of `to_json`."""
+        try:
+            if data.get("empty") is True:
+                return cls.empty(data["names"])
+            lo, hi = (np.array([float.fromhex(text) for text in data[key]]) for key in ("lo", "hi"))
+            return cls(data["names"], lo, hi)
+        except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
+            raise ModelError(f"not a box: {error!r}; give names, lo, hi, or names, empty: true") from error
+
+
+def checked_name(name: object) -> str:
+    """The name of a variable, which is printed as it is: visible characters, no space at its ends. ModelError."""
+    if not isinstance(name, str) or not name.isprintable() or name != name.strip() or not name:
+        raise ModelError(f"{name!r} is no name: give a string of printable characters without spaces at its ends")
+    return name
+
+
+def _has_points(lo: Floats, hi: Floats) -> npt.NDArray[np.bool_]:
+    """Which components contain a real number."""
+    return np.asarray((lo <= hi) & (lo < np.inf) & (hi > -np.inf))
+
+
+def _interval(name: str, value: Interval | Number | tuple[Number, Number]) -> Interval:
+    if isinstance(value, Interval):
+        return value
+    try:
+        lo, hi = value if isinstance(value, Sequence) and not isinstance(value, str) else (value, value)
+        return Interval(round_down(lo), round_up(hi))
+    except (ModelError, ValueError) as error:
+        raise ModelError(f"{name}: {error}") from error
+
+
+def _bounds(values: npt.ArrayLike, side: int) -> Floats:
+    """The lower (side 0) or upper (side 1) float64 bounds of numbers, in an array of any owner."""
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values
+    bounds = float_bounds(values)[side]
+    if bounds.ndim != 1:
+        raise ModelError(f"bounds come as a list or 1-D array, not {values!r}")
+    return bounds

@@ -1,0 +1,221 @@
+"""One closed interval of real numbers, for users and for reading single components of boxes."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from numbers import Rational
+from typing import Any, ClassVar, NoReturn
+
+import numpy as np
+
+from cpcal.errors import ModelError
+from cpcal.solver.interval.array import IntervalArray
+from cpcal.solver.interval.float64 import Float64
+from cpcal.solver.interval.number import Number, round_down, round_up
+
+_ENGINE = Float64()
+_NUMBERS = (int, float, Rational, Decimal, np.integer, np.floating)
+
+
+def format_bound(value: float) -> str:
+    """The shortest text that reads back as the same float, without a trailing `.0`."""
+    return repr(float(value)).removesuffix(".0")
+
+
+@dataclass(frozen=True, slots=True, init=False, eq=False, repr=False)
+class Interval:
+    """The closed interval `[lo, hi]`, possibly unbounded or empty; `Interval(v)` is `[v, v]`.
+
+    Arithmetic with intervals and numbers on either side is rounded outward. An interval has no truth value
+    and no order: ask `in`, `subset`, `is_empty`, or compare bounds.
+    """
+
+    lo: float
+    hi: float
+
+    __array_ufunc__: ClassVar[None] = None  # so that numpy scalars on the left leave the operation to us
+
+    def __init__(self, lo: Number, hi: Number | None = None) -> None:
+        lower, upper = round_down(lo), round_up(lo if hi is None else hi)
+        if not lower <= upper:
+            raise ModelError(f"[{lower}, {upper}] is not an interval: give numbers lo <= hi, or Interval.empty()")
+        if lower == math.inf or upper == -math.inf:
+            raise ModelError(f"[{lower}, {upper}] holds no real number: infinity can only be the far end")
+        self._set(lower, upper)
+
+    def _set(self, lo: float, hi: float) -> None:
+        # Adding zero turns -0.0 into 0.0, so that equal intervals have equal bits (Box, hash, JSON).
+        object.__setattr__(self, "lo", lo + 0.0)
+        object.__setattr__(self, "hi", hi + 0.0)
+
+    @classmethod
+    def _raw(cls, lo: float, hi: float) -> Interval:
+        interval = object.__new__(cls)
+        interval._set(lo, hi)
+        return interval
+
+    @classmethod
+    def empty(cls) -> Interval:
+        """The interval without points; its bounds are NaN."""
+        return cls._raw(math.nan, math.nan)
+
+    @classmethod
+    def entire(cls) -> Interval:
+        """All real numbers."""
+        return cls._raw(-math.inf, math.inf)
+
+    @property
+    def is_empty(self) -> bool:
+        return math.isnan(self.lo)
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether it lies between two numbers, as the empty interval does."""
+        return not (math.isinf(self.lo) or math.isinf(self.hi))
+
+    @property
+    def mid(self) -> float:
+        """A float of the interval near its middle; NaN if empty."""
+        return float(self._array().mid)
+
+    @property
+    def rad(self) -> float:
+        """An upper bound of the distance from `mid` to either end; NaN if empty."""
+        return float(self._array().rad)
+
+    @property
+    def width(self) -> float:
+        """An upper bound of `hi - lo`; NaN if empty."""
+        return (self - self).hi
+
+    @property
+    def mag(self) -> float:
+        """The largest absolute value; NaN if empty."""
+        return max(abs(self.lo), abs(self.hi))
+
+    def __contains__(self, value: Number) -> bool:
+        return self.lo <= round_down(value) and round_up(value) <= self.hi
+
+    def subset(self, other: Interval) -> bool:
+        """Whether every point of this interval is one of other; the empty interval lies in all."""
+        return self.is_empty or (other.lo <= self.lo and self.hi <= other.hi)
+
+    def intersect(self, other: Interval) -> Interval:
+        """The points in both; `&` for short."""
+        return _interval(self._array().intersect(other._array()))
+
+    def hull(self, other: Interval) -> Interval:
+        """The smallest interval that contains both; `|` for short. The empty interval is neutral."""
+        return _interval(self._array().hull(other._array()))
+
+    def __and__(self, other: Interval) -> Interval:
+        return self.intersect(other) if isinstance(other, Interval) else NotImplemented
+
+    def __or__(self, other: Interval) -> Interval:
+        return self.hull(other) if isinstance(other, Interval) else NotImplemented
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Interval):
+            return NotImplemented
+        return (self.lo == other.lo and self.hi == other.hi) or (self.is_empty and other.is_empty)
+
+    def __hash__(self) -> int:
+        return hash((Interval, None if self.is_empty else (self.lo, self.hi)))
+
+    def __bool__(self) -> NoReturn:
+        raise TypeError("an interval has no truth value: test .is_empty, .subset(other) or `x in interval`")
+
+    def _array(self) -> IntervalArray:
+        return IntervalArray(np.array(self.lo), np.array(self.hi))
+
+    def _binary(
+        self,
+        other: Interval | Number,
+        operation: Callable[[IntervalArray, IntervalArray], IntervalArray],
+        swapped: bool = False,
+    ) -> Interval:
+        if not isinstance(other, Interval):
+            if not isinstance(other, _NUMBERS):
+                return NotImplemented  # type: ignore[no-any-return]  # as the operators that call this
+            other = Interval(other)
+        left, right = (other, self) if swapped else (self, other)
+        return _interval(operation(left._array(), right._array()))
+
+    def __add__(self, other: Interval | Number) -> Interval:
+        return self._binary(other, _ENGINE.add)
+
+    def __sub__(self, other: Interval | Number) -> Interval:
+        return self._binary(other, _ENGINE.sub)
+
+    def __mul__(self, other: Interval | Number) -> Interval:
+        return self._binary(other, _ENGINE.mul)
+
+    def __truediv__(self, other: Interval | Number) -> Interval:
+        """Hull of the quotients by the divisor's nonzero points."""
+        return self._binary(other, _ENGINE.div)
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+    def __rsub__(self, other: Number) -> Interval:
+        return self._binary(other, _ENGINE.sub, swapped=True)
+
+    def __rtruediv__(self, other: Number) -> Interval:
+        return self._binary(other, _ENGINE.div, swapped=True)
+
+    def __neg__(self) -> Interval:
+        return Interval._raw(-self.hi, -self.lo)
+
+    def __pow__(self, exponent: int) -> Interval:
+        if not isinstance(exponent, int | np.integer):
+            return NotImplemented
+        return _interval(_ENGINE.power(self._array(), int(exponent)))
+
+    def __abs__(self) -> Interval:
+        return _interval(_ENGINE.abs(self._array()))
+
+    def sqrt(self) -> Interval:
+        """Square root of the part that is >= 0."""
+        return _interval(_ENGINE.sqrt(self._array()))
+
+    def __repr__(self) -> str:
+        return "Interval.empty()" if self.is_empty else f"Interval({self.lo!r}, {self.hi!r})"
+
+    def __str__(self) -> str:
+        return "[empty]" if self.is_empty else f"[{format_bound(self.lo)}, {format_bound(self.hi)}]"
+
+    def __format__(self, spec: str) -> str:
+        """`f"{x:.6f}"`: six decimals, the lower bound rounded down and the upper one up; other specs are refused."""
+        if not spec or self.is_empty:
+            return str(self)
+        if not re.fullmatch(r"\.\d+f", spec):
+            raise ValueError(f"an Interval is formatted by '.6f' and the like, not by {spec!r}")
+        unit = Decimal(1).scaleb(-int(spec[1:-1]))
+        bounds = (
+            str(bound) if math.isinf(bound) else f"{Decimal(bound).quantize(unit, rounding, Context(prec=2000)):f}"
+            for bound, rounding in ((self.lo, ROUND_FLOOR), (self.hi, ROUND_CEILING))
+        )
+        return f"[{', '.join(bounds)}]"
+
+    def to_json(self) -> list[str] | str:
+        """Bounds as `float.hex` text, or "empty"."""
+        return "empty" if self.is_empty else [self.lo.hex(), self.hi.hex()]
+
+    @classmethod
+    def from_json(cls, data: Any) -> Interval:
+        """The inverse of `to_json`."""
+        if data == "empty":
+            return cls.empty()
+        try:
+            lo, hi = map(float.fromhex, data)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ModelError(f"{data!r} is no interval: give two hexadecimal floats, or 'empty'") from error
+        return cls(lo, hi)
+
+
+def _interval(array: IntervalArray) -> Interval:
+    return Interval._raw(float(array.lo), float(array.hi))

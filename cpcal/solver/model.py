@@ -1,0 +1,184 @@
+"""The verbs on a network: contract, solve, minimize. `cpcal.Network` is what users write."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from copy import copy
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import ModelError
+from cpcal.solver import plugins
+from cpcal.solver.certificate.exact_network import network_statement
+from cpcal.solver.certificate.recording import Recording, certifying, claims_of
+from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy
+from cpcal.solver.existence import Inside, UniquenessProver
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.interval.number import float_bounds
+from cpcal.solver.network import ConstraintNetwork, Expr
+from cpcal.solver.optimize import Bracket, Minimum, minimize, run
+from cpcal.solver.search import ORDERS, STRATEGIES, Event, Paving, Priority, Search, Solution, conclusion
+
+__all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
+
+DEFAULT_CONTRACTORS = ("hc4", "lifted")
+
+
+class Network(ConstraintNetwork):
+    """A constraint network that can be solved.
+
+    THERE EXISTS one value of every reading in its set: that is what each answer quantifies over.
+    """
+
+    def contract(
+        self,
+        box: Box | None = None,
+        *,
+        contractors: Sequence[str | Contractor] = DEFAULT_CONTRACTORS,
+        arithmetic: str = "float64",
+    ) -> Contraction:
+        """One pass of the named contractors over `box` (default: the domain). Loses no solution.
+
+        Raises ModelError for a box of other variables, PluginError for a contractor that is not there.
+        """
+        network = self._as_asked()
+        box = network.domain if box is None else box
+        if not isinstance(box, Box) or box.names != network.names:
+            raise ModelError(f"{box!r} is no box of this network: it has the components {', '.join(network.names)}")
+        return plugins.build(network, contractors, arithmetic=arithmetic).contract(box)
+
+    def solve(
+        self,
+        *,
+        width: float = 1e-6,
+        contractors: Sequence[str | Contractor] = DEFAULT_CONTRACTORS,
+        arithmetic: str = "float64",
+        limits: Limits | None = None,
+        progress: Callable[[Event], None] | None = None,
+        strategy: str | Strategy = "largest",
+        order: str = "depth",
+        inner: bool = False,
+    ) -> Paving:
+        """Boxes, of components no wider than `width`, that hold all solutions. Ctrl-C ends it early, cleanly.
+
+        Where there are as many equations as unknowns, boxes are proved to hold exactly one solution if they do.
+        `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative", "smear-max" or
+        "lp" (or an object); `order` which box is next: "depth", "breadth" or "best". `inner=True` looks for boxes that
+        hold nothing but solutions, which are not divided, and lists what was proved to hold none: see `Paving`.
+        Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
+        """
+        network, clock = self._as_asked(), _limits(limits).clock()
+        engine = get_arithmetic(arithmetic)
+        search = Search(
+            [network.domain],
+            plugins.build(network, contractors, arithmetic=arithmetic),
+            _strategy(network, strategy, _width(width), arithmetic),
+            _order(network, order),
+            inside=Inside(network, engine) if inner else None,
+            outside=inner,
+        )
+        nodes = 0
+        try:
+            for event in search:
+                nodes += 1
+                if progress is not None:
+                    progress(event)
+                if clock.over(nodes):
+                    break
+        except KeyboardInterrupt:
+            pass
+        return conclusion(search, UniquenessProver(network, engine), clock, nodes)
+
+    def minimize(
+        self,
+        objective: Expr,
+        *,
+        contractors: Sequence[str] = ("lifted",),
+        arithmetic: str = "float64",
+        limits: Limits | None = None,
+        start: npt.ArrayLike | None = None,
+        progress: Callable[[Bracket], None] | None = None,
+        certificate: str | os.PathLike[str] | None = None,
+    ) -> Minimum:
+        """The smallest value of `objective`, a scalar variable of this network, bracketed by proofs.
+
+        For another expression, add a variable t with `net.add(expr <= t)` and minimise t. `start` holds one value
+        per component in the order of `names`. Raises ModelError for anything but a variable with a finite domain.
+
+        `certificate` names a file for the proof, which states the constraints exactly; then only contractors that give
+        weights take part (lifted), and constraints with readings or without polynomial form raise ModelError.
+        """
+        network, asked = self._as_asked(), _limits(limits)
+        name = network.component(objective)
+        network._check_bounded(name, contractors)
+        engine = get_arithmetic(arithmetic)
+        parts = plugins.build_each(network, contractors, objective=name, arithmetic=arithmetic)
+        first = None if start is None else _start(network, start)
+
+        def bracketed(contractor: Contractor, observe: Callable[[Event], None] | None) -> Minimum:
+            states = minimize(network, name, contractor, engine=engine, limits=asked, start=first, observe=observe)
+            return run(states, progress)
+
+        if certificate is None:
+            return bracketed(plugins.composed(parts, contractors), None)
+        useful = certifying(parts)
+        if not useful:
+            raise ModelError(f"{', '.join(contractors)} give no weights: no certificate can be written; use lifted")
+        with Recording(network_statement(network, name), network.domain) as recording:
+            found = bracketed(recording.contractor(useful), recording.event)
+            recording.write(certificate, claims_of(found, network.domain, name))
+        return found
+
+    def _as_asked(self) -> Network:
+        """A copy, since a callback may add to this network meanwhile. Raises ModelError where there is no variable."""
+        if not self.names:
+            raise ModelError(
+                f"{self.name!r} has no variables: declare one with variable(name) before you ask for values"
+            )
+        return copy(self)
+
+    def _check_bounded(self, objective: str, contractors: Sequence[str | Contractor]) -> None:
+        others = [self.domain[component] for component in self.names if component != objective]
+        if not all(bounds.is_bounded for bounds in others) and "hc4" not in contractors:
+            raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
+
+
+def _width(width: float) -> float:
+    """A width that some box can have. Raises ModelError."""
+    if isinstance(width, bool) or not isinstance(width, (int, float, np.integer, np.floating)) or not width > 0:
+        raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
+    return float(width)
+
+
+def _limits(limits: Limits | None) -> Limits:
+    if limits is not None and not isinstance(limits, Limits):
+        raise ModelError(f"limits={limits!r} sets no limit: write cpcal.Limits(seconds=...) or cpcal.Limits(nodes=...)")
+    return limits or Limits()
+
+
+def _start(network: ConstraintNetwork, start: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """A point to start from, one finite number per component. Raises ModelError."""
+    point = float_bounds(start)[0]
+    if point.shape != (len(network.names),) or not np.isfinite(point).all():
+        raise ModelError(
+            f"start={start!r} is no point: give {len(network.names)} finite numbers, in the order of `names`"
+        )
+    return point
+
+
+def _strategy(network: ConstraintNetwork, strategy: str | Strategy, width: float, arithmetic: str) -> Strategy:
+    if not isinstance(strategy, str):
+        if not hasattr(strategy, "split"):
+            raise ModelError(f"strategy={strategy!r} divides no box: give a name or an object with split(box)")
+        return strategy
+    if strategy in STRATEGIES:
+        return STRATEGIES[strategy](network, width)
+    return plugins.load_strategy(strategy, STRATEGIES)(network, width, arithmetic=arithmetic)
+
+
+def _order(network: ConstraintNetwork, order: str) -> Priority:
+    if order not in ORDERS:
+        raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
+    return ORDERS[order](network)

@@ -1,0 +1,24 @@
+"""What must hold: expressions, constraints, networks, and their rewriting to polynomial form."""
+
+from cpcal.solver.network.expression import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
+from cpcal.solver.network.forms import CentredForm, evaluate
+from cpcal.solver.network.network import ConstraintNetwork
+from cpcal.solver.network.rewrite import PolynomialSystem, one_sided_rows, polynomial_form
+from cpcal.solver.network.sweep import Tape
+
+__all__ = [
+    "CentredForm",
+    "Constraint",
+    "ConstraintNetwork",
+    "Expr",
+    "PolynomialSystem",
+    "Tape",
+    "evaluate",
+    "maximum",
+    "minimum",
+    "norm",
+    "one_sided_rows",
+    "polynomial_form",
+    "sqr",
+    "sqrt",
+]

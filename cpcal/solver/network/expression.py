@@ -1,0 +1,288 @@
+"""Array-valued expressions over named variables, constants and readings: the nodes of the DAG.
+
+Expressions are plain immutable data. What an operation means stands in `cpcal.solver.network.operations`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass, field
+from typing import Any, NoReturn, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.errors import ModelError
+from cpcal.solver.interval import Interval, IntervalArray
+from cpcal.solver.network.dag import topological
+from cpcal.solver.network.data import checked, enclosed, freeze, is_thick, own, pair
+
+Operand = Union["Expr", float, int, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
+Shape = tuple[int, ...]
+
+_LEVELS = 64  # levels of a deep expression that pickle may follow by recursion
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Expr:
+    """A node: an operation on other nodes, or a leaf ("variable", "constant", "reading").
+
+    `data` holds a leaf's value (for a reading: the set it is known to lie in) or the flat indices of
+    an "index", in read-only arrays of its own; `parameter` the exponent of a "power" or the axis of a "sum";
+    `name` a variable's name and `owner` that of its network, for messages.
+    """
+
+    op: str
+    args: tuple[Expr, ...] = ()
+    shape: Shape = ()
+    parameter: int = 0
+    name: str = ""
+    data: IntervalArray | npt.NDArray[np.intp] | None = None
+    owner: str = ""
+    # SHA-256 of the structure: expressions of equal digests have equal values. Two variables, two readings or two
+    # enclosures may be different numbers of the same set: each has a random identity, which pickles with it and
+    # which no other process gives away again.
+    digest: bytes = field(init=False)
+    depth: int = field(init=False)
+
+    __array_ufunc__ = None  # let `ndarray @ expr` come to __rmatmul__
+    __hash__ = object.__hash__
+
+    def __post_init__(self) -> None:
+        if 0 in self.shape:
+            raise ModelError(f"an array of shape {self.shape} has no elements: nothing could be asked of it")
+        object.__setattr__(self, "data", own(self.data))
+        object.__setattr__(self, "depth", 1 + max((arg.depth for arg in self.args), default=0))
+        hasher = hashlib.sha256(repr((self.op, self.shape, self.parameter, self.name)).encode())
+        if isinstance(self.data, IntervalArray):
+            hasher.update(self.data.lo.tobytes())
+            hasher.update(self.data.hi.tobytes())
+        elif self.data is not None:
+            hasher.update(self.data.tobytes())
+        if self.op in ("variable", "reading") or (self.op == "constant" and is_thick(self.data)):
+            hasher.update(os.urandom(16))
+        for arg in self.args:
+            hasher.update(arg.digest)
+        object.__setattr__(self, "digest", hasher.digest())
+
+    def __copy__(self) -> Expr:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Expr:
+        return self
+
+    def __getstate__(self) -> tuple[list[Expr], dict[str, Any]]:
+        """Some of the expressions below come first, from the leaves up: pickle would follow a long sum too deep."""
+        if self.depth % _LEVELS:
+            return [], self.__dict__
+        return [node for node in topological(self.args) if node.depth % _LEVELS == 0], self.__dict__
+
+    def __setstate__(self, state: tuple[list[Expr], dict[str, Any]]) -> None:
+        self.__dict__.update(state[1])
+        freeze(self.data)  # numpy unpickles every array writable
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    # arithmetic -----------------------------------------------------------------------------------
+
+    def __neg__(self) -> Expr:
+        return Expr("neg", (self,), self.shape)
+
+    def __add__(self, other: Operand) -> Expr:
+        return _binary("add", self, other)
+
+    def __radd__(self, other: Operand) -> Expr:
+        return _binary("add", other, self)
+
+    def __sub__(self, other: Operand) -> Expr:
+        return _binary("sub", self, other)
+
+    def __rsub__(self, other: Operand) -> Expr:
+        return _binary("sub", other, self)
+
+    def __mul__(self, other: Operand) -> Expr:
+        return _binary("mul", self, other)
+
+    def __rmul__(self, other: Operand) -> Expr:
+        return _binary("mul", other, self)
+
+    def __truediv__(self, other: Operand) -> Expr:
+        return _binary("div", self, other)
+
+    def __rtruediv__(self, other: Operand) -> Expr:
+        return _binary("div", other, self)
+
+    def __pow__(self, exponent: int) -> Expr:
+        if not isinstance(exponent, (int, np.integer)) or isinstance(exponent, bool):
+            raise ModelError(f"the exponent of a power is an integer, not {exponent!r}")
+        return sqr(self) if exponent == 2 else Expr("power", (self,), self.shape, parameter=int(exponent))
+
+    def __abs__(self) -> Expr:
+        return Expr("abs", (self,), self.shape)
+
+    def __matmul__(self, other: Operand) -> Expr:
+        return _matmul(self, as_expr(other))
+
+    def __rmatmul__(self, other: Operand) -> Expr:
+        return _matmul(as_expr(other), self)
+
+    def sum(self, axis: int = -1) -> Expr:
+        """Sum along one axis, which disappears."""
+        if not isinstance(axis, (int, np.integer)) or not -self.ndim <= axis < self.ndim:
+            raise ModelError(f"{axis!r} is no axis of an expression of shape {self.shape}: give one of its integers")
+        axis = int(axis) % self.ndim
+        return Expr("sum", (self,), self.shape[:axis] + self.shape[axis + 1 :], parameter=axis)
+
+    def __getitem__(self, index: Any) -> Expr:
+        """numpy's basic and advanced indexing."""
+        positions = np.arange(int(np.prod(self.shape, dtype=np.int64))).reshape(self.shape)
+        try:
+            flat = np.asarray(positions[index], dtype=np.intp)
+        except IndexError as error:
+            raise ModelError(f"index {index!r} does not fit shape {self.shape}: {error}") from None
+        return Expr("index", (self,), flat.shape, data=flat)
+
+    def __len__(self) -> int:
+        if not self.shape:
+            raise TypeError("a scalar expression has no length")
+        return self.shape[0]
+
+    def __iter__(self) -> Any:
+        return (self[k] for k in range(len(self)))
+
+    # constraints ----------------------------------------------------------------------------------
+
+    def within(self, bounds: Interval | tuple[Operand, Operand]) -> Constraint:
+        """The constraint `lower <= self <= upper`, elementwise; bounds may be expressions, `(-eps, eps)`.
+
+        A lower bound may be -inf, an upper one inf. Raises ModelError for bounds that no number lies between.
+        """
+        if isinstance(bounds, Interval):
+            bounds = (bounds.lo, bounds.hi)
+        lower, upper = pair(bounds, "within()")
+        return Constraint(self, *(bound if isinstance(bound, Expr) else _constant(bound) for bound in (lower, upper)))
+
+    def __eq__(self, other: Operand) -> Constraint:  # type: ignore[override]
+        return (self - other).within((0.0, 0.0))
+
+    def __le__(self, other: Operand) -> Constraint:
+        return (self - other).within((-np.inf, 0.0))
+
+    def __ge__(self, other: Operand) -> Constraint:
+        return (self - other).within((0.0, np.inf))
+
+    def __ne__(self, other: object) -> NoReturn:
+        raise ModelError("`!=` is no constraint here: the set would not be closed")
+
+    def __lt__(self, other: object) -> NoReturn:
+        raise ModelError("`<` and `>` are no constraints here, the set would not be closed: write `<=` or `>=`")
+
+    __gt__ = __lt__
+
+    def __bool__(self) -> bool:
+        raise ModelError("an expression has no truth value; build a constraint and add it to a network")
+
+    def __repr__(self) -> str:
+        return f"<Expr {self.name or self.op} of shape {self.shape}>"
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """`lower <= body <= upper`, elementwise; all three broadcast to `body`'s shape."""
+
+    body: Expr
+    lower: Expr
+    upper: Expr
+
+    def __post_init__(self) -> None:
+        for bound in (self.lower, self.upper):
+            if not _broadcasts(bound.shape, self.body.shape):
+                raise ModelError(f"bounds of shape {bound.shape} do not fit a body of shape {self.body.shape}")
+        lower, upper = self.lower.data, self.upper.data
+        if self.lower.op == self.upper.op == "constant":
+            assert isinstance(lower, IntervalArray)
+            assert isinstance(upper, IntervalArray)
+            impossible = (lower.lo > upper.hi) | (lower.lo == np.inf) | (upper.hi == -np.inf)
+            if bool(np.any(impossible)):
+                raise ModelError("no number lies between these bounds: give within((lower, upper)), lower <= upper")
+
+    def __bool__(self) -> bool:
+        raise ModelError("a constraint has no truth value: write `expr.within((lo, hi))` for `lo <= expr <= hi`")
+
+
+def as_expr(value: Operand) -> Expr:
+    """The expression itself, or a constant leaf for numbers, arrays and intervals, which are copied.
+
+    Raises ModelError for what is no finite real number; ints and fractions that no float64 equals are enclosed.
+    """
+    if isinstance(value, Expr):
+        return value
+    leaf = _constant(value)
+    assert isinstance(leaf.data, IntervalArray)
+    if not isinstance(value, IntervalArray) and bool(np.any((leaf.data.lo == np.inf) | (leaf.data.hi == -np.inf))):
+        raise ModelError("infinity is no real number: leave that constraint out, or write within((lower, numpy.inf))")
+    return leaf
+
+
+def _constant(value: Operand) -> Expr:
+    """A constant leaf, where infinity may stand for a bound that is not there."""
+    if isinstance(value, Interval):
+        value = IntervalArray(np.asarray(value.lo), np.asarray(value.hi))
+    values = checked(value if isinstance(value, IntervalArray) else enclosed(value))
+    return Expr("constant", shape=values.shape, data=values)
+
+
+def _broadcasts(shape: Shape, target: Shape) -> bool:
+    """Whether an array of one shape can be repeated to fill the other."""
+    try:
+        return np.broadcast_shapes(shape, target) == target
+    except ValueError:
+        return False
+
+
+def _binary(op: str, left: Operand, right: Operand) -> Expr:
+    x, y = as_expr(left), as_expr(right)
+    try:
+        shape = np.broadcast_shapes(x.shape, y.shape)
+    except ValueError:
+        raise ModelError(f"shapes {x.shape} and {y.shape} do not broadcast in {op!r}") from None
+    return Expr(op, (x, y), shape)
+
+
+def _matmul(x: Expr, y: Expr) -> Expr:
+    """Matrix product of stacks of matrices and vectors, written as products and sums."""
+    if x.ndim == 0 or y.ndim == 0 or x.shape[-1] != y.shape[-2 if y.ndim > 1 else 0]:
+        raise ModelError(f"shapes {x.shape} and {y.shape} do not fit a matrix product")
+    if y.ndim == 1:
+        return (x * y).sum(-1)
+    if x.ndim == 1:
+        return (x[:, None] * y).sum(-2)
+    return (x[..., :, :, None] * y[..., None, :, :]).sum(-2)
+
+
+def sqr(x: Operand) -> Expr:
+    """Square (tighter than `x * x` over intervals)."""
+    arg = as_expr(x)
+    return Expr("sqr", (arg,), arg.shape)
+
+
+def sqrt(x: Operand) -> Expr:
+    """Square root, defined where the argument is not negative."""
+    arg = as_expr(x)
+    return Expr("sqrt", (arg,), arg.shape)
+
+
+def norm(x: Operand) -> Expr:
+    """Euclidean length along the last axis."""
+    return sqrt(sqr(x).sum(-1))
+
+
+def minimum(x: Operand, y: Operand) -> Expr:
+    return _binary("min", x, y)
+
+
+def maximum(x: Operand, y: Operand) -> Expr:
+    return _binary("max", x, y)

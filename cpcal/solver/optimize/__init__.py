@@ -1,0 +1,27 @@
+"""Smallest values, bounded from both sides."""
+
+from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
+from cpcal.solver.optimize.fit import fit
+from cpcal.solver.optimize.support import irreducible, support
+from cpcal.solver.optimize.timeout import Answer, Outcome, Trial, ask, timeout
+from cpcal.solver.optimize.verify_point import PointVerdicts, verify_point
+from cpcal.solver.optimize.witness import Witness, WitnessProver
+
+__all__ = [
+    "Answer",
+    "Bracket",
+    "Minimum",
+    "Outcome",
+    "PointVerdicts",
+    "Trial",
+    "Witness",
+    "WitnessProver",
+    "ask",
+    "fit",
+    "irreducible",
+    "minimize",
+    "run",
+    "support",
+    "timeout",
+    "verify_point",
+]

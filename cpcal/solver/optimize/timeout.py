@@ -1,0 +1,180 @@
+"""method="timeout": the script of the paper's section 5.2.1, on any solver that says infeasible, found or timeout.
+
+ask for a point within `delay` seconds at eps     infeasible: eps_lo = eps, go up towards eps_hi
+                                                  found:      adjust eps to the point, eps_hi = that
+                                                  timeout:    go down towards eps_lo; when too close to it,
+                                                              double the delay and go back to the average
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy
+from cpcal.solver.interval import Box
+from cpcal.solver.optimize.witness import Witness, WitnessProver
+from cpcal.solver.search import Event, EventKind, Search
+
+_CLOSE = 1.0 / 16.0  # of the bracket: an eps nearer than this to its lower end is too close
+_SHRINK = 0.9  # of a width: another pass of the contractor is worth while
+_DELAY = 0.5  # seconds, of the first call
+
+
+class Answer(Enum):
+    """What the solver says of one eps."""
+
+    INFEASIBLE = "infeasible"
+    FOUND = "found"
+    TIMEOUT = "timeout"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One call of the solver: is there a point with an objective up to `eps`, within `delay` seconds?
+
+    `lo` and `hi`: the bracket afterwards. `checked`: the infeasible answer has a certificate.
+    """
+
+    eps: float
+    delay: float
+    answer: Answer
+    lo: float
+    hi: float
+    nodes: int
+    programs: int
+    seconds: float
+    checked: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "eps": self.eps,
+            "delay": self.delay,
+            "answer": self.answer.value,
+            "eps_lo": self.lo,
+            "eps_hi": self.hi,
+            "nodes": self.nodes,
+            "lps": self.programs,
+            "seconds": self.seconds,
+            "checked": self.checked,
+        }
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> Trial:
+        figures = (data[name] for name in ("eps_lo", "eps_hi", "nodes", "lps", "seconds", "checked"))
+        return cls(data["eps"], data["delay"], Answer(data["answer"]), *figures)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a solver returns: its answer, a proved point if it found one, and whether a certificate was kept."""
+
+    answer: Answer
+    witness: Witness | None = None
+    nodes: int = 0
+    programs: int = 0
+    checked: bool = False
+
+
+Solver = Callable[[float, float], Outcome]  # eps, seconds
+
+
+def timeout(
+    solve: Solver,
+    *,
+    lo: float,
+    hi: float,
+    limits: Limits,
+    delay: float = _DELAY,
+) -> Generator[Trial, None, None]:
+    """Calls of `solve` until the bracket `[lo, hi]` is closed to the gap of `limits`, or its time is up.
+
+    `lo` is proved infeasible below, `hi` attained: both stay so. The last call gets no more than the time that is left.
+    """
+    clock = limits.clock()
+    eps = 0.5 * (lo + hi)
+    while hi - lo > max(limits.gap * hi, limits.gap_absolute) and not clock.over():
+        began = time.monotonic()
+        found = solve(eps, min(delay, max(clock.deadline - began, 0.0)))
+        asked, waited = eps, delay
+        if found.answer is Answer.INFEASIBLE:
+            lo = eps
+            eps = 0.5 * (lo + hi)
+        elif found.answer is Answer.FOUND and found.witness is not None:
+            hi = min(hi, found.witness.value)
+            eps = 0.5 * (lo + hi)
+        else:
+            eps = 0.5 * (lo + eps)
+            if eps - lo < _CLOSE * (hi - lo):
+                delay, eps = 2.0 * delay, 0.5 * (lo + hi)
+        spent = time.monotonic() - began
+        yield Trial(asked, waited, found.answer, lo, hi, found.nodes, found.programs, spent, found.checked)
+
+
+def ask(
+    domain: Box,
+    contractor: Contractor,
+    strategy: Strategy,
+    prover: WitnessProver,
+    seconds: float,
+    observe: Callable[[Event], None] | None = None,
+) -> Outcome:
+    """Search `domain` (its upper end of the objective is the eps that is asked about) for a valid point.
+
+    Boxes that `strategy` no longer divides, and the points that the contractor proposes, are tried: whatever their
+    smallest objective is, a point that is proved with one in the domain is found.
+    """
+    highest = float(domain.hi[prover.objective])
+    clock = Limits(seconds=seconds).clock()
+    passes = _Passes(contractor, strategy)
+    search = Search([domain], passes, passes)
+    nodes = programs = 0
+    for event in search:
+        nodes += event.kind is not EventKind.CONTRACTED
+        programs += event.contraction.programs
+        if observe is not None:
+            observe(event)
+        witness = _valid(prover, event, highest)
+        if witness is not None:
+            return Outcome(Answer.FOUND, witness, nodes, programs)
+        if clock.over() and search.pending:
+            return Outcome(Answer.TIMEOUT, None, nodes, programs)
+    # a small box that was kept may hold a point or not: nothing is known
+    return Outcome(Answer.TIMEOUT if search.kept else Answer.INFEASIBLE, None, nodes, programs)
+
+
+class _Passes:
+    """A contractor applied to a box for as long as some width falls to less than a share of what it was."""
+
+    idempotent = False
+
+    def __init__(self, contractor: Contractor, strategy: Strategy) -> None:
+        self._contractor, self._strategy, self._productive = contractor, strategy, False
+
+    def contract(self, box: Box) -> Contraction:
+        done = self._contractor.contract(box)
+        self._productive = bool((done.box.width < _SHRINK * box.width).any())
+        return done
+
+    def split(self, box: Box) -> tuple[Box, ...]:
+        return (box,) if self._productive else self._strategy.split(box)
+
+
+def _valid(prover: WitnessProver, event: Event, highest: float) -> Witness | None:
+    """A proved point from an event, with an objective up to `highest`."""
+    box = event.contraction.box
+    if box.is_empty:
+        return None
+    points = [] if event.contraction.point is None else [event.contraction.point]
+    if event.kind is EventKind.KEPT:
+        points.append(box.mid)
+    for point in points:
+        witness = prover.prove(np.asarray(point))
+        if witness is not None and witness.value <= highest:
+            return witness
+    return None

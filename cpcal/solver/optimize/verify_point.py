@@ -1,0 +1,91 @@
+"""A given point, element by element: is it proved to satisfy the constraints for some reading, or to fail for all?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.solver.existence import ReadingConstraint, reads, upper_ends
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray
+from cpcal.solver.network import Constraint, ConstraintNetwork, Tape, one_sided_rows
+from cpcal.solver.network.monotone import DecisiveReadings
+from cpcal.solver.network.rewrite import ReadingSets, Row
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PointVerdicts:
+    """For each element (along the constraints' leading axis, N of them): proved to hold, proved to fail, or neither."""
+
+    holds: Flags
+    fails: Flags
+
+
+def verify_point(network: ConstraintNetwork, point: npt.ArrayLike, engine: Arithmetic) -> PointVerdicts:
+    """Verify a point (n,), one value for each component in the order of `names`.
+
+    Element k holds when THERE EXIST readings in their sets with which all constraints hold at k; it fails when some
+    constraint does not hold at k for any readings. Constraints of one element count for all.
+    """
+    x = np.asarray(point, np.float64)
+    box = IntervalArray.point(x[None])
+    count = max((c.body.shape[0] for c in network.constraints if c.body.shape), default=1)
+    holds, fails = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+    for_some = np.zeros(count, dtype=np.intp)  # constraints at an element that hold, but not for all readings
+    with np.errstate(all="ignore"):
+        for constraint in network.constraints:
+            good, all_readings = _holds(network, constraint, engine, box, x)
+            holds &= _by_row(good, constraint, count, every=True)
+            for_some += ~_by_row(all_readings, constraint, count, every=True)
+        for row, lowest in _lowest(network, engine, x):
+            violated = np.zeros(int(np.prod(network.constraints[row.constraint].body.shape)), dtype=bool)
+            violated[slice(None) if row.elements is None else row.elements] = lowest > 0.0
+            fails |= _by_row(violated, network.constraints[row.constraint], count, every=False)
+    # two constraints that hold for some reading each need not hold for a common one
+    return PointVerdicts(holds & (for_some <= 1), fails)
+
+
+def _holds(
+    network: ConstraintNetwork, constraint: Constraint, engine: Arithmetic, box: IntervalArray, x: Floats
+) -> tuple[Flags, Flags]:
+    """Elements that hold for some reading, and those that hold for all."""
+    tape = Tape(network, [constraint.body - constraint.upper, constraint.lower - constraint.body])
+    slots = tape.forward(engine, box)
+    size = int(np.prod(constraint.body.shape))
+    for_all = np.full(size, tape.defined(slots))
+    for root in tape.roots:
+        for_all &= upper_ends(slots[tape.slot(root)], size) <= 0.0
+    if not reads(constraint):
+        return for_all, np.ones(size, dtype=bool)
+    return for_all | (ReadingConstraint(network, constraint).excesses(engine, box, x) <= 0.0), for_all
+
+
+def _lowest(network: ConstraintNetwork, engine: Arithmetic, x: Floats) -> list[tuple[Row, Floats]]:
+    """For each one-sided row `r <= 0` a lower bound of its elements over all readings."""
+    rows = one_sided_rows(network)
+    sets = DecisiveReadings(network, engine).on(Box(network.names, x, x))
+    return [(row, _over_readings(network, row, decisive, engine, x)) for row, decisive in zip(rows, sets, strict=True)]
+
+
+def _over_readings(
+    network: ConstraintNetwork, row: Row, decisive: ReadingSets, engine: Arithmetic, x: Floats
+) -> Floats:
+    tape = Tape(network, [row.expr])
+    smaller = {k: decisive[tape.nodes[k].digest] for k in tape.readings if tape.nodes[k].digest in decisive}
+    slots = tape.forward(engine, IntervalArray.point(x[None]), smaller)
+    values = slots[tape.slot(row.expr)]
+    lowest = np.where(values.empty, -np.inf, values.lo)
+    return np.broadcast_to(lowest.ravel(), (int(np.prod(row.expr.shape)),))
+
+
+def _by_row(flags: Flags, constraint: Constraint, count: int, *, every: bool) -> Flags:
+    """For each of `count` rows, whether every (or any) element of the constraint there has its flag set."""
+    if not constraint.body.shape:
+        return np.full(count, flags[0])
+    rows = flags.reshape((constraint.body.shape[0], -1))
+    out = np.asarray(rows.all(axis=1) if every else rows.any(axis=1))
+    return np.concatenate([out, np.full(count - len(out), every)])

@@ -1,0 +1,184 @@
+"""Bytes that are no certificate end in a clear refusal, at their line and in little memory."""
+
+from __future__ import annotations
+
+import json
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cpcal.checker.checker import check
+from cpcal.checker.refusal import Refused
+
+Lines = list[dict[str, Any]]
+
+
+def encoded(lines: Lines) -> list[bytes]:
+    return [json.dumps(line).encode() + b"\n" for line in lines]
+
+
+def refused(judged: Any, content: bytes, folder: Path | None) -> Refused:
+    with pytest.raises(Refused) as caught:
+        judged(content, folder)
+    assert str(caught.value).isascii()
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 300
+    return caught.value
+
+
+def test_every_truncation_is_refused(judged: Any, short_proof: Any) -> None:
+    """Without its last step a certificate ends as well as with it, but does not prove what it claims."""
+    content = b"".join(encoded(short_proof.lines))
+    ends = [k for k in range(len(content)) if content[k : k + 1] == b"\n"]
+    for size in sorted({*range(0, len(content) - 2, 151), *range(5), *ends[:-1], *(k + 1 for k in ends[:-1])}):
+        caught = refused(judged, content[:size], short_proof.folder)
+        whole = content[:size].count(b"\n")
+        assert whole <= caught.line <= whole + 2
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\n",
+        b"{}\n",
+        b"[]\n",
+        b"null\n",
+        b"\xff\xfe{\n",
+        b"\xef\xbb\xbf{}\n",
+        b"\x00" * 100,
+        b'{"format": NaN}\n',
+        b'{"format": Infinity}\n',
+        b'{"leg": ' + b"9" * 5000 + b"}\n",
+        b'{"format": "cpcal-certificate/3", "leg": 1e999}\n',
+        b'{"\\ud800": "\\ud800"}\n',
+        b'{"format": "\\ud800"}\n',
+        b"[" * 100_000 + b"]" * 100_000,
+        b'{"a":' * 100_000 + b"1" + b"}" * 100_000,
+        b"{" + b" " * (5 << 20) + b"}\n",
+        b'{"format": "cpcal-certificate/3"} {}\n',
+    ],
+    ids=range(18),
+)
+def test_files_that_are_none(judged: Any, exact_proof: Any, content: bytes) -> None:
+    assert refused(judged, content, exact_proof.folder).line == 1
+    assert refused(judged, content, None).line == 1
+
+
+def test_a_certificate_of_constraints_without_its_claims(judged: Any, network_proof: Any) -> None:
+    content = b"".join(encoded(network_proof.lines[: network_proof.head]))
+    caught = refused(judged, content, None)
+    assert caught.line == network_proof.head + 1
+    assert "ends before" in caught.reason
+
+
+def test_not_utf8_in_the_middle(judged: Any, short_proof: Any) -> None:
+    lines = encoded(short_proof.lines)
+    lines[-1] = lines[-1].replace(b"lo", b"l\xff", 1)
+    assert refused(judged, b"".join(lines), short_proof.folder).line == len(lines)
+
+
+@pytest.mark.parametrize("key", [b'"cap"', b'"infeasible"', b'"epsilon"', b'"lo"', b'"at"', b'"holds"'])
+def test_a_claim_twice(judged: Any, short_proof: Any, key: bytes) -> None:
+    lines = encoded(short_proof.lines)
+    at = short_proof.head
+    assert key in lines[at]
+    lines[at] = lines[at].replace(key, key + b": null, " + key, 1)
+    caught = refused(judged, b"".join(lines), short_proof.folder)
+    assert caught.line == at + 1
+    assert "twice" in caught.reason
+
+
+def test_an_empty_line_between(judged: Any, short_proof: Any) -> None:
+    lines = encoded(short_proof.lines)
+    for at in (1, short_proof.head, short_proof.head + 1):
+        assert refused(judged, b"".join([*lines[:at], b"\n", *lines[at:]]), short_proof.folder).line == at + 1
+
+
+HOSTILE = ["\ud800", "\x1b[2J", "\u202e", "\n", "x" * 100_000, [["\x1b"]], {"\x1b": 1}, 1e308, -(10**4000)]
+
+
+@pytest.mark.parametrize("value", HOSTILE, ids=range(len(HOSTILE)))
+def test_hostile_values_do_not_reach_the_terminal(value: Any, judged: Any, short_proof: Any) -> None:
+    last, head = len(short_proof.lines) - 1, short_proof.head
+    weights = (last, ("bounds", 0, 3))
+    places: list[tuple[int, tuple[Any, ...]]] = [
+        (0, ("format",)),
+        (head, ("cap",)),
+        (head, ("infeasible",)),
+        (head, ("point", "holds")),
+        (last, ("pass",)),
+        (last, ("cap",)),
+        (last, ("bounds", 0, 0)),
+        (last, ("bounds", 0, 1)),
+        (last, (*weights[1], "rows", 0, 0)),
+        (last, (*weights[1], "rows", 0, 2)),
+        (last, (*weights[1], "exponents", 0)),
+    ]
+    if short_proof.folder is None:
+        places += [(0, ("objective",)), (0, ("constraints",)), (1, ("root",)), (1, ("body", 0, 0)), (1, ("at_most",))]
+    else:
+        places += [(0, ("campaign",)), (0, ("leg",)), (0, ("only",)), (0, ("measurements",))]
+    for index, path in places:
+        lines = short_proof.copy()
+        target: Any = lines[index]
+        for key in path[:-1]:
+            target = target[key]
+        target[path[-1]] = value
+        assert refused(judged, b"".join(encoded(lines)), short_proof.folder).line == index + 1
+
+
+@pytest.mark.parametrize("depth", [100, 900, 940, 960, 980, 990, 1000])
+def test_deep_values(depth: int, judged: Any, short_proof: Any) -> None:
+    deep = b"[" * depth + b"]" * depth
+    lines = encoded(short_proof.lines)
+    head = short_proof.head
+    claims = b'{"cap": 1, "infeasible": 1, "epsilon": 1, "enclosure": 1, "point": 1}\n'
+    for key in (b"cap", b"infeasible", b"epsilon", b"enclosure", b"point"):
+        line = claims.replace(b'"' + key + b'": 1', b'"' + key + b'": ' + deep)
+        assert refused(judged, b"".join([*lines[:head], line]), short_proof.folder).line == head + 1
+    step = b'{"pass": ' + deep + b', "cap": null, "bounds": []}\n'
+    assert refused(judged, b"".join([*lines[:-1], step]), short_proof.folder).line == len(lines)
+    if short_proof.folder is None:
+        for key in (b"body", b"name", b"root"):
+            line = lines[1].replace(b'"' + key + b'": ', b'"' + key + b'": ' + deep + b', "": ', 1)
+            assert refused(judged, b"".join([lines[0], line]), None).line == 2
+
+
+def peak_of(path: Path, folder: Path | None, match: str) -> int:
+    tracemalloc.start()
+    try:
+        with pytest.raises(Refused, match=match):
+            check(path, folder)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_huge_line_takes_little_memory(tmp_path: Path, exact_proof: Any) -> None:
+    path = tmp_path / "huge.jsonl"
+    with path.open("wb") as out:
+        for _ in range(32):
+            out.write(b"[" + b"0," * (1 << 19))
+    assert peak_of(path, exact_proof.folder, "line 1: .*4 MiB") < 32 << 20
+
+
+def test_a_long_file_takes_little_memory(tmp_path: Path, network_proof: Any) -> None:
+    """Boxes are opened without end."""
+    path = tmp_path / "long.jsonl"
+    lines = encoded(network_proof.lines[:-1])
+    cut = network_proof.lines[0]["lo"][1]
+    with path.open("wb") as out:
+        out.writelines(lines)
+        for n in range(4000):
+            out.writelines(encoded([{"split": 2 * n, "unknown": 1, "at": cut, "into": [2 * n + 1, 2 * n + 2]}]))
+    assert peak_of(path, None, f"line {len(lines) + 4000}: box .* is still open below") < 32 << 20
+
+
+def test_a_directory_and_a_missing_file(tmp_path: Path, exact_proof: Any) -> None:
+    for path in (tmp_path, tmp_path / "missing"):
+        with pytest.raises(Refused) as caught:
+            check(path, exact_proof.folder)
+        assert caught.value.line == 0

@@ -1,0 +1,258 @@
+"""True certificates are accepted, and nothing but the standard library is needed to accept them."""
+
+from __future__ import annotations
+
+import random
+import subprocess
+import sys
+from fractions import Fraction as F
+from pathlib import Path
+from typing import Any
+
+import flint
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.checker.campaign import ExactCampaign
+from cpcal.checker.checker import check
+from cpcal.checker.measurement import Measurement
+from cpcal.legs import leg_statement
+
+SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}
+
+ALONE = """
+import sys, types
+blocked = ("numpy", "scipy", "ortools", "flint", "jinja2", "gmpy2")
+for name in blocked:
+    sys.modules[name] = None
+parent = types.ModuleType("cpcal")
+parent.__path__ = [sys.argv[1]]
+sys.modules["cpcal"] = parent
+from pathlib import Path
+from cpcal.checker.checker import check
+found = check(Path(sys.argv[2]), Path(sys.argv[3]) if len(sys.argv) > 3 else None)
+ours = sorted(name for name in sys.modules if name.split(".")[0] == "cpcal")
+theirs = [n for n in sys.modules if n.split(".")[0] not in sys.stdlib_module_names and n.split(".")[0] != "cpcal"]
+assert set(theirs) <= {"__main__", "__mp_main__", *blocked}, theirs
+print(ours, found.claims.eps_lo, found.claims.eps_hi)
+"""
+
+
+def test_handmade_certificates_are_accepted(verdict: Any, any_proof: Any) -> None:
+    found, proof = verdict(any_proof.lines, any_proof.folder), any_proof
+    claims = found.claims
+    assert claims.eps_lo == F(proof.eps_lo) > 0
+    assert claims.eps_hi == claims.cap == F(proof.eps_hi)
+    assert not claims.infeasible
+    assert claims.point.at == tuple(map(F, proof.point))
+    assert claims.point.holds == found.chosen == tuple(range(found.count))
+    assert claims.point.fails == ()
+    for a, b, x, c, d in zip(
+        found.lo, claims.enclosure[0], claims.point.at, claims.enclosure[1], found.hi, strict=True
+    ):
+        assert a <= b <= x <= c <= d
+    assert found.steps == len(proof.lines) - proof.head - 1
+    assert found.unknowns[found.objective] in ("eps", "t")
+    assert found.used <= set(found.chosen)
+
+
+def test_keys_in_any_order(verdict: Any, any_proof: Any) -> None:
+    lines = [dict(reversed(line.items())) for line in any_proof.lines]
+    assert verdict(lines, any_proof.folder) == verdict(any_proof.lines, any_proof.folder)
+
+
+def test_a_campaign_is_not_needed_for_constraints(verdict: Any, network_proof: Any, tmp_path: Path) -> None:
+    assert verdict(network_proof.lines, tmp_path / "nowhere") == verdict(network_proof.lines, None)
+
+
+def test_a_lower_bound_needs_no_point(verdict: Any, any_proof: Any) -> None:
+    lines = any_proof.copy()
+    claims = lines[any_proof.head]
+    claims.update(enclosure=None, point=None)
+    claims["epsilon"]["hi"] = None
+    found = verdict(lines, any_proof.folder).claims
+    assert (found.eps_lo, found.eps_hi, found.enclosure, found.point) == (F(any_proof.eps_lo), None, None, None)
+
+
+def test_nothing_need_be_claimed(verdict: Any, short_proof: Any) -> None:
+    lines = short_proof.copy()
+    lines[short_proof.head].update(enclosure=None, point=None, epsilon=None)
+    found = verdict(lines, short_proof.folder).claims
+    assert (found.eps_lo, found.eps_hi, found.infeasible) == (None, None, False)
+
+
+@pytest.mark.parametrize("name", ["split_proof", "network_split_proof"])
+def test_infeasible_below_a_cap(name: str, verdict: Any, request: pytest.FixtureRequest) -> None:
+    """Everything is excluded there."""
+    proof = request.getfixturevalue(name)
+    lines = proof.copy()
+    claims, split, exclude = lines[proof.head : proof.head + 3]
+    at = split["at"]
+    claims.update(cap=at, infeasible=True, epsilon={"lo": at, "hi": None}, enclosure=None, point=None)
+    exclude.update(exclude=0, cap=at)
+    found = verdict([*lines[: proof.head], claims, exclude], proof.folder)
+    assert found.claims.infeasible
+    assert found.claims.eps_lo == found.claims.cap == F(float.fromhex(at))
+
+
+def test_only_the_measurements_with_weights(verdict: Any, exact_proof: Any) -> None:
+    """Those and no others are needed for the lower bound; the point is judged by them alone."""
+    lines = exact_proof.copy()
+    used = sorted(verdict(lines, exact_proof.folder).used)
+    assert 2 <= len(used) < lines[0]["measurements"]
+    lines[0]["only"] = used
+    found = verdict(lines, exact_proof.folder)
+    assert found.chosen == found.claims.point.holds == tuple(used)
+    assert found.used == set(used)
+    assert found.count == 12
+    assert found.claims.eps_lo == F(exact_proof.eps_lo)
+    lines[0]["only"] = list(range(12))
+    assert verdict(lines, exact_proof.folder) == verdict(exact_proof.lines, exact_proof.folder)
+
+
+def test_the_largest_numbers_and_degrees(verdict: Any, network_proof: Any) -> None:
+    lines = network_proof.copy()
+    lines[1]["body"].append([[0] * 8, "0x" + "0" * 64 + "." + "0" * 64 + "p+9999"])
+    lines[-1]["bounds"][0][3]["products"].append([0, 0, -1, 1, 0])
+    lines[-1]["bounds"][0][3]["tangents"].append([0, "0x1p-9999", 0])
+    assert verdict(lines, None).claims == verdict(network_proof.lines, None).claims
+    lines[-1]["bounds"] = [[0, "lo", "-0x1p+9999", {"rows": [["upper", 0, (1 << 60) - 1]], "products": [],
+                                                    "tangents": [], "exponents": [999, -1000, -1000]}]]  # fmt: skip
+    lines[network_proof.head].update(epsilon=None, enclosure=None)
+    assert verdict(lines, None).used == {0}
+
+
+@pytest.mark.parametrize("factor", [0.0, 3.0])
+def test_the_checker_needs_the_standard_library_only(certified: Any, factor: float) -> None:
+    made = certified(factor=factor, **SMALL)
+    alone(check(made.path, made.folder), made.path, made.folder)
+
+
+@pytest.mark.parametrize("model", ["gain", "linear", "lateral"])
+def test_whole_proofs_of_models(certified: Any, model: str) -> None:
+    """Of uncertain readings; the result says what they prove, the checker alone as well."""
+    ask = {"delta": 2.0, "model": model, "half_widths": {"linear": {"s": 0.01, "tx": 1.0}}.get(model)}
+    made = certified(ask, factor=1.0, extremal=False, random_poses=24, joint_error=10.0)
+    found = check(made.path, made.folder)
+    assert check(made.path, made.folder, rational=flint.fmpq) == found
+    assert found.model == model
+    assert (found.claims.eps_lo, found.claims.eps_hi) == (made.leg.eps_lo, made.leg.eps_hi)
+    assert made.leg.eps_hi > made.leg.eps_lo > 0
+    assert (found.claims.eps_hi - found.claims.eps_lo) < F(1, 1000)
+    alone(found, made.path, made.folder)
+
+
+def test_nor_does_it_for_constraints(network_split_proof: Any, tmp_path: Path, verdict: Any) -> None:
+    found = verdict(network_split_proof.lines, None)
+    alone(found, tmp_path / "certificate.jsonl")
+
+
+def alone(found: Any, *paths: Path) -> None:
+    package = str(Path(cpcal.__file__).parent)
+    command = [sys.executable, "-I", "-S", "-c", ALONE, package, *map(str, paths)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert f"{found.claims.eps_lo} {found.claims.eps_hi}" in done.stdout
+    for name in ("writer", "statement", "exact_network"):
+        assert f"cpcal.checker.{name}" not in done.stdout
+
+
+# the statement ------------------------------------------------------------------------------------------------------
+
+
+def gap(m: Measurement, x: list[F], reading: list[F]) -> tuple[F, F]:
+    """||v||^2 and L + e + l, with v through the product of quaternions (1, s) q."""
+    d, s, e = reading[:3], reading[3:6], reading[6]
+    w, a, b, c = m.quaternion
+    q = [
+        w - s[0] * a - s[1] * b - s[2] * c,
+        a + s[0] * w + s[1] * c - s[2] * b,
+        b - s[0] * c + s[1] * w + s[2] * a,
+        c + s[0] * b - s[1] * a + s[2] * w,
+    ]
+    n, u, arm = sum((k * k for k in q), F(0)), q[1:], x[3:6]
+    t = [2 * (u[1] * arm[2] - u[2] * arm[1]), 2 * (u[2] * arm[0] - u[0] * arm[2]), 2 * (u[0] * arm[1] - u[1] * arm[0])]
+    z = [u[1] * t[2] - u[2] * t[1], u[2] * t[0] - u[0] * t[2], u[0] * t[1] - u[1] * t[0]]
+    v = [m.position[i] + d[i] + arm[i] + (q[0] * t[i] + z[i]) / n - x[i] for i in range(3)]
+    return sum((k * k for k in v), F(0)), m.length + e + x[6]
+
+
+@pytest.mark.parametrize("factor", [0.0, 3.0])
+def test_no_point_violates_what_was_accepted(certified: Any, factor: float) -> None:
+    """Random points of the box, random readings of the sets: none is a solution that the claims deny."""
+    made, rng = certified(factor=factor, **SMALL), random.Random(1)
+    found, rows = check(made.path, made.folder), ExactCampaign(made.folder, 1)
+    claims, best = found.claims, [F(v) for v in made.leg.point]
+    measurements = [rows.measurement(k) for k in range(len(rows))]
+    assert found.chosen == tuple(range(16))
+
+    def drawn(radius: F) -> F:
+        return radius * rng.choice([-1, 1, F(rng.randint(-8, 8), 8)])
+
+    def solves(x: list[F], eps: F) -> bool:
+        for m in measurements:
+            tried = [[*map(drawn, m.position_radius), *(drawn(r / 2) for r in m.rotation_radius),
+                      drawn(m.length_radius)] for _ in "1234"]  # fmt: skip
+            gaps = [gap(m, x, reading) for reading in ([[F(0)] * 7, *tried] if factor else [[F(0)] * 7])]
+            short_enough = m.length - m.length_radius + x[6] >= eps
+            if not short_enough or not any((base - eps) ** 2 <= square <= (base + eps) ** 2 for square, base in gaps):
+                return False
+        return True
+
+    inside = solved = 0
+    for n in range(60):
+        size = F(10) ** rng.randint(-7, -1)
+        near = [v + size * F(rng.randint(-1000, 1000), 1000) for v in best]
+        x = near if n % 4 else [a + (b - a) * F(rng.random()) for a, b in zip(found.lo[:7], found.hi[:7], strict=True)]
+        if not all(a <= v <= b for a, v, b in zip(found.lo, x, found.hi, strict=False)):
+            continue
+        inside += 1
+        assert claims.eps_lo == 0 or not solves(x, claims.eps_lo - F(1, 10**12))
+        if solves(x, claims.cap):
+            solved += 1
+            assert all(a <= v <= b for a, v, b in zip(claims.enclosure[0], x, claims.enclosure[1], strict=False))
+        else:
+            assert x != best or factor
+    assert inside > 30
+
+
+def test_the_known_best_point_is_a_solution_by_the_same_words(certified: Any) -> None:
+    made = certified(factor=0.0, **SMALL)
+    rows, best = ExactCampaign(made.folder, 1), [F(v) for v in made.leg.point]
+    for scale, good in ((1, True), (F(99, 100), False)):
+        eps = F(made.leg.eps_hi) * scale
+        pairs = [gap(rows.measurement(k), best, [F(0)] * 7) for k in range(16)]
+        assert all((base - eps) ** 2 <= square <= (base + eps) ** 2 for square, base in pairs) == good
+
+
+# the same numbers from the campaign in memory -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("overrides", [False, True])
+@pytest.mark.parametrize("factor", [0.0, 2.5])
+def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: float, overrides: bool) -> None:
+    campaign = cpcal.simulate(seed=9, extremal=False, random_poses=7, factor=factor)
+    rng = np.random.default_rng(3)
+    radii = {
+        "position_radius": campaign.position_radius,
+        "rotation_radius": campaign.rotation_radius,
+        "length_radius": campaign.length_radius,
+    }
+    if overrides:
+        radii = {name: v + rng.uniform(0, 0.1, v.shape) * (rng.random(v.shape) < 0.5) for name, v in radii.items()}
+    scale = 1 + rng.uniform(-9e-7, 9e-7, (7, 1))
+    quaternion = campaign.quaternion * scale
+    odd = cpcal.Campaign.from_arrays(campaign.robot, campaign.position, quaternion, campaign.length, **radii)
+    cpcal.save_campaign(odd, tmp_path / "odd")
+    loaded = cpcal.load_campaign(tmp_path / "odd")
+    for leg in (1, 4, 6):
+        files, statement = ExactCampaign(tmp_path / "odd", leg), leg_statement(loaded, leg)
+        assert statement.sha256 == files.sha256
+        assert statement.problem.count == len(files) == 7
+        for k in range(7):
+            ours = statement.problem.equation(k).measurement
+            assert ours == files.measurement(k)
+            assert any(ours.position_radius) == (factor > 0 or overrides) or overrides
+    if overrides:
+        assert "dL3" in (tmp_path / "odd" / "measurements.csv").read_text().splitlines()[0]

@@ -1,0 +1,277 @@
+"""Unusable campaign files: every problem at once, with file, line and remedy, fast and in bounded memory."""
+
+import os
+import resource
+import time
+import tracemalloc
+
+import pytest
+
+from cpcal.errors import InputError
+from cpcal.files import load_campaign
+
+HOPELESS = 60.0  # seconds: no measure of speed, but what only a time that grows with the square of the input exceeds
+
+TOML = """\
+format = "cpcal-campaign/1"
+[robot]
+name = "two legs"
+base = [
+    [0.0, 0.0, 0.0],
+    [1.0, 2.0, 3.0],
+]
+mobile = [[0, 0, 0], [1, 0, 0]]
+offset = [5.0, 6.0]
+
+[uncertainty]
+factor = 3.0
+position_sigma = [0.1, 0.1, 0.1]
+rotation_sigma = [1e-4, 1e-4, 1e-4]
+length_sigma = [0.01, 0.02]
+
+[provenance]
+where = "here"
+"""
+CSV = """\
+pose,run,x,y,z,qw,qx,qy,qz,L1,L2
+a,1,1,2,3,1,0,0,0,10,11
+a,2,1,2,3,0,1,0,0,10,11
+b,1,1,2,3,0.6,0.8,0,0,10,11
+"""
+
+
+def load(folder, toml=TOML, table=CSV):
+    for name, content in (("campaign.toml", toml), ("measurements.csv", table)):
+        if content is not None:
+            (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    return load_campaign(folder)
+
+
+def refused(folder, toml=TOML, table=CSV):
+    """(file, line, what, remedy) of every problem."""
+    with pytest.raises(InputError) as caught:
+        load(folder, toml, table)
+    for problem in caught.value.problems:
+        assert problem.remedy
+        assert len(str(problem)) < 500 + len(str(folder))
+    return [(os.path.basename(p.where), p.line, p.what, p.remedy) for p in caught.value.problems]
+
+
+def test_the_example_is_good(tmp_path):
+    campaign = load(tmp_path)
+    assert campaign.measurement_ids == ["a/1", "a/2", "b/1"]
+    assert campaign.length_radius[0].tolist() == [3.0 * 0.01, 3.0 * 0.02]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "what", "remedy"),
+    [
+        ('format = "cpcal-campaign/1"\n', "", None, "'format' is missing", 'format = "cpcal-campaign/1"'),
+        ("campaign/1", "campaign/2", 1, "the format is 'cpcal-campaign/2'", "reads"),
+        ("[robot]", "[robt]", 2, "unknown key 'robt'", "did you mean 'robot'"),
+        ("offset =", "ofset =", 9, "unknown key 'ofset' in [robot]", "did you mean 'offset'"),
+        ("offset =", "[robot.zzz]\noffset =", 9, "unknown key 'zzz'", "name, base, mobile, offset"),
+        ("factor =", "zzz = 1\nfactor =", 12, "unknown key 'zzz' in [uncertainty]", "the keys there are"),
+        ('name = "two legs"\n', "", 2, "the key 'name' is missing", "add name"),
+        ('"two legs"', "3", 3, "name 3 is not text", "quotes"),
+        ("    [1.0, 2.0, 3.0],\n", "", 7, "mobile has 2 points for 1 legs", "one point for each leg"),
+        ("[1.0, 2.0, 3.0]", "[1.0, 2.0]", 4, "base of leg 2 has 2 numbers, not 3", "x, y and z"),
+        ("[1.0, 2.0, 3.0]", '[1.0, "2.0", 3.0]', 4, "base of leg 2 holds '2.0'", "unquoted"),
+        ("[1.0, 2.0, 3.0]", "[1.0, nan, 3.0]", 4, "base of leg 2 holds nan", "finite"),
+        ("[1.0, 2.0, 3.0]", "7", 4, "base of leg 2 is not a list of numbers", "x, y and z"),
+        ("[1, 0, 0]]", "[1, true, 0]]", 8, "mobile of leg 2 holds True", "number"),
+        ("[[0, 0, 0], [1, 0, 0]]", '"x"', 8, "mobile is not a list of points", "write mobile"),
+        ("[5.0, 6.0]", "[5.0]", 9, "offset has 1 numbers, not 2", "one for each leg"),
+        ("[5.0, 6.0]", "[5.0, inf]", 9, "offset holds inf", "finite"),
+        ("[5.0, 6.0]", "[5.0, 1" + "0" * 400 + "]", 9, "offset holds inf", "finite"),
+        ("factor = 3.0", "factor = -3.0", 12, "factor holds the negative number -3", ">= 0"),
+        ("factor = 3.0", 'factor = "3"', 12, "factor holds '3'", "number"),
+        ("factor = 3.0\n", "", 11, "the key 'factor' is missing", "add it"),
+        ("rotation_sigma = [1e-4, 1e-4, 1e-4]\n", "", 11, "'rotation_sigma' is missing", "0 means"),
+        ("[1e-4, 1e-4, 1e-4]", "[1e-4, -1e-4, 1e-4]", 14, "rotation_sigma holds the negative", ">= 0"),
+        ("[1e-4, 1e-4, 1e-4]", "[1e-4, 1e-4]", 14, "rotation_sigma has 2 numbers, not 3", "rad"),
+        ("[0.01, 0.02]", "[0.01]", 15, "length_sigma has 1 numbers, not 2", "one for each leg"),
+        ("[0.01, 0.02]", "[0.01, 1e308]", 11, "too large", "smaller"),
+        ("factor = 3.0", "length_half_width = [1, 1]", 11, "both directly and as factor", "either"),
+        ('where = "here"', "where = [1]", 18, "'where' in [provenance] is not a text", "text"),
+        ("[provenance]", "[uncertainty]", 17, "is not TOML", "correct"),
+        ("offset = [5.0, 6.0]", "offset = [5.0 6.0]", 9, "is not TOML", "correct"),
+    ],
+)
+def test_a_bad_campaign_toml(tmp_path, old, new, line, what, remedy):
+    assert TOML.count(old) >= 1
+    found = refused(tmp_path, toml=TOML.replace(old, new, 1))
+    assert [row for row in found if row[:2] == ("campaign.toml", line) and what in row[2] and remedy in row[3]]
+    assert not [row for row in found if row[0] == "measurements.csv" and "leg" not in row[3]]
+
+
+@pytest.mark.parametrize(
+    ("line", "row", "what", "remedy"),
+    [
+        (3, "a,2,1,2,x3,0,1,0,0,10,11", "z: 'x3' is not a number", "number"),
+        (3, "a,2,1,2,,0,1,0,0,10,11", "z is empty", "give a number"),
+        (3, "a,2,1,2,1_0,0,1,0,0,10,11", "z: '1_0' is not a number", "underscore"),
+        (3, "a,2,1,2,0x10,0,1,0,0,10,11", "z: '0x10' is not a number", "number"),
+        (3, "a,2,nan,2,3,0,1,0,0,10,11", "x is 'nan'", "finite"),
+        (3, "a,2,1,2,3,0,1,0,0,10,-Infinity", "L2 is '-Infinity'", "finite"),
+        (3, "a,2,1,2,3,0,1,0,0,10,1e999", "L2 is '1e999'", "finite"),
+        (3, "a,2,1,2,3,0.5,0.5,0.5,0.6,10,11", "the norm 1.05356538, not 1", "divide"),
+        (3, "a,2,1,2,3,1.000002,0,0,0,10,11", "the norm 1.000002, not 1", "divide"),
+        (3, "a,2,1,2,3,0,0,0,0,10,11", "the quaternion is zero", "1,0,0,0"),
+        (3, "a,1,1,2,3,0,1,0,0,10,11", "pose 'a' run '1' was given on line 2 already", "once"),
+        (3, "a,2,1,2,3,0,1,0,0,10", "10 cells, but the header has 11", "one cell for each"),
+        (3, "a,2,1,2,3,0,1,0,0,10,11,", "12 cells, but the header has 11", "one cell for each"),
+        (3, ",2,1,2,3,0,1,0,0,10,11", "'' cannot be the name of a pose", "printable"),
+        (3, "a,2/3,1,2,3,0,1,0,0,10,11", "'2/3' cannot be the name of a run", "/"),
+        (3, 'a,"2,1,2,3,0,1,0,0,10,11', "the line is not CSV", "quotes"),
+        (3, "a,2,1,2,3,0,\r1,0,0,10,11", "the line is not CSV", "line ends"),
+        (3, b"a,2,1,2,3,0,\xff1,0,0,10,11", "not UTF-8", "UTF-8"),
+        (3, b"a,2,1,2,3,0,\x001,0,0,10,11", "qx: '\\x001' is not a number", "number"),
+        (4, "b,1," + "9" * 70_000, "longer than 65,536 bytes", "CSV"),
+        (1, "pose,run,x,y,z,qw,qx,qy,qz,L1", "the column 'L2' is missing", "add a column L2"),
+        (1, "pose,run,x,y,z,qw,qx,qy,qz,L1,L3", "unknown column 'L3'", "has 2 legs"),
+        (1, "pose,run,x,y,z,qw,qx,qy,qz,L1,temperature", "unknown column 'temperature'", "has 2 legs"),
+        (1, "pose,run,x,y,z,qw,qx,qy,qz,L1,L1", "the column 'L1' is there twice", "take one"),
+        (1, "pose;run;x;y;z;qw;qx;qy;qz;L1;L2", "no header", "start with the line pose,run,x,"),
+        (1, "a,1,1,2,3,1,0,0,0,10,11", "no header", "start with the line pose,run,x,"),
+        (1, b"\xff\xfep\x00o\x00s\x00e\x00", "not UTF-8", "UTF-8"),
+    ],
+)
+def test_a_bad_line_of_measurements(tmp_path, line, row, what, remedy):
+    lines = CSV.encode().splitlines()
+    lines[line - 1] = row if isinstance(row, bytes) else row.encode()
+    found = refused(tmp_path, table=b"\n".join(lines))
+    wanted = [r for r in found if r[:2] == ("measurements.csv", line) and what in r[2] and remedy in r[3]]
+    assert wanted
+    if line > 1:
+        assert len(found) == 1
+
+
+@pytest.mark.parametrize(("cell", "what"), [("-0.1", "dy: the half-width '-0.1' is negative"), ("x", "not a number")])
+def test_bad_override_cells(tmp_path, cell, what):
+    lines = CSV.splitlines()
+    table = "\n".join([lines[0] + ",dy", lines[1] + ",", lines[2] + "," + cell, lines[3] + ",0"])
+    (row,) = refused(tmp_path, table=table)
+    assert row[1] == 3
+    assert what in row[2]
+
+
+def test_a_quaternion_within_the_tolerance_is_taken_as_it_is(tmp_path):
+    campaign = load(tmp_path, table=CSV.replace("0,1,0,0", "0,1.0000009,0,0"))
+    assert campaign.quaternion[1, 1] == 1.0000009
+
+
+@pytest.mark.parametrize("table", [b"", b"\n \n\r\n", b"\xef\xbb\xbf"])
+def test_empty_files(tmp_path, table):
+    found = refused(tmp_path, toml=table, table=table)
+    assert [row[:3] for row in found] == [
+        ("campaign.toml", 1, "is empty"),
+        ("measurements.csv", 1, "is empty"),
+    ]
+
+
+def test_no_measurements(tmp_path):
+    assert refused(tmp_path, table=CSV.splitlines()[0])[0][:3] == (
+        "measurements.csv",
+        1,
+        "holds no measurements",
+    )
+
+
+def test_missing_files_and_folders(tmp_path):
+    found = refused(tmp_path, toml=None, table=None)
+    assert [row[0] for row in found] == ["campaign.toml", "measurements.csv"]
+    assert all(row[2] == "does not exist" for row in found)
+    with pytest.raises(InputError, match="does not exist"):
+        load_campaign(tmp_path / "nowhere")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="is not a folder"):
+        load_campaign(tmp_path / "file")
+    (tmp_path / "measurements.csv").mkdir()
+    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+        load(tmp_path, table=None)
+
+
+def test_binary_rubbish(tmp_path):
+    rubbish = bytes(range(256)) * 4000
+    found = refused(tmp_path, toml=rubbish, table=rubbish)
+    assert {row[0] for row in found} == {"campaign.toml", "measurements.csv"}
+    assert "not UTF-8" in found[0][2]
+
+
+@pytest.mark.parametrize(
+    "toml",
+    ["x = " + "[" * 50_000, "x = " + "9" * 50_000, "[" + " " * 100_000, "a." * 500_000, "x" * 2**21, "\0"],
+    ids=["brackets", "digits", "spaces", "dots", "large", "nul"],
+)
+def test_malicious_toml_ends(tmp_path, toml):
+    start = time.perf_counter()
+    assert len(refused(tmp_path, toml=toml)) == 1
+    assert time.perf_counter() - start < HOPELESS
+
+
+def test_everything_wrong_in_both_files_is_said_at_once(tmp_path):
+    toml = TOML.replace("factor = 3.0", "factor = -1").replace('name = "two legs"', "nam = 1")
+    table = CSV.replace("0.6,0.8", "0.6,0.9").replace("a,2,1,2,3", "a,2,one,nan,3")
+    found = refused(tmp_path, toml, table)
+    assert [row[:2] for row in found] == [
+        ("campaign.toml", 3),
+        ("campaign.toml", 2),
+        ("campaign.toml", 12),
+        ("measurements.csv", 3),
+        ("measurements.csv", 3),
+        ("measurements.csv", 4),
+    ]
+
+
+def test_rows_are_checked_even_when_the_robot_is_unusable(tmp_path):
+    found = refused(tmp_path, toml="rubbish", table=CSV.replace("b,1,1", "b,1,?"))
+    assert [row[:2] for row in found] == [("campaign.toml", 1), ("measurements.csv", 4)]
+
+
+def test_fifty_problems_are_listed_and_the_others_counted(tmp_path):
+    rows = [f"p{k},1,?,2,3,1,0,0,0,10,11" for k in range(300)]
+    with pytest.raises(InputError) as caught:
+        load(tmp_path, table="\n".join([CSV.splitlines()[0], *rows]))
+    assert len(caught.value.problems) == 50
+    assert caught.value.omitted == 250
+    assert "300 problems" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "row",
+    ["rubbish", "a,1,x,y,z,qw,qx,qy,qz,L1,L2", "a,1,1,2,3,1,0,0,0,10,11", '"', "\xff", "\0", "q," * 3000],
+)
+def test_rubbish_without_end_is_given_up_soon(tmp_path, row):
+    content = (CSV.splitlines()[0] + "\n").encode() + (row + "\n").encode("latin-1") * (
+        200_000 if len(row) < 100 else 5_000
+    )
+    start = time.perf_counter()
+    tracemalloc.start()
+    with pytest.raises(InputError) as caught:
+        load(tmp_path, table=content)
+    assert tracemalloc.get_traced_memory()[1] < len(content) + 3e6  # this test's own copy, and little more
+    tracemalloc.stop()
+    assert time.perf_counter() - start < HOPELESS
+    problems = caught.value.problems
+    assert len(problems) == 51
+    assert "1,000 bad rows: the rest of the file was not read" in problems[-1].what
+    assert problems[-1].line in (1001, 1002)
+
+
+def test_unknown_columns_without_end(tmp_path):
+    header = ",".join(["pose", *(f"c{k}" for k in range(9000))])
+    start = time.perf_counter()
+    found = refused(tmp_path, table=header + "\n")
+    assert time.perf_counter() - start < HOPELESS
+    assert len(found) == 50
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="needs /dev/zero")
+def test_an_endless_line_is_not_taken_into_memory(tmp_path):
+    (tmp_path / "campaign.toml").write_text(TOML)
+    os.symlink("/dev/zero", tmp_path / "measurements.csv")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InputError, match="longer than 65,536 bytes"):
+        load_campaign(tmp_path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20_000  # kB

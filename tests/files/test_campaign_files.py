@@ -1,0 +1,294 @@
+"""Campaigns in memory and on disk: round trips bit for bit, digests, atomic writing."""
+
+import dataclasses
+import hashlib
+import os
+import pickle
+import tomllib
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cpcal.errors import InputError
+from cpcal.files import load_campaign, save_campaign
+from cpcal.robot import DELTALAB, Campaign, Robot, Uncertainty
+from cpcal.simulate import simulate
+
+ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+sizes = st.floats(min_value=0, max_value=1e300)
+text = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
+names = st.text(st.characters(exclude_categories=["C", "Z"], exclude_characters="/"), min_size=1, max_size=6)
+
+
+def bits(campaign):
+    return [getattr(campaign, name).tobytes() for name in ARRAYS]
+
+
+@st.composite
+def campaigns(draw):
+    legs, count = draw(st.integers(1, 4)), draw(st.integers(1, 5))
+
+    def array(*shape, of=finite):
+        size = int(np.prod(shape))
+        return np.array(draw(st.lists(of, min_size=size, max_size=size))).reshape(shape)
+
+    robot = Robot(draw(text), array(legs, 3), array(legs, 3), array(legs))
+    uncertainty = None
+    if draw(st.booleans()):
+        factor = draw(st.none() | st.floats(0, 1e8))
+        uncertainty = Uncertainty(array(3, of=sizes), array(3, of=sizes), array(legs, of=sizes), factor)
+    radii = {}
+    for name, width in (("position_radius", 3), ("rotation_radius", 3), ("length_radius", legs)):
+        if draw(st.booleans()):
+            radii[name] = array(count, width, of=sizes)
+    quaternion = array(count, 4, of=st.floats(-1, 1)) + np.array([2.0, 0.0, 0.0, 0.0])
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return Campaign.from_arrays(
+        robot,
+        array(count, 3),
+        quaternion,
+        array(count, legs),
+        pose=draw(st.lists(names, min_size=count, max_size=count, unique=True)),
+        run=draw(st.lists(names, min_size=count, max_size=count)),
+        uncertainty=uncertainty,
+        provenance=draw(st.dictionaries(text, text, max_size=3)),
+        **radii,
+    )
+
+
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(campaigns())
+def test_what_is_saved_is_loaded_bit_for_bit(tmp_path_factory, campaign):
+    folder = tmp_path_factory.mktemp("round") / "campaign"
+    save_campaign(campaign, folder)
+    loaded = load_campaign(folder)
+    assert loaded == campaign
+    assert bits(loaded) == bits(campaign)
+    assert loaded.robot.parameters.tobytes() == campaign.robot.parameters.tobytes()
+    assert loaded.sha256 == campaign.sha256
+    assert pickle.loads(pickle.dumps(loaded)) == campaign
+
+
+def test_a_whole_simulated_study_round_trips(tmp_path):
+    campaign = simulate(seed=1, runs=121, joint_error=1.0)
+    save_campaign(campaign, tmp_path / "c")
+    loaded = load_campaign(tmp_path / "c")
+    assert len(loaded) == 7744
+    assert loaded == campaign
+    assert bits(loaded) == bits(campaign)
+    assert loaded.uncertainty.factor == 3.0
+
+
+def test_the_digest_is_of_the_files_as_they_are(tmp_path):
+    campaign = simulate(seed=1)
+    save_campaign(campaign, tmp_path)
+    toml, table = ((tmp_path / name).read_bytes() for name in ("campaign.toml", "measurements.csv"))
+    assert campaign.sha256 == hashlib.sha256(toml + b"\0" + table).hexdigest()
+    toml += b"# a remark\n"
+    (tmp_path / "campaign.toml").write_bytes(toml)
+    loaded = load_campaign(tmp_path)
+    assert loaded == campaign
+    assert loaded.sha256 == hashlib.sha256(toml + b"\0" + table).hexdigest() != campaign.sha256
+    # a changed copy is not tied to the files any more
+    assert dataclasses.replace(loaded, length=loaded.length + 1).sha256 not in (
+        loaded.sha256,
+        campaign.sha256,
+    )
+
+
+def test_bom_crlf_column_order_blank_lines_and_spaces_do_not_matter(tmp_path):
+    campaign = simulate(seed=1)
+    save_campaign(campaign, tmp_path)
+    toml, table = tmp_path / "campaign.toml", tmp_path / "measurements.csv"
+    toml.write_bytes(b"\xef\xbb\xbf" + toml.read_bytes().replace(b"\n", b"\r\n"))
+    rows = [line.split(",")[::-1] for line in table.read_text().splitlines()]
+    text = "\r\n\r\n".join(" , ".join(row) for row in rows)  # no line end at the end
+    table.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    loaded = load_campaign(tmp_path)
+    assert loaded == campaign
+    assert bits(loaded) == bits(campaign)
+
+
+def test_override_columns_replace_half_widths_row_by_row(tmp_path):
+    save_campaign(simulate(seed=1, factor=2.0), tmp_path)
+    table = tmp_path / "measurements.csv"
+    lines = table.read_text().splitlines()
+    extra = [",dy,dL6,drx", ",0.5,,1e-3", ",,0,", *[",,,"] * 62]
+    table.write_text("\n".join(line + more for line, more in zip(lines, extra, strict=True)))
+    plain, loaded = simulate(seed=1, factor=2.0), load_campaign(tmp_path)
+    assert loaded.position_radius[0].tolist() == [
+        plain.position_radius[0, 0],
+        0.5,
+        plain.position_radius[0, 2],
+    ]
+    assert loaded.rotation_radius[0].tolist() == [1e-3, *plain.rotation_radius[0, 1:]]
+    assert loaded.length_radius[1].tolist() == [*plain.length_radius[1, :5], 0.0]
+    assert np.array_equal(loaded.length_radius[2:], plain.length_radius[2:])
+    assert not loaded.exact
+
+
+def test_half_widths_given_directly_and_whole_numbers(tmp_path):
+    (tmp_path / "campaign.toml").write_text(
+        'format = "cpcal-campaign/1"\nprovenance = {year = 2006, when = 2006-05-01}\n'
+        '[robot]\nname = "cable"\nbase = [[1, 2, 3]]\nmobile = [[0, 0, 0]]\noffset = [5]\n'
+        "[uncertainty]\nposition_half_width = [1, 2, 3]\nrotation_half_width = [0, 0, 0]\n"
+        "length_half_width = [0.5]\n"
+    )
+    (tmp_path / "measurements.csv").write_text("pose,run,x,y,z,qw,qx,qy,qz,L1\na,1,1,2,3,1,0,0,0,7\n")
+    loaded = load_campaign(tmp_path)
+    assert loaded.legs == 1
+    assert loaded.position_radius.tolist() == [[1, 2, 3]]
+    assert loaded.length_radius.tolist() == [[0.5]]
+    assert loaded.uncertainty.factor is None
+    assert loaded.provenance == {"year": "2006", "when": "2006-05-01"}
+
+
+def test_without_uncertainty_readings_are_exact(tmp_path):
+    save_campaign(simulate(seed=1, factor=0.0), tmp_path)
+    assert "uncertainty" not in tomllib.loads((tmp_path / "campaign.toml").read_text())
+    assert load_campaign(tmp_path).exact
+
+
+def test_names_with_commas_and_quotes(tmp_path):
+    campaign = Campaign.from_arrays(
+        DELTALAB, np.zeros((2, 3)), [[1, 0, 0, 0]] * 2, np.zeros((2, 6)), pose=['a,"b', "a b"], run=["#", "'"]
+    )
+    save_campaign(campaign, tmp_path)
+    assert load_campaign(tmp_path).measurement_ids == ['a,"b/#', "a b/'"]
+
+
+def test_saving_over_a_campaign_keeps_other_files_and_leaves_no_litter(tmp_path):
+    folder = tmp_path / "deep" / "campaign"
+    save_campaign(simulate(seed=1), folder)
+    (folder / "photo.png").write_bytes(b"x")
+    save_campaign(simulate(seed=2), folder)
+    assert load_campaign(folder) == simulate(seed=2)
+    assert sorted(os.listdir(folder)) == ["campaign.toml", "measurements.csv", "photo.png"]
+    assert os.listdir(folder.parent) == ["campaign"]
+
+
+@pytest.mark.parametrize("fatal", ["campaign.toml", "measurements.csv"])
+def test_an_interrupted_save_leaves_no_campaign_rather_than_a_mixture(tmp_path, monkeypatch, fatal):
+    old = tmp_path / "old"
+    save_campaign(simulate(seed=1), old)
+    real = os.replace
+
+    def replace(source, target):
+        if str(target).endswith(fatal):
+            raise OSError(28, "No space left on device")
+        real(source, target)
+
+    monkeypatch.setattr("os.replace", replace)
+    with pytest.raises(InputError, match="No space left"):
+        save_campaign(simulate(seed=2), old)
+    with pytest.raises(InputError, match=r"campaign\.toml: does not exist"):
+        load_campaign(old)
+    assert os.listdir(tmp_path) == ["old"]
+
+
+def test_a_failed_save_of_a_new_campaign_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    with pytest.raises(InputError, match="No space left"):
+        save_campaign(simulate(seed=2), tmp_path / "new")
+    assert os.listdir(tmp_path) == []
+
+
+def test_saving_where_a_file_stands_is_refused(tmp_path):
+    (tmp_path / "file").write_text("precious")
+    with pytest.raises(InputError, match="cannot be written"):
+        save_campaign(simulate(seed=1), tmp_path / "file")
+    with pytest.raises(InputError, match="cannot be written"):
+        save_campaign(simulate(seed=1), tmp_path / "file" / "below")
+    assert (tmp_path / "file").read_text() == "precious"
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_campaigns_are_values():
+    campaign = simulate(seed=1)
+    assert campaign == simulate(seed=1)
+    assert hash(campaign) == hash(simulate(seed=1))
+    assert campaign != simulate(seed=1, factor=1.0)
+    with pytest.raises(ValueError, match="read-only"):
+        campaign.length[0, 0] = 1.0
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        campaign.pose = ()
+    assert repr(campaign) == "<Campaign of 'DeltaLab Table of Stewart': 64 measurements, 6 legs>"
+
+
+def test_half_widths_in_memory_broadcast():
+    campaign = Campaign.from_arrays(
+        DELTALAB, np.zeros((2, 3)), [[1, 0, 0, 0]] * 2, np.zeros((2, 6)), length_radius=0.25
+    )
+    assert campaign.measurement_ids == ["p0/1", "p1/1"]
+    assert campaign.length_radius.tolist() == [[0.25] * 6] * 2
+    assert not campaign.position_radius.any()
+
+
+def in_memory(**changes):
+    values = {
+        "position": np.zeros((3, 3)),
+        "quaternion": np.tile([1.0, 0, 0, 0], (3, 1)),
+        "length": np.zeros((3, 6)),
+    }
+    return Campaign.from_arrays(DELTALAB, **values | changes)
+
+
+def test_every_problem_of_a_campaign_in_memory_is_reported_at_once():
+    position = np.zeros((3, 3))
+    position[1, 2] = np.nan
+    quaternion = np.array([[1.0, 0, 0, 0], [1.0, 0.1, 0, 0], [0.0, 0, 0, 0]])
+    with pytest.raises(InputError) as caught:
+        in_memory(position=position, quaternion=quaternion, pose=["a", "a", "b/c"], run="111", length_radius=-1.0)
+    message = str(caught.value)
+    assert len(caught.value.problems) == 8
+    for part in (
+        "'b/c' cannot be a name",
+        "measurement a/1: is given 2 times",
+        "measurement a/1: its position is NaN",
+        "measurement a/1: the quaternion has the norm 1.00498756, not 1",
+        "measurement b/c/1: the quaternion is zero",
+        "its length_radius is negative",
+    ):
+        assert part in message
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"position": np.zeros((0, 3)), "quaternion": np.zeros((0, 4)), "length": np.zeros((0, 6))},
+            "no meas",
+        ),
+        ({"length": np.zeros((3, 5))}, r"has the shape \(3, 5\), not \(3, 6\)"),
+        ({"quaternion": np.zeros((2, 4))}, "campaign quaternion"),
+        ({"position_radius": np.zeros((2, 3))}, "campaign position_radius"),
+        ({"run": ["1"]}, "has 1 names"),
+        ({"pose": ["a", "b", "\ud800"]}, "cannot be a name"),
+        ({"pose": ["a", "b", ""]}, "cannot be a name"),
+        ({"pose": ["a", "b", 3]}, "cannot be a name"),
+        ({"position": "abc"}, "numbers"),
+        ({"position": 3.0}, "campaign position"),
+        ({"provenance": {"a": 3}}, "not text"),
+        ({"provenance": {"a": "\ud800"}}, "not text"),
+        ({"uncertainty": Uncertainty([0, 0, 0], [0, 0, 0], [0] * 5, 3)}, "has 5 numbers for 6 legs"),
+        ({"length": np.full((3, 6), np.inf)}, "infinite"),
+        ({"quaternion": np.full((3, 4), 1e300)}, "the norm 2e\\+300"),
+    ],
+)
+def test_what_makes_no_campaign_in_memory(changes, message):
+    with pytest.raises(InputError, match=message):
+        in_memory(**changes)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [([0, 0], [0, 0, 0], [0]), ([0, 0, -1], [0, 0, 0], [0]), ([0, 0, 0], [0, 0, 0], [np.inf]),
+     ([1e308, 0, 0], [0, 0, 0], [0], 10.0), ([0, 0, 0], [0, 0, 0], [0], -1.0)],
+)  # fmt: skip
+def test_senseless_uncertainties(arguments):
+    with pytest.raises(InputError):
+        Uncertainty(*arguments)

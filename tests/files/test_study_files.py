@@ -1,0 +1,261 @@
+"""Studies on disk: round trips byte for byte; unusable files with every problem, its file, line and remedy."""
+
+import os
+
+import numpy as np
+import pytest
+
+from cpcal.errors import InputError
+from cpcal.files import load_campaign, load_study, save_study
+from cpcal.robot import DELTALAB, PoseTable, Robot, Study
+from cpcal.simulate import simulate_study
+
+NAMES = ("study.toml", "calibration.csv", "validation.csv")
+TOML = """\
+format = "cpcal-study/1"
+[robot]
+name = "two legs"
+base = [[0, 0, 0], [1, 2, 3]]
+mobile = [[0, 0, 0], [1, 0, 0]]
+offset = [5, 6]
+[provenance]
+where = "here"
+[truth]
+seed = 3
+parameters = [
+    [0, 0, 0, 0, 0, 0, 5],
+    [1, 2, 3, 1, 0, 0, 6],
+]
+[truth.camera]
+position = [0, 0, 900]
+quaternion = [0, 1, 0, 0]
+[truth.target]
+position = [1, 2, 3]
+quaternion = [1, 0, 0, 0]
+[truth.mechanisms]
+base_axis = [[1, 0, 0], [0, 1, 0]]
+base_offset = [0, 0]
+mobile_axis = [[1, 0, 0], [0, 1, 0]]
+mobile_offset = [[0, 0, 0], [0, 0, 0]]
+backlash = [0, 0]
+friction = 0
+sag = [0, 0]
+gain = [0, 0]
+reference = 70
+joint_error = [0, 0]
+joint_phase = [[0, 0], [0, 0]]
+"""
+TABLE = """\
+pose,run,x,y,z,qw,qx,qy,qz,L1,L2
+a,1,1,2,3,1,0,0,0,10,11
+a,2,1,2,3,0,1,0,0,10,11
+b,1,1,2,3,0.6,0.8,0,0,10,11
+"""
+IMAGES = """\
+pose,run,image,x,y,z,qw,qx,qy,qz,L1,L2
+a,1,1,1,2,3,1,0,0,0,10,11
+a,1,2,1,2,3,0,1,0,0,10,11
+"""
+
+
+def load(folder, toml=TOML, calibration=TABLE, validation=TABLE):
+    for name, text in zip(NAMES, (toml, calibration, validation), strict=True):
+        if text is not None:
+            (folder / name).write_text(text, encoding="utf-8")
+    return load_study(folder)
+
+
+def refused(folder, **texts):
+    """(file, line, what, remedy) of every problem."""
+    with pytest.raises(InputError) as caught:
+        load(folder, **texts)
+    assert all(problem.remedy for problem in caught.value.problems)
+    return [(os.path.basename(p.where), p.line, p.what, p.remedy) for p in caught.value.problems]
+
+
+def contents(folder):
+    return {name: (folder / name).read_bytes() for name in NAMES}
+
+
+@pytest.mark.parametrize("more", [{}, {"images": 2}, {"backlash": 1.0, "sag": 0.3, "gain": 1e-3, "joint_error": 1.0}])
+def test_what_is_saved_is_loaded_and_saved_again_byte_for_byte(tmp_path, more):
+    study = simulate_study(seed=7, runs=2, validation_runs=1, random_poses=4, **more)
+    save_study(study, tmp_path / "one")
+    loaded = load_study(tmp_path / "one")
+    assert loaded == study
+    assert loaded.truth.mechanisms == study.truth.mechanisms
+    assert loaded.calibration.length.tobytes() == study.calibration.length.tobytes()
+    save_study(loaded, tmp_path / "two")
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+
+
+def test_a_measured_study_has_no_truth(tmp_path):
+    study = load(tmp_path, toml=TOML.partition("[truth]")[0], validation=IMAGES)
+    assert study.truth is None
+    assert study.provenance == {"where": "here"}
+    assert study.validation.row_ids == ["a/1/1", "a/1/2"]
+    assert study.calibration.image is None
+    save_study(study, tmp_path / "again")
+    assert load_study(tmp_path / "again") == study
+
+
+def test_the_example_with_a_truth_is_good(tmp_path):
+    truth = load(tmp_path).truth
+    assert truth.seed == 3
+    assert truth.camera.position.tolist() == [0.0, 0.0, 900.0]
+    assert truth.mechanisms.perfect
+
+
+def test_strange_names_and_numbers_come_back(tmp_path):
+    names, runs = ('a,"b', "#é", "x y"), ("=1", "'", "-0")
+    values = [[-0.0, 5e-324, 1e300], [0.1, 1 / 3, 1e22], [1.0, 2.0, 3.0]]
+    rows = PoseTable(names, runs, values, [[1, 0, 0, 0]] * 3, np.zeros((3, 6)), ("1", "1", ","))
+    study = Study(DELTALAB, rows, rows, None, {'k"e\ny': 'a "text"\nof two lines'})
+    save_study(study, tmp_path / "one")
+    assert load_study(tmp_path / "one") == study
+    assert load_study(tmp_path / "one").calibration.position.tobytes() == rows.position.tobytes()
+    save_study(load_study(tmp_path / "one"), tmp_path / "two")
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+
+
+def test_an_interrupted_overwrite_leaves_a_folder_that_is_refused(tmp_path, monkeypatch):
+    study = simulate_study(seed=7, runs=1, validation_runs=1, random_poses=1)
+    save_study(study, tmp_path / "s")
+    real = os.replace
+
+    def failing(source, target):
+        if str(target).endswith("validation.csv"):
+            raise OSError(28, "No space left on device")
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", failing)
+    with pytest.raises(InputError, match="No space left"):
+        save_study(study, tmp_path / "s")
+    assert not (tmp_path / "s" / "study.toml").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "what", "remedy"),
+    [
+        ('format = "cpcal-study/1"\n', "", None, "'format' is missing", 'format = "cpcal-study/1"'),
+        ("cpcal-study/1", "cpcal-campaign/1", 1, "the format is 'cpcal-campaign/1'", "cpcal-study/1"),
+        ("[provenance]", "[uncertainty]", 7, "unknown key 'uncertainty'", "format, robot, provenance, truth"),
+        ("\noffset =", "\nofset =", 6, "unknown key 'ofset' in [robot]", "offset"),
+        ("seed = 3", "seed = -3", 10, "seed is -3", "from 0"),
+        ("seed = 3", "seed = 3.5", 10, "seed is 3.5", "whole"),
+        ("seed = 3\n", "", 9, "'seed' is missing in [truth]", "take [truth] out"),
+        ("    [1, 2, 3, 1, 0, 0, 6],\n", "", 11, "parameters has 1 rows for 2 legs", "each leg"),
+        ("[1, 2, 3, 1, 0, 0, 6]", "[1, 2, 3, 1, 0, 0]", 11, "parameters of leg 2 has 6 numbers, not 7", "ax"),
+        ("[0, 0, 900]", "[0, 0, inf]", 16, "position holds inf", "finite"),
+        ("quaternion = [0, 1, 0, 0]", "quaternion = [0, 1, 1, 0]", 17, "the norm 1.41421356, not 1", "divide"),
+        ("quaternion = [0, 1, 0, 0]\n", "", 15, "'quaternion' is missing in [truth.camera]", "add"),
+        ("[truth.camera]", "[truth.kamera]", 15, "unknown key 'kamera' in [truth]", "camera"),
+        ("base_axis = [[1, 0, 0]", "base_axis = [[2, 0, 0]", 22, "base_axis holds an axis whose norm", "unit"),
+        ("sag = [0, 0]", "sag = [0, -1]", 28, "sag holds a negative number", ">= 0"),
+        ("sag = [0, 0]", "sag = [0]", 28, "sag has 1 numbers, not 2", "each leg"),
+        ("sag = [0, 0]", "sag = 0", 28, "sag is not a list of numbers", "each leg"),
+        ("sag = [0, 0]\n", "", 21, "'sag' is missing in [truth.mechanisms]", "add"),
+        ("gain = [0, 0]", "gain = [0, -1]", 29, "gain holds a gain of -1 or less", "relative"),
+        ("friction = 0", 'friction = "low"', 27, "friction holds 'low'", "number"),
+        ("mobile_offset = [[0, 0, 0], [0, 0, 0]]", "mobile_offset = 1", 25, "is not a list of rows", "each leg"),
+    ],
+)
+def test_a_bad_study_toml(tmp_path, old, new, line, what, remedy):
+    assert TOML.count(old) == 1
+    found = refused(tmp_path, toml=TOML.replace(old, new))
+    assert [row for row in found if row[:2] == ("study.toml", line) and what in row[2] and remedy in row[3]]
+    assert {row[0] for row in found} == {"study.toml"}
+
+
+@pytest.mark.parametrize(
+    ("line", "row", "what"),
+    [
+        (2, "a,1,1,1,2,x3,1,0,0,0,10,11", "z: 'x3' is not a number"),
+        (3, "a,1,1,1,2,3,1,0,0,0,10,11", "pose 'a' run '1' image '1' was given on line 2 already"),
+        (3, "a,1,,1,2,3,1,0,0,0,10,11", "'' cannot be the name of an image"),
+        (3, "a,1,2,1,2,3,1,1,0,0,10,11", "not 1 (to within 1e-06)"),
+        (1, "pose,run,image,x,y,z,qw,qx,qy,qz,L1,dL1", "unknown column 'dL1'"),
+    ],
+)
+def test_a_bad_line_of_a_table(tmp_path, line, row, what):
+    lines = IMAGES.splitlines()
+    lines[line - 1] = row
+    found = refused(tmp_path, validation="\n".join(lines))
+    assert [problem for problem in found if problem[:2] == ("validation.csv", line) and what in problem[2]]
+
+
+def test_everything_wrong_in_the_three_files_is_said_at_once(tmp_path):
+    toml = TOML.replace("seed = 3", "seed = -3").replace("sag = [0, 0]", "sag = [0, -1]")
+    found = refused(
+        tmp_path, toml=toml, calibration=TABLE.replace("a,2", "a,1"), validation=TABLE.replace("0.8", "0.9")
+    )
+    assert [row[:2] for row in found] == [
+        ("study.toml", 10),
+        ("study.toml", 28),
+        ("calibration.csv", 3),
+        ("validation.csv", 4),
+    ]
+
+
+def test_the_truth_is_checked_even_when_the_robot_is_unusable(tmp_path):
+    toml = TOML.partition("[robot]")[0] + TOML[TOML.index("[provenance]") :].replace("gain = [0, 0]", "gain = [-2]")
+    found = refused(tmp_path, toml=toml)
+    assert [row[:3] for row in found] == [
+        ("study.toml", None, "the section [robot] is missing"),
+        ("study.toml", 24, "gain holds a gain of -1 or less"),
+    ]
+
+
+def test_missing_files_and_a_campaign_in_place_of_a_study(tmp_path):
+    found = refused(tmp_path, toml=None, calibration=None, validation=None)
+    assert [row[0] for row in found] == list(NAMES)
+    assert all(row[2] == "does not exist" and "three files" in row[3] for row in found)
+    with pytest.raises(InputError, match="does not exist"):
+        load_study(tmp_path / "nowhere")
+    load(tmp_path)
+    with pytest.raises(InputError, match=r"campaign\.toml: does not exist"):
+        load_campaign(tmp_path)
+
+
+def table(**more):
+    values = {"position": np.zeros((2, 3)), "quaternion": [[1, 0, 0, 0]] * 2, "length": np.zeros((2, 6))} | more
+    return PoseTable(values.pop("pose", ("a", "b")), values.pop("run", ("1", "1")), **values)
+
+
+@pytest.mark.parametrize(
+    ("more", "texts"),
+    [
+        ({"pose": (), "run": ()}, ["no measurements"]),
+        ({"run": ("1",)}, ["run: has 1 names"]),
+        ({"image": ("1",)}, ["image: has 1 names"]),
+        ({"position": np.zeros((3, 3)), "length": np.zeros((2, 0))}, ["position: has the shape", "length: has the"]),
+        ({"pose": ("a/", "a"), "run": (" ", "1")}, ["'a/' cannot be a name", "' ' cannot be a name"]),
+        ({"pose": ("a", "a")}, ["row a/1: is given 2 times"]),
+        ({"pose": ("a", "a"), "image": ("1", "1")}, ["row a/1/1: is given 2 times"]),
+        ({"length": np.full((2, 6), np.nan)}, ["row a/1: its length is NaN", "row b/1: its length"]),
+        ({"quaternion": [[1, 0, 0, 0], [1, 1, 0, 0]]}, ["row b/1: the quaternion has the norm"]),
+    ],
+)
+def test_a_bad_table_in_memory(more, texts):
+    with pytest.raises(InputError) as caught:
+        table(**more)
+    for text in texts:
+        assert text in str(caught.value)
+
+
+def test_a_bad_study_in_memory():
+    few = Robot.from_parameters("five", DELTALAB.parameters[:5])
+    truth = simulate_study(seed=0, runs=1, validation_runs=1, random_poses=1).truth
+    with pytest.raises(InputError) as caught:
+        Study(few, table(), table(length=np.zeros((2, 5))), truth, {"a": 1})
+    assert [p.where for p in caught.value.problems] == ["study calibration", "study truth", "study provenance 'a'"]
+
+
+def test_tables_are_values():
+    one = table()
+    assert one == table()
+    assert hash(one) == hash(table())
+    assert one != table(length=np.ones((2, 6)))
+    with pytest.raises(ValueError, match="read-only"):
+        one.length[0, 0] = 1.0

@@ -1,0 +1,307 @@
+"""Leg models: their equations, fits and certificates against independent formulas; what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction as F
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.checker.lines import Lines
+from cpcal.checker.polynomial import value
+from cpcal.legs import (
+    PLAIN,
+    ModelResiduals,
+    fit_model,
+    leg_box,
+    leg_model,
+    leg_network,
+    model_residuals,
+    model_statement,
+    reading_sensitivities,
+)
+from cpcal.robot import ModelChoice, rotation_matrix
+from cpcal.simulate import true_robot
+from cpcal.solver.certificate.statement import NetworkStatement, number
+from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.network import sqr
+
+NAMES = ("plain", "gain", "linear", "lateral")
+
+
+def with_gain(campaign, gain):
+    """The same robot read by sensors that show L / (1 + gain)."""
+    return replace(campaign, length=campaign.length / (1.0 + gain))
+
+
+def some(campaign, rows):
+    """Some of the measurements."""
+    arrays = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
+    names = {name: tuple(np.array(getattr(campaign, name))[rows]) for name in ("pose", "run")}
+    return replace(campaign, **names, **{name: getattr(campaign, name)[rows] for name in arrays})
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return with_gain(cpcal.simulate(seed=1, factor=0.0), 0.01)
+
+
+@pytest.fixture(scope="module")
+def uncertain():
+    """Noise stays within the sets, so that the truth solves every equation of the gain model."""
+    return with_gain(cpcal.simulate(seed=1, factor=3.0, truncate=2.9), 0.01)
+
+
+def independent(campaign, leg, x, name):
+    """g (N,) by its formula, in numpy."""
+    rotation, length = rotation_matrix(campaign.quaternion), campaign.length[:, leg - 1]
+    v = campaign.position + rotation @ x[3:6] - x[:3]
+    square, reading = (v**2).sum(axis=1), length + x[6]
+    if name in ("gain", "linear"):
+        reading = reading + x[7] * length
+    if name == "linear":
+        axial = np.stack([rotation[:, k, j] - rotation[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1) / 2
+        reading = reading + campaign.position @ x[8:11] + axial @ x[11:14]
+    if name == "lateral":
+        square = square - x[7]
+    return np.sqrt(square) - reading
+
+
+def about(campaign, leg, model, seed=0):
+    """A point near the nominal one, extra parameters anywhere in their box."""
+    rng = np.random.default_rng(seed)
+    near = campaign.robot.parameters[leg - 1] + rng.normal(size=7)
+    return np.append(near, model.half_widths * rng.uniform(-1.0, 1.0, len(model.extra)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", ["exact", "uncertain"])
+def test_residuals_are_the_formula_and_their_derivatives_its_slopes(request, kind, name):
+    campaign, model = request.getfixturevalue(kind), leg_model(name)
+    x = about(campaign, 2, model)
+    expected = independent(campaign, 2, x, name)
+    np.testing.assert_allclose(model_residuals(campaign, 2, x, model), expected, rtol=0, atol=1e-9)
+    of, step = ModelResiduals(campaign, 2, model), 1e-5
+    slopes = [
+        (independent(campaign, 2, x + e, name) - independent(campaign, 2, x - e, name)) / (2 * step)
+        for e in step * np.eye(len(x))
+    ]
+    np.testing.assert_allclose(of.jacobian(x), np.transpose(slopes), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES[1:])
+def test_a_larger_model_fits_no_worse_and_its_fit_is_stationary_or_at_a_bound(exact, name):
+    model = leg_model(name)
+    x = fit_model(exact, 1, model)
+    of = ModelResiduals(exact, 1, model)
+    r, jacobian = of.values(x), of.jacobian(x)
+    assert np.linalg.norm(r) <= np.linalg.norm(model_residuals(exact, 1, fit_model(exact, 1))) * (1 + 1e-9)
+    free = np.append(np.ones(7, dtype=bool), np.abs(x[7:]) < 0.999 * model.half_widths)
+    slope = (jacobian / np.linalg.norm(jacobian, axis=0)).T @ r
+    assert np.abs(slope[free]).max() < 1e-3 * np.linalg.norm(r)
+    assert (np.abs(x[7:]) <= model.half_widths).all()
+
+
+def test_the_fit_finds_the_gain_of_readings_without_noise():
+    campaign = with_gain(cpcal.simulate(seed=2, factor=0.0, noise=0.0), -0.02)
+    x = fit_model(campaign, 3, leg_model("gain"))
+    truth = true_robot(campaign).parameters[2]
+    np.testing.assert_allclose(x, np.append(truth, -0.02), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", NAMES[1:])
+def test_extra_parameters_fixed_to_zero_reproduce_the_plain_model(exact, name):
+    model = leg_model(name)
+    none = dict.fromkeys((p.name for p in model.extra), 0.0)
+    x = fit_model(exact, 1, model.within(none))
+    plain = fit_model(exact, 1)
+    assert np.array_equal(x, np.append(plain, np.zeros(len(none))))
+    np.testing.assert_allclose(
+        model_residuals(exact, 1, x, model), model_residuals(exact, 1, plain), rtol=0, atol=1e-12 * 500
+    )
+    ours = cpcal.certify(exact, legs=[1], model=name, half_widths=none).legs[0]
+    theirs = cpcal.certify(exact, legs=[1]).legs[0]
+    assert ours.eps_lo <= theirs.eps_hi
+    assert theirs.eps_lo <= ours.eps_hi
+    assert ours.eps_hi - ours.eps_lo <= 2e-6 * ours.eps_hi
+    np.testing.assert_allclose(ours.point, np.append(theirs.point, np.zeros(len(none))), atol=1e-3)
+
+
+@pytest.mark.parametrize("name", NAMES[1:])
+def test_a_certificate_states_the_equations_of_the_campaign_exactly(exact, name):
+    """Every polynomial at a rational point against the formula in fractions, from the campaign's numbers.
+
+    The same models under names of one's own, which the checker does not know.
+    """
+    model, leg = replace(leg_model(name), name=f"own_{name}"), 4
+    campaign = some(exact, slice(0, 5))
+    x = about(campaign, leg, model)
+    net = leg_network(
+        campaign, leg, leg_box(x, 100.0, model), engine=get_arithmetic("float64"), eps=(0.0, 9.0), model=model
+    )
+    statement = model_statement(campaign, leg, model, net.domain)
+    assert isinstance(statement, NetworkStatement)
+    at = tuple(F(float(v)) for v in [*x, 0.3125])
+    a, b, (offset, *extra), eps = at[:3], at[3:6], at[6:-1], at[-1]
+    for k, item in enumerate(statement.problem.items[:5]):
+        w, q1, q2, q3 = (F(float(v)) for v in campaign.quaternion[k])
+        position, length = [F(float(v)) for v in campaign.position[k]], F(float(campaign.length[k, leg - 1]))
+        size = w * w + q1 * q1 + q2 * q2 + q3 * q3
+        rows = (
+            (w * w + q1 * q1 - q2 * q2 - q3 * q3, 2 * (q1 * q2 - w * q3), 2 * (q1 * q3 + w * q2)),
+            (2 * (q1 * q2 + w * q3), w * w - q1 * q1 + q2 * q2 - q3 * q3, 2 * (q2 * q3 - w * q1)),
+            (2 * (q1 * q3 - w * q2), 2 * (q2 * q3 + w * q1), w * w - q1 * q1 - q2 * q2 + q3 * q3),
+        )
+        v = [position[i] + sum(r * u for r, u in zip(rows[i], b, strict=True)) / size - a[i] for i in range(3)]
+        square, reading = sum(c * c for c in v), length + offset
+        if name == "lateral":
+            square -= extra[0]
+        else:
+            reading += extra[0] * length
+        if name == "linear":
+            reading += sum(c * p for c, p in zip(extra[1:4], position, strict=True))
+            reading += sum(t * 2 * w * r for t, r in zip(extra[4:], (q1, q2, q3), strict=True)) / size
+        assert item.root
+        assert value(item.body, at) == size**2 * square
+        assert value(item.at_most, at) == size * (reading + eps)
+        assert value(item.at_least, at) == size * (reading - eps)
+    for k, item in enumerate(statement.problem.items[5:]):
+        length = F(float(campaign.length[k, leg - 1]))
+        assert value(item.body, at) - value(item.at_least, at) == offset + length - eps
+
+
+def test_long_numbers_are_written_as_the_format_has_them():
+    rng = np.random.default_rng(5)
+    lines = Lines(None, F)
+    for bits in (1, 63, 64, 255, 256, 257, 300, 511, 512):
+        mantissa = int.from_bytes(rng.bytes(64), "big") >> (512 - bits) | 1 << (bits - 1) | 1
+        for exponent in (-600, -256, 0, 77):
+            for sign in (1, -1):
+                exact = sign * mantissa * F(2) ** exponent
+                text = number(exact)
+                assert lines.number(text) == exact
+                digits = text.lstrip("-").removeprefix("0x").split("p")[0].split(".")
+                assert max(map(len, digits)) <= 64
+
+
+def test_the_room_of_a_plain_leg_agrees_with_its_formula(uncertain):
+    from cpcal.report import reading_sensitivity
+
+    x = fit_model(uncertain, 1)
+    np.testing.assert_allclose(
+        reading_sensitivities(uncertain, 1, x, PLAIN), reading_sensitivity(uncertain, 1, x), rtol=1e-3
+    )
+    gain = np.append(x, 0.02)
+    wider = reading_sensitivity(uncertain, 1, gain, leg_model("gain")) - reading_sensitivities(uncertain, 1, x, PLAIN)
+    np.testing.assert_allclose(wider, 0.02 * uncertain.length_radius[:, 0], rtol=1e-2)
+
+
+# a model of one's own -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def cubic():
+    """A bend of the sensor's scale, of second order in its reading."""
+    bend = cpcal.Parameter("bend", "1/mm", 1e-4)
+    model = cpcal.LegModel("bent", "L + l + bend L^2", (bend,), lambda m, x: x["bend"] * sqr(m.length))
+    return cpcal.register_model(model)
+
+
+def test_a_model_of_ones_own_is_certified_and_checked(exact, cubic, tmp_path):
+    campaign = replace(exact, length=exact.length - 2e-5 * exact.length**2)
+    result = cpcal.certify(campaign, legs=[1], model="bent", certificates=tmp_path)
+    leg = result.legs[0]
+    assert result.parameters[7:] == ("bend",)
+    assert leg.certificate == "leg1.cert.jsonl"
+    from cpcal.checker.checker import check
+
+    accepted = check(tmp_path / leg.certificate)
+    assert float(accepted.claims.eps_lo) == leg.eps_lo
+    assert float(accepted.claims.eps_hi) == leg.eps_hi
+    assert accepted.unknowns[-2:] == ("bend", "eps")
+    assert leg.eps_hi < cpcal.certify(campaign, legs=[1]).legs[0].eps_lo
+
+
+def test_a_term_of_the_wrong_kind_is_refused_when_it_is_used(exact, cubic):
+    for wrong in (lambda m, x: m.position * x["bend"], lambda m, x: 1.0):
+        cpcal.register_model(replace(cubic, term=wrong))
+        with pytest.raises(cpcal.ModelError, match=r"'bent' must give an expression of shape \(64,\)"):
+            cpcal.certify(exact, legs=[1], model="bent")
+
+
+def test_what_cannot_be_a_model_is_refused_with_everything_that_is_wrong():
+    with pytest.raises(cpcal.InputError) as refused:
+        cpcal.register_model(cpcal.LegModel("plain", "nothing"))
+    assert len(refused.value.problems) == 2
+    bad = (cpcal.Parameter("l", "mm", 1.0), cpcal.Parameter("x y", "mm", -1.0))
+    with pytest.raises(cpcal.InputError) as refused:
+        cpcal.register_model(cpcal.LegModel("my model", "?", bad, lambda m, x: m.length))
+    assert len(refused.value.problems) == 4
+
+
+# what is asked ------------------------------------------------------------------------------------------------
+
+
+def test_unknown_models_and_parameters_are_refused_with_all_other_problems(exact):
+    with pytest.raises(cpcal.InputError) as refused:
+        cpcal.certify(exact, legs=[9], model="gian", delta=-1.0)
+    assert [p.where for p in refused.value.problems] == ["model", "legs", "delta"]
+    assert "plain, gain, linear, lateral" in str(refused.value)
+    with pytest.raises(cpcal.InputError) as refused:
+        cpcal.certify(exact, model="gain", half_widths={"t": 1.0, "s": float("nan")}, gap=2.0)
+    assert [p.where for p in refused.value.problems] == ["half_widths", "half_widths", "gap"]
+    with pytest.raises(cpcal.InputError) as refused:
+        cpcal.compare(exact, ["plain", "plain", "gian"], tolerance=-1.0, half_widths={"linear": {}}, center="fit")
+    assert [p.where for p in refused.value.problems] == ["models", "half_widths", "model", "tolerance", "center"]
+    with pytest.raises(cpcal.InputError):
+        cpcal.compare(exact, [])
+
+
+def test_the_table_model_of_a_campaign_comes_back_and_is_asked_for(exact, tmp_path):
+    choice = ModelChoice("gain", {"s": 0.002})
+    campaign = replace(some(exact, slice(0, 12)), model=choice)
+    cpcal.save_campaign(campaign, tmp_path / "c")
+    again = cpcal.load_campaign(tmp_path / "c")
+    assert again == campaign
+    assert again.sha256 == campaign.sha256
+    assert again != replace(campaign, model=None)
+    result = cpcal.certify(again, legs=[1])
+    assert result.model.name == "gain"
+    assert result.model.extra[0].half_width == 0.002
+    assert abs(result.legs[0].enclosure["s"].hi) <= 0.002
+    assert cpcal.certify(again, legs=[1], model="plain").parameters == PLAIN.parameters
+    assert cpcal.certify(again, legs=[1], half_widths={"s": 0.0}).legs[0].point[7] == 0.0
+    # another model's half-widths are its own
+    assert cpcal.certify(again, legs=[1], model="lateral").model.extra[0].half_width == 900.0
+
+
+@pytest.mark.parametrize(
+    ("table", "count", "said"),
+    [
+        ("[model]\n", 1, "[model] has no name"),
+        ("[model]\nname = 3\nwidth = 4\n", 2, "unknown key 'width'"),
+        ('[model]\nname = "two words"\nhalf_widths = 3\n', 2, "half_widths is not a table"),
+        ('[model]\nname = "gain"\nhalf_widths = { s = -1, "t u" = "x", v = inf }\n', 4, "negative number -1"),
+        ("model = 3\n", 1, "is not a section"),
+    ],
+)
+def test_bad_tables_are_refused_with_their_lines(exact, tmp_path, table, count, said):
+    cpcal.save_campaign(some(exact, slice(0, 3)), tmp_path)
+    toml = tmp_path / "campaign.toml"
+    text = toml.read_text(encoding="utf-8")
+    toml.write_text(text + table if table.startswith("[") else table + text, encoding="utf-8")
+    with pytest.raises(cpcal.InputError) as refused:
+        cpcal.load_campaign(tmp_path)
+    assert len(refused.value.problems) == count
+    assert said in str(refused.value)
+    first = 1 if table.startswith("model") else text.count("\n") + 1
+    assert all(p.line is not None and p.line >= first for p in refused.value.problems)
+
+
+def test_a_name_that_no_model_has_is_told_when_it_is_used(exact, tmp_path):
+    cpcal.save_campaign(replace(some(exact, slice(0, 3)), model=ModelChoice("mine", {"k": 1.0})), tmp_path)
+    campaign = cpcal.load_campaign(tmp_path)
+    with pytest.raises(cpcal.InputError, match="'mine' is not known"):
+        cpcal.certify(campaign)

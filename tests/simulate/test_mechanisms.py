@@ -1,0 +1,165 @@
+"""Imperfect legs: poses that satisfy the physical leg equations, mechanism by mechanism."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cpcal.errors import InputError
+from cpcal.robot import DELTALAB, KinematicsError, Mechanisms, Pose, inverse_kinematics, leg_vectors
+from cpcal.simulate.assembly import assembled_with, clearance_sides, leg_gaps
+from cpcal.simulate.campaigns import STROKE, assembled, configurations, streams
+
+LARGE = {  # mm; the gain is relative
+    "axis_offset": 20.0,
+    "joint_offset": 20.0,
+    "backlash": 20.0,
+    "sag": 20.0,
+    "gain": 0.2,
+    "joint_error": 20.0,
+}
+READINGS = configurations(STROKE, streams(5)[2], random_poses=20, extremal=True)[1]
+IDEAL = assembled(DELTALAB, READINGS, STROKE)
+
+
+def drawn(seed=1, **sizes):
+    children = streams(seed, 2)
+    return Mechanisms.drawn(6, children[0], children[1], **sizes, reference=70.0)
+
+
+def solved(**sizes):
+    return assembled_with(DELTALAB, drawn(**sizes), READINGS, IDEAL)
+
+
+def effect(**sizes):
+    """What each mechanism adds to the length of each leg of the model, (K, 6) mm."""
+    return inverse_kinematics(DELTALAB, solved(**sizes)) - READINGS
+
+
+@pytest.mark.parametrize("name", [*LARGE, "friction"])
+def test_size_zero_changes_nothing_bit_for_bit(name):
+    pose = solved(**{name: 0.0})
+    assert pose.position.tobytes() == IDEAL.position.tobytes()
+    assert pose.quaternion.tobytes() == IDEAL.quaternion.tobytes()
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_poses_satisfy_the_six_leg_equations_to_rounding(name):
+    mechanisms = drawn(**{name: LARGE[name]})
+    pose = assembled_with(DELTALAB, mechanisms, READINGS, IDEAL)
+    gaps = leg_gaps(DELTALAB, mechanisms, READINGS, pose, clearance_sides(DELTALAB, mechanisms, pose))
+    assert np.abs(gaps).max() < 1e-10
+    assert np.abs(pose.position - IDEAL.position).max() > 1.0
+
+
+def test_all_mechanisms_at_once():
+    mechanisms = drawn(**{name: 0.2 * size for name, size in LARGE.items()}, friction=0.2)
+    pose = assembled_with(DELTALAB, mechanisms, READINGS, IDEAL)
+    side = clearance_sides(DELTALAB, mechanisms, pose)
+    gaps = leg_gaps(DELTALAB, mechanisms, READINGS, pose, side)
+    assert (np.abs(gaps).max(axis=1) < 1e-10).mean() > 0.95  # a few legs may float in their clearance
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_the_effect_is_proportional_to_the_size_to_first_order(name):
+    small, double = (effect(**{name: share * LARGE[name]}) for share in (1e-4, 2e-4))
+    assert_allclose(double, 2 * small, atol=2e-3 * np.abs(small).max())
+
+
+def test_a_lower_axis_offset_moves_the_end_of_the_leg_towards_it():
+    """By trigonometry in the plane of the first axis and the leg, and not by the code's vectors."""
+    mechanisms = drawn(axis_offset=7.0)
+    pose = assembled_with(DELTALAB, mechanisms, READINGS, IDEAL)
+    legs = leg_vectors(DELTALAB, pose)
+    along = np.einsum("kni,ni->kn", legs, mechanisms.base_axis)
+    across = np.sqrt(np.sum(legs**2, axis=-1) - along**2)
+    assert_allclose(np.hypot(along, across - mechanisms.base_offset), 345 + READINGS, rtol=1e-12)
+
+
+def test_upper_axis_offsets_are_those_of_a_chain_of_three_revolute_axes():
+    """Builds the joint forwards from its angles: the platform, two turns, then the leg along the third axis."""
+    mechanisms = drawn(joint_offset=9.0)
+    leg, length, (h, d, g) = 2, 400.0, mechanisms.mobile_offset[2]
+    first = mechanisms.mobile_axis[leg]
+    side = np.array([-first[1], first[0], 0.0])
+
+    def turn(vector, axis, angle):
+        return (
+            vector * np.cos(angle)
+            + np.cross(axis, vector) * np.sin(angle)
+            + axis * (axis @ vector) * (1 - np.cos(angle))
+        )
+
+    normal = turn(side, first, 0.4)  # from axis 1 to axis 2
+    for sense in (1.0, -1.0):
+        second = sense * np.cross(first, normal)
+        third = turn(normal, second, 0.3)  # the leg's line
+        across = np.cross(second, third)  # from axis 2 to the leg's line
+        for flip in (1.0, -1.0):
+            end = h * normal + d * second + flip * g * across
+            start = end + length * third
+            # lengths alone: the closed form that the iteration rests on
+            along = start @ first
+            reach = np.sqrt(start @ start - along**2 - d**2)
+            assert along**2 + (reach - h) ** 2 - g**2 == pytest.approx(length**2, rel=1e-12)
+    pose = assembled_with(DELTALAB, mechanisms, READINGS, IDEAL)
+    back = -np.einsum("kji,knj->kni", pose.rotation, leg_vectors(DELTALAB, pose))  # lower end from b, mobile frame
+    along = np.einsum("kni,ni->kn", back, mechanisms.mobile_axis)
+    h, d, g = mechanisms.mobile_offset.T
+    reach = np.sqrt(np.sum(back**2, axis=-1) - along**2 - d**2)
+    assert_allclose(np.sqrt(along**2 + (reach - h) ** 2 - g**2), 345 + READINGS, rtol=1e-12)
+
+
+def test_a_sagging_leg_is_the_shorter_the_flatter_and_the_longer_it_is():
+    missing = -effect(sag=2.0)
+    legs = leg_vectors(DELTALAB, solved(sag=2.0))
+    level = np.sum(legs[..., :2] ** 2, axis=-1) / np.sum(legs**2, axis=-1)
+    assert_allclose(missing, 2.0 * ((345 + READINGS) / 415) ** 7 * level, rtol=1e-9)
+
+
+def test_a_gain_leaves_mid_stroke_alone():
+    mechanisms = drawn(gain=0.01)
+    true = inverse_kinematics(DELTALAB, assembled_with(DELTALAB, mechanisms, READINGS, IDEAL))
+    assert_allclose(70 + (1 + mechanisms.gain) * (true - 70), READINGS, atol=1e-10)
+    assert set(np.abs(mechanisms.gain)) == {0.01}
+
+
+def test_legs_that_carry_the_platform_are_compressed_and_their_forces_balance_it():
+    upright = Pose(np.array([0.0, 0.0, 359.41]), np.array([1.0, 0.0, 0.0, 0.0]))
+    assert (clearance_sides(DELTALAB, drawn(backlash=1.0), upright) == -1).all()
+    side = clearance_sides(DELTALAB, drawn(backlash=1.0), IDEAL)
+    assert 0.02 < (side > 0).mean() < 0.3  # in extremal poses some legs hold the platform down
+
+
+def test_friction_lets_the_approach_decide():
+    ways = np.where(np.random.default_rng(0).random(READINGS.shape) < 0.5, -1.0, 1.0)
+    mechanisms = drawn(backlash=1.0, friction=100.0)
+    assert np.array_equal(clearance_sides(DELTALAB, mechanisms, IDEAL, ways), -ways)
+    pose = assembled_with(DELTALAB, mechanisms, READINGS, IDEAL, ways)
+    assert_allclose(inverse_kinematics(DELTALAB, pose) - READINGS, -0.5 * ways, atol=1e-10)
+
+
+def test_mechanisms_that_fit_no_pose_are_refused():
+    with pytest.raises(KinematicsError, match="imperfections"):
+        solved(joint_offset=400.0)
+
+
+def test_values_without_a_meaning_are_all_named():
+    good = drawn()
+    with pytest.raises(InputError) as caught:
+        Mechanisms(
+            2.0 * good.base_axis,
+            good.base_offset[:5],
+            good.mobile_axis,
+            good.mobile_offset,
+            -1.0 - good.backlash,
+            -1.0,
+            good.sag + np.nan,
+            good.gain - 1.0,
+            70.0,
+            good.joint_error,
+            good.joint_phase,
+        )
+    named = [problem.where for problem in caught.value.problems]
+    assert named == [
+        f"mechanisms {name}" for name in ("base_axis", "base_offset", "backlash", "friction", "sag", "gain")
+    ]

@@ -1,0 +1,169 @@
+"""Simulated campaigns: determinism, extremal configurations, noise, and what 7 parameters cannot describe."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from cpcal.errors import InputError
+from cpcal.robot import (
+    DELTALAB,
+    KinematicsError,
+    Pose,
+    inverse_kinematics,
+    quaternion_conjugate,
+    quaternion_product,
+    rotation_matrix,
+)
+from cpcal.simulate import simulate, true_robot
+from cpcal.simulate.campaigns import EULER_SIGMA, LENGTH_SIGMA, POSITION_SIGMA
+
+
+def poses(campaign):
+    return Pose(campaign.position, campaign.quaternion)
+
+
+def test_the_same_seed_gives_the_same_campaign_bit_for_bit():
+    first, second = (simulate(seed=7, runs=2, random_poses=5, joint_error=1.0) for _ in range(2))
+    assert first == second
+    assert first.sha256 == second.sha256
+    assert simulate(seed=8).sha256 != simulate(seed=7).sha256
+
+
+def test_more_poses_runs_or_joint_error_do_not_change_the_robot():
+    robots = [true_robot(simulate(seed=3, **more)) for more in ({}, {"runs": 4}, {"joint_error": 5.0})]
+    assert robots[0] == robots[1] == robots[2]
+    assert 0.3 < np.std(robots[0].parameters - DELTALAB.parameters) < 3.0
+
+
+def test_names_and_sizes():
+    campaign = simulate(seed=0, runs=3, random_poses=2)
+    assert len(campaign) == 66 * 3
+    assert campaign.measurement_ids[:4] == ["e00/1", "e00/2", "e00/3", "e01/1"]
+    assert campaign.measurement_ids[-1] == "r001/3"
+    assert campaign.robot == DELTALAB
+    assert set(simulate(seed=0, extremal=False, random_poses=3).pose) == {"r000", "r001", "r002"}
+
+
+def test_the_64_extremal_configurations_are_distinct_with_every_leg_at_an_end():
+    campaign = simulate(seed=0, noise=0.0, deviation=0.0)
+    total = campaign.length + DELTALAB.offset
+    assert_allclose(np.minimum(abs(total - 345), abs(total - 485)), 0.0, atol=1e-9)
+    assert len({tuple(row) for row in np.round(campaign.length).tolist()}) == 64
+    both = np.concatenate([campaign.position, 300 * campaign.quaternion], axis=1)
+    distance = np.linalg.norm(both[:, None] - both, axis=2) + 1e3 * np.eye(64)
+    assert distance.min() > 40  # some pairs differ in rotation alone
+    assert campaign.length[0b100101] == pytest.approx([140, 0, 140, 0, 0, 140])
+    assert campaign.position[:, 2].min() > 200
+    assert rotation_matrix(campaign.quaternion)[:, 2, 2].min() > np.cos(np.radians(40))
+
+
+def test_random_poses_stay_within_the_workspace():
+    campaign = simulate(seed=1, extremal=False, random_poses=300, noise=0.0)
+    assert campaign.length.min() >= -1e-9
+    assert campaign.length.max() <= 140 + 1e-9
+    assert campaign.position[:, 2].min() > 200
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 10**6))
+def test_without_noise_the_true_robot_explains_every_reading(seed):
+    campaign = simulate(seed=seed, noise=0.0)
+    assert_allclose(inverse_kinematics(true_robot(campaign), poses(campaign)), campaign.length, atol=1e-9)
+
+
+def test_the_noise_has_the_papers_standard_deviations():
+    noisy, clean = simulate(seed=2, runs=121), simulate(seed=2, runs=121, noise=0.0)
+    assert_allclose((noisy.position - clean.position).std(axis=0), POSITION_SIGMA, rtol=0.04)
+    assert_allclose((noisy.length - clean.length).std(axis=0), LENGTH_SIGMA, rtol=0.04)
+    turn = quaternion_product(noisy.quaternion, quaternion_conjugate(clean.quaternion))
+    assert_allclose((2 * turn[:, 1:] / turn[:, :1]).std(axis=0), np.radians(EULER_SIGMA), rtol=0.04)
+    everything = np.concatenate([noisy.position - clean.position, noisy.length - clean.length], axis=1)
+    correlation = np.corrcoef(everything.T) - np.eye(9)
+    assert np.abs(correlation).max() < 0.06
+
+
+@pytest.mark.parametrize("truncate", [3.0, 1.0])
+def test_truncated_noise_leaves_the_truth_inside_the_reading_sets(truncate):
+    noisy = simulate(seed=5, runs=60, truncate=truncate, factor=truncate)
+    clean = simulate(seed=5, runs=60, noise=0.0)
+    assert (abs(noisy.position - clean.position) < noisy.position_radius).all()
+    assert (abs(noisy.length - clean.length) < noisy.length_radius).all()
+    # the true rotation is R(1, s) R(q_k), and |2 s_i| <= r_i
+    turn = quaternion_product(clean.quaternion, quaternion_conjugate(noisy.quaternion))
+    size = abs(2 * turn[:, 1:] / turn[:, :1])
+    assert (size < noisy.rotation_radius).all()
+    assert (size.max(axis=0) > 0.9 * noisy.rotation_radius[0]).all()
+
+
+def test_what_the_campaign_declares():
+    campaign = simulate(seed=0, factor=2.0, noise=0.5)
+    assert campaign.uncertainty.factor == 2.0
+    assert_allclose(campaign.position_radius[5], POSITION_SIGMA, rtol=1e-15)
+    assert_allclose(campaign.rotation_radius[5], np.radians(EULER_SIGMA), rtol=1e-15)
+    assert_allclose(campaign.length_radius[5], LENGTH_SIGMA, rtol=1e-15)
+    exact = simulate(seed=0, factor=0.0)
+    assert exact.uncertainty is None
+    assert exact.exact
+    assert np.array_equal(exact.length, simulate(seed=0).length)
+
+
+def best_fit(campaign, leg):
+    """Residuals (mm) of the least-squares 7 parameters of a leg, by Gauss-Newton."""
+    rotation = rotation_matrix(campaign.quaternion)
+    x = campaign.robot.parameters[leg].copy()
+    for _ in range(20):
+        vectors = campaign.position + rotation @ x[3:6] - x[:3]
+        lengths = np.linalg.norm(vectors, axis=1)
+        residual = lengths - campaign.length[:, leg] - x[6]
+        unit = vectors / lengths[:, None]
+        turned = np.einsum("ki,kij->kj", unit, rotation)
+        jacobian = np.concatenate([-unit, turned, -np.ones((len(unit), 1))], axis=1)
+        x -= np.linalg.lstsq(jacobian, residual, rcond=None)[0]
+    return residual
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("amplitude", [1.0, 10.0])
+def test_the_joint_error_has_its_amplitude_and_seven_parameters_do_not_absorb_it(seed, amplitude):
+    options = {"seed": seed, "noise": 0.0, "random_poses": 100}
+    effect = simulate(**options, joint_error=amplitude).length - simulate(**options).length
+    assert np.abs(effect).max() <= amplitude * (1 + 1e-9)
+    assert (np.abs(effect).max(axis=0) >= 0.8 * amplitude).all()
+    extremal = simulate(seed=seed, noise=0.0, joint_error=amplitude)
+    for leg in range(6):
+        assert np.abs(best_fit(extremal, leg)).max() >= 0.3 * amplitude
+    assert np.abs(best_fit(simulate(seed=seed, noise=0.0), 0)).max() < 1e-9
+
+
+def test_a_whole_study_has_all_its_measurements():
+    assert len(simulate(seed=1, runs=121, joint_error=1.0)) == 7744
+
+
+def test_all_senseless_options_are_named_at_once():
+    with pytest.raises(InputError) as caught:
+        simulate(seed=-1, runs=0, random_poses=1.5, joint_error=-1.0, factor=float("nan"), noise=-1, truncate=0)
+    named = [problem.where for problem in caught.value.problems]
+    assert named == [
+        f"option {name}" for name in ("seed", "runs", "random_poses", "joint_error", "factor", "noise", "truncate")
+    ]
+    with pytest.raises(InputError, match="stroke"):
+        simulate(seed=0, stroke=(140.0, 0.0))
+    with pytest.raises(InputError, match="random_poses"):
+        simulate(seed=0, extremal=False)
+    with pytest.raises(InputError, match="within 10,000,000"):
+        simulate(seed=0, runs=1_000_000)
+
+
+def test_a_robot_that_cannot_be_assembled_is_refused():
+    with pytest.raises(KinematicsError):
+        simulate(seed=0, stroke=(0.0, 900.0))
+
+
+def test_provenance_without_a_truth_has_no_true_robot():
+    campaign = simulate(seed=0)
+    campaign.provenance["true_parameters"] = "rubbish"
+    assert true_robot(campaign) is None
+    del campaign.provenance["true_parameters"]
+    assert true_robot(campaign) is None

@@ -1,0 +1,179 @@
+"""Simulated studies: the frames, the truth, the noise of tables 2 and 3, backlash in two modes, determinism."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cpcal.errors import InputError
+from cpcal.files import save_study
+from cpcal.files.study_writer import study_bytes, table_bytes
+from cpcal.robot import DELTALAB, Pose, inverse, inverse_kinematics, quaternion_conjugate, quaternion_product
+from cpcal.simulate import simulate, simulate_study, true_robot
+from cpcal.simulate.campaigns import EULER_SIGMA, LENGTH_SIGMA, POSITION_SIGMA
+
+SMALL = {"runs": 2, "validation_runs": 2, "random_poses": 5}
+MECHANISMS = {
+    "joint_error": 0.5,
+    "axis_offset": 1.0,
+    "joint_offset": 1.0,
+    "backlash": 1.0,
+    "sag": 1.0,
+    "gain": 0.001,
+}
+
+
+def files(study):
+    return study_bytes(study), table_bytes(study.calibration), table_bytes(study.validation)
+
+
+def test_names_and_sizes_are_the_papers():
+    study = simulate_study(seed=0)
+    assert len(study.calibration) == 64 * 11
+    assert len(study.validation) == 64 * 10
+    assert study.calibration.row_ids[:2] == ["e00/1", "e00/2"]
+    assert study.validation.row_ids[-1] == "r063/10"
+    assert study.robot == DELTALAB
+    assert study.calibration.image is None
+    assert repr(study) == "<Study of 'DeltaLab Table of Stewart': 704 + 640 rows, 6 legs>"
+    assert repr(study.validation) == "<PoseTable: 640 rows of 64 poses, 6 legs>"
+
+
+def test_the_same_seed_gives_the_same_bytes():
+    first, second = (simulate_study(seed=4, **SMALL, **MECHANISMS) for _ in range(2))
+    assert first == second
+    assert files(first) == files(second)
+    other = simulate_study(seed=5, **SMALL, **MECHANISMS)
+    assert all(one != another for one, another in zip(files(first), files(other), strict=True))
+    assert first.truth.camera.position.tolist() != other.truth.camera.position.tolist()
+
+
+def test_more_runs_or_another_mechanism_change_neither_robot_nor_frames_nor_configurations():
+    base = simulate_study(seed=4, noise=0.0, **SMALL)
+    more = simulate_study(seed=4, noise=0.0, runs=3, validation_runs=1, random_poses=5)
+    assert base.truth == more.truth
+    assert base.truth.robot == true_robot(simulate(seed=4))
+    assert np.array_equal(base.validation.length[::2], more.validation.length)
+    sagging = simulate_study(seed=4, noise=0.0, sag=1.0, **SMALL)
+    assert sagging.truth.robot == base.truth.robot
+    assert np.array_equal(sagging.truth.target.position, base.truth.target.position)
+    assert np.array_equal(sagging.calibration.length, base.calibration.length)
+    assert not np.array_equal(sagging.calibration.position, base.calibration.position)
+
+
+@pytest.mark.parametrize("name", [*MECHANISMS, "friction"])
+def test_a_mechanism_of_size_zero_changes_nothing(name):
+    plain = simulate_study(seed=2, friction=0.0, **SMALL)
+    same = simulate_study(seed=2, **{"friction": 0.0, name: 0.0}, **SMALL)
+    assert files(plain)[1:] == files(same)[1:]
+    if name != "friction":
+        assert not np.array_equal(
+            plain.calibration.position,
+            simulate_study(seed=2, **{name: MECHANISMS[name]}, **SMALL).calibration.position,
+        )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_perfect_study_satisfies_the_seven_parameter_equations_once_the_frames_are_undone(seed):
+    study = simulate_study(seed=seed, noise=0.0, **SMALL)
+    for table in (study.calibration, study.validation):
+        poses = study.truth.mobile_in_base(table)
+        assert_allclose(inverse_kinematics(study.truth.robot, poses), table.length, atol=1e-9)
+    assert study.truth.mechanisms.perfect
+
+
+def test_the_frames_are_a_camera_above_and_a_target_on_the_platform():
+    for seed in range(20):
+        truth = simulate_study(seed=seed, runs=1, validation_runs=1, random_poses=1).truth
+        eye = inverse(truth.camera)  # the camera frame seen in the base frame
+        assert 850 < eye.position[2] < 1150
+        assert eye.rotation[2, 2] < -0.9  # looks down
+        assert 0 < truth.target.position[2] < 25
+        assert truth.target.rotation[2, 2] > 0.97
+
+
+def test_the_poses_map_target_to_camera_by_way_of_mobile_and_base():
+    study = simulate_study(seed=1, noise=0.0, **SMALL)
+    truth, table = study.truth, study.calibration
+    mobile = truth.mobile_in_base(table)
+    x = np.array([3.0, -7.0, 11.0])  # in the target frame
+    on_platform = truth.target.position + truth.target.rotation @ x
+    in_base = mobile.position + mobile.rotation @ on_platform
+    in_camera = truth.camera.position + in_base @ truth.camera.rotation.T
+    assert_allclose(table.position + table.seen.rotation @ x, in_camera, atol=1e-9)
+    assert mobile.position[:, 2].min() > 200
+
+
+@pytest.mark.parametrize(("images", "share"), [(3, 1.0), (0, 1 / np.sqrt(10))])
+def test_the_noise_is_that_of_tables_2_and_3(images, share):
+    """Single images scatter as Table 3 says, a run's mean of ten images by the root of ten less."""
+    size = {"seed": 2, "runs": 80, "validation_runs": 1, "random_poses": 1, "images": images}
+    noisy, clean = (simulate_study(**size, noise=noise).calibration for noise in (1.0, 0.0))
+    assert_allclose((noisy.position - clean.position).std(axis=0), share * np.array(POSITION_SIGMA), rtol=0.04)
+    turn = quaternion_product(noisy.quaternion, quaternion_conjugate(clean.quaternion))
+    scatter = (2 * turn[:, 1:] / turn[:, :1]).std(axis=0)
+    assert_allclose(scatter, share * np.radians(EULER_SIGMA), rtol=0.04)
+    length = noisy.length - clean.length
+    assert_allclose(length[:: max(images, 1)].std(axis=0), LENGTH_SIGMA, rtol=0.04)
+    assert np.array_equal(length, np.repeat(length[:: max(images, 1)], max(images, 1), axis=0))  # once a run
+
+
+def test_images_are_rows_of_their_run():
+    table = simulate_study(seed=0, images=2, **SMALL).calibration
+    assert len(table) == 64 * 2 * 2
+    assert table.row_ids[:5] == ["e00/1/1", "e00/1/2", "e00/2/1", "e00/2/2", "e01/1/1"]
+    assert not np.array_equal(table.position[0], table.position[1])
+
+
+def test_truncated_noise():
+    noisy, clean = (
+        simulate_study(seed=3, runs=20, validation_runs=1, random_poses=1, truncate=1.0, noise=noise).calibration
+        for noise in (1.0, 0.0)
+    )
+    assert (np.abs(noisy.length - clean.length) <= LENGTH_SIGMA).all()
+
+
+def test_backlash_makes_the_lengths_of_a_pose_bimodal():
+    """Centred pose by pose, the lengths that the poses mean lie near two values that are the backlash apart."""
+    study = simulate_study(seed=1, backlash=0.5, friction=100.0)
+    table, truth = study.calibration, study.truth
+    surplus = inverse_kinematics(truth.robot, truth.mobile_in_base(table)) - table.length
+    modes = surplus / 0.25
+    assert_allclose(np.abs(modes), 1.0, atol=1.0)  # noise of some 0.05 mm
+    assert np.abs(np.abs(modes) - 1.0).std() < 0.3
+    assert 0.4 < (modes > 0).mean() < 0.6
+    by_pose = modes.reshape(64, 11, 6)
+    both = (by_pose > 0).any(axis=1) & (by_pose < 0).any(axis=1)
+    assert both.mean() > 0.95
+    centred = np.abs(by_pose - by_pose.mean(axis=1, keepdims=True))
+    assert np.mean(centred < 0.3) < 0.05  # nothing in the middle, where a Gaussian is densest
+    # decided by the weight alone, a pose keeps to its mode in all runs
+    quiet = simulate_study(seed=1, backlash=0.5, friction=0.0, noise=0.0).calibration
+    assert np.ptp(quiet.position.reshape(64, 11, 3), axis=1).max() == 0.0
+
+
+def test_poses_without_noise_and_a_camera_of_ones_own():
+    """What images are rendered from: the true poses, seen by the camera given; leg readings keep their noise."""
+    camera = Pose(np.array([10.0, -20.0, 1100.0]), np.array([0.0, 1.0, 0.0, 0.0]))
+    seen = simulate_study(seed=4, images=2, pose_noise=0.0, camera=camera, **SMALL)
+    exact = simulate_study(seed=4, images=2, noise=0.0, **SMALL)
+    usual = simulate_study(seed=4, images=2, **SMALL)
+    assert np.array_equal(seen.calibration.length, usual.calibration.length)
+    assert_allclose(seen.truth.camera.position, camera.position)
+    bases = (study.truth.mobile_in_base(study.calibration) for study in (seen, exact))
+    assert_allclose(*(pose.position for pose in bases), atol=1e-9)
+    with pytest.raises(InputError, match="option pose_noise"):
+        simulate_study(seed=4, pose_noise=-1.0)
+
+
+def test_all_senseless_options_are_named_at_once(tmp_path):
+    with pytest.raises(InputError) as caught:
+        simulate_study(seed=-1, runs=0, images=-1, sag=-1.0, gain=float("nan"), truncate=0, stroke=(1.0, 1.0))
+    named = [problem.where for problem in caught.value.problems]
+    assert named == [f"option {name}" for name in ("seed", "images", "runs", "sag", "gain", "truncate", "stroke")]
+    with pytest.raises(InputError, match="within 10,000,000"):
+        simulate_study(seed=0, runs=1_000_000)
+    with pytest.raises(InputError, match="option gain"):
+        simulate_study(seed=0, gain=1.0)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        save_study(simulate_study(seed=0, **SMALL), tmp_path / "file")

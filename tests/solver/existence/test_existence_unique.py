@@ -1,0 +1,185 @@
+"""A box that is proved to hold exactly one solution holds it; nothing is proved that is not so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cpcal.errors import ModelError
+from cpcal.solver.existence import Operator, UniquenessProver, hansen_sengupta, krawczyk, prove_unique
+from cpcal.solver.interval import Box, Interval, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
+
+ENGINES = ["float64", "arb"]
+OPERATORS = {"hansen-sengupta": hansen_sengupta, "krawczyk": krawczyk}
+
+
+def broyden_banded(n: int) -> ConstraintNetwork:
+    """Broyden's banded function (More, Garbow and Hillstrom 1981, number 31)."""
+    net = ConstraintNetwork()
+    x = net.variable("x", n, (-100, 101))
+    for i in range(n):
+        row = x[i] * (2 + 5 * sqr(x[i])) + 1
+        for j in range(max(0, i - 5), min(n, i + 2)):
+            if j != i:
+                row = row - x[j] * (1 + x[j])
+        net.add(row == 0)
+    return net
+
+
+def brown_almost_linear(n: int) -> ConstraintNetwork:
+    """Brown's almost linear function (number 27 there): one solution is all ones."""
+    net = ConstraintNetwork()
+    x = net.variable("x", n, (-10, 10))
+    product: Expr = x[0]
+    for i in range(n - 1):
+        net.add(x[i] + x.sum(0) == n + 1)
+        product = product * x[i + 1]
+    net.add(product == 1)
+    return net
+
+
+def circle_and_parabola() -> ConstraintNetwork:
+    """x^2 + y^2 = 4 meets y = x^2 - 1 at y = (1 + sqrt 13) / 2 - 1, twice."""
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-3, 3)), net.variable("y", (), (-3, 3))
+    net.add([sqr(x) + sqr(y) == 4, y == sqr(x) - 1])
+    return net
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_classic_systems(engine: str, operator: str) -> None:
+    arithmetic = get_arithmetic(engine)
+
+    def prove(net: ConstraintNetwork, near: list[float]) -> Box:
+        prover = UniquenessProver(net, arithmetic, OPERATORS[operator])
+        found = prover.prove(Box(net.names, np.array(near), np.array(near)))
+        assert found is not None
+        assert found.box.subset(found.region)
+        assert found.box.width.max() < 1e-12
+        return found.box
+
+    assert [1.0] * 5 in prove(brown_almost_linear(5), [1.001] * 5)
+    other = prove(brown_almost_linear(5), [0.91, 0.91, 0.91, 0.91, 1.4])
+    assert other["x[4]"].lo == pytest.approx(1.418227, abs=1e-6)  # its other real solution with positive components
+    y = (np.sqrt(13.0) - 1.0) / 2.0
+    box = prove(circle_and_parabola(), [1.5, 1.3])
+    assert box.mid == pytest.approx([np.sqrt(y + 1.0), y], abs=1e-14)
+    broyden = prove(broyden_banded(10), [-0.5] * 10).mid
+    assert broyden[:3] == pytest.approx([-0.428303, -0.476596, -0.519652], abs=1e-6)
+
+
+def test_a_point_or_a_box_will_do() -> None:
+    net, engine = circle_and_parabola(), get_arithmetic("float64")
+    from_point = prove_unique(net, (1.5, 1.3), engine)
+    from_box = prove_unique(net, Box(net.names, [1.4, 1.2], [1.6, 1.4]), engine)
+    assert from_point is not None
+    assert from_box is not None
+    assert not from_point.intersect(from_box).is_empty
+    with pytest.raises(ModelError, match="2 components"):
+        prove_unique(net, (1.0, 2.0, 3.0), engine)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), engine=st.sampled_from(ENGINES))
+def test_the_known_solution_of_a_random_system_is_in_the_box(seed: int, engine: str) -> None:
+    """Quadratic systems with a dyadic solution, so that its residual is exactly zero."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 5))
+    solution = rng.integers(-8, 9, n) / 4.0
+    a, b = rng.integers(-4, 5, (2, n, n)) / 2.0
+    net = ConstraintNetwork()
+    x = net.variable("x", n, (-10, 10))
+    net.add(a @ x + b @ sqr(x) == a @ solution + b @ solution**2)
+    reach = 10.0 ** rng.uniform(-8, 0)
+    near = Box(net.names, solution - reach * rng.random(n), solution + reach * rng.random(n))
+    found = UniquenessProver(net, get_arithmetic(engine)).prove(near)
+    if found is not None and near.subset(found.region):
+        assert solution in found.box
+
+
+@settings(max_examples=120, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), operator=st.sampled_from(sorted(OPERATORS)))
+def test_a_region_holds_exactly_one_of_all_the_known_zeros(seed: int, operator: str) -> None:
+    """A (p(x_1), ..., p(x_n)) = 0 for a regular A and a cubic p with known, sometimes close, zeros: 3^n of them."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 4))
+    roots = rng.integers(-8, 9, (n, 3)) / 4.0
+    roots[:, 1] = np.where(rng.random(n) < 0.5, roots[:, 0] + 2.0 ** -rng.integers(1, 30, n), roots[:, 1])
+    mixing = np.eye(n) + rng.integers(-1, 2, (n, n)) / 4.0
+    net = ConstraintNetwork()
+    x = net.variable("x", n, (-10, 10))
+    cubic = (x - roots[:, 0]) * (x - roots[:, 1]) * (x - roots[:, 2])
+    net.add(mixing @ cubic == 0)
+    middle = roots[np.arange(n), rng.integers(0, 3, n)] + rng.uniform(-1, 1, n) * 10.0 ** -rng.uniform(0, 9)
+    reach = 10.0 ** -rng.uniform(0, 9) * rng.random(n)
+    found = UniquenessProver(net, get_arithmetic("float64"), OPERATORS[operator]).prove(
+        Box(net.names, middle - reach, middle + reach)
+    )
+    if found is None or abs(np.linalg.det(mixing)) < 0.05:
+        return
+    for k in range(n):  # a double zero can be in no region
+        zeros, counts = np.unique(roots[k], return_counts=True)
+        held = (zeros >= found.region.lo[k]) & (zeros <= found.region.hi[k])
+        assert held.sum() == 1
+        assert counts[held].tolist() == [1]
+        assert found.box.lo[k] <= zeros[held][0] <= found.box.hi[k]
+
+
+def refused(build: Callable[[ConstraintNetwork, Expr, Expr], object], at: tuple[float, float]) -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    build(net, x, y)
+    for engine in ENGINES:
+        assert prove_unique(net, at, get_arithmetic(engine)) is None
+
+
+def test_what_is_not_proved() -> None:
+    refused(lambda net, x, y: net.add([sqr(x) == 0, y == 1]), (0, 1))  # a double zero
+    refused(lambda net, x, y: net.add(x == y), (1, 1))  # a line of solutions
+    refused(lambda net, x, y: net.add([x == 1, y == 1, x * y == 1]), (1, 1))  # one equation too many
+    refused(lambda net, x, y: net.add([x == 1, y == 1, x + y <= 1.9]), (1, 1))  # an inequality is violated
+    refused(lambda net, x, y: net.add([3 * x == 1, y == 1, 3 * x <= 1]), (1 / 3, 1))  # and one not decided
+    refused(lambda net, x, y: net.add([x == 3, y == 1]), (2, 1))  # outside of the domain
+    refused(lambda net, x, y: net.add([x + sqr(y) == 2, y + sqr(x) == 3, sqrt(x - 5) >= 0]), (1, 1))  # not defined
+    refused(lambda net, x, y: net.add([x == net.reading(1.0, 0.1), y == 1]), (1, 1))  # many, one for each reading
+    refused(lambda net, x, y: None, (1, 1))
+
+
+def test_other_constraints_may_hold_for_some_readings_and_constants_may_be_enclosed() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    third = Interval(1) / 3
+    net.add([x == third, sqr(y) == 1 + net.constant(third), y >= 0, norm(x - net.reading([3.0], [0.5])) <= 2.5])
+    box = prove_unique(net, (0.3, 1.1), get_arithmetic("float64"))
+    assert box is not None
+    assert box["y"].lo == pytest.approx(np.sqrt(4 / 3))
+    net.add(x + net.reading(0.0, 0.1) == 5)
+    assert prove_unique(net, (0.3, 1.1), get_arithmetic("float64")) is None
+
+
+def test_a_fixed_component_is_no_unknown_and_mixed_bounds_are_taken_apart() -> None:
+    net = ConstraintNetwork()
+    x, fixed = net.variable("x", 2, (-2, 2)), net.variable("fixed", (), (0.5, 0.5))
+    net.add((x + fixed).within(([1.0, -1.0], [1.0, 1.0])))  # an equation and an inequality
+    net.add(x[1] * fixed == 0.125)
+    box = prove_unique(net, (0.4, 0.2, 0.5), get_arithmetic("float64"))
+    assert box is not None
+    assert (0.5, 0.25, 0.5) in box
+
+
+@pytest.mark.parametrize("operator", OPERATORS)
+def test_kinks_are_enclosed_by_slopes(operator: str) -> None:
+    """|x| + 3 x has slopes between 2 and 4, so that its zero is proved; those of |x| + x / 2 have both signs."""
+    for slope, unique in ((0.5, False), (3.0, True)):
+        net = ConstraintNetwork()
+        x, y = net.variable("x", (), (-1, 1)), net.variable("y", (), (-1, 1))
+        net.add([abs(x) + slope * x == y, y == 0])
+        which: Operator = OPERATORS[operator]
+        found = UniquenessProver(net, get_arithmetic("float64"), which).prove(Box(net.names, [-0.1, -0.1], [0.1, 0.1]))
+        assert (found is not None) == unique

@@ -1,0 +1,243 @@
+"""`Box`: named bounds that searches share."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import pickle
+from collections.abc import Callable
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cpcal.errors import ModelError
+from cpcal.solver.interval import Box, Interval
+
+NAMES = ("x", "y", "z")
+FLOATS = st.sampled_from([0.0, -0.0, 1.0, -1.0, 2.0, math.inf, -math.inf]) | st.floats(allow_nan=False)
+PAIRS = st.tuples(FLOATS, FLOATS).map(sorted).filter(lambda p: p[0] < math.inf and p[1] > -math.inf)
+FULL = st.tuples(PAIRS, PAIRS, PAIRS).map(lambda ps: Box(NAMES, [p[0] for p in ps], [p[1] for p in ps]))
+BOXES = FULL | st.just(Box.empty(NAMES))
+
+
+def unit() -> Box:
+    return Box.from_dict({"x": (0, 1), "y": Interval(2, 3), "z": 4})
+
+
+def test_what_a_box_tells() -> None:
+    box = unit()
+    assert box.names == NAMES
+    assert list(box) == list(NAMES)
+    assert len(box) == 3
+    assert box["y"] == Interval(2, 3)
+    assert box.index("z") == 2
+    np.testing.assert_array_equal(box.lo, [0, 2, 4])
+    np.testing.assert_array_equal(box.hi, [1, 3, 4])
+    np.testing.assert_array_equal(box.mid, [0.5, 2.5, 4])
+    np.testing.assert_allclose(box.rad, [0.5, 0.5, 0], rtol=1e-15)
+    np.testing.assert_allclose(box.width, [1, 1, 0], rtol=1e-15)
+    assert box.array.lo is box.lo
+    assert box.is_bounded
+    assert not box.is_empty
+    assert not box.replace("x", hi=math.inf).is_bounded
+
+
+def test_bounds_are_rounded_outward() -> None:
+    odd = 2**53 + 1
+    for box in (Box(["n"], [odd], [odd]), Box.from_dict({"n": odd}), Box.from_dict({"n": (odd, odd)})):
+        assert box["n"] == Interval(2.0**53, 2.0**53 + 2)
+    ints = Box(["n"], np.array([odd]), np.array([odd]))
+    assert ints["n"] == Interval(2.0**53, 2.0**53 + 2)
+    third = Box(["n"], [Fraction(1, 3)], [Fraction(1, 3)])["n"]
+    assert third.lo < Fraction(1, 3) < third.hi
+    moved = unit().replace("x", lo=-odd, hi=odd).with_bounds([odd, 0, 0], [odd, 1, 1])
+    assert moved["x"] == Interval(odd)
+
+
+def test_a_box_is_immutable_and_independent_of_its_source() -> None:
+    lo = np.zeros(3)
+    box = Box(NAMES, lo, np.ones(3))
+    lo[0] = -5.0
+    assert box.lo[0] == 0.0
+    for change in (lambda: box.lo.__setitem__(0, 1.0), lambda: box.hi.__setitem__(0, 1.0)):
+        with pytest.raises(ValueError, match="read-only"):
+            change()
+    with pytest.raises(AttributeError, match="immutable"):
+        box.lo = lo  # type: ignore[misc]
+    with pytest.raises(AttributeError, match="immutable"):
+        del box.names
+    for same in (pickle.loads(pickle.dumps(box)), copy.deepcopy(box), copy.copy(box)):
+        assert not same.lo.flags.writeable
+        assert same == box
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Box(["x", "y", "x"], [0, 0, 0], [1, 1, 1]),
+        lambda: Box("xy", [0, 0], [1, 1]),
+        lambda: Box([1, 2], [0, 0], [1, 1]),  # type: ignore[list-item]
+        lambda: Box(["x"], [0, 0], [1, 1]),
+        lambda: Box(["x"], [[0]], [[1]]),
+        lambda: Box(["x"], 0, 1),
+        lambda: Box(["x"], [2], [1]),
+        lambda: Box(["x"], [math.nan], [1]),
+        lambda: Box(["x"], [math.inf], [math.inf]),
+        lambda: Box.from_dict({"x": (2, 1)}),
+        lambda: Box.from_dict({"x": (1, 2, 3)}),  # type: ignore[dict-item]
+        lambda: Box.from_dict({"x": "ab"}),  # type: ignore[dict-item]
+        lambda: Box.empty([]),
+        lambda: unit()["q"],
+        lambda: unit().index("q"),
+        lambda: unit().replace("q", lo=0),
+        lambda: unit().with_bounds([0], [1]),
+        lambda: unit().with_bounds([0, 0, math.nan], [1, 1, 1]),
+        lambda: unit() & Box(["x"], [0], [1]),
+        lambda: unit() | Box(["y", "x", "z"], [0, 0, 0], [1, 1, 1]),
+        lambda: unit().subset(Box(["x"], [0], [1])),
+        lambda: {"x": 1} in unit(),
+        lambda: [1, 2] in unit(),
+        lambda: "x" in unit(),
+    ],
+)
+def test_misuse_is_a_model_error(make: Callable[[], object]) -> None:
+    with pytest.raises(ModelError):
+        make()
+
+
+def test_one_empty_component_makes_the_box_empty() -> None:
+    empty = Box.empty(NAMES)
+    assert empty.is_empty
+    assert np.isnan(empty.lo).all()
+    assert np.isnan(empty.hi).all()
+    assert np.isnan(empty.mid).all()
+    assert np.isnan(empty.width).all()
+    assert empty["x"].is_empty
+    nan = math.nan
+    for same in (
+        Box(NAMES, [0, nan, 0], [1, nan, 1]),
+        unit().replace("x", lo=2),
+        unit().replace(0, hi=-1),
+        unit().with_bounds([0, 0, 2], [1, 1, 1]),
+        unit().with_bounds([0, nan, 0], [1, nan, 1]),
+        unit().with_bounds([0, 0, math.inf], [1, 1, math.inf]),
+        unit() & unit().replace("y", lo=8, hi=9),
+        Box.from_dict({"x": Interval.empty(), "y": 1, "z": 2}),
+        empty.replace("x", lo=0, hi=1),
+    ):
+        assert same == empty
+        assert hash(same) == hash(empty)
+        assert np.isnan(same.lo).all()
+        assert np.isnan(same.hi).all()
+    assert empty != Box.empty(["x"])
+
+
+@settings(max_examples=200, deadline=None)
+@given(a=BOXES, b=BOXES, c=BOXES)
+def test_set_algebra(a: Box, b: Box, c: Box) -> None:
+    assert a & b == b & a
+    assert a | b == b | a
+    assert (a & b) & c == a & (b & c)
+    assert (a | b) | c == a | (b | c)
+    assert a & a == a == a | a
+    assert a & (a | b) == a
+    assert (a & b).subset(a)
+    assert a.subset(a | b)
+    assert a.subset(b) == (a & b == a)
+    assert a | Box.empty(NAMES) == a
+    assert (a & Box.empty(NAMES)).is_empty
+    for name in NAMES:
+        assert (a | b)[name] == a[name] | b[name]
+        assert (a & b).is_empty or (a & b)[name] == a[name] & b[name]
+
+
+def test_points() -> None:
+    box = unit()
+    assert {"x": 0, "y": 3, "z": 4, "more": 9} in box
+    assert {"x": Fraction(-1, 10**30), "y": 3, "z": 4} not in box
+    assert box.mid in box
+    assert [0.5, 2, 4] in box
+    assert (0.5, 2, 4.0000001) not in box
+    assert np.array([0.5, 2, math.nan]) not in box
+    assert [0.5, 2, 4] not in Box.empty(NAMES)
+    assert {"x": 0, "y": 3, "z": 4} not in Box.empty(NAMES)
+
+
+def test_equality_goes_by_names_and_bounds() -> None:
+    assert unit() == unit()
+    assert hash(unit()) == hash(unit())
+    assert unit() != unit().replace("x", hi=math.nextafter(1.0, 2.0))
+    assert Box(["x"], [0.0], [0.0]) == Box(["x"], [-0.0], [-0.0])
+    assert Box(["x"], [0], [1]) != Box(["y"], [0], [1])
+    assert unit() != "box"
+    with pytest.raises(TypeError, match="is_empty"):
+        bool(unit())
+
+
+@settings(max_examples=150, deadline=None)
+@given(box=BOXES)
+def test_round_trips(box: Box) -> None:
+    environment = {"Box": Box, "inf": math.inf}
+    text = json.dumps(box.to_json(), allow_nan=False)
+    for same in (
+        Box.from_json(json.loads(text)),
+        pickle.loads(pickle.dumps(box)),
+        eval(repr(box), environment),
+    ):
+        assert same == box
+        assert hash(same) == hash(box)
+        assert same.is_empty == box.is_empty
+
+
+def test_json_is_hexadecimal() -> None:
+    box = Box(["x", "y"], [0.5, -math.inf], [1, math.inf])
+    assert box.to_json() == {
+        "names": ["x", "y"],
+        "lo": ["0x1.0000000000000p-1", "-inf"],
+        "hi": ["0x1.0000000000000p+0", "inf"],
+    }
+    assert Box.empty(["x"]).to_json() == {"names": ["x"], "empty": True}
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        None,
+        [],
+        {},
+        {"names": ["x"], "lo": ["0x1p+0"]},
+        {"names": ["x"], "lo": ["0x1p+1"], "hi": ["0x1p+0"]},
+        {"names": ["x", "x"], "lo": ["0", "0"], "hi": ["1", "1"]},
+        {"names": ["x"], "lo": [0.0], "hi": ["1"]},
+        {"names": ["x"], "lo": ["zero"], "hi": ["1"]},
+        {"names": [], "empty": True},
+        {"empty": True},
+    ],
+)
+def test_bad_json_is_refused(data: object) -> None:
+    with pytest.raises(ModelError):
+        Box.from_json(data)  # type: ignore[arg-type]
+
+
+def test_text_of_few_and_many_variables() -> None:
+    assert repr(Box.from_dict({"x": (0, 1.5)})) == "Box.from_dict({'x': (0, 1.5)})"
+    assert str(unit()) == "x in [0, 1], y in [2, 3], z in [4, 4]"
+    assert str(Box.empty(["x", "y"])) == "empty box of x, y"
+    assert repr(Box.empty(["x"])) == "Box.empty(['x'])"
+    leg = Box.from_dict(dict.fromkeys(("ax", "ay", "az", "bx", "by", "bz", "l"), (-1, 1)))
+    assert str(leg).splitlines()[5:] == ["bz in [-1, 1]", "l  in [-1, 1]"]
+    assert len(repr(leg).splitlines()) == 9
+    assert eval(repr(leg)) == leg
+    assert max(map(len, repr(leg).splitlines())) < 60
+
+
+def test_a_box_without_variables_holds_one_point() -> None:
+    box = Box((), [], [])
+    assert not box.is_empty
+    assert {} in box
+    assert box & box == box
+    assert box.with_bounds(np.zeros(0), np.zeros(0)) == box

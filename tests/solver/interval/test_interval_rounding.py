@@ -1,0 +1,148 @@
+"""The pieces below the engines: directed rounding, arb's conversions and precision, interval arrays."""
+
+from __future__ import annotations
+
+import math
+import threading
+from fractions import Fraction
+
+import flint
+import numpy as np
+import pytest
+from flint import arb
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cpcal.errors import InputError
+from cpcal.solver.interval import IntervalArray, get_arithmetic
+from cpcal.solver.interval.arb import Arb, float_above, float_below, precision
+from cpcal.solver.interval.rounding import next_down, next_up
+
+MAX = 1.7976931348623157e308
+NORMAL = 2.0**-1022
+
+
+def test_next_is_at_least_one_float_and_at_most_two() -> None:
+    bits = np.random.default_rng(0).integers(1 << 52, 0x7FEF << 48, 100_000)
+    smallest = np.random.default_rng(1).integers(1 << 52, 80 << 52, 100_000)  # where the step is subnormal
+    powers = 2.0 ** np.arange(-1022, 1024)
+    with np.errstate(all="ignore"):
+        v = np.concatenate([bits.view(float), smallest.view(float), powers, np.nextafter(powers, np.inf), [MAX]])
+        v = np.concatenate([v, -v])
+        up, down = next_up(v.copy(), 0.0), next_down(v.copy(), 0.0)
+        assert (up >= np.nextafter(v, np.inf)).all()
+        assert (down <= np.nextafter(v, -np.inf)).all()
+        assert (up <= np.nextafter(np.nextafter(v, np.inf), np.inf)).all()
+        assert (down >= np.nextafter(np.nextafter(v, -np.inf), -np.inf)).all()
+
+
+def test_next_keeps_what_is_exact_and_never_crosses_to_the_wrong_infinity() -> None:
+    v = np.array([0.0, 5e-324, -NORMAL / 2, np.inf, -np.inf, np.nan, 1.0])
+    with np.errstate(all="ignore"):
+        up = next_up(v.copy(), 0.0, exact=v == 1.0)
+        down = next_down(v.copy(), 0.0, exact=v == 1.0)
+    np.testing.assert_array_equal(up[[0, 1, 2, 6]], v[[0, 1, 2, 6]])
+    np.testing.assert_array_equal(down[[0, 1, 2, 6]], v[[0, 1, 2, 6]])
+    assert up[3] == np.inf
+    assert down[4] == -np.inf
+    assert MAX * (1 - 1e-15) < down[3] <= MAX
+    assert -MAX <= up[4] < -MAX * (1 - 1e-15)
+    assert np.isnan(up[5])
+    assert np.isnan(down[5])
+
+
+@settings(max_examples=300, deadline=None)
+@given(a=st.integers(-(2**110), 2**110), exponent=st.integers(-1200, 1100), wide=st.booleans())
+def test_floats_around_a_ball_are_the_nearest_enclosure(a: int, exponent: int, wide: bool) -> None:
+    exact = Fraction(a) * Fraction(2) ** exponent
+    with precision(128):
+        ball = arb(a) * arb(2) ** exponent
+        lo, hi = float_below(ball), float_above(ball)
+    assert lo <= exact <= hi
+    assert lo == hi or math.nextafter(lo, math.inf) == hi
+    assert lo == hi or lo < exact < hi
+
+
+def test_the_precision_is_restored_also_after_an_error() -> None:
+    before = flint.ctx.prec
+    with precision(77):
+        assert flint.ctx.prec == 77
+        with precision(200):
+            assert flint.ctx.prec == 200
+        assert flint.ctx.prec == 77
+    with pytest.raises(RuntimeError), precision(300):
+        raise RuntimeError
+    assert flint.ctx.prec == before
+
+
+def test_threads_do_not_disturb_each_others_precision() -> None:
+    before = flint.ctx.prec
+    x, y = IntervalArray.point(np.arange(1.0, 200.0)), IntervalArray.point(3.0)
+    expected = Arb().div(x, y)
+    results: list[IntervalArray] = []
+
+    def work() -> None:
+        for bits in (20, 40):
+            results.append(Arb().div(x, y))
+            with precision(bits):
+                pass
+
+    threads = [threading.Thread(target=work) for _ in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(results) == 12
+    for got in results:
+        np.testing.assert_array_equal(got.lo, expected.lo)
+        np.testing.assert_array_equal(got.hi, expected.hi)
+    assert flint.ctx.prec == before
+
+
+def test_engines_are_chosen_by_name() -> None:
+    assert [get_arithmetic(name).name for name in ("float64", "arb")] == ["float64", "arb"]
+    with pytest.raises(InputError, match="float64"):
+        get_arithmetic("decimal")
+
+
+BOUND = st.sampled_from([0.0, 5e-324, 1.0, -1.0, MAX, -MAX, math.inf, -math.inf]) | st.floats(allow_nan=False)
+
+
+@settings(max_examples=200, deadline=None)
+@given(a=BOUND, b=BOUND)
+def test_mid_rad_and_mag_cover_the_interval(a: float, b: float) -> None:
+    lo, hi = min(a, b), max(a, b)
+    if lo == math.inf or hi == -math.inf:
+        return
+    x = IntervalArray(np.array([lo, math.nan]), np.array([hi, math.nan]))
+    mid, rad = float(x.mid[0]), float(x.rad[0])
+    assert lo <= mid <= hi
+    assert math.isfinite(mid)
+    assert x.mag[0] == max(abs(lo), abs(hi))
+    if math.isfinite(lo) and math.isfinite(hi):
+        assert Fraction(hi) - Fraction(mid) <= rad if rad < math.inf else True
+        assert Fraction(mid) - Fraction(lo) <= rad if rad < math.inf else True
+    else:
+        assert rad == math.inf
+    assert np.isnan(x.mid[1])
+    assert np.isnan(x.rad[1])
+
+
+@settings(max_examples=200, deadline=None)
+@given(center=st.floats(allow_nan=False, allow_infinity=False), radius=st.floats(0.0, MAX))
+def test_around_contains_both_ends(center: float, radius: float) -> None:
+    x = IntervalArray.around(center, radius)
+    assert float(x.lo) <= Fraction(center) - Fraction(radius)
+    assert float(x.hi) >= Fraction(center) + Fraction(radius)
+    assert radius or float(x.lo) == float(x.hi) == center
+
+
+def test_intersect_hull_and_subset_of_arrays() -> None:
+    x = IntervalArray(np.array([0.0, 0.0, np.nan]), np.array([1.0, 1.0, np.nan]))
+    y = IntervalArray(np.array([0.5, 2.0, 0.0]), np.array([3.0, 3.0, 1.0]))
+    np.testing.assert_array_equal(x.intersect(y).lo, [0.5, np.nan, np.nan])
+    np.testing.assert_array_equal(x.intersect(y).hi, [1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(x.hull(y).lo, [0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(x.hull(y).hi, [3.0, 3.0, 1.0])
+    np.testing.assert_array_equal(x.subset(y), [False, False, True])
+    np.testing.assert_array_equal(x.intersect(y).subset(x), [True, True, True])

@@ -1,0 +1,201 @@
+"""`Interval`: one interval as users handle it."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import operator
+import pickle
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cpcal.errors import ModelError
+from cpcal.solver.interval import Interval
+
+MAX = 1.7976931348623157e308
+FLOATS = st.sampled_from([0.0, -0.0, 5e-324, 1.0, -1.0, MAX, -MAX]) | st.floats(allow_nan=False, allow_infinity=False)
+BOUNDED = st.tuples(FLOATS, FLOATS).map(lambda p: Interval(min(p), max(p)))
+INTERVALS = BOUNDED | st.sampled_from(
+    [Interval.empty(), Interval.entire(), Interval(0, math.inf), Interval(-math.inf, 2)]
+)
+OPERATIONS = [operator.add, operator.sub, operator.mul, operator.truediv]
+
+
+def test_bounds_are_rounded_outward_from_ints_and_fractions() -> None:
+    odd = 2**53 + 1
+    assert Interval(odd) == Interval(2.0**53, 2.0**53 + 2)
+    assert Interval(-odd) == Interval(-(2.0**53) - 2, -(2.0**53))
+    third = Interval(Fraction(1, 3))
+    assert third.lo < Fraction(1, 3) < third.hi
+    assert math.nextafter(third.lo, 1.0) == third.hi
+    assert Interval(10**400) == Interval(MAX, math.inf)
+    assert Interval(-(10**400), 0) == Interval(-math.inf, 0.0)
+    assert Interval(np.float32(0.1)) == Interval(float(np.float32(0.1)))
+    assert Interval(np.int64(7)) == Interval(7.0)
+
+
+@pytest.mark.parametrize(
+    ("lo", "hi"),
+    [
+        (2, 1),
+        (math.nan, 1),
+        (1, math.nan),
+        (math.nan, math.nan),
+        (math.inf, math.inf),
+        (-math.inf, -math.inf),
+    ],
+)
+def test_bounds_without_a_meaning_are_refused(lo: float, hi: float) -> None:
+    with pytest.raises(ModelError):
+        Interval(lo, hi)
+
+
+def test_properties() -> None:
+    x = Interval(-1, 3)
+    assert (x.lo, x.hi, x.mid, x.width, x.mag) == (-1.0, 3.0, 1.0, math.nextafter(4.0, 5.0), 3.0)
+    assert x.rad == math.nextafter(2.0, 3.0)
+    assert x.is_bounded
+    assert not x.is_empty
+    assert Interval(2).width == Interval(2).rad == 0.0
+    assert Interval.empty().is_empty
+    assert Interval.empty().is_bounded
+    assert all(math.isnan(v) for v in (Interval.empty().mid, Interval.empty().width, Interval.empty().mag))
+    assert not Interval.entire().is_bounded
+    assert Interval.entire().mid == 0.0
+    assert Interval.entire().width == Interval.entire().rad == Interval.entire().mag == math.inf
+    assert Interval(-MAX, MAX).width == math.inf
+
+
+@settings(max_examples=150, deadline=None)
+@given(x=BOUNDED)
+def test_mid_lies_inside_and_width_is_enough(x: Interval) -> None:
+    assert x.mid in x
+    assert x.width >= Fraction(x.hi) - Fraction(x.lo)
+
+
+@settings(max_examples=200, deadline=None)
+@given(x=INTERVALS, y=INTERVALS, z=INTERVALS, value=FLOATS)
+def test_set_algebra(x: Interval, y: Interval, z: Interval, value: float) -> None:
+    assert x & y == y & x == x.intersect(y)
+    assert x | y == y | x == x.hull(y)
+    assert (x & y) & z == x & (y & z)
+    assert (x | y) | z == x | (y | z)
+    assert x & (x | y) == x
+    assert x & x == x == x | x
+    assert (value in x and value in y) == (value in (x & y))
+    assert value in (x | y) or not (value in x or value in y)
+    assert (x & y).subset(x)
+    assert x.subset(x | y)
+    assert x.subset(y) == (x & y == x)
+
+
+def test_empty_and_entire_are_neutral() -> None:
+    x = Interval(1, 2)
+    assert x | Interval.empty() == x == x & Interval.entire()
+    assert (x & Interval(3, 4)).is_empty
+    assert Interval.empty().subset(x)
+    assert not x.subset(Interval.empty())
+    assert 0 not in Interval.empty()
+    assert math.nan not in Interval.entire()
+    assert 10**400 in Interval(0, math.inf)
+    assert Fraction(1, 3) not in Interval(0.34, 1)
+    assert np.int64(2**53 + 1) not in Interval(2**53)
+
+
+@pytest.mark.parametrize("operation", OPERATIONS)
+@settings(max_examples=100, deadline=None)
+@given(x=INTERVALS, y=INTERVALS)
+def test_operations_contain_the_exact_results(operation: object, x: Interval, y: Interval) -> None:
+    result = operation(x, y)  # type: ignore[operator]
+    for a in (x.lo, x.hi):
+        for b in (y.lo, y.hi):
+            if math.isfinite(a) and math.isfinite(b) and not (b == 0.0 and operation is operator.truediv):
+                assert operation(Fraction(a), Fraction(b)) in result  # type: ignore[operator]
+    assert result.is_empty or not (x.is_empty or y.is_empty)
+
+
+@pytest.mark.parametrize("number", [3, 0.1, Fraction(1, 3), 2**53 + 1, np.float64(0.7), np.int32(4)])
+@pytest.mark.parametrize("operation", OPERATIONS)
+def test_numbers_on_either_side_stand_for_their_exact_value(operation: object, number: object) -> None:
+    x = Interval(2, 5)
+    right, left = operation(x, number), operation(number, x)  # type: ignore[operator]
+    assert isinstance(left, Interval)
+    assert right == operation(x, Interval(number))  # type: ignore[operator, arg-type]
+    assert left == operation(Interval(number), x)  # type: ignore[operator, arg-type]
+
+
+def test_powers_roots_and_signs() -> None:
+    x = Interval(-2, 3)
+    assert -x == Interval(-3, 2)
+    assert abs(x) == Interval(0, 3)
+    assert (x**2).lo == 0.0
+    assert 9 in x**2
+    assert -8 in x**3
+    assert x**0 == Interval(1)
+    assert x ** np.int64(1) == x
+    assert x**-1 == Interval.entire()
+    assert x.sqrt().lo == 0.0
+    assert x.sqrt().hi >= math.sqrt(3)
+    assert Interval(-2, -1).sqrt().is_empty
+    assert (1 / Interval(0)).is_empty
+    assert Interval(0) * Interval.entire() == Interval(0)
+
+
+def test_what_is_refused() -> None:
+    x = Interval(0, 1)
+    for refused in (bool, lambda v: v + "1", lambda v: v**0.5, lambda v: v & 1, lambda v: v | 0.5):
+        with pytest.raises(TypeError):
+            refused(x)
+    with pytest.raises(TypeError, match="is_empty"):
+        bool(x)
+    for comparison in (operator.lt, operator.le, operator.gt, operator.ge):
+        with pytest.raises(TypeError):
+            comparison(x, x)
+    with pytest.raises(AttributeError):
+        x.lo = 3.0  # type: ignore[misc]
+    assert x != "x"
+    assert x != 0
+
+
+@settings(max_examples=100, deadline=None)
+@given(x=INTERVALS)
+def test_round_trips(x: Interval) -> None:
+    assert Interval.from_json(json.loads(json.dumps(x.to_json()))) == x
+    for same in (
+        pickle.loads(pickle.dumps(x)),
+        copy.deepcopy(x),
+        eval(repr(x), {"Interval": Interval, "inf": math.inf}),
+    ):
+        assert same == x
+        assert hash(same) == hash(x)
+        assert same.is_empty == x.is_empty
+    assert {x: 1}[Interval.from_json(x.to_json())] == 1
+
+
+def test_negative_zero_is_zero() -> None:
+    assert repr(Interval(-0.0)) == "Interval(0.0, 0.0)"
+    assert hash(Interval(-0.0)) == hash(Interval(0.0))
+
+
+def test_text() -> None:
+    assert repr(Interval(1, 2)) == "Interval(1.0, 2.0)"
+    assert str(Interval(1, 2.5)) == "[1, 2.5]"
+    assert str(Interval(-math.inf, 0.1)) == "[-inf, 0.1]"
+    assert repr(Interval.empty()) == "Interval.empty()"
+    assert str(Interval.empty()) == "[empty]"
+    assert Interval(1, 2).to_json() == ["0x1.0000000000000p+0", "0x1.0000000000000p+1"]
+    assert Interval.empty().to_json() == "empty"
+    assert Interval(0, math.inf).to_json() == ["0x0.0p+0", "inf"]
+
+
+@pytest.mark.parametrize(
+    "data", [None, 3, "x", ["0x1p+0"], ["zero", "one"], [1.0, 2.0], ["0x1p+1", "0x1p+0"], ["nan", "nan"]]
+)
+def test_bad_json_is_refused(data: object) -> None:
+    with pytest.raises(ModelError):
+        Interval.from_json(data)

@@ -1,0 +1,225 @@
+"""Sums, matrix products and factors, against exact rational arithmetic."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cpcal.solver.interval import Arithmetic, Interval, IntervalArray, get_arithmetic
+
+MAX = 1.7976931348623157e308
+NASTY = [0.0, 5e-324, -5e-324, 1e-310, -1e-160, 1e-160, 1.0, -3.0, 1e16, 1e160, 1e300, -1e300, MAX, -MAX]
+FINITE = st.sampled_from(NASTY) | st.floats(allow_nan=False, allow_infinity=False)
+MODERATE = st.floats(-1e3, 1e3, allow_subnormal=False)
+Pair = tuple[float, float]
+
+
+@pytest.fixture(scope="module", params=["float64", "arb"])
+def engine(request: pytest.FixtureRequest) -> Arithmetic:
+    return get_arithmetic(request.param)
+
+
+def intervals(ends: st.SearchStrategy[float], shape: tuple[int, ...]) -> st.SearchStrategy[IntervalArray]:
+    size = math.prod(shape)
+    pair = st.tuples(ends, ends).map(lambda p: (min(p), max(p))) | ends.map(lambda v: (v, v))
+    return st.lists(pair, min_size=size, max_size=size).map(
+        lambda pairs: IntervalArray(*np.array(pairs, dtype=float).reshape(*shape, 2).transpose(-1, *range(len(shape))))
+    )
+
+
+def exact_product(a: Pair, b: Pair) -> tuple[Fraction, Fraction]:
+    products = [Fraction(u) * Fraction(v) for u in a for v in b]
+    return min(products), max(products)
+
+
+def pair(x: IntervalArray, *index: int) -> Pair:
+    return float(x.lo[index]), float(x.hi[index])
+
+
+@pytest.mark.parametrize("shape", [(1, 2), (2, 3), (8, 2), (9, 2), (40, 1), (67, 2)])
+@settings(max_examples=25, deadline=None)
+@given(data=st.data())
+def test_sum_contains_the_exact_sum_and_is_tight(
+    engine: Arithmetic, shape: tuple[int, int], data: st.DataObject
+) -> None:
+    x = data.draw(intervals(data.draw(st.sampled_from([FINITE, MODERATE])), shape))
+    down, across = engine.sum(x, 0), engine.sum(IntervalArray(x.lo.T, x.hi.T), 1)
+    for got in (down, across):
+        assert got.shape == shape[1:]
+        for j in range(shape[1]):
+            low, high = (sum(map(Fraction, bounds[:, j].tolist()), Fraction(0)) for bounds in (x.lo, x.hi))
+            assert got.lo[j] <= low
+            assert got.hi[j] >= high
+            size = sum(map(abs, map(Fraction, [*x.lo[:, j].tolist(), *x.hi[:, j].tolist()])), Fraction(0))
+            if size < MAX / 2:  # else rounding may overflow
+                slack = size * Fraction(shape[0].bit_length() + 2, 2**52) + Fraction(2e-323)
+                assert low - Fraction(float(got.lo[j])) <= slack
+                assert Fraction(float(got.hi[j])) - high <= slack
+
+
+def test_sum_whose_pairwise_additions_all_lose(engine: Arithmetic) -> None:
+    """Every addition to the running 1 loses nearly half a unit in the last place, in the same direction."""
+    count = 128
+    index = np.arange(1, count)
+    level_size = count // 2 // np.gcd(index, count)  # so many terms meet before they are added to the 1
+    terms = np.append(1.0, 2.0**-53 * (1.0 - 2.0**-20) / level_size)
+    exact = sum(map(Fraction, terms.tolist()), Fraction(0))
+    up = engine.sum(IntervalArray.point(terms), 0)
+    down = engine.sum(IntervalArray.point(-terms), 0)
+    assert float(up.lo) <= exact <= float(up.hi)
+    assert float(down.lo) <= -exact <= float(down.hi)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 8, 9, 33])
+def test_sum_of_zeros_is_zero(engine: Arithmetic, count: int) -> None:
+    got = engine.sum(IntervalArray.point(np.zeros((count, 2))), 0)
+    assert not got.lo.any()
+    assert not got.hi.any()
+
+
+@pytest.mark.parametrize("count", [2, 9, 30])
+def test_sum_with_infinite_and_empty_terms(engine: Arithmetic, count: int) -> None:
+    lo, hi = np.ones((count, 4)), np.full((count, 4), 2.0)
+    lo[-1, 0] = -np.inf
+    hi[-1, 1] = np.inf
+    lo[0, 2] = hi[0, 2] = np.nan
+    lo[:2, 3], hi[:2, 3] = MAX, MAX
+    got = engine.sum(IntervalArray(lo, hi), 0)
+    assert got.lo[0] == -np.inf
+    assert 2.0 * count <= got.hi[0] <= 2.0 * count + 1e-12
+    assert count - 1e-12 <= got.lo[1] <= count
+    assert got.hi[1] == np.inf
+    assert np.isnan(got.lo[2])
+    assert np.isnan(got.hi[2])
+    assert got.lo[3] <= MAX
+    assert got.hi[3] == np.inf
+
+
+@pytest.mark.parametrize(("m", "k", "n"), [(1, 1, 1), (2, 3, 2), (1, 6, 2), (3, 0, 2)])
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_dot_contains_the_exact_product(engine: Arithmetic, m: int, k: int, n: int, data: st.DataObject) -> None:
+    ends = data.draw(st.sampled_from([FINITE, MODERATE, st.floats(-1e-150, 1e-150)]))
+    x, y = data.draw(intervals(ends, (m, k))), data.draw(intervals(ends, (k, n)))
+    if data.draw(st.booleans()):
+        x = IntervalArray.point(x.lo)
+    got = engine.dot(x, y)
+    assert got.shape == (m, n)
+    for i in range(m):
+        for j in range(n):
+            products = [exact_product(pair(x, i, t), pair(y, t, j)) for t in range(k)]
+            assert got.lo[i, j] <= sum(low for low, _ in products)
+            assert got.hi[i, j] >= sum(high for _, high in products)
+
+
+def test_dot_of_huge_by_subnormal_numbers_that_cancel(engine: Arithmetic) -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        a = rng.uniform(0.5, 1.7, size=(1, 24)) * 1e308 * np.tile([1.0, -1.0], 12)
+        b = rng.integers(1, 2**40, size=(24, 1)) * 5e-324
+        got = engine.dot(IntervalArray.point(a), IntervalArray.point(b))
+        exact = sum(Fraction(u) * Fraction(v) for u, v in zip(a[0].tolist(), b[:, 0].tolist(), strict=True))
+        assert got.lo[0, 0] <= exact <= got.hi[0, 0]
+
+
+def test_dot_of_points_is_tight(engine: Arithmetic) -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(6, 30)), rng.normal(size=(30, 7))
+    got = engine.dot(IntervalArray.point(a), IntervalArray.point(b))
+    assert (got.hi - got.lo <= 40 * 2.0**-52 * (np.abs(a) @ np.abs(b))).all()
+
+
+def test_dot_of_intervals_is_at_most_half_again_as_wide(engine: Arithmetic) -> None:
+    rng = np.random.default_rng(1)
+    x = IntervalArray.around(rng.normal(size=(5, 9)), rng.uniform(0, 1, size=(5, 9)))
+    y = IntervalArray.around(rng.normal(size=(9, 4)), rng.uniform(0, 1, size=(9, 4)))
+    got, tight = engine.dot(x, y), get_arithmetic("arb").dot(x, y)
+    assert tight.subset(got).all()
+    assert ((got.hi - got.lo) <= 1.5 * (tight.hi - tight.lo)).all()
+
+
+def test_dot_with_an_infinite_entry_promises_nothing(engine: Arithmetic) -> None:
+    x = IntervalArray(np.array([[-np.inf, 1.0], [1.0, 1.0]]), np.array([[0.0, 1.0], [2.0, 1.0]]))
+    got = engine.dot(x, IntervalArray.point(np.ones((2, 1))))
+    assert pair(got, 0, 0) == (-np.inf, np.inf)
+    assert got.lo[1, 0] <= 2.0
+    assert got.hi[1, 0] >= 3.0
+
+
+def spread(value: float, other: float) -> Pair:
+    return min(value, other), max(value, other)
+
+
+@settings(max_examples=300, deadline=None)
+@given(witnesses=st.lists(st.tuples(*[FINITE] * 5), min_size=1, max_size=6), point=st.booleans())
+def test_factor_never_loses_a_witness(
+    engine: Arithmetic, witnesses: list[tuple[float, float, float, float, float]], point: bool
+) -> None:
+    xs = [spread(a, p) for a, _, p, _, _ in witnesses]
+    ys = [(b, b) if point else spread(b, q) for _, b, _, q, _ in witnesses]
+    zs = [Interval(Fraction(a) * Fraction(b)) for a, b, _, _, _ in witnesses]
+    if not point:
+        zs = [z | Interval(r) for z, (*_, r) in zip(zs, witnesses, strict=True)]
+    x, y = (IntervalArray(*np.array(pairs).T) for pairs in (xs, ys))
+    z = IntervalArray(np.array([z.lo for z in zs]), np.array([z.hi for z in zs]))
+    got = engine.factor(z, y, x)
+    values = np.array([a for a, *_ in witnesses])
+    assert ((got.lo <= values) & (values <= got.hi)).all()
+    assert got.subset(x).all()
+
+
+@pytest.mark.parametrize(
+    ("z", "y", "x", "expected"),
+    [
+        ((1, 2), (4, 8), (-9, 9), (0.125, 0.5)),
+        ((1, 2), (-1, 1), (-9, 9), (-9, 9)),  # outside (-1, 1), on both sides
+        ((1, 2), (-1, 1), (0, 9), (1, 9)),
+        ((1, 2), (-1, 4), (-9, 0.1), (-9, -1)),
+        ((1, 2), (-1, 1), (-0.5, 0.5), None),
+        ((-2, -1), (-1, 2), (0, 9), (1, 9)),
+        ((-2, -1), (-1, 2), (-9, 0), (-9, -0.5)),
+        ((1, 2), (0, 4), (-9, 9), (0.25, 9)),
+        ((1, 2), (-4, 0), (-9, 9), (-9, -0.25)),
+        ((1, 2), (0, 4), (-math.inf, 0), None),
+        ((-2, -1), (-4, 0), (-math.inf, math.inf), (0.25, math.inf)),
+        ((1, 2), (0, 0), (-9, 9), None),
+        ((-1, 2), (0, 0), (-9, 9), (-9, 9)),
+        ((0, 2), (-1, 4), (3, 9), (3, 9)),
+        ((1, math.inf), (0, math.inf), (-9, 9), (0, 9)),
+        ((1, 2), (-math.inf, math.inf), (-9, 9), (-9, 9)),
+        (None, (1, 2), (-9, 9), None),
+        ((1, 2), None, (-9, 9), None),
+        ((1, 2), (-1, 2), None, None),
+    ],
+)
+def test_factor_of_one(
+    engine: Arithmetic, z: Pair | None, y: Pair | None, x: Pair | None, expected: Pair | None
+) -> None:
+    empty = (math.nan, math.nan)
+    one = [IntervalArray(*np.array([[v] for v in p or empty], dtype=float)) for p in (z, y, x)]
+    # Next to elements of every other kind, one at a time: they must not disturb each other.
+    others = {"plain": (1, 2, 1, 2, 0, 9), "split": (1, 2, -1, 1, -9, 9), "free": (-1, 1, -1, 1, -9, 9)}
+    for kind in others.values():
+        both = [
+            IntervalArray(np.append(v.lo, float(kind[2 * i])), np.append(v.hi, float(kind[2 * i + 1])))
+            for i, v in enumerate(one)
+        ]
+        for operands in (one, both):
+            got = engine.factor(*operands)
+            np.testing.assert_allclose([got.lo[0], got.hi[0]], expected or empty, rtol=1e-15, atol=1e-320)
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_both_engines_agree_on_factors(data: st.DataObject) -> None:
+    z, y, x = (data.draw(intervals(MODERATE, (6,))) for _ in range(3))
+    fast, tight = (get_arithmetic(name).factor(z, y, x) for name in ("float64", "arb"))
+    assert tight.subset(fast).all()
+    known = ~tight.empty
+    np.testing.assert_allclose(fast.lo[known], tight.lo[known], rtol=1e-15, atol=1e-320)
+    np.testing.assert_allclose(fast.hi[known], tight.hi[known], rtol=1e-15, atol=1e-320)

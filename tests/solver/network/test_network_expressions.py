@@ -1,0 +1,257 @@
+"""Building expressions and networks: shapes as numpy has them, identity, digests, and what is refused."""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from contractors import HC4, Lifted
+from cpcal.errors import ModelError
+from cpcal.solver.interval import Interval, IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Tape, maximum, norm, sqr, sqrt
+from cpcal.solver.network.dag import topological
+from cpcal.solver.network.expression import as_expr
+from cpcal.solver.network.network import component_names
+
+
+@pytest.fixture
+def net() -> ConstraintNetwork:
+    return ConstraintNetwork()
+
+
+def circle(radius: float = 1.0, name: str = "x", domain: tuple[float, float] = (-2, 2)) -> ConstraintNetwork:
+    net = ConstraintNetwork()
+    x = net.variable(name, 2, domain)
+    net.add(norm(x - net.reading([0.0, 0.0], 0.1)) + Interval(0, 1e-9) <= radius)
+    return net
+
+
+def test_equal_expressions_are_one_slot(net: ConstraintNetwork) -> None:
+    x = net.variable("x", 3)
+    first, second = sqr(x - 1.0).sum(-1), sqr(x - 1.0).sum(-1)
+    assert first.digest == second.digest
+    tape = Tape(net, [first + 1, second * 2])
+    assert [node.op for node in tape.nodes].count("sqr") == 1
+    assert len(tape.nodes) == len(topological([first])) + 3  # the 1.0 is shared, too
+
+
+def test_digests_tell_structures_apart(net: ConstraintNetwork) -> None:
+    x = net.variable("x", 3)
+    others = [
+        x,
+        -x,
+        x + 1,
+        1 + x,
+        x - 1,
+        x * 2,
+        x / 2,
+        x**2,
+        x**3,
+        x**-3,
+        abs(x),
+        sqrt(x),
+        maximum(x, 0.0),
+        x.sum(),
+    ]
+    others += [x[0], x[1], x[:2], x[[0, 1]], x[[1, 0]], x[None], x + Interval(0, 1), x + [1.0, 1.0, 1.0]]
+    digests = [e.digest for e in others]
+    assert x[:2].digest == x[[0, 1]].digest
+    assert len(set(digests)) == len(others) - 1
+
+
+def test_network_digests_are_equal_for_equal_networks_only() -> None:
+    base = circle().digest
+    assert base == circle().digest
+    assert base == pickle.loads(pickle.dumps(circle())).digest
+    assert len({base, circle(2.0).digest, circle(name="y").digest, circle(domain=(-2, 3)).digest}) == 4
+    more = circle()
+    more.add(more.variables[0][0] >= 0)
+    assert more.digest != base
+    one, two = ConstraintNetwork(), ConstraintNetwork()
+    for net, shared in ((one, True), (two, False)):
+        x = net.variable("x", 2)
+        first = net.reading(0.0, 1.0)
+        net.add([x[0] == first, x[1] == (first if shared else net.reading(0.0, 1.0))])
+    assert one.digest != two.digest
+
+
+@pytest.mark.parametrize("contractor", [HC4, Lifted])
+def test_equal_reading_sets_hold_different_readings(net: ConstraintNetwork, contractor: type) -> None:
+    x, y = net.variable("x", (), (-3, 3)), net.variable("y", (), (-3, 3))
+    net.add([net.reading(0.0, 1.0) == x, net.reading(0.0, 1.0) == y])
+    z = net.variable("z", (), (-3, 3))
+    net.add(net.reading(0.0, 1.0) - net.reading(0.0, 1.0) == z)
+    assert (-0.9, 0.9, 1.9) in contractor(net).contract(net.domain).box
+    part = net.domain.replace("x", hi=-0.5).replace("y", lo=0.5)
+    assert not contractor(net).contract(part).box.is_empty
+
+
+def test_equal_enclosures_may_hold_different_constants(net: ConstraintNetwork) -> None:
+    x, y = net.variable("x", (), (0, 0.2)), net.variable("y", (), (0.8, 1))
+    net.add([x == Interval(0, 1), y == Interval(0, 1)])
+    assert not HC4(net).contract(net.domain).box.is_empty
+
+
+def test_one_reading_used_twice_is_one_number(net: ConstraintNetwork) -> None:
+    x, y = net.variable("x", (), (0, 0.2)), net.variable("y", (), (0.8, 1))
+    reading = net.reading(0.5, 0.5)
+    net.add([x == reading, y == reading])
+    assert HC4(net).contract(net.domain).box.is_empty
+
+
+def test_truth_values_and_chained_comparisons_are_refused(net: ConstraintNetwork) -> None:
+    x = net.variable("x")
+    with pytest.raises(ModelError, match="truth value"):
+        bool(x)
+    with pytest.raises(ModelError, match="within"):
+        bool(x <= 1)
+    with pytest.raises(ModelError, match="within"):
+        0 <= x <= 1  # noqa: B015
+    with pytest.raises(ModelError, match="truth value"):
+        not x  # noqa: B018
+    with pytest.raises(ModelError, match="closed"):
+        x != 1  # noqa: B015
+    with pytest.raises(ModelError):
+        net.add(x)  # type: ignore[arg-type]
+    with pytest.raises(ModelError):
+        net.add(True)  # type: ignore[arg-type]
+
+
+def test_shape_errors_are_model_errors(net: ConstraintNetwork) -> None:
+    x, m = net.variable("x", 3), np.zeros((2, 4))
+    wrong = [
+        lambda: x + np.zeros(2),
+        lambda: m @ x,
+        lambda: x @ m,
+        lambda: x[0] @ x,
+        lambda: x[3],
+        lambda: x[0, 0],
+        lambda: x["a"],
+        lambda: x.sum(1),
+        lambda: x[0].sum(),
+        lambda: norm(x[0]),
+        lambda: x.within(([0, 0], [1, 1])),
+        lambda: x.within((np.zeros((2, 3)), 1.0)),
+        lambda: x + [[1], [1, 2]],
+        lambda: x + "a",
+        lambda: x + np.nan,
+        lambda: x + None,
+        lambda: x**0.5,
+        lambda: net.variable("x"),
+        lambda: net.variable(""),
+        lambda: net.variable("w", (), (1, 0)),
+        lambda: net.variable("v", 3, ([0, 0], [1, 1])),
+        lambda: net.variable("u", (), (np.nan, 1)),
+        lambda: net.reading(0.0, -1.0),
+        lambda: net.reading(np.nan, 1.0),
+        lambda: net.component(x),
+        lambda: net.component(x[0] + 1),
+        lambda: net.add(ConstraintNetwork().variable("x") <= 1),
+    ]
+    accepted = []
+    for k, build in enumerate(wrong):
+        with contextlib.suppress(ModelError):
+            build()
+            accepted.append(k)
+    assert accepted == []
+
+
+INDICES = [0, -1, slice(1, None), slice(None, None, -1), [2, 0, 0], np.array([True, False, True]), None, ...]
+INDICES += [(slice(None), 1), (..., [0, 0]), (1, slice(2)), ([0, 1], [1, 0]), (None, ..., None)]
+
+
+@pytest.mark.parametrize("index", INDICES, ids=repr)
+def test_indexing_has_the_shapes_and_values_of_numpy(net: ConstraintNetwork, index: object) -> None:
+    values = np.arange(12.0).reshape(3, 2, 2)
+    x = net.variable("x", (3, 2, 2))
+    expected = values[index]  # type: ignore[index]
+    assert x[index].shape == expected.shape
+    tape = Tape(net, [x[index]])
+    found = tape.forward(get_arithmetic("float64"), IntervalArray.point(values.reshape(1, 12)))[-1]
+    np.testing.assert_array_equal(found.lo[0], expected)
+
+
+SHAPES = [
+    ((3,), (3,)),
+    ((2, 3), (3,)),
+    ((3,), (3, 4)),
+    ((2, 3), (3, 4)),
+    ((5, 2, 3), (3,)),
+    ((5, 2, 3), (5, 3, 4)),
+]
+SHAPES += [((2, 3), (5, 3, 4)), ((1, 2, 3), (6, 3, 4)), ((3,), (5, 3, 2))]
+
+
+@pytest.mark.parametrize(("left", "right"), SHAPES)
+def test_matmul_is_numpys(net: ConstraintNetwork, left: tuple[int, ...], right: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=left), rng.normal(size=right)
+    x, y = net.variable("x", left), net.variable("y", right)
+    values = IntervalArray.point(np.concatenate([a.ravel(), b.ravel()])[None])
+    for root in (x @ y, a @ y, x @ b):
+        assert root.shape == (a @ b).shape
+        tape = Tape(net, [root])
+        found = tape.forward(get_arithmetic("float64"), values)[-1].broadcast_to((1, *root.shape))
+        np.testing.assert_allclose(found.lo[0], a @ b, rtol=1e-12, atol=1e-12)
+        assert (found.lo[0] <= a @ b + 1e-12).all()
+
+
+def test_numpy_on_the_left_and_iteration(net: ConstraintNetwork) -> None:
+    x = net.variable("x", 3)
+    assert (np.ones((2, 3)) * x).shape == (2, 3)
+    assert (np.float64(2) - x).op == "sub"
+    assert (np.ones(3) <= x).body.shape == (3,)
+    assert (1.0 / x).op == "div"
+    assert len(x) == 3
+    assert [e.shape for e in x] == [(), (), ()]
+    with pytest.raises(TypeError):
+        len(x[0])
+
+
+def test_numbers_that_no_float_equals_are_enclosed(net: ConstraintNetwork) -> None:
+    for number in (Fraction(1, 3), 2**53 + 1, -(10**40) - 1):
+        data = as_expr(number).data  # type: ignore[arg-type]
+        assert isinstance(data, IntervalArray)
+        assert Fraction(float(data.lo)) < number < Fraction(float(data.hi))
+    array = as_expr([Fraction(1, 3), 1, 0]).data  # type: ignore[list-item]
+    assert isinstance(array, IntervalArray)
+    assert (array.lo < array.hi).tolist() == [True, False, False]
+    net.variable("x", (), (Fraction(1, 3), Fraction(2, 3)))  # type: ignore[arg-type]
+    assert Fraction(net.domain.lo[0]) <= Fraction(1, 3)
+    assert Fraction(net.domain.hi[0]) >= Fraction(2, 3)
+
+
+def test_names_of_components(net: ConstraintNetwork) -> None:
+    x, y = net.variable("x", (2, 2), (0, 1)), net.variable("y")
+    assert net.names == ("x[0,0]", "x[0,1]", "x[1,0]", "x[1,1]", "y")
+    assert net.component(x[1, 0]) == "x[1,0]"
+    assert net.component(y) == "y"
+    assert component_names(y) == ("y",)
+    assert not net.domain.is_bounded
+    assert repr(net).endswith("5 unknowns, 0 constraints>")
+
+
+def test_long_sums_pickle(net: ConstraintNetwork) -> None:
+    x = net.variable("x", (), (-2, 2))
+    total = x
+    for k in range(3000):
+        total = total + k * x
+    net.add(total <= 1)
+    for value in (net, HC4(net), Lifted(net)):
+        again = pickle.loads(pickle.dumps(value))
+        assert type(again) is type(value)
+    assert pickle.loads(pickle.dumps(HC4(net))).contract(net.domain) == HC4(net).contract(net.domain)
+
+
+def test_elements_without_a_bound_say_nothing(net: ConstraintNetwork) -> None:
+    x = net.variable("x", 2, (-3, 3))
+    net.add(x.within(([-np.inf, 0], [1, np.inf])))
+    net.add(x.within((-np.inf, np.inf)))
+    for contractor in (HC4(net), Lifted(net)):
+        box = contractor.contract(net.domain).box
+        np.testing.assert_allclose(box.lo, [-3, 0], atol=1e-12)
+        np.testing.assert_allclose(box.hi, [1, 3], atol=1e-12)

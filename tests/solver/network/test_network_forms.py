@@ -1,0 +1,282 @@
+"""Evaluation of an expression over a box: every form contains every value, and reverse mode equals forward mode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cpcal
+from cpcal.errors import ModelError
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.network import (
+    CentredForm,
+    ConstraintNetwork,
+    Expr,
+    Tape,
+    evaluate,
+    maximum,
+    minimum,
+    norm,
+    sqr,
+    sqrt,
+)
+from cpcal.solver.network.forms import FormName
+from cpcal.solver.network.operations import TABLE
+from cpcal.solver.network.point import Point
+from cpcal.solver.network.reverse import Reverse
+from cpcal.solver.network.slopes import Pair, slope
+
+Floats = npt.NDArray[np.float64]
+SEEDS = st.integers(0, 2**32 - 1)
+FORMS: list[FormName] = ["natural", "centred", "slope", "tightest"]
+
+# Expressions of x (3,), y (4, 3) and readings m (4, 3), s (): row-wise, shared, broadcast and mixed uses.
+Formula = Callable[[Any, Any, Any, Any], Expr]
+FORMULAS: dict[str, Formula] = {
+    "leg": lambda x, y, m, s: norm(m * 2.0 + y - x) - (x[0] + s),
+    "dependency": lambda x, y, m, s: x * x - x * (x + 1.0) + m,
+    "cross": lambda x, y, m, s: m[:, [1, 2, 0]] * y[:, [2, 0, 1]] - m[:, [2, 0, 1]] * y[:, [1, 2, 0]],
+    "sum of rows": lambda x, y, m, s: y[:, 0] * (y * m).sum(0)[0] - (y + m).sum(0).sum(-1),
+    "rows of others": lambda x, y, m, s: y[::-1] * m + y[[0, 0, 1, 1]] * x,
+    "rows of a vector": lambda x, y, m, s: x[[0, 2, 2, 1]] * m[:, 0] + sqr(y[:, 1]),
+    "own and shared": lambda x, y, m, s: sqr(y[:, 0]) - sqr(y[:, 0]).sum(0) + sqr(m[:, 0]) * m[:, 0].sum(0),
+    "new axes": lambda x, y, m, s: (x[None, :] * y[:, :1] + m[:, :1])[:, None, :] * s,
+    "matrix": lambda x, y, m, s: (y @ x) * s + m @ x,
+    "scalar": lambda x, y, m, s: (y * m).sum(-1).sum(0) * x[1] - s * x[2],
+    "kinks": lambda x, y, m, s: abs(y - x) + maximum(m, x * y) - minimum(y, s) * abs(m),
+    "powers": lambda x, y, m, s: x**3 - y**4 + (sqr(m) + 1.0) ** -2 + (3.0 + sqr(x)) ** -1,
+    "quotients": lambda x, y, m, s: (x + m) / (1.5 + sqr(y)) - 1.0 / (sqr(x) + 0.5) + sqrt(sqr(y) + sqr(m)),
+    "poles": lambda x, y, m, s: 1.0 / y + sqrt(x) * m + y**-1,
+    "nothing": lambda x, y, m, s: np.ones((2, 3)) * s,
+    "constant": lambda x, y, m, s: x[0] * 0.0 + 2.0,
+}
+
+
+def variables() -> tuple[ConstraintNetwork, Expr, Expr]:
+    net = ConstraintNetwork()
+    return net, net.variable("x", 3), net.variable("y", (4, 3))
+
+
+def readings(rng: np.random.Generator) -> tuple[IntervalArray, IntervalArray]:
+    """Sets of m (4, 3) and s ()."""
+    size = 10.0 ** rng.uniform(-3, 0.5)
+    return (
+        IntervalArray.around(rng.uniform(-2, 2, (4, 3)), size * rng.random((4, 3))),
+        IntervalArray.around(rng.uniform(-2, 2), size * rng.random()),
+    )
+
+
+def as_readings(net: ConstraintNetwork, sets: tuple[IntervalArray, IntervalArray]) -> list[Expr]:
+    return [net.reading(s.mid, s.rad) for s in sets]
+
+
+def inside(rng: np.random.Generator, x: IntervalArray) -> Floats:
+    """A point of a box, with some coordinates at their ends."""
+    inner = np.clip(rng.uniform(x.lo, x.hi), x.lo, x.hi)
+    return np.asarray(np.where(rng.random(x.shape) < 0.3, np.where(rng.random(x.shape) < 0.5, x.lo, x.hi), inner))
+
+
+@pytest.mark.parametrize("engine", ["float64", "arb"])
+@pytest.mark.parametrize("name", FORMULAS)
+@settings(max_examples=8, deadline=None)
+@given(seed=SEEDS)
+def test_every_form_contains_the_values_at_points_of_the_box_and_of_the_sets(name: str, engine: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    net, x, y = variables()
+    sets = readings(rng)
+    expr = FORMULAS[name](x, y, *as_readings(net, sets))
+    size = 10.0 ** rng.uniform(-4, 1) * rng.random(15) * rng.integers(0, 3, 15).clip(0, 1)
+    flat = IntervalArray.around(rng.normal(0, 2, 15), size)
+    box = Box(net.names, flat.lo, flat.hi)
+    found = {form: evaluate(net, expr, box, form, engine) for form in FORMS}
+    for _ in range(3):
+        point, values = inside(rng, flat), [inside(rng, s) for s in sets]
+        exact_net, x2, y2 = variables()
+        exact = FORMULAS[name](x2, y2, *(exact_net.constant(v) for v in values))
+        value = evaluate(exact_net, exact, Box(net.names, point, point), "natural", "arb")
+        for form, enclosure in found.items():
+            assert enclosure.shape == expr.shape
+            missed = ~((enclosure.lo <= value.hi) & (value.lo <= enclosure.hi)) & ~value.empty
+            assert not missed.any(), f"{form} misses {value} by {enclosure}"
+    assert found["tightest"].subset(found["natural"]).all()
+    assert found["tightest"].subset(found["slope"]).all()
+
+
+@pytest.mark.parametrize("wanted", ["variables", "readings"])
+@pytest.mark.parametrize("name", FORMULAS)
+def test_reverse_mode_equals_forward_mode(name: str, wanted: str) -> None:
+    rng = np.random.default_rng(5)
+    net, x, y = variables()
+    sets = readings(rng)
+    expr = FORMULAS[name](x, y, *as_readings(net, sets))
+    tape, point = Tape(net, [expr]), rng.uniform(0.5, 2.0, 15)
+    slots = tape.forward(
+        Point(), IntervalArray.point(point[None]), {k: IntervalArray.point(_mid(tape, k)) for k in tape.readings}
+    )
+    leaves = list(tape.variables) if wanted == "variables" else tape.readings
+    plan = Reverse(tape, expr, leaves)
+
+    def partials(k: int) -> Any:
+        derivative = TABLE[tape.nodes[k].op].derivative
+        assert derivative is not None
+        return derivative(Point(), tape.nodes[k], slots[k], tuple(slots[j] for j in tape.arguments(k)))
+
+    adjoints = plan.sweep(Point(), partials)
+    for k in leaves:
+        shape = tape.nodes[k].shape
+        count = int(np.prod(shape))
+        seed = {k: IntervalArray.point(np.eye(count).reshape((count, *shape)))}
+        tangent = tape.tangents(Point(), slots, seed)[tape.slot(expr)]
+        expected = (
+            np.zeros((count, *expr.shape)) if tangent is None else np.broadcast_to(tangent.lo, (count, *expr.shape))
+        )
+        rows = np.moveaxis(expected.reshape((count, plan.rows, plan.lanes)), 0, 2)  # (N, D, components)
+        if k not in adjoints:
+            np.testing.assert_array_equal(rows, 0.0)
+            continue
+        found = plan.embedded(adjoints[k]) if plan.row_wise[k] else adjoints[k]
+        got = found.lo.reshape((plan.lanes, plan.rows, count)).swapaxes(0, 1)
+        np.testing.assert_allclose(got, rows, rtol=1e-12, atol=1e-13)
+
+
+def _mid(tape: Tape, k: int) -> Floats:
+    data = tape.nodes[k].data
+    assert isinstance(data, IntervalArray)
+    return data.mid
+
+
+def test_rows_that_only_see_their_own_measurement_cost_no_more_than_their_number() -> None:
+    count = 20_000  # squared, 3 GB
+    net = ConstraintNetwork()
+    a = net.variable("a", 3, (-1, 1))
+    p = net.reading(np.linspace(1, 2, 3 * count).reshape((count, 3)), 0.01)
+    form = CentredForm(net, norm(p - a) - net.reading(np.ones(count), 0.1), get_arithmetic("float64"))
+    assert form.jacobian(net.domain).shape == (count, 3)
+    assert form.at(np.zeros(3)).shape == (count,)
+
+
+# known values ---------------------------------------------------------------------------------------------
+
+
+def test_the_forms_of_x_times_one_minus_x() -> None:
+    """The range over [0, 1] is [0, 1/4]: derivatives give [-1/4, 3/4], slopes from the middle [0, 1/2]."""
+    net = cpcal.Network()
+    x = net.variable("x", domain=(0, 1))
+    wanted = {"natural": (0, 1), "centred": (-0.25, 0.75), "slope": (0, 0.5), "tightest": (0, 0.5)}
+    for form, bounds in wanted.items():
+        found = cpcal.evaluate(net, x * (1 - x), net.domain, form)  # type: ignore[arg-type]
+        assert (found.lo.item(), found.hi.item()) == pytest.approx(bounds, abs=1e-15)
+
+
+def test_affine_rows_with_exact_coefficients_are_evaluated_exactly() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 2, ([1, 2], [3, 5]))
+    expr = x[0] - x[1] + 2 * x[1] - x[0] * 3.0
+    found = evaluate(net, expr, net.domain, "centred")
+    assert (found.lo.item(), found.hi.item()) == pytest.approx((-4, 3))
+    assert CentredForm(net, expr, get_arithmetic("float64")).affine
+    assert CentredForm(net, net.reading([1.0], 0.5) * x[0] / 2.0, get_arithmetic("float64")).affine
+    for curved in (x[0] * x[1], sqr(x[0]), 1 / x[0], abs(x[0]), x[0] ** 3):
+        assert not CentredForm(net, curved, get_arithmetic("float64")).affine
+
+
+def test_readings_enter_to_first_order() -> None:
+    """m^2 - 2 m at a point, |m - 1| <= 0.1: natural 0.8 wide, centred 0.04, slope 0.02; the range is 0.01."""
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (3, 3))
+    m = net.reading([1.0], 0.1)
+    widths = {
+        form: float((f := evaluate(net, sqr(m) - 2 * m * 1.0 + x, net.domain, form)).hi[0] - f.lo[0]) for form in FORMS
+    }
+    assert widths["natural"] == pytest.approx(0.8)
+    assert widths["centred"] == pytest.approx(0.04)
+    assert widths["slope"] == widths["tightest"] == pytest.approx(0.02)
+
+
+def test_one_undefined_row_leaves_the_others_alone() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 3, ([-1, 1, -3], [1, 2, -2]))
+    for form in FORMS:
+        found = evaluate(net, sqrt(x) - x, net.domain, form)
+        assert found.lo[0] <= 0.0 <= 1.0 <= found.hi[0]  # x = 0 and x = 1, whatever happens at x = -1
+        assert found.hi[1] - found.lo[1] < 1.5
+        assert found.empty[2]
+    found = evaluate(net, 1.0 / x, net.domain, "slope")
+    assert found.lo[0] == -np.inf
+    assert found.hi[0] == np.inf
+    assert found.subset(IntervalArray(np.array([-np.inf, 0.33, -0.51]), np.array([np.inf, 1.01, -0.29]))).all()
+
+
+def test_boxes_without_bounds_or_points_get_the_natural_form() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 2, (-np.inf, 3))
+    for form in FORMS:
+        found = evaluate(net, sqr(x) + 1, net.domain, form)
+        assert found.lo.tolist() == pytest.approx([1, 1])
+        assert found.hi.tolist() == [np.inf, np.inf]
+        assert evaluate(net, x + 1, Box.empty(net.names), form).empty.all()
+
+
+def test_refuses_unknown_forms_and_boxes_of_other_variables() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 2, (0, 1))
+    with pytest.raises(ModelError, match="natural, centred, slope, tightest"):
+        evaluate(net, x, net.domain, "affine")  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match=r"the box names a, the network x\[0\], x\[1\]"):
+        evaluate(net, x, Box(["a"], [0.0], [1.0]))
+    with pytest.raises(ModelError, match="'x' belongs to another network"):
+        evaluate(net, ConstraintNetwork().variable("x", 2) + x, net.domain)
+
+
+# elementary slopes ----------------------------------------------------------------------------------------
+
+
+UNARY: dict[str, Callable[[Expr], Expr]] = {
+    "sqr": sqr,
+    "sqrt": sqrt,
+    "abs": abs,
+    **{f"power {n}": (lambda u, n=n: Expr("power", (u,), u.shape, parameter=n)) for n in (-3, -2, -1, 0, 1, 2, 3, 4)},
+}
+
+
+@pytest.mark.parametrize("name", UNARY)
+@settings(max_examples=40, deadline=None)
+@given(seed=SEEDS)
+def test_elementary_slopes_contain_every_difference_quotient(name: str, seed: int) -> None:
+    """Centres are intervals themselves, as they are within a larger expression."""
+    rng = np.random.default_rng(seed)
+    e = get_arithmetic("float64")
+    u = ConstraintNetwork().variable("u", 4)
+    node = UNARY[name](u)
+    shift = 4.0 if name == "sqrt" or rng.random() < 0.3 else 0.0
+    center = IntervalArray.around(rng.normal(shift, 1, 4), rng.random(4) * rng.choice([0, 1e-3, 1], 4))
+    values = IntervalArray.around(rng.normal(shift, 2, 4), rng.random(4) * rng.choice([0, 1e-3, 3], 4))
+    with np.errstate(all="ignore"):
+        pairs = [Pair(TABLE[node.op].forward(e, node, (v[None],)), (v[None],)) for v in (center, values)]
+        found = slope(e, node, *pairs)[0].broadcast_to((1, 4))
+    for _ in range(5):
+        a, b = inside(rng, center), inside(rng, values)
+        with np.errstate(all="ignore"):
+            fa, fb = (TABLE[node.op].forward(Point(), node, (IntervalArray.point(v[None]),)).lo[0] for v in (a, b))
+            quotient = (fb - fa) / (b - a)
+        room = 1e-12 * (1 + np.abs(fa) + np.abs(fb)) / np.maximum(np.abs(b - a), 1e-300)
+        known = np.isfinite(quotient) & ~found.empty[0]
+        assert (found.lo[0] - room <= quotient)[known].all()
+        assert (quotient <= found.hi[0] + room)[known].all()
+
+
+def test_the_slope_of_abs_is_sharp_across_its_kink() -> None:
+    """From 1 to [-3, 2]: the quotient (|u| - 1) / (u - 1) goes from -1/2 to 1."""
+    net = ConstraintNetwork()
+    u = net.variable("u", (), (-3, 2))
+    form = CentredForm(net, abs(u), get_arithmetic("float64"))
+    for sign in (1.0, -1.0):
+        box = net.domain if sign > 0 else net.domain.with_bounds([-2], [3])
+        found = form.slopes(box, np.array([sign]))
+        assert sorted(sign * np.array([found.lo.item(), found.hi.item()])) == pytest.approx([-0.5, 1.0])

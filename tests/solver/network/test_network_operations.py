@@ -1,0 +1,239 @@
+"""Every row of the operation table: values contain, narrowing loses nothing, derivatives are right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from cpcal.solver.interval import IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Expr, Tape, maximum, minimum, norm, sqr, sqrt
+from cpcal.solver.network.operations import TABLE
+from cpcal.solver.network.point import Point
+
+Floats = npt.NDArray[np.float64]
+ENGINES = ["float64", "arb"]
+SEEDS = st.integers(0, 2**32 - 1)
+
+# name: (expression of x (3,) and y (2, 3), the same in numpy)
+Pair = tuple[Callable[[Expr, Expr], Expr], Callable[[Floats, Floats], Floats]]
+FORMULAS: dict[str, Pair] = {
+    "neg": (lambda x, y: -x, lambda x, y: -x),
+    "index": (lambda x, y: y[:, [2, 0, 0]], lambda x, y: y[:, [2, 0, 0]]),
+    "slice": (lambda x, y: y[1, ::-1], lambda x, y: y[1, ::-1]),
+    "sum": (lambda x, y: y.sum(0), lambda x, y: y.sum(0)),
+    "sum all": (lambda x, y: y.sum(-1).sum(0), lambda x, y: y.sum()),
+    "add": (lambda x, y: x + y, lambda x, y: x + y),
+    "sub": (lambda x, y: y - x, lambda x, y: y - x),
+    "mul": (lambda x, y: x * y, lambda x, y: x * y),
+    "mul by self": (lambda x, y: x * x, lambda x, y: x * x),
+    "div": (lambda x, y: x / y, lambda x, y: x / y),
+    "sqr": (lambda x, y: sqr(x), lambda x, y: x**2),
+    "sqrt": (lambda x, y: sqrt(y), lambda x, y: np.sqrt(y)),
+    "power 0": (lambda x, y: x**0, lambda x, y: x**0),
+    "power 1": (lambda x, y: x**1, lambda x, y: x**1),
+    "power 3": (lambda x, y: x**3, lambda x, y: x**3),
+    "power 4": (lambda x, y: y**4, lambda x, y: y**4),
+    "power -1": (lambda x, y: x**-1, lambda x, y: 1 / x),
+    "power -2": (lambda x, y: y**-2, lambda x, y: y**-2.0),
+    "abs": (lambda x, y: abs(x), lambda x, y: np.abs(x)),
+    "min": (lambda x, y: minimum(x, y), lambda x, y: np.minimum(x, y)),
+    "max": (lambda x, y: maximum(y, x), lambda x, y: np.maximum(y, x)),
+    "matmul": (lambda x, y: y @ x, lambda x, y: y @ x),
+    "matmul left": (lambda x, y: x @ y[:, :, None][0], lambda x, y: x @ y[:, :, None][0]),
+    "norm": (lambda x, y: norm(y - x), lambda x, y: np.linalg.norm(y - x, axis=-1)),
+    "mixed": (
+        lambda x, y: 2.0 / (1 + sqr(x[0])) - norm(y) * x[1] + 1.5 * abs(y[0, 0] - 3),
+        lambda x, y: 2.0 / (1 + x[0] ** 2) - np.linalg.norm(y, axis=-1) * x[1] + 1.5 * np.abs(y[0, 0] - 3),
+    ),
+}
+
+
+def test_formulas_use_every_operation_of_the_table() -> None:
+    net, x, y = variables()
+    used = {node.op for make, _ in FORMULAS.values() for node in Tape(net, [make(x, y)]).nodes}
+    assert set(TABLE) <= used
+
+
+def variables() -> tuple[ConstraintNetwork, Expr, Expr]:
+    net = ConstraintNetwork()
+    return net, net.variable("x", 3), net.variable("y", (2, 3))
+
+
+def random_boxes(rng: np.random.Generator, count: int) -> tuple[IntervalArray, Floats]:
+    """Boxes (count, 9), some half unbounded, and a point in each, sometimes on a face or at zero."""
+    size = 10.0 ** rng.uniform(-3, 3, (count, 9))
+    points = rng.normal(0, 3, (count, 9)) * rng.integers(0, 5, (count, 9)).clip(0, 1)
+    below, above = size * rng.random((2, count, 9)) * rng.integers(0, 2, (2, count, 9))
+    lo, hi = points - below, points + above
+    lo[rng.random(lo.shape) < 0.05] = -np.inf
+    hi[rng.random(hi.shape) < 0.05] = np.inf
+    return IntervalArray(lo, hi), points
+
+
+def exact_value(name: str, point: Floats) -> Floats | None:
+    """The formula at a point in long double; None where it is not defined."""
+    x, y = point[:3].astype(np.longdouble), point[3:].reshape(2, 3).astype(np.longdouble)
+    with np.errstate(all="ignore"):
+        result = np.asarray(FORMULAS[name][1](x, y))
+    return result if np.isfinite(result).all() else None
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("name", FORMULAS)
+@settings(max_examples=6, deadline=None)
+@given(seed=SEEDS)
+def test_forward_contains_values_and_backward_loses_none(name: str, engine: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    arithmetic = get_arithmetic(engine)
+    net, x, y = variables()
+    root = FORMULAS[name][0](x, y)
+    boxes, points = random_boxes(rng, 4)
+    tape = Tape(net, [root])
+    with np.errstate(all="ignore"):
+        values = tape.forward(arithmetic, boxes)
+    found = values[tape.slot(root)]
+    for k, point in enumerate(points):
+        value = exact_value(name, point)
+        if value is None:
+            continue
+        lo, hi = (np.broadcast_to(b, (4, *root.shape))[k] for b in (found.lo, found.hi))
+        slack = 1e-17 * np.abs(value)  # of the long double reference
+        assert (lo <= value + slack).all()
+        assert (value - slack <= hi).all()
+        narrowed = _backward(tape, root, arithmetic, boxes[k : k + 1], value, rng)
+        assert (narrowed.lo[0] <= point).all()
+        assert (point <= narrowed.hi[0]).all()
+
+
+def _backward(
+    tape: Tape, root: Expr, arithmetic: object, box: IntervalArray, value: Floats, rng: np.random.Generator
+) -> IntervalArray:
+    """One backward sweep after the root was narrowed to a small interval around `value`."""
+    engine = get_arithmetic("float64") if arithmetic is None else arithmetic
+    room = 1e-12 + np.abs(value) * rng.choice([1e-15, 1e-3])
+    k = tape.slot(root)
+    with np.errstate(all="ignore"):
+        slots = tape.forward(engine, box)  # type: ignore[arg-type]
+        low, high = np.asarray(value - room, np.float64), np.asarray(value + room, np.float64)
+        slots[k] = slots[k].intersect(IntervalArray(low[None], high[None]))
+        return tape.backward(engine, slots, box)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_a_batch_of_boxes_gives_what_single_boxes_give(name: str) -> None:
+    rng = np.random.default_rng(3)
+    net, x, y = variables()
+    root = FORMULAS[name][0](x, y)
+    tape, engine = Tape(net, [root]), get_arithmetic("float64")
+    boxes, _ = random_boxes(rng, 6)
+    with np.errstate(all="ignore"):
+        together = tape.forward(engine, boxes)
+        below = IntervalArray(np.asarray(-np.inf), np.asarray(1.0))
+        together[tape.slot(root)] = together[tape.slot(root)].intersect(below)
+        narrowed = tape.backward(engine, together, boxes)
+        for k in range(6):
+            alone = tape.forward(engine, boxes[k : k + 1])
+            alone[tape.slot(root)] = alone[tape.slot(root)].intersect(below)
+            one = tape.backward(engine, alone, boxes[k : k + 1])
+            np.testing.assert_array_equal(one.lo[0], narrowed.lo[k])
+            np.testing.assert_array_equal(one.hi[0], narrowed.hi[k])
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+@settings(max_examples=5, deadline=None)
+@given(seed=SEEDS)
+def test_points_equal_numpy_and_derivatives_equal_differences(name: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    point = rng.uniform(0.5, 3.0, 9)
+    x, y = point[:3], point[3:].reshape(2, 3)
+    assume(np.min(np.abs(x - y)) > 1e-3)
+    assume(abs(y[0, 0] - 3) > 1e-3)
+    net, vx, vy = variables()
+    root = FORMULAS[name][0](vx, vy)
+    tape = Tape(net, [root])
+    slots = tape.forward(Point(), IntervalArray.point(point[None]))
+    expected = np.asarray(FORMULAS[name][1](x, y))
+    assert root.shape == expected.shape
+    np.testing.assert_allclose(slots[tape.slot(root)].lo[0], expected, rtol=1e-13, atol=1e-14)
+    tangent = tape.tangents(Point(), slots, tape.variable_seeds())[tape.slot(root)]
+    step = 1e-5
+    for k in range(9):
+        ends = [point + s * step * np.eye(9)[k] for s in (1, -1)]
+        up, down = (np.asarray(FORMULAS[name][1](p[:3], p[3:].reshape(2, 3))) for p in ends)
+        exact = np.zeros(root.shape) if tangent is None else tangent.lo[k]
+        np.testing.assert_allclose(exact, (up - down) / (2 * step), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+@settings(max_examples=5, deadline=None)
+@given(seed=SEEDS)
+def test_interval_derivatives_enclose_slopes_between_points_of_the_box(name: str, seed: int) -> None:
+    """The mean value theorem, also across the kinks of abs, min and max."""
+    rng = np.random.default_rng(seed)
+    positive = name in ("sqrt", "power -1", "power -2", "div")
+    lo = rng.uniform(0.5, 2.0, 9) if positive else rng.uniform(-3, 3, 9)
+    hi = lo + rng.uniform(0, 2, 9) * rng.integers(0, 2, 9)
+    net, x, y = variables()
+    root = FORMULAS[name][0](x, y)
+    tape, engine = Tape(net, [root]), get_arithmetic("float64")
+    with np.errstate(all="ignore"):
+        slots = tape.forward(engine, IntervalArray(lo[None], hi[None]))
+        tangent = tape.tangents(engine, slots, tape.variable_seeds())[tape.slot(root)]
+    a, b = rng.uniform(lo, hi), rng.choice([0, 1], 9)
+    b = np.where(b == 0, lo, hi)
+    difference = np.asarray(exact_value(name, b) - exact_value(name, a), np.float64)
+    if tangent is None:
+        assert not difference.any()
+        return
+    full = tangent.broadcast_to((9, *root.shape))
+    moves = (b - a).reshape((9,) + (1,) * root.ndim)
+    assert (full.lo <= full.hi).all()
+    with np.errstate(invalid="ignore"):
+        ends = np.sort(np.where(moves == 0.0, 0.0, [full.lo * moves, full.hi * moves]), axis=0)
+    assert (ends[0].sum(axis=0) <= difference + 1e-9 * (1 + np.abs(difference))).all()
+    assert (ends[1].sum(axis=0) >= difference - 1e-9 * (1 + np.abs(difference))).all()
+
+
+def test_derivative_of_abs_at_zero_is_an_interval() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x")
+    tape, engine = Tape(net, [abs(x)]), get_arithmetic("float64")
+    slots = tape.forward(engine, IntervalArray.point(np.zeros((1, 1))))
+    tangent = tape.tangents(engine, slots, tape.variable_seeds())[-1]
+    assert tangent is not None
+    assert (tangent.lo.item(), tangent.hi.item()) == pytest.approx((-1.0, 1.0))
+
+
+def test_readings_are_narrowed_box_by_box_in_a_batch() -> None:
+    """The first sweep narrows a reading for every box of the batch on its own, also through an index."""
+    net = ConstraintNetwork()
+    x = net.variable("x", 3, (-3, 3))
+    s = net.reading(np.zeros((4, 3)), 0.5)
+    root = (s[:, [1, 2, 0]] * x).sum(-1) - 1
+    tape, engine = Tape(net, [root]), get_arithmetic("float64")
+    lo, hi = (
+        np.array([[1.0, 1, 1], [-3, -3, -3], [0, 0, 0.1]]),
+        np.array([[3.0, 3, 3], [3, 3, 3], [0.1, 0.1, 0.1]]),
+    )
+    with np.errstate(all="ignore"):
+        slots = tape.forward(engine, IntervalArray(lo, hi))
+        slots[-1] = slots[-1].intersect(IntervalArray.point(0.0))
+        narrowed = tape.backward(engine, slots, IntervalArray(lo, hi))
+    assert np.isnan(narrowed.lo[:, 0]).tolist() == [False, False, True]
+
+
+def test_an_undefined_element_means_that_there_is_no_solution() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 2)
+    root = sqrt(x)[0]
+    tape, engine = Tape(net, [root]), get_arithmetic("float64")
+    box = IntervalArray.point(np.array([[1.0, -1.0]]))
+    with np.errstate(all="ignore"):
+        slots = tape.forward(engine, box)
+        assert np.isnan(tape.backward(engine, slots, box).lo).all()
+        assert not tape.defined(slots)

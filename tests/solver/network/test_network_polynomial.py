@@ -1,0 +1,266 @@
+"""The polynomial form never excludes a solution: evaluated in exact fractions at random points and readings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from math import prod
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cpcal.solver.interval import Box, Interval, IntervalArray, get_arithmetic
+from cpcal.solver.network import (
+    ConstraintNetwork,
+    Expr,
+    PolynomialSystem,
+    maximum,
+    minimum,
+    norm,
+    polynomial_form,
+    sqr,
+    sqrt,
+)
+from cpcal.solver.network import coefficient as coef
+from cpcal.solver.network.monotone import DecisiveReadings
+
+Floats = npt.NDArray[np.float64]
+SEEDS = st.integers(0, 2**32 - 1)
+ENGINES = ["float64", "arb"]
+
+
+def span(lo: float, hi: float, factor: Fraction) -> tuple[Fraction, Fraction]:
+    ends = sorted((Fraction(lo) * factor, Fraction(hi) * factor))
+    return ends[0], ends[1]
+
+
+def holds(system: PolynomialSystem, point: Floats, box_guard: bool = True) -> list[bool]:
+    """For every row whether its widened form `q <= t^2` can hold at a point for SOME readings, exactly."""
+    x = [Fraction(v) for v in point]
+    values = [prod((x[i] for i in m), start=Fraction(1)) for m in system.monomials]
+
+    def lowest(c: IntervalArray, row: int, monomials: list[Fraction]) -> tuple[Fraction, Fraction]:
+        """Range of the row's form over the scaled readings: lowest, highest."""
+        lo, hi = Fraction(0), Fraction(0)
+        for j in range(c.shape[0]):
+            ends = [span(c.lo[j, row, m], c.hi[j, row, m], v) for m, v in enumerate(monomials)]
+            low, high = sum((e[0] for e in ends), Fraction(0)), sum((e[1] for e in ends), Fraction(0))
+            lo, hi = (lo + low, hi + high) if j == 0 else (lo - max(abs(low), abs(high)), hi + max(abs(low), abs(high)))
+        return lo, hi
+
+    out = []
+    for row in range(len(system.origin)):
+        shortfall = Fraction(0)
+        if system.guarded[row]:
+            guard = lowest(system.guards, row, [values[k] for k in system.guard_monomials])[0]
+            shortfall = min(guard, Fraction(0)) if box_guard else Fraction(0)
+        out.append(lowest(system.coefficients, row, values)[0] <= shortfall**2)
+    return out
+
+
+def true_network(seed: int, engine: str) -> tuple[ConstraintNetwork, Floats]:
+    """Norms, products, quotients by readings, kinks; one known solution x for readings inside their sets."""
+    rng = np.random.default_rng(seed)
+    net = ConstraintNetwork()
+    x, t = net.variable("x", 3, (-5, 5)), net.variable("t", (), (0, 100))
+    point, count = rng.uniform(-5, 5, 3), int(rng.integers(1, 5))
+    p, r = 10.0 ** rng.uniform(-6, 0.5, 2) * rng.integers(0, 2, 2)
+    center = rng.uniform(-9, 9, (count, 3))
+    true = center + 0.999 * p * rng.uniform(-1, 1, (count, 3))
+    scale = rng.uniform(1, 2, count)
+    true_scale = scale + 0.999 * r * rng.uniform(-0.2, 0.2, count)
+    position, factor = net.reading(center, p), net.reading(scale, 0.2 * r)
+    body = norm(position - x) + x[1] / factor + (sqr(factor)[:, None] * position).sum(-1) * x[0] - position[:, 2] ** 3
+    value = (
+        np.linalg.norm(true - point, axis=1)
+        + point[1] / true_scale
+        + (true_scale[:, None] ** 2 * true).sum(-1) * point[0]
+    )
+    value = value - true[:, 2] ** 3
+    room = 1e-9 * (1 + np.abs(value).max())
+    net.add((body - (value + 0.0)).within((-room, room)))
+    net.add((norm(position - x) - factor).within((-t, t)))
+    worst = np.max(np.abs(np.linalg.norm(true - point, axis=1) - true_scale))
+    return net, np.append(point, worst * (1 + 1e-9))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS)
+def test_no_row_excludes_a_solution(engine: str, seed: int) -> None:
+    net, point = true_network(seed, engine)
+    system = polynomial_form(net, get_arithmetic(engine))
+    assert system.leftover == ()
+    assert all(holds(system, point))
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=SEEDS)
+def test_no_row_excludes_a_solution_with_the_readings_that_decide(seed: int) -> None:
+    net, point = true_network(seed, "float64")
+    arithmetic = get_arithmetic("float64")
+    rng = np.random.default_rng([seed, 1])
+    decisive = DecisiveReadings(net, arithmetic)
+    for _ in range(3):
+        size = 10.0 ** rng.uniform(-6, 1, 4)
+        lo, hi = np.maximum(point - size, [-5, -5, -5, 0]), np.minimum(point + size, [5, 5, 5, 100])
+        sets = decisive.on(Box(net.names, lo, hi)) if decisive.any else None
+        assert all(holds(polynomial_form(net, arithmetic, sets), point))
+
+
+Constrain = Callable[[Expr], list[object]]
+LEVELS = np.linspace(-2, 2, 9)
+KINKS: dict[str, tuple[Callable[[Expr, Expr], Expr], Callable[[Floats, Floats], Floats]]] = {
+    "sqrt": (lambda x, y: sqrt(x + 4) - 2 * y, lambda x, y: np.sqrt(x + 4) - 2 * y),
+    "minus sqrt": (lambda x, y: 0.5 * y - 3 * sqrt(4 + x), lambda x, y: 0.5 * y - 3 * np.sqrt(4 + x)),
+    "abs": (lambda x, y: 2 * abs(x) - y, lambda x, y: 2 * np.abs(x) - y),
+    "minus abs": (lambda x, y: y - abs(x - 1) / 2, lambda x, y: y - np.abs(x - 1) / 2),
+    "max": (lambda x, y: maximum(x, 2 * y) + x, lambda x, y: np.maximum(x, 2 * y) + x),
+    "minus min": (lambda x, y: y - minimum(x, -y), lambda x, y: y - np.minimum(x, -y)),
+    "nested": (
+        lambda x, y: abs(x) + maximum(y, abs(x - y)),
+        lambda x, y: np.abs(x) + np.maximum(y, np.abs(x - y)),
+    ),
+    "two abs": (lambda x, y: abs(x) + abs(y) - 1, lambda x, y: np.abs(x) + np.abs(y) - 1),
+}
+
+
+@pytest.mark.parametrize("name", KINKS)
+def test_eliminated_kinks_have_the_same_solutions(name: str) -> None:
+    """On a grid: `f <= c` holds exactly where its polynomial rows hold (with the guards, where v >= 0)."""
+    make, value = KINKS[name]
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-4, 4)), net.variable("y", (), (-4, 4))
+    net.add(make(x, y) <= 0.3)
+    system = polynomial_form(net, get_arithmetic("float64"))
+    assert system.leftover == ()
+    for a in np.arange(-4, 4.1, 0.5):
+        for b in np.arange(-4, 4.1, 0.5):
+            true = bool(value(np.float64(a), np.float64(b)) <= 0.3)
+            assert true <= all(holds(system, np.array([a, b])))
+            # a guarded row speaks where its guard is not negative; elsewhere it is true by itself
+            exact = all(holds(system, np.array([a, b]), box_guard=False)) or _guard_is_negative(system, a, b)
+            assert true == exact
+
+
+def _guard_is_negative(system: PolynomialSystem, a: float, b: float) -> bool:
+    if not system.guarded.any():
+        return False
+    values = [prod(((a, b)[i] for i in system.monomials[k]), start=1.0) for k in system.guard_monomials]
+    return bool((system.guards.hi[0, system.guarded] @ np.array(values) < 0).all())
+
+
+def test_a_guarded_row_alone_would_exclude_solutions() -> None:
+    """`sqrt(x) >= y` holds for every y < 0, where y^2 <= x does not: the guard saves it."""
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (0, 1)), net.variable("y", (), (-3, 1))
+    net.add(sqrt(x) >= y)
+    system = polynomial_form(net, get_arithmetic("float64"))
+    assert system.guarded.tolist() == [True]
+    assert holds(system, np.array([0.25, -3.0])) == [True]
+    assert holds(system, np.array([0.25, -3.0]), box_guard=False) == [False]
+    assert holds(system, np.array([0.25, 0.75])) == [False]
+
+
+def test_monomials_come_with_their_divisors_and_one_first() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 3, (-1, 1))
+    net.add([x[0] ** 2 * x[1] * x[2] <= 1, x[1] ** 5 >= -1])
+    monomials = polynomial_form(net, get_arithmetic("float64")).monomials
+    assert monomials[0] == ()
+    assert (0, 0, 1, 2) in monomials
+    for m in monomials:
+        assert m == tuple(sorted(m))
+        assert all(m[:k] + m[k + 1 :] in monomials for k in range(len(m)))
+    assert list(monomials) == sorted(set(monomials), key=lambda m: (len(m), m))
+
+
+def test_measurements_share_monomials() -> None:
+    net = ConstraintNetwork()
+    a, b = net.variable("a", 3, (-1, 1)), net.variable("b", 3, (-1, 1))
+    rng = np.random.default_rng(0)
+    net.add((norm(rng.normal(size=(50, 3)) + rng.normal(size=(50, 3, 3)) @ b - a) - 3).within((-0.1, 0.1)))
+    system = polynomial_form(net, get_arithmetic("float64"))
+    assert len(system.monomials) == 1 + 6 + 3 + 9 + 6  # a_i^2, a_i b_j, b_i b_j
+    assert (np.bincount(system.origin[:, 1]) == system.origin.shape[0] // 50).all()
+
+
+LEFT_OVER: dict[str, Callable[[Expr, Expr], Expr]] = {
+    "quotient": lambda x, r: x[0] / x[1],
+    "power": lambda x, r: x[0] ** -1,
+    "root in a product": lambda x, r: sqrt(x[0]) * x[1],
+    "guard twice": lambda x, r: -(abs(x[0]) + abs(x[1])),
+    "reading summed over measurements": lambda x, r: r.sum(0) * x[0],
+    "reading of another measurement": lambda x, r: r[::-1] * x[0],
+    "reading in all rows": lambda x, r: r[0] * x[0],
+}
+
+
+@pytest.mark.parametrize("name", LEFT_OVER)
+def test_what_is_not_polynomial_is_left_over_with_a_reason(name: str) -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 3, (1, 2))
+    reading = net.reading([1.0, 2.0, 3.0], 0.1)
+    net.add(x[2] <= 1.5)
+    net.add(LEFT_OVER[name](x, reading) <= 1)
+    system = polynomial_form(net, get_arithmetic("float64"))
+    assert [number for number, _ in system.leftover] == [1]
+    assert all(reason for _, reason in system.leftover)
+    assert system.origin.tolist() == [[0, 0]]
+
+
+def test_constants_that_enclose_a_number_widen_the_rows() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (-5, 5))
+    net.add(Interval(1, 2) * x <= Interval(3, 4))
+    system = polynomial_form(net, get_arithmetic("float64"))
+    assert holds(system, np.array([4.0])) == [True]
+    assert holds(system, np.array([4.1])) == [False]
+
+
+# Taylor models ----------------------------------------------------------------------------------------------
+
+
+def model(rng: np.random.Generator, slots: int) -> IntervalArray:
+    lo = rng.normal(size=(slots, 1)) * 10.0 ** rng.uniform(-3, 1, (slots, 1))
+    lo[0] += np.sign(lo[0]) * 2 * np.abs(lo[1:]).sum(axis=0)  # clear of zero, so that it has a reciprocal
+    return IntervalArray(lo, lo + rng.random((slots, 1)) * rng.choice([0.0, 1e-9]))
+
+
+def exact(rng: np.random.Generator, c: IntervalArray, delta: list[Fraction]) -> Fraction:
+    """A value of the model at some readings, for some numbers in its enclosures."""
+    numbers = [Fraction(rng.choice([c.lo[j, 0], c.hi[j, 0]])) for j in range(c.shape[0])]
+    return numbers[0] + sum((v * d for v, d in zip(numbers[1:], delta, strict=False)), Fraction(0))
+
+
+def encloses(c: IntervalArray, delta: list[Fraction], value: Fraction) -> bool:
+    ends = [span(c.lo[j, 0], c.hi[j, 0], d) for j, d in enumerate([Fraction(1), *delta[: c.shape[0] - 1]])]
+    return sum(e[0] for e in ends) <= value <= sum(e[1] for e in ends)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@settings(max_examples=40, deadline=None)
+@given(seed=SEEDS, slots=st.tuples(st.integers(1, 5), st.integers(1, 5)))
+def test_taylor_models_contain_the_exact_value(engine: str, seed: int, slots: tuple[int, int]) -> None:
+    rng, e = np.random.default_rng(seed), get_arithmetic(engine)
+    x, y = model(rng, slots[0]), model(rng, slots[1])
+    delta = [Fraction(v) for v in rng.choice([-1.0, 0.0, 1.0, *rng.uniform(-1, 1, 2)], 4)]
+    a, b = exact(rng, x, delta), exact(rng, y, delta)
+    assert encloses(coef.add(e, x, y), delta, a + b)
+    assert encloses(coef.mul(e, x, y), delta, a * b)
+    assert encloses(coef.mul(e, x, x), delta, a * a)
+    assert encloses(coef.reciprocal(e, y), delta, 1 / b)
+    assert encloses(coef.total(e, x), [], a)
+
+
+def test_taylor_models_are_exact_to_first_order() -> None:
+    """Radius 1e-4: what is not first order is below 1e-7."""
+    e = get_arithmetic("float64")
+    x = IntervalArray.point(np.array([[2.0], [1e-4], [0.0]]))
+    y = IntervalArray.point(np.array([[-3.0], [2e-4], [1e-4]]))
+    for c, slopes in ((coef.mul(e, x, y), [1e-4, 2e-4]), (coef.reciprocal(e, x), [-0.25e-4, 0.0])):
+        assert float(c.hi[0, 0] - c.lo[0, 0]) < 1e-7
+        np.testing.assert_allclose(c.mid[1:, 0], slopes, rtol=1e-9, atol=1e-20)

@@ -1,0 +1,93 @@
+"""A network with some of its measurements is the same network for those, and loses no solution."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contractors import Lifted, lifted
+from cpcal.calibration import least_squares
+from cpcal.legs import leg_box, leg_network
+from cpcal.simulate import simulate
+from cpcal.solver.contract import Contractor
+from cpcal.solver.interval import Interval, IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Expr, Tape, maximum, norm, sqr
+from cpcal.solver.network.restrict import restricted
+from cpcal.solver.testing import CONFORMANCE
+
+N = 6
+
+
+def bodies(net: ConstraintNetwork, x: Expr, y: Expr, rng: np.random.Generator) -> list[Expr]:
+    """Expressions over N measurements that use every way of combining rows; y has N components itself."""
+    p, r = net.reading(rng.normal(size=(N, 3)), 0.1), net.reading(rng.normal(size=N), 0.2)
+    matrix, square = rng.normal(size=(N, 3, 3)), rng.normal(size=(N, N))
+    return [
+        norm(p + matrix @ x - y[:3]) - r,
+        (p[:, [2, 0, 1]] * x).sum(-1) / (1 + sqr(r)),
+        p - x,
+        y * r + y[::-1] - y.sum(),
+        square @ y + (square * r).sum(0),
+        maximum(p[:, 0], r[[1, 1, 0, 5, 4, 2]]) * x[0] + p.sum(0)[0],
+        (matrix + p[:, None]) @ x * Interval(1, 1.5),
+        abs(p[::-1, 1]) - rng.normal(size=(N, 1))[:, 0] * x[1] ** 3,
+        sqr(y)[:, None] + p,
+        y[1:4][[0, 1, 2, 2, 1, 0]] - r,
+    ]
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), data=st.data())
+def test_elements_of_a_restricted_network_are_those_of_the_whole(seed: int, data: st.DataObject) -> None:
+    rng = np.random.default_rng(seed)
+    net = ConstraintNetwork()
+    x, y = net.variable("x", 3, (-2, 2)), net.variable("y", N, (-2, 2))
+    for body in bodies(net, x, y, rng):
+        upper = rng.normal(size=body.shape) if rng.random() < 0.5 else 1.0
+        net.add(body.within((-np.inf, upper)))
+    net.add(x[0] <= 1)
+    chosen = st.lists(st.integers(0, N - 1), min_size=1, unique=True).map(lambda rows: np.array(sorted(rows)))
+    keep = [data.draw(chosen) if c.body.shape else np.zeros(0, np.intp) for c in net.constraints]
+    part, engine = restricted(net, keep), get_arithmetic("float64")
+    assert part.names == net.names
+    assert part.domain == net.domain
+    box = IntervalArray.point(rng.uniform(-2, 2, (1, 3 + N)))
+    for whole, less, rows in zip(net.constraints, part.constraints, keep, strict=True):
+        for one, other in ((whole.body, less.body), (whole.upper, less.upper)):
+            full, few = (Tape(net, [e]).forward(engine, box)[-1] for e in (one, other))
+            shape = (1, *whole.body.shape)
+            wanted = full.broadcast_to(shape)
+            wanted = wanted[:, rows] if rows.size else wanted
+            np.testing.assert_array_equal(np.broadcast_to(few.lo, wanted.shape), wanted.lo)
+            np.testing.assert_array_equal(np.broadcast_to(few.hi, wanted.shape), wanted.hi)
+
+
+def frugal(network: ConstraintNetwork, **options: Any) -> Contractor:
+    return Lifted(network, **options)
+
+
+@pytest.mark.parametrize("likely", [1, 3])
+@pytest.mark.parametrize("check", ["keeps_solutions", "never_widens", "is_deterministic", "steps_agree"])
+def test_lifted_on_few_likely_rows_conforms(check: str, likely: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lifted, "_MANY", 0)
+    monkeypatch.setattr(lifted, "_LIKELY", likely)
+    CONFORMANCE[check](frugal)
+
+
+def test_steps_of_few_likely_rows_name_elements_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign = simulate(seed=5, joint_error=1.0)
+    box = leg_box(least_squares(campaign, 1), 10.0)
+    net = leg_network(campaign, 1, box, engine=get_arithmetic("float64"), eps=(0.0, 2.0))
+    whole = Lifted(net, objective="eps").contract(net.domain).box
+    monkeypatch.setattr(lifted, "_MANY", 0)
+    monkeypatch.setattr(lifted, "_LIKELY", 20)
+    result = Lifted(net, objective="eps").contract(net.domain)
+    rows = {row for step in result.steps for row in step.rows}
+    assert {c for c, _ in rows} <= {0, 1}
+    assert {k for _, k in rows} <= set(range(64))
+    assert max(k for _, k in rows) >= 40  # not numbered within the few
+    assert whole.width[:7].sum() <= result.box.width[:7].sum() * 1.1

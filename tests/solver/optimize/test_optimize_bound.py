@@ -1,0 +1,225 @@
+"""Known minima: bracketed from both sides at every moment, whatever stops the search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from contractors import HC4, Lifted
+from cpcal import Interval, Limits, Network, Verdict, maximum, norm
+from cpcal.errors import ModelError
+from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.optimize import Bracket, Minimum, minimize
+
+Problem = tuple[Network, str, float]
+
+
+def line_fit() -> Problem:
+    """The best line for x^2 on [-1, 1]: 1/2."""
+    t = np.linspace(-1, 1, 21)
+    net = Network()
+    c, e = net.variable("c", 2, (-10, 10)), net.variable("e", (), (0, 10))
+    net.add((t**2 - (c[0] + c[1] * t)).within((-e, e)))
+    return net, "e", 0.5
+
+
+def cubic_fit() -> Problem:
+    """The best parabola for x^3 on [-1, 1], whose error is the Chebyshev polynomial T3 / 4; extrema on the grid."""
+    t = np.concatenate([np.linspace(-1, 1, 41), [-0.5, 0.5]])
+    net = Network()
+    c, e = net.variable("c", 3, (-10, 10)), net.variable("e", (), (0, 10))
+    net.add((t**3 - (c[0] + c[1] * t + c[2] * t**2)).within((-e, e)))
+    return net, "e", 0.25
+
+
+def circle_fit() -> Problem:
+    """Points at 4 and at 5 from (1, -2) in turn: the best circle has radius 4.5."""
+    angles = np.arange(8) * np.pi / 4
+    points = [1, -2] + (4 + np.arange(8) % 2)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    net = Network()
+    a, r, e = net.variable("a", 2, (-50, 50)), net.variable("r", (), (0, 50)), net.variable("e", (), (0, 50))
+    net.add([(norm(points - a) - r).within((-e, e)), r >= e])
+    return net, "e", 0.5
+
+
+def three_valleys() -> Problem:
+    """x^4 - 3 x^2 + x: the right valley is a trap, and so is the middle of the domain."""
+    net = Network()
+    x, z = net.variable("x", (), (-2, 2)), net.variable("z", (), (-10, 10))
+    net.add(z >= x**4 - 3 * x**2 + x)
+    roots = np.roots([4, 0, -6, 1]).real
+    return net, "z", float(np.min(roots**4 - 3 * roots**2 + roots))
+
+
+def two_anchors() -> Problem:
+    """A distance problem with two mirrored optima."""
+    net = Network()
+    p, e = net.variable("p", 2, (-20, 20)), net.variable("e", (), (0, 20))
+    anchors = np.array([[-3.0, 0.0], [3.0, 0.0]])
+    net.add((norm(anchors - p) - np.array([5.0, 5.0])).within((-e, e)))
+    net.add((norm(np.zeros((1, 2)) - p) - 4.5).within((-e, e)))
+    # |p - anchor| = 5 + s e, |p| = 4.5 - s e on the axis y: 9 + (4.5 - e)^2 = (5 + e)^2
+    return net, "e", 4.25 / 19
+
+
+def worst_of_three() -> Problem:
+    net = Network()
+    x, z = net.variable("x", 2, (-3, 3)), net.variable("z", (), (-10, 10))
+    net.add(maximum(maximum(x[0] + x[1], 2 - x[0]), 1 - x[1]) <= z)
+    return net, "z", 1.0
+
+
+PROBLEMS: list[Callable[[], Problem]] = [line_fit, cubic_fit, circle_fit, three_valleys, two_anchors, worst_of_three]
+
+
+def checked(states: Iterator[Bracket | Minimum], optimum: float) -> Minimum:
+    """The minimum at the end, after every bracket was valid and none wider than the one before."""
+    lo, hi = -np.inf, np.inf
+    for state in states:
+        assert lo <= state.lo <= optimum + 1e-12 * (1 + abs(optimum))
+        assert hi >= state.hi >= optimum - 1e-12 * (1 + abs(optimum))
+        lo, hi = state.lo, state.hi
+        if isinstance(state, Minimum):
+            return state
+    raise AssertionError("no Minimum at the end")
+
+
+@pytest.mark.parametrize("arithmetic", ["float64", "arb"])
+@pytest.mark.parametrize("make", PROBLEMS)
+def test_known_optima(make: Callable[[], Problem], arithmetic: str) -> None:
+    net, objective, optimum = make()
+    contractor = Lifted(net, objective=objective, arithmetic=arithmetic)
+    engine, limits = get_arithmetic(arithmetic), Limits(nodes=400)
+    found = checked(minimize(net, objective, contractor, engine=engine, limits=limits), optimum)
+    assert found.verdict is Verdict.PROVED
+    assert found.hi - found.lo <= 1.01e-6 * abs(found.hi)
+    assert found.witness is not None
+    assert found.witness.value == found.hi
+    assert found.witness.point in found.enclosure
+    assert found.witness.point in net.domain
+    assert found.pending == 0
+    assert all(0 <= c < len(net.constraints) for c, _ in found.rows)
+    assert found.rows
+
+
+@pytest.mark.parametrize("nodes", [1, 2, 3])
+@pytest.mark.parametrize("make", [three_valleys, two_anchors])
+def test_brackets_are_valid_when_a_limit_stops_the_search(make: Callable[[], Problem], nodes: int) -> None:
+    net, objective, optimum = make()
+    limits = Limits(nodes=nodes, gap=0.0, gap_absolute=0.0)
+    states = minimize(net, objective, HC4(net), engine=get_arithmetic("float64"), limits=limits)
+    found = checked(states, optimum)
+    assert found.nodes == nodes
+    assert found.verdict is Verdict.UNKNOWN
+    assert "Stopped" in found.status
+    assert found.pending > 0
+
+
+def test_time_limit_of_nothing_still_answers_truthfully() -> None:
+    net, objective, optimum = two_anchors()
+    found = net.minimize(net.variables[1], limits=Limits(seconds=0.0))
+    assert found.lo <= optimum <= found.hi
+    assert found.verdict is Verdict.UNKNOWN
+    assert objective == "e"
+
+
+def test_ctrl_c_keeps_what_is_proved() -> None:
+    net, _, optimum = two_anchors()
+    calls = []
+
+    def interrupt(bracket: Bracket) -> None:
+        calls.append(bracket)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+
+    found = net.minimize(net.variables[1], contractors=("hc4",), progress=interrupt)
+    assert found.interrupted
+    assert found.nodes == calls[-1].nodes
+    assert found.lo <= optimum <= found.hi
+
+
+def test_infeasible_networks_are_refuted() -> None:
+    net = Network()
+    x, z = net.variable("x", (), (-2, 2)), net.variable("z", (), (-10, 10))
+    net.add([z >= x**2, x + z <= -0.26])
+    found = net.minimize(z)
+    assert found.verdict is Verdict.REFUTED
+    assert found.witness is None
+    assert found.enclosure.is_empty
+    assert (found.lo, found.hi) == (np.inf, np.inf)
+    net, (x, z) = Network(), (None, None)  # the same with room: min z on x^2 <= z <= -x - 0.24
+    x, z = net.variable("x", (), (-2, 2)), net.variable("z", (), (-10, 10))
+    net.add([z >= x**2, x + z <= -0.24])
+    assert net.minimize(z).hi == pytest.approx(0.16, rel=1e-5)
+
+
+def test_minimum_on_a_face_of_the_domain_is_said_to_be_that() -> None:
+    net = Network()
+    x, e = net.variable("x", (), (-1, 1)), net.variable("e", (), (0, 5))
+    net.add((x - 0.5).within((-e, e)))
+    found = net.minimize(e)
+    assert (found.lo, found.hi, found.verdict) == (0.0, 0.0, Verdict.PROVED)
+    assert "smallest value that the domain allows" in found.status
+
+
+def test_an_unclosed_bracket_is_never_proved() -> None:
+    """No contractor bounds this: the answer must not be called proved."""
+    net = Network()
+    x, e = net.variable("x", (), (-2, 2)), net.variable("e")
+    net.add(x**2 <= e)
+    found = net.minimize(e, contractors=("hc4", "lifted"), limits=Limits(nodes=5))
+    assert found.lo <= 0.0 <= found.hi
+    net = Network()
+    x, e = net.variable("x", (), (-2, 2)), net.variable("e", (), (-100, 100))
+    net.add(norm(np.ones((3, 1)) * (x - 0.1)) - 1 <= e)  # hc4 sees it, but to lifted 3 roots are one
+    net.add((1 / (2 + x**2)).within((-e, np.inf)))  # not polynomial: lifted knows nothing of it
+    found = net.minimize(e, limits=Limits(nodes=30))
+    assert (found.verdict is Verdict.PROVED) == (found.hi - found.lo <= 1.01e-6 * abs(found.hi))
+
+
+def test_objective_alone_and_no_constraints() -> None:
+    net = Network()
+    x = net.variable("x", (), (-2, 2))
+    found = net.minimize(x)
+    assert (found.lo, found.hi, found.verdict) == (-2.0, -2.0, Verdict.PROVED)
+    net = Network()
+    x = net.variable("x", (), (0, 3))
+    net.add(x**2 >= 2)
+    found = net.minimize(x)
+    assert found.lo <= np.sqrt(2) <= found.hi
+    assert found.hi - found.lo < 1e-5
+
+
+def test_fit_starts_where_a_norm_has_no_derivative() -> None:
+    corners = np.array([[0, 0], [1.0, 0], [0, 1.0], [1, 1]])
+    net = Network()
+    a, e = net.variable("a", 2, (-3, 3)), net.variable("e", (), (0, 100))
+    net.add((norm(corners - a) - 1).within((-e, e)))
+    found = net.minimize(e)
+    assert found.hi == pytest.approx(1 - np.sqrt(0.5), rel=1e-6)
+    assert found.verdict is Verdict.PROVED
+
+
+def test_objectives_that_make_no_sense_are_refused() -> None:
+    net = Network()
+    x, y = net.variable("x", (), (0, 1)), net.variable("y")
+    for expression in (x + 1, net.constant(2.0), y[None]):
+        with pytest.raises(ModelError):
+            net.minimize(expression)
+    with pytest.raises(ModelError, match="bounded"):
+        net.minimize(x)
+
+
+def test_readings_bracket_includes_their_first_order_effect() -> None:
+    """|x - r| <= e with r in [1, 3] shared with |x - 5| <= e: the optimum is (5 - 3) / 2 = 1 for r = 3."""
+    net = Network()
+    x, e = net.variable("x", (), (-10, 10)), net.variable("e", (), (0, 100))
+    net.add([(x - net.reading(2.0, 1.0)).within((-e, e)), (x - 5).within((-e, e))])
+    found = net.minimize(e)
+    assert found.lo <= 1.0 <= found.hi + 1e-12
+    assert found.hi - found.lo < 2e-6
+    assert 4.0 in found.enclosure["x"]
+    net.add(Interval(1, 1) * e <= 0.5)
+    assert net.minimize(e).verdict is Verdict.REFUTED

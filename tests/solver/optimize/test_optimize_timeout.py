@@ -1,0 +1,128 @@
+"""The paper's script: its rules on solvers made for the purpose, and agreement with branch and bound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.checker.checker import check
+from cpcal.solver.contract import Limits
+from cpcal.solver.optimize import Answer, Outcome, Trial, Witness, timeout
+
+
+def play(answers: str, *, lo: float = 0.0, hi: float = 1.0) -> list[Trial]:
+    """The script on a solver that gives these answers: i(nfeasible), t(imeout), f(ound, at the eps asked)."""
+    given = iter(answers)
+
+    def solve(eps: float, seconds: float) -> Outcome:
+        answer = next(given)
+        if answer == "f":
+            return Outcome(Answer.FOUND, Witness(np.array([eps]), eps))
+        return Outcome(Answer.INFEASIBLE if answer == "i" else Answer.TIMEOUT)
+
+    script = timeout(solve, lo=lo, hi=hi, limits=Limits(gap=1e-3, seconds=60.0), delay=1.0)
+    return [next(script) for _ in answers]
+
+
+def test_infeasible_goes_up_and_found_comes_down() -> None:
+    trials = play("iif")
+    assert [t.eps for t in trials] == [0.5, 0.75, 0.875]
+    assert [(t.lo, t.hi) for t in trials] == [(0.5, 1.0), (0.75, 1.0), (0.75, 0.875)]
+
+
+def test_a_timeout_goes_down_and_leaves_the_bracket() -> None:
+    trials = play("tti")
+    assert [t.eps for t in trials] == [0.5, 0.25, 0.125]
+    assert [(t.lo, t.hi) for t in trials] == [(0.0, 1.0), (0.0, 1.0), (0.125, 1.0)]
+
+
+def test_too_close_doubles_the_delay_and_goes_back_to_the_average() -> None:
+    trials = play("ttttt")
+    assert [t.eps for t in trials] == [0.5, 0.25, 0.125, 0.0625, 0.5]
+    assert [t.delay for t in trials] == [1.0, 1.0, 1.0, 1.0, 2.0]
+
+
+def test_it_ends_when_the_bracket_is_closed() -> None:
+    def solve(eps: float, seconds: float) -> Outcome:
+        return Outcome(Answer.INFEASIBLE if eps < 0.3 else Answer.FOUND, Witness(np.array([eps]), eps))
+
+    trials = list(timeout(solve, lo=0.0, hi=1.0, limits=Limits(gap=1e-6)))
+    assert trials[-1].lo <= 0.3 <= trials[-1].hi
+    assert trials[-1].hi - trials[-1].lo <= 1e-6
+
+
+def test_no_time_no_calls() -> None:
+    assert list(timeout(lambda *_: Outcome(Answer.TIMEOUT), lo=0.0, hi=1.0, limits=Limits(seconds=-1.0))) == []
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_both_methods_agree(seed: int) -> None:
+    """On random campaigns the optimum of branch and bound lies in the script's bracket; calls may take their time."""
+    campaign = cpcal.simulate(seed=seed, joint_error=3.0, factor=0.0, extremal=False, random_poses=14)
+    question: dict[str, Any] = {"legs": [1], "delta": 10.0, "gap": 1e-2}
+    bound = cpcal.certify(campaign, **question).legs[0]
+
+    def solve(eps: float, seconds: float) -> Outcome:
+        leg = cpcal.certify(campaign, eps=eps, **question).legs[0]
+        if leg.verdict is cpcal.Verdict.REFUTED:
+            return Outcome(Answer.INFEASIBLE)
+        assert leg.verdict is cpcal.Verdict.PROVED
+        return Outcome(Answer.FOUND, Witness(np.append(leg.point, eps), eps))
+
+    fit = cpcal.certify_point(campaign, 1, bound.center, eps=5.0 * bound.eps_hi).verified
+    assert fit.verdict is cpcal.Verdict.PROVED  # so that the script may begin there
+    trials = list(timeout(solve, lo=0.0, hi=5.0 * bound.eps_hi, limits=Limits(gap=1e-2)))
+    assert trials[-1].lo <= bound.eps_hi
+    assert trials[-1].hi >= bound.eps_lo
+    assert trials[-1].hi - trials[-1].lo <= 1e-2 * trials[-1].hi
+
+
+def test_the_method_of_certify_is_the_script() -> None:
+    """With the contractors' own search as the solver; how far it gets depends on the machine, what it says does not."""
+    campaign = cpcal.simulate(seed=8, joint_error=3.0, factor=0.0, extremal=False, random_poses=14)
+    bound = cpcal.certify(campaign, legs=[1], delta=10.0).legs[0]
+    script = cpcal.certify(campaign, legs=[1], delta=10.0, method="timeout", time_limit=2.0, gap=1e-2).legs[0]
+    assert script.eps_lo <= bound.eps_hi
+    assert script.eps_hi >= bound.eps_lo
+    assert script.trials
+    assert [t.lo for t in script.trials] == sorted(t.lo for t in script.trials)
+
+
+def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
+    cpcal.save_campaign(cpcal.simulate(seed=4, joint_error=3.0, factor=0.0, random_poses=14, extremal=False), tmp_path)
+    campaign = cpcal.load_campaign(tmp_path)
+    question = {"legs": [1], "delta": 10.0, "method": "timeout", "time_limit": 30.0, "gap": 0.2}
+    leg = cpcal.certify(campaign, certificates=tmp_path / "run", **question).legs[0]
+    infeasible = [t for t in leg.trials if t.answer is Answer.INFEASIBLE]
+    assert infeasible
+    assert all(t.checked for t in infeasible)
+    assert leg.certificate is not None
+    claims = check(tmp_path / "run" / leg.certificate, tmp_path).claims
+    assert claims.infeasible
+    assert float(claims.eps_lo or 0) == leg.eps_lo > 0
+    assert claims.point is not None
+    assert float(claims.point.at[7]) == leg.eps_hi
+    cpcal.save_result(cpcal.certify(campaign, **question), tmp_path)
+    assert cpcal.load_result(tmp_path).legs[0].trials
+
+
+def test_without_weights_the_answers_are_unchecked() -> None:
+    campaign = cpcal.simulate(seed=4, joint_error=3.0, factor=0.0, random_poses=14, extremal=False)
+    leg = cpcal.certify(
+        campaign, legs=[1], delta=0.0, contractors=["hc4"], method="timeout", time_limit=30.0, gap=1e-2
+    ).legs[0]
+    assert any(t.answer is Answer.INFEASIBLE and not t.checked for t in leg.trials)
+    assert "unchecked" in leg.status
+    assert leg.verdict is cpcal.Verdict.PROVED
+
+
+def test_what_the_script_does_not_answer() -> None:
+    campaign = cpcal.simulate(seed=1)
+    with pytest.raises(cpcal.InputError, match="3 problems"):
+        cpcal.certify(campaign, method="timeout", eps=1.0, delta=-1.0)
+    with pytest.raises(cpcal.InputError, match="'guess'"):
+        cpcal.certify(campaign, method="guess")

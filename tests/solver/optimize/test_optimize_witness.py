@@ -1,0 +1,193 @@
+"""The prover of points refuses what is wrong, and proves with readings no more than the readings allow."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, Expr, Tape, norm, sqrt
+from cpcal.solver.network.dependence import owners
+from cpcal.solver.optimize import Witness, WitnessProver
+
+ENGINES = ["float64", "arb"]
+
+
+def prove(net: ConstraintNetwork, point: list[float], engine: str = "float64") -> Witness | None:
+    return WitnessProver(net, len(point) - 1, get_arithmetic(engine)).prove(np.array(point))
+
+
+def with_eps(size: int = 1, eps: tuple[float, float] = (0.0, 10.0)) -> tuple[ConstraintNetwork, Expr, Expr]:
+    net = ConstraintNetwork()
+    return net, net.variable("x", size, (-10, 10)), net.variable("eps", (), eps)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_witness_holds_in_exact_arithmetic(engine: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    centers, lengths = rng.uniform(-5, 5, (6, 2)), rng.uniform(1, 6, 6)
+    net, x, eps = with_eps(2)
+    net.add((norm(centers - x) - lengths).within((-eps, eps)))
+    net.add(lengths >= eps)
+    found = prove(net, [*rng.uniform(-1, 1, 2), 0.0], engine)
+    assert found is None or found.value == found.point[2]
+    worst = np.max(np.abs(np.linalg.norm(centers - found.point[:2], axis=1) - lengths)) if found else np.inf
+    if found is None:
+        assert np.min(lengths) < 10
+        return
+    assert found.value == pytest.approx(worst, rel=1e-12)
+    p, e = [Fraction(v) for v in found.point[:2]], Fraction(found.value)
+    for center, length in zip(centers, lengths, strict=True):
+        square = sum(((Fraction(c) - v) ** 2 for c, v in zip(center, p, strict=True)), Fraction(0))
+        assert (Fraction(length) - e) ** 2 <= square <= (Fraction(length) + e) ** 2
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_wrong_points_are_refused(engine: str) -> None:
+    net, x, eps = with_eps()
+    net.add([(x[0] - 1).within((-eps, eps)), x[0] ** 2 <= 4])
+    assert prove(net, [1.75, 0.0], engine).value == pytest.approx(0.75)  # type: ignore[union-attr]
+    assert prove(net, [2.1, 0.0], engine) is None  # eps cannot mend x^2 <= 4
+    assert prove(net, [np.nan, 0.0], engine) is None
+    tight, x, eps = with_eps(eps=(0.0, 0.5))
+    tight.add((x[0] - 1).within((-eps, eps)))
+    assert prove(tight, [2.0, 0.0], engine) is None  # beyond the domain of eps
+    assert prove(tight, [1.4, 0.0], engine) is not None
+
+
+def test_equalities_are_proved_only_when_exact() -> None:
+    net, x, eps = with_eps(2)
+    net.add(x[0] ** 2 + x[1] ** 2 == 25)
+    net.add(eps >= 0)
+    prover = WitnessProver(net, 2, get_arithmetic("arb"))
+    assert prover.prove(np.array([3.1, 4.0, 0.0])) is None
+
+
+def test_a_root_that_rounding_alone_defines_is_no_witness() -> None:
+    """0.1 + 0.2 is 1e-17 short of 0.30000000000000004 as an exact sum of floats."""
+    net, x, eps = with_eps()
+    net.add(sqrt(net.constant(0.1) + 0.2 - x[0]) <= eps)
+    assert prove(net, [0.30000000000000004, 0.0]) is None
+    assert prove(net, [0.3, 0.0]) is not None
+
+
+def test_an_undefined_element_is_no_witness_even_if_unused() -> None:
+    net, x, eps = with_eps(2)
+    net.add(sqrt(x)[0] <= eps)
+    assert prove(net, [1.0, -1.0, 0.0]) is None
+    assert prove(net, [1.0, 1.0, 0.0]) is not None
+
+
+def test_a_pole_inside_the_reading_sets_is_no_witness() -> None:
+    """1/r = x takes no value in (-1, 1), though 1/r changes its sign."""
+    net, x, eps = with_eps(eps=(0.0, 0.1))
+    net.add((1 / net.reading(np.zeros(1), 1.0) - x).within((-eps, eps)))
+    assert prove(net, [0.5, 0.0]) is None
+    net, x, eps = with_eps(eps=(0.0, 0.1))
+    net.add((net.reading(np.zeros(1), 1.0) ** -1 - x).within((-eps, eps)))
+    assert prove(net, [0.5, 0.0]) is None
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_readings_within_their_sets_prove_zero_and_no_more(engine: str) -> None:
+    net, x, eps = with_eps()
+    net.add((x - net.reading([1.0, 1.5], 0.5)).within((-eps, eps)))
+    assert prove(net, [1.25, 0.0], engine).value == 0.0  # type: ignore[union-attr]
+    found = prove(net, [2.0, 0.0], engine)
+    assert found is not None
+    assert found.value == pytest.approx(0.5, rel=1e-12)
+    assert found.value >= 0.5
+
+
+@settings(max_examples=40, deadline=None)
+@given(center=st.floats(-1e6, 1e6), radius=st.sampled_from([5e-324, 1e-17, 1e-16, 3e-16, 0.1, 0.3, 1e5]))
+def test_readings_outside_their_stated_sets_prove_nothing(center: float, radius: float) -> None:
+    """The stored set is rounded outward; a witness must use readings of the stated one, exactly."""
+    net = ConstraintNetwork()
+    x, eps = net.variable("x", (), (-np.inf, np.inf)), net.variable("eps", (), (0.0, 1e6))
+    net.add((x - net.reading(center, radius)).within((-eps, eps)))
+    for far in (Fraction(center) + Fraction(radius), Fraction(center) - Fraction(radius)):
+        point = float(far)
+        found = prove(net, [point, 0.0])
+        assert found is not None
+        distance = max(abs(Fraction(point) - Fraction(center)) - Fraction(radius), Fraction(0))
+        assert Fraction(found.value) >= distance
+
+
+MIXING = {
+    "one row twice": (lambda r: r[[0, 0]] + np.array([0.0, 0.5])),
+    "a matrix": (lambda r: np.array([[1.0, 0.0], [1.0, 0.0]]) @ r + np.array([0.0, 0.5])),
+    "a sum": (lambda r: r.sum() + np.array([0.0, 0.5])),
+    "broadcast": (lambda r: r[:1] + np.array([0.0, 0.5])),
+}
+
+
+@pytest.mark.parametrize("name", MIXING)
+def test_one_reading_cannot_serve_two_elements(name: str) -> None:
+    """|r| <= 0.1 and |r + 0.5| <= 0.1 have no common r, though each has one."""
+    net, x, eps = with_eps(eps=(0.1, 0.1))
+    net.add((MIXING[name](net.reading(np.zeros(2), 1.0)) + 0 * x[0]).within((-eps, eps)))
+    assert prove(net, [0.0, 0.1]) is None
+
+
+def test_one_reading_cannot_serve_two_constraints() -> None:
+    net, x, eps = with_eps(eps=(0.1, 0.1))
+    r = net.reading(0.0, 1.0)
+    net.add([(r + 0 * x[0]).within((-eps, eps)), (r + 0.5).within((-eps, eps))])
+    assert prove(net, [0.0, 0.1]) is None
+    shared, x, eps = with_eps(eps=(0.1, 0.1))
+    r = shared.reading(np.zeros(1), 1.0)
+    shared.add((r[[0, 0]] + np.array([0.0, 0.05]) + 0 * x[0]).within((-2, 2)))  # holds for every reading
+    shared.add((r + 0.5 * x).within((-eps, eps)))
+    assert prove(shared, [0.0, 0.1]) is not None
+
+
+def test_bodies_of_any_shape() -> None:
+    rng = np.random.default_rng(1)
+    net, x, eps = with_eps(3)
+    points = rng.random((5, 3))
+    net.add((net.reading(points, 0.01) - x).within((-eps, eps)))
+    found = prove(net, [0.5, 0.5, 0.5, 0.0])
+    assert found is not None
+    assert found.value == pytest.approx(np.abs(points - 0.5).max() - 0.01, rel=1e-9)
+    net, x, eps = with_eps(3)
+    net.add((norm(net.reading([1.0, 2.0, 3.0], 0.1) - x) - 3).within((-eps, eps)))
+    found = prove(net, [0.0, 0.0, 0.0, 0.0])
+    assert found is not None
+    assert found.value == pytest.approx(np.linalg.norm([0.9, 1.9, 2.9]) - 3, rel=1e-9)
+
+
+def test_owners_of_readings() -> None:
+    net = ConstraintNetwork()
+    x, r = net.variable("x", 3), net.reading(np.arange(6.0).reshape(2, 3), 0.1)
+    cases: list[tuple[Expr, list[int], bool]] = [
+        (r - x, [0, 1, 2, 3, 4, 5], True),
+        (norm(r - x), [0, 0, 0, 1, 1, 1], True),
+        (r[::-1, 0] * x[0], [1, -1, -1, 0, -1, -1], True),
+        (r @ x, [0, 0, 0, 1, 1, 1], True),
+        (r.sum(0), [0, 1, 2, 0, 1, 2], True),
+        (r[:, None, :] + x[:, None], [], False),
+        (r[0] + r.sum(0), [0, 1, 2, 0, 1, 2], True),
+        (x * 2, [], True),
+    ]
+    for root, element, exclusive in cases:
+        found = owners(Tape(net, [root]), root)
+        assert found.exclusive == exclusive
+        if exclusive and element:
+            (only,) = found.element.values()
+            assert only.tolist() == element
+
+
+def test_prover_changes_nothing() -> None:
+    net, x, eps = with_eps()
+    net.add((x[0] - 1).within((-eps, eps)))
+    point = np.array([3.0, 0.0])
+    WitnessProver(net, 1, get_arithmetic("float64")).prove(point)
+    assert point.tolist() == [3.0, 0.0]
+    assert net.domain == Box(("x[0]", "eps"), [-10.0, 0.0], [10.0, 10.0])

@@ -1,0 +1,227 @@
+"""The search: one event per node, nothing forgotten, stoppable anywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contractors import HC4
+from cpcal import Interval, Limits, Network, Verdict
+from cpcal.solver.contract import Contraction
+from cpcal.solver.interval import Box
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.search import EventKind, LargestFirst, Paving, Search, Smear, bisect, breadth_first
+
+
+def ring() -> ConstraintNetwork:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (-4, 4)), net.variable("y", (), (-3, 5))
+    net.add((x**2 + y**2).within((4.0, 4.1)))
+    return net
+
+
+class Nothing:
+    """Contracts nothing."""
+
+    idempotent = True
+
+    def contract(self, box: Box) -> Contraction:
+        return Contraction(box)
+
+
+POINTS = [(2 * np.cos(a) * 1.01, 2 * np.sin(a) * 1.01) for a in np.linspace(0, 6.28, 40)]
+
+
+def covered(boxes: list[Box]) -> bool:
+    return all(any(point in box for box in boxes) for point in POINTS)
+
+
+@pytest.mark.parametrize("strategy", ["largest", "smear"])
+@pytest.mark.parametrize("order", ["depth", "breadth"])
+def test_kept_boxes_hold_all_solutions_and_every_node_is_one_event(strategy: str, order: str) -> None:
+    net = ring()
+    how = LargestFirst(0.2) if strategy == "largest" else Smear(net, 0.2)
+    priority = {} if order == "depth" else {"priority": breadth_first}
+    search = Search([net.domain], HC4(net), how, **priority)  # type: ignore[arg-type]
+    events = list(search)
+    serials = [event.node.serial for event in events]
+    assert sorted(serials) == list(range(len(events)))
+    assert search.pending == ()
+    kinds = [event.kind for event in events]
+    assert len(events) == 1 + 2 * kinds.count(EventKind.SPLIT)
+    kept = [event.contraction.box for event in events if event.kind is EventKind.KEPT]
+    assert covered(kept)
+    assert all(box.width.max() <= 0.2 for box in kept)
+    for event in events:
+        assert event.contraction.box.subset(event.node.box)
+        assert (event.kind is EventKind.PRUNED) == event.contraction.box.is_empty
+    if order == "breadth":
+        depths = [event.node.depth for event in events]
+        assert depths == sorted(depths)
+    with pytest.raises(StopIteration):
+        next(search)
+
+
+@pytest.mark.parametrize("stop", [0, 1, 5, 37])
+def test_what_was_kept_and_what_is_pending_cover_the_domain_at_any_stop(stop: int) -> None:
+    net = ring()
+    search = Search([net.domain], HC4(net), LargestFirst(0.1))
+    events = [next(search) for _ in range(stop)]
+    kept = [event.contraction.box for event in events if event.kind is EventKind.KEPT]
+    assert covered(kept + [node.box for node in search.pending])
+    again = Search([node.box for node in search.pending], HC4(net), LargestFirst(0.1))
+    kept += [event.contraction.box for event in again if event.kind is EventKind.KEPT]
+    assert covered(kept)
+
+
+@pytest.mark.parametrize("where", ["contractor", "strategy"])
+def test_an_interrupted_node_stays_pending(where: str) -> None:
+    net = ring()
+
+    class Interrupting(LargestFirst):
+        calls = 0
+
+        def contract(self, box: Box) -> Contraction:
+            if where == "contractor":
+                self._count()
+            return Contraction(box)
+
+        def split(self, box: Box) -> tuple[Box, ...]:
+            if where == "strategy":
+                self._count()
+            return super().split(box)
+
+        idempotent = True
+
+        def _count(self) -> None:
+            self.calls += 1
+            if self.calls == 4:
+                raise KeyboardInterrupt
+
+    spoilt = Interrupting(1.0)
+    search = Search([net.domain], spoilt, spoilt)
+    for _ in range(3):
+        next(search)
+    before = search.pending
+    with pytest.raises(KeyboardInterrupt):
+        next(search)
+    assert search.pending == before
+    assert covered([node.box for node in search.pending])
+    rest = [event.contraction.box for event in search if event.kind is EventKind.KEPT]
+    assert covered(rest)
+
+
+def test_urgent_first_then_in_order_of_age() -> None:
+    boxes = [Box.from_dict({"x": (k, k + 1)}) for k in (3, 1, 2, 1)]
+    search = Search(boxes, Nothing(), LargestFirst(10.0), lambda node: float(node.box.lo[0]))
+    assert [node.serial for node in search.pending] == [1, 3, 2, 0]
+    assert [event.node.serial for event in search] == [1, 3, 2, 0]
+
+
+# strategies -------------------------------------------------------------------------------------------------
+
+BOUND = st.sampled_from([-np.inf, -1e300, -1.0, 0.0, 5e-324, 1.0, 1.0 + 2**-52, 1e300, np.inf])
+
+
+@settings(max_examples=60, deadline=None)
+@given(pairs=st.lists(st.tuples(BOUND, BOUND).filter(lambda p: p[0] != p[1]), min_size=1, max_size=4))
+def test_pieces_cover_the_box_and_are_smaller(pairs: list[tuple[float, float]]) -> None:
+    lo, hi = np.array([min(p) for p in pairs]), np.array([max(p) for p in pairs])
+    box = Box([f"x{k}" for k in range(len(pairs))], lo, hi)
+    for component in range(len(pairs)):
+        pieces = bisect(box, component)
+        if not pieces:
+            assert np.nextafter(lo[component], np.inf) == hi[component]
+            continue
+        left, right = pieces
+        assert left.hull(right) == box
+        assert left.hi[component] == right.lo[component]
+        assert left != box
+        assert right != box
+    pieces = LargestFirst().split(box)
+    assert not pieces or pieces[0].hull(pieces[1]) == box
+
+
+def test_largest_first_goes_by_scaled_width_skips_and_stops() -> None:
+    box = Box.from_dict({"x": (0, 8), "y": (0, 3), "z": (0, 1)})
+    assert LargestFirst().split(box)[0]["x"] == Interval(0, 4)
+    assert LargestFirst(scale=[8.0, 1.0, 1.0]).split(box)[0]["y"] == Interval(0, 1.5)
+    assert LargestFirst(skip=["x", "y"]).split(box)[0]["z"] == Interval(0, 0.5)
+    assert LargestFirst(8.0).split(box) == ()
+    assert LargestFirst(skip=["x", "y", "z"]).split(box) == ()
+    point = Box.from_dict({"x": 1, "y": 2})
+    assert LargestFirst().split(point) == ()
+    thin = Box(["x", "y"], [1.0, 0.0], [np.nextafter(1.0, 2.0), 0.0])
+    assert LargestFirst().split(thin) == ()
+
+
+def test_smear_cuts_where_the_constraints_vary() -> None:
+    net = ConstraintNetwork()
+    x, y, z = (net.variable(name, (), (0, 1)) for name in "xyz")
+    net.add([100 * y <= 1, x + y <= 3])
+    assert Smear(net).split(net.domain)[0].hi.tolist() == [1, 0.5, 1]
+    only_z = net.domain.with_bounds([0.5, 0.5, 0.0], [0.5, 0.5, 1.0])
+    assert Smear(net).split(only_z)[0].hi.tolist() == [0.5, 0.5, 0.5]
+    wide = net.domain.replace("x", hi=np.inf)
+    assert Smear(net).split(wide)[0].hi[0] < np.inf
+    assert z.name == "z"
+
+
+# Network.solve ----------------------------------------------------------------------------------------------
+
+
+def two_roots() -> Network:
+    net = Network()
+    x, y = net.variable("x", (), (-10, 10)), net.variable("y", (), (-10, 10))
+    net.add([x**2 + y**2 == 25, x - y == 1])
+    return net
+
+
+def solution_boxes(paving: Paving) -> list[Box]:
+    return [solution.box for solution in paving.solutions]
+
+
+def test_solve_encloses_all_solutions_and_proves_each() -> None:
+    paving = two_roots().solve(width=1e-6)
+    assert paving.complete
+    found = solution_boxes(paving)
+    assert any((4, 3) in box for box in found)
+    assert any((-3, -4) in box for box in found)
+    assert all(box.width.max() <= 1e-6 for box in found)
+    assert [solution.verdict for solution in paving.solutions] == [Verdict.PROVED, Verdict.PROVED]
+    assert paving.status == "2 boxes hold exactly one solution each, and there are no others: proved."
+
+
+def test_solve_proves_that_there_is_none() -> None:
+    net = two_roots()
+    net.add(net.variables[0] >= 4.5)
+    paving = net.solve()
+    assert paving.complete
+    assert paving.solutions == ()
+    assert "proved" in paving.status
+
+
+@pytest.mark.parametrize("limits", [Limits(nodes=3), Limits(seconds=0.0)])
+def test_solve_stops_at_a_limit_with_everything_covered(limits: Limits) -> None:
+    paving = two_roots().solve(width=1e-9, contractors=("hc4",), limits=limits)
+    assert not paving.complete
+    assert paving.nodes <= 3
+    assert "Stopped" in paving.status
+    for point in ((4, 3), (-3, -4)):
+        assert any(point in box for box in solution_boxes(paving))
+
+
+def test_solve_ends_cleanly_on_ctrl_c() -> None:
+    seen = []
+
+    def interrupt(event: object) -> None:
+        seen.append(event)
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    paving = two_roots().solve(width=1e-9, contractors=("hc4",), progress=interrupt)
+    assert not paving.complete
+    for point in ((4, 3), (-3, -4)):
+        assert any(point in box for box in solution_boxes(paving))

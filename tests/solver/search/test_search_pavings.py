@@ -1,0 +1,275 @@
+"""What `Network.solve` says of its boxes: single solutions proved, inside, outside, clusters, volumes, the picture."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cpcal import Interval, Limits, ModelError, Network, PluginError, Verdict, norm, sqr
+from cpcal.report.paving import paving_svg
+from cpcal.solver.existence import UniquenessProver
+from cpcal.solver.interval import Box
+from cpcal.solver.search import ORDERS, STRATEGIES, Paving, RoundRobin, Smear, clusters, difference, volume
+
+ALL_STRATEGIES = [*STRATEGIES, "lp"]
+
+
+def annulus() -> Network:
+    net = Network()
+    x, y = net.variable("x", (), (-3, 3)), net.variable("y", (), (-3, 3))
+    net.add((sqr(x) + sqr(y)).within((1, 4)))
+    return net
+
+
+def proved(paving: Paving) -> list[Box]:
+    return [s.box for s in paving.solutions if s.verdict is Verdict.PROVED]
+
+
+# single solutions -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arithmetic", ["float64", "arb"])
+def test_all_solutions_of_a_square_system_are_proved(arithmetic: str) -> None:
+    """Two ellipses."""
+    net = Network()
+    x, y = net.variable("x", (), (-4, 4)), net.variable("y", (), (-4, 4))
+    net.add([sqr(x) + 4 * sqr(y) == 4, 4 * sqr(x) + sqr(y) == 4])
+    paving = net.solve(width=1e-3, arithmetic=arithmetic, contractors=("hc4",))
+    assert paving.complete
+    assert len(paving.solutions) == len(proved(paving)) == len(paving.clusters)
+    assert "exactly one solution each, and there are no others: proved" in paving.status
+    assert all(box.width.max() < 1e-12 for box in proved(paving))
+    root = np.sqrt(0.8)
+    for p, q in itertools.product((-root, root), repeat=2):
+        assert sum(abs(box.mid - (p, q)).max() < 1e-12 for box in proved(paving)) == 1
+
+
+def test_a_solution_on_the_faces_of_boxes_is_one_solution() -> None:
+    net = Network()
+    x, y = net.variable("x", (), (-1, 1)), net.variable("y", (), (-1, 1))
+    net.add([x * 1.5 + y * y * y == 0, y * 1.5 - x * x * x == 0])
+    for strategy in ALL_STRATEGIES:
+        paving = net.solve(width=0.01, contractors=("hc4",), strategy=strategy)
+        assert len(paving.solutions) == 1
+        assert (0.0, 0.0) in proved(paving)[0]
+        assert paving.status.startswith("1 box holds exactly one solution, and there are no others")
+
+
+@pytest.mark.parametrize("contractors", [("hc4",), ("hc4", "newton"), ("cid",), ("hc4", "lifted")])
+def test_whatever_contracts_the_solutions_are_the_same(contractors: tuple[str, ...]) -> None:
+    net = Network()
+    x = net.variable("x", 3, (-4, 4))
+    net.add([x[0] * x[1] + sqr(x[2]) == 2, x[1] * x[2] - sqr(x[0]) == -1, x[0] * x[2] + sqr(x[1]) * x[0] == 1])
+    paving = net.solve(width=1e-3, contractors=contractors)
+    assert paving.status == "4 boxes hold exactly one solution each, and there are no others: proved."
+    for box in proved(paving):
+        a, b, c = box.mid
+        assert np.abs([a * b + c**2 - 2, b * c - a**2 + 1, a * c + b**2 * a - 1]).max() < 1e-12
+    assert len(paving.clusters) == 4
+
+
+def test_inside_outside_and_single_solutions_cover_the_domain() -> None:
+    net = Network()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([sqr(x) + sqr(y) == 2, sqr(x - 1) * (x + 1) == y - x])
+    paving = net.solve(width=0.05, contractors=("hc4",), inner=True)
+    assert proved(paving)
+    everything = (*paving.outside, *(s.box for s in paving.solutions))
+    points = np.random.default_rng(2).uniform(-2, 2, (2000, 2))
+    assert within(points, everything).all()
+    assert volume(everything).lo <= 16.0 <= volume(everything).hi + 1e-9
+    for box in proved(paving):
+        assert not within(box.mid[None], paving.outside).any()
+
+
+def test_a_double_solution_stays_unknown_next_to_a_proved_one() -> None:
+    net = Network()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    net.add([sqr(x - 1) * (x + 1) == 0, y == x])
+    paving = net.solve(width=1e-4, contractors=("hc4",))
+    assert [box.mid.tolist() for box in proved(paving)] == [pytest.approx([-1, -1])]
+    assert len(paving.clusters) == 2
+    assert any((1.0, 1.0) in box for box in paving.boundary)
+    assert "more may hold others" in paving.status
+
+
+def test_an_inequality_through_the_solution_leaves_it_unknown() -> None:
+    net = Network()
+    x = net.variable("x", (), (0, 4))
+    net.add([sqr(x) == 2, x * x * x * x <= 4])
+    paving = net.solve(contractors=("hc4",))
+    assert proved(paving) == []
+    assert len(paving.clusters) == 1
+    assert "not proved" in paving.status
+
+
+def test_a_limit_or_ctrl_c_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    net = Network()
+    x, y = net.variable("x", (), (-4, 4)), net.variable("y", (), (-4, 4))
+    net.add([sqr(x) + sqr(y) == 5, x * y == 2])
+    points = [(1, 2), (2, 1), (-1, -2), (-2, -1)]
+
+    def covers(paving: Paving) -> bool:
+        return all(any(point in s.box for s in paving.solutions) for point in points)
+
+    for nodes in range(1, 20, 4):
+        paving = net.solve(contractors=("hc4",), limits=Limits(nodes=nodes), inner=True)
+        assert covers(paving)
+    assert covers(net.solve(contractors=("hc4",)))
+    real, calls = UniquenessProver.prove, itertools.count()
+
+    def interrupted(self: UniquenessProver, box: Box) -> Any:
+        if next(calls) == 2:
+            raise KeyboardInterrupt
+        return real(self, box)
+
+    monkeypatch.setattr(UniquenessProver, "prove", interrupted)
+    paving = net.solve(contractors=("hc4",))
+    assert covers(paving)
+    assert 0 < len(proved(paving)) < 4
+
+
+def within(points: np.ndarray[Any, Any], boxes: tuple[Box, ...]) -> np.ndarray[Any, Any]:
+    """Which points lie in some of the boxes."""
+    lo, hi = np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes])
+    return np.asarray(((points[:, None] >= lo) & (points[:, None] <= hi)).all(axis=2).any(axis=1))
+
+
+# options ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("strategy", ALL_STRATEGIES)
+@pytest.mark.parametrize("order", ORDERS)
+def test_every_strategy_and_order_gives_a_correct_paving(strategy: str, order: str) -> None:
+    net = annulus()
+    paving = net.solve(width=0.6, contractors=("hc4",), strategy=strategy, order=order, inner=True)
+    assert paving.complete
+    assert net.solve(width=0.6, contractors=("hc4",), strategy=strategy, order=order, inner=True) == paving
+    assert Interval(3 * np.pi).subset(paving.volume)
+    points = np.random.default_rng(1).uniform(-3, 3, (2000, 2))
+    square = (points**2).sum(axis=1)
+    member = (square >= 1) & (square <= 4)
+    inside, outside, boundary = (within(points, boxes) for boxes in (paving.inside, paving.outside, paving.boundary))
+    assert not (inside & ~member).any()
+    assert not (outside & member).any()
+    assert (inside | outside | boundary).all()
+    assert inside.any()
+
+
+def test_unknown_names_are_errors_that_list_the_known_ones() -> None:
+    net = annulus()
+    with pytest.raises(PluginError, match=r"'nose'.*largest, round-robin.*lp.*cpcal\.strategies"):
+        net.solve(strategy="nose")
+    with pytest.raises(ModelError, match="depth, breadth, best"):
+        net.solve(order="nose")
+    assert net.solve(width=1.0, strategy=RoundRobin(1.0)).complete
+
+
+def test_round_robin_takes_turns_and_smears_differ() -> None:
+    box = Box.from_dict({"x": (0, 8), "y": (0, 1), "z": (0, 2)})
+    strategy = RoundRobin(0.5)
+    widths = []
+    for depth in range(6):
+        widths.append(box.width.tolist())
+        box = strategy.split_at(box, depth)[0]
+    cut = [int(np.argmax(np.array(a) > np.array(b))) for a, b in itertools.pairwise(widths)]
+    assert cut == [0, 1, 2, 0, 2]  # y is fine enough after its turn
+    assert strategy.split(box)[0].width[0] < box.width[0]
+    net = Network()
+    x, y = net.variable("x", (), (0, 1)), net.variable("y", (), (0, 1))
+    net.add([100 * x <= 50, x + 3 * y <= 2, x + 4 * y <= 3, 2 * y + x <= 1, 99 * y <= 50])
+    picked = {how: int(np.argmin(Smear(net, how=how).split(net.domain)[0].hi)) for how in ("sum", "relative", "max")}
+    assert picked == {"sum": 1, "relative": 1, "max": 0}
+
+
+def test_the_lp_strategy_cuts_a_variable_of_a_product() -> None:
+    net = Network()
+    x, y, z = net.variable("x", (), (0, 4)), net.variable("y", (), (0, 4)), net.variable("z", (), (-50, 50))
+    net.add([x * y == 4, x + y + 0.01 * z == 5, z <= 40])
+    wide = net.solve(width=1.0, contractors=("hc4",), limits=Limits(nodes=2), strategy="lp")
+    assert all(s.box["z"].width > 20 for s in wide.solutions)  # x or y was cut, though z is wider
+    assert z.name == "z"
+
+
+# regions ----------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_difference_clusters_and_volume(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 4))
+    names = [f"x{k}" for k in range(n)]
+
+    def random_box(within: Box | None = None) -> Box:
+        lo, hi = np.sort(rng.integers(0, 9, (2, n)), axis=0).astype(float)
+        made = Box(names, lo, hi)
+        return made if within is None else made.intersect(within)
+
+    box = random_box()
+    part = random_box(box)
+    pieces = difference(box, part)
+    assert len(pieces) <= 2 * n
+    assert volume([*pieces, part]).lo <= volume([box]).lo <= volume([*pieces, part]).hi
+    exact = float(np.prod(box.hi - box.lo))
+    assert exact in volume([box])
+    for point in rng.uniform(box.lo, box.hi, (20, n)):
+        held = sum(point in piece for piece in pieces)
+        assert (held == 0) == (point in part) or (point in part and held > 0 and _on_face(point, part))
+    boxes = [random_box() for _ in range(int(rng.integers(0, 9)))]
+    labels = clusters(boxes)
+    for i, j in itertools.combinations(range(len(boxes)), 2):
+        if not boxes[i].intersect(boxes[j]).is_empty:
+            assert labels[i] == labels[j]
+    assert sorted(set(labels.tolist())) == list(range(len(set(labels.tolist()))))
+    for label in set(labels.tolist()):  # connected: no proper part of a cluster touches none of the rest
+        members = [boxes[k] for k in np.flatnonzero(labels == label)]
+        reached = [members.pop(0)]
+        while members:
+            near = [b for b in members if any(not b.intersect(r).is_empty for r in reached)]
+            assert near
+            reached += near
+            members = [b for b in members if b not in near]
+
+
+def _on_face(point: np.ndarray[Any, Any], box: Box) -> bool:
+    return bool(((point == box.lo) | (point == box.hi)).any())
+
+
+def test_readings_have_inner_boxes_only_where_that_is_proved() -> None:
+    net = Network()
+    p = net.variable("p", 2, (-2, 2))
+    net.add(norm(p) == net.reading(1.0, 0.25))
+    paving = net.solve(width=0.2, contractors=("hc4",), inner=True)
+    assert paving.inside
+    for box in paving.inside:
+        corners = np.array(list(itertools.product(*zip(box.lo, box.hi, strict=True))))
+        assert (np.abs(np.linalg.norm(corners, axis=1) - 1) <= 0.25 + 1e-12).all()
+    assert Interval(np.pi * (1.25**2 - 0.75**2)).subset(paving.volume)
+    assert "nothing but solutions" in paving.status
+
+
+def test_the_picture_is_the_same_every_time_and_stands_alone() -> None:
+    paving = annulus().solve(width=0.3, contractors=("hc4",), inner=True)
+    svg = paving_svg(paving, "x", "y")
+    assert svg == paving_svg(paving, "x", "y")
+    assert svg.startswith("<svg xmlns=")
+    assert "var(--" not in svg
+    boxes = len(paving.inside) + len(paving.outside) + len(paving.boundary)
+    assert svg.count("<path") >= boxes
+    with pytest.raises(ModelError, match="no variable 'z'"):
+        paving_svg(paving, "x", "z")
+    unbounded = Network()
+    unbounded.variable("x")
+    unbounded.variable("y")
+    with pytest.raises(ModelError, match="bounded"):
+        paving_svg(unbounded.solve(contractors=("hc4",), limits=Limits(nodes=1)), "x", "y")
+    net = Network()
+    x = net.variable("x", 3, (-2, 2))
+    net.add([x[0] == 1, x[1] == x[0], x[2] == x[1]])
+    assert "#c53030" in paving_svg(net.solve(), "x[0]", "x[2]")
