@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import ModelError
-from cpcal.solver.interval.array import Floats, IntervalArray
+from cpcal.solver.arrays import Floats
+from cpcal.solver.interval.array import IntervalArray
 from cpcal.solver.interval.float64 import Float64
 from cpcal.solver.interval.number import Number, float_bounds, round_down, round_up
 from cpcal.solver.interval.scalar import Interval, format_bound
@@ -264,8 +265,6 @@ def _interval(name: str, value: Interval | Number | tuple[Number, Number]) -> In
 
 def _bounds(values: npt.ArrayLike, side: int) -> Floats:
     """The lower (side 0) or upper (side 1) float64 bounds of numbers, in an array of any owner."""
-    if type(values) is np.ndarray and values.dtype == np.float64:
-        return values
     bounds = float_bounds(values)[side]
     if bounds.ndim != 1:
         raise ModelError(f"bounds come as a list or 1-D array, not {values!r}")

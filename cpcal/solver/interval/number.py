@@ -13,7 +13,7 @@ from typing import Any, SupportsFloat, TypeAlias
 import numpy as np
 
 from cpcal.errors import ModelError
-from cpcal.solver.interval.array import Floats
+from cpcal.solver.arrays import Floats
 
 Number: TypeAlias = int | float | Rational | SupportsFloat
 
@@ -35,11 +35,17 @@ def round_up(value: Number) -> float:
 
 
 def float_bounds(values: object) -> tuple[Floats, Floats]:
-    """The greatest float64s below and the least above an array of numbers: new arrays, one array where both agree.
+    """The greatest float64s below and the least above an array of numbers; one array where both agree.
 
     Takes numbers, nested sequences of them and arrays. A string is no number and neither is a bool: both are
     refused, as complex numbers and arrays with a meaning beyond their numbers (masks, units) are. Raises ModelError.
+    An array of float64 comes back as it is, not copied.
     """
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values, values
+    if type(values) is float:
+        array = np.asarray(values)
+        return array, array
     array = _as_array(values)
     if _fits(array):
         exact = array.astype(np.float64)

@@ -68,16 +68,14 @@ class ConstraintNetwork:
         The leading axis counts measurements (a scalar reading is shared by all of them). Where every
         radius is zero this is a constant.
         """
-        c, r = enclosed(center), enclosed(radius)
-        if not all(bool(np.all(np.isfinite(bound))) for bound in (c.lo, c.hi, r.hi)) or bool(np.any(r.lo < 0)):
-            raise ModelError("a reading needs finite centres and finite, non-negative radii")
         try:
-            values = IntervalArray(IntervalArray.around(c.lo, r.hi).lo, IntervalArray.around(c.hi, r.hi).hi)
+            values = IntervalArray.around(center, radius)
         except ValueError:
-            raise ModelError(f"centres of shape {c.shape} do not fit radii of shape {r.shape}") from None
-        if not bool(np.all(np.isfinite(values.lo) & np.isfinite(values.hi))):
+            raise ModelError("the shapes of centres and radii of a reading do not fit") from None
+        reach = enclosed(radius)
+        if not bool(np.all(np.isfinite(values.lo) & np.isfinite(values.hi))) or not bool(np.all(reach.lo >= 0)):
             raise ModelError("a reading needs finite centres and finite, non-negative radii")
-        return Expr("reading" if r.hi.any() else "constant", shape=values.shape, data=values)
+        return Expr("reading" if reach.hi.any() else "constant", shape=values.shape, data=values)
 
     def add(self, constraint: Constraint | Iterable[Constraint]) -> None:
         """Require a constraint (or several). Raises ModelError, and adds none, if one is of another network."""

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cpcal.errors import ModelError
-from cpcal.solver.interval import Box, Interval
+from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.number import float_bounds
 
 LONG = np.longdouble(1) / 3
@@ -76,9 +76,14 @@ def test_arrays_of_any_real_type_are_enclosed(array: Any) -> None:
     assert all(encloses(*item) for item in zip(lo.flat, values.flat, hi.flat, strict=True))
 
 
-def test_the_result_is_a_new_array() -> None:
-    values = np.array([1.0, 2.0])
-    assert not any(np.shares_memory(bound, values) for bound in float_bounds(values))
+def test_points_are_floats_and_sets_around_numbers_hold_them() -> None:
+    for value in (Fraction(1, 3), [2**53 + 1, 0.5], Decimal("0.1"), np.longdouble(1) / 3):
+        with pytest.raises(ModelError, match="float64"):
+            IntervalArray.point(value)  # type: ignore[arg-type]
+        around = IntervalArray.around(value, Fraction(1, 10))  # type: ignore[arg-type]
+        for lo, real, hi in zip(around.lo.flat, np.array(value, dtype=object).flat, around.hi.flat, strict=True):
+            assert Fraction(lo) <= exact(real) - Fraction(1, 10) < exact(real) + Fraction(1, 10) <= Fraction(hi)
+    assert IntervalArray.point([[1, 2.5]]).lo.tolist() == [[1.0, 2.5]]
 
 
 NO_NUMBERS = [

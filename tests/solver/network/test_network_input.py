@@ -112,7 +112,7 @@ def test_what_is_no_real_number_is_no_reading(value: Any) -> None:
 
 
 def test_readings_whose_shapes_do_not_fit_are_refused() -> None:
-    refused(lambda: Network.reading(np.zeros(3), np.zeros(2)), "centres of shape")
+    refused(lambda: Network.reading(np.zeros(3), np.zeros(2)), "shapes of centres")
 
 
 def test_a_list_of_expressions_is_no_array() -> None:
