@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 
 import cpcal
 from cpcal.certify.projections import MARGIN, projection_eps, projections, with_projections
-from cpcal.legs import PARAMETERS, residuals
+from cpcal.legs import PARAMETERS, PLAIN, residuals
 from cpcal.simulate import true_robot
 
 
@@ -108,10 +108,10 @@ def test_the_tolerance_fits_the_question(exact):
 def test_where_there_is_nothing_to_draw(exact):
     campaign, result = exact
     leg = result.legs[0]
-    assert projections(campaign, dataclasses.replace(result, contractors=("hc4",)), leg) is None
-    assert projections(campaign, dataclasses.replace(result, delta=0.0), leg) is None
-    assert projections(campaign, dataclasses.replace(result, delta=1e100), leg) is None
-    assert projections(campaign, dataclasses.replace(result, eps=0.01), leg) is None  # S(0.01) is empty
+    assert projections(campaign, dataclasses.replace(result, contractors=("hc4",)), leg, PLAIN) is None
+    assert projections(campaign, dataclasses.replace(result, delta=0.0), leg, PLAIN) is None
+    assert projections(campaign, dataclasses.replace(result, delta=1e100), leg, PLAIN) is None
+    assert projections(campaign, dataclasses.replace(result, eps=0.01), leg, PLAIN) is None  # S(0.01) is empty
     bare = dataclasses.replace(result, legs=(dataclasses.replace(leg, projections=None),), interrupted=True)
     assert with_projections(campaign, bare) is bare
 
