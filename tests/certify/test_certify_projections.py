@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import sys
 from fractions import Fraction
 
 import numpy as np
@@ -120,7 +121,7 @@ def test_an_interrupt_keeps_what_is_there(exact, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cpcal.certify.projections.projections", stop)
+    monkeypatch.setattr(sys.modules[with_projections.__module__], "projections", stop)
     found = with_projections(*exact)
     assert found.interrupted
     assert found.legs == exact[1].legs
