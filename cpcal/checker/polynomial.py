@@ -6,7 +6,7 @@ is the sum of their integers: variable i is 1 << (FIELD i). The first READINGS v
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction as F
 
 FIELD = 6
@@ -25,8 +25,7 @@ class Polynomial:
     __slots__ = ("exponent", "spend", "terms")
 
     def __init__(self, terms: dict[int, int], exponent: int, spend: Callable[[int], None]) -> None:
-        self.terms = {monomial: c for monomial, c in terms.items() if c}
-        self.exponent, self.spend = exponent, spend
+        self.terms, self.exponent, self.spend = terms, exponent, spend
 
     def __add__(self, other: Polynomial) -> Polynomial:
         return combined(((1, self), (1, other)), self.spend)
@@ -70,7 +69,7 @@ def combined(parts: Iterable[tuple[int, Polynomial]], spend: Callable[[int], Non
     out: dict[int, int] = {}
     for factor, p in parts:
         shift = p.exponent - lowest
-        if p.bits + factor.bit_length() + shift > _MOST_BITS:
+        if factor.bit_length() + shift > _MOST_BITS:
             raise TooLarge(f"a coefficient has more than {_MOST_BITS} bits")
         spend(len(p.terms) // 4)
         multiple = factor << shift
@@ -78,7 +77,12 @@ def combined(parts: Iterable[tuple[int, Polynomial]], spend: Callable[[int], Non
             out[m] = out.get(m, 0) + multiple * c
         if len(out) > _MOST_TERMS:
             raise TooLarge(f"a polynomial has more than {_MOST_TERMS} terms")
-    return Polynomial(out, lowest, spend)
+    return Polynomial({m: c for m, c in out.items() if c}, lowest, spend)
+
+
+def total(parts: Sequence[Polynomial]) -> Polynomial:
+    """The sum of one or more."""
+    return combined([(1, p) for p in parts], parts[0].spend)
 
 
 def constant(value: F, spend: Callable[[int], None]) -> Polynomial:
@@ -97,15 +101,17 @@ def signed(unknowns: int, signs: str = "") -> int:
 
 def least(p: Polynomial, mask: int) -> F:
     """A lower bound: a monomial lies in [0, 1] if its variables under the mask have even exponents, else in [-1, 1]."""
-    total = 0
-    for monomial, c in p.terms.items():
-        if not monomial:
-            total += c
-        elif monomial & mask:
-            total -= abs(c)
-        elif c < 0:
-            total += c
-    return dyadic(total, p.exponent)
+    return dyadic(_least(p.terms, mask), p.exponent)
+
+
+def _least(terms: dict[int, int], mask: int) -> int:
+    low = terms.get(0, 0)
+    for monomial, c in terms.items():
+        if monomial & mask:
+            low -= abs(c)
+        elif c < 0 and monomial:
+            low += c
+    return low
 
 
 def settled(p: Polynomial, signs: str, mask: int) -> Polynomial:
@@ -120,9 +126,5 @@ def settled(p: Polynomial, signs: str, mask: int) -> Polynomial:
             continue
         first = ((reading & -reading).bit_length() - 1) // FIELD
         parts[first][monomial if signs[first] == "0" else monomial - (1 << FIELD * first)] = c
-    out = Polynomial(kept, p.exponent, p.spend)
-    for part in parts:
-        loss = min(F(0), least(Polynomial(part, p.exponent, p.spend), mask)) if part else F(0)
-        if loss:
-            out = out + constant(loss, p.spend)
-    return out
+    kept[0] += sum(min(0, _least(part, mask)) for part in parts)
+    return Polynomial(kept, p.exponent, p.spend)

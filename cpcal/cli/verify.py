@@ -13,8 +13,6 @@ from cpcal.cli.claims import sentences
 from cpcal.errors import InputError, Problem
 from cpcal.files import load_campaign
 
-VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."
-
 
 def verify(
     target: Annotated[Path, typer.Argument(metavar="RUN|CERTIFICATE", help="A run, or one certificate in it.")],

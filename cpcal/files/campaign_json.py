@@ -23,6 +23,7 @@ from cpcal.robot.uncertainty import Uncertainty
 NAME = "campaign.json"
 FORMAT = "cpcal-campaign-exact/1"
 _LARGEST = 16 << 20  # bytes: the checker reads no more
+_ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
 _REMEDY = "certify the campaign again"
 
 
@@ -51,9 +52,7 @@ def campaign_json(campaign: Campaign) -> bytes:
         else {"name": model.name, "half_widths": {k: repr(float(v)) for k, v in model.half_widths.items()}},
         "provenance": dict(campaign.provenance),
     }
-    arrays = (campaign.position, campaign.quaternion, campaign.length)
-    radii = (campaign.position_radius, campaign.rotation_radius, campaign.length_radius)
-    numbers = _texts(np.concatenate([*arrays, *radii], axis=1))
+    numbers = _texts(np.concatenate([getattr(campaign, name) for name in _ARRAYS], axis=1))
     rows = [[pose, run, *row] for pose, run, row in zip(campaign.pose, campaign.run, numbers, strict=True)]
     lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
     table = ",\n  ".join(json.dumps(row, separators=(",", ":")) for row in rows)
@@ -114,25 +113,28 @@ def _campaign(data: dict[str, Any]) -> Campaign:
     legs = len(robot["offset"])
     numbers = np.array([[float(v) for v in row[2:]] for row in rows], dtype=np.float64).reshape(len(rows), -1)
     ends = np.cumsum([3, 4, legs, 3, 3])
+    arrays = dict(zip(_ARRAYS, np.split(numbers, ends, axis=1), strict=True))
     campaign = Campaign(
-        Robot(robot["name"], *(_floats(robot[key]) for key in ("base", "mobile", "offset"))),
-        tuple(row[0] for row in rows),
-        tuple(row[1] for row in rows),
-        *np.split(numbers, ends, axis=1),
-        None if stated is None else _uncertainty(stated),
-        data["provenance"],
-        None
-        if asked is None
-        else ModelChoice(asked["name"], {k: float(v) for k, v in asked["half_widths"].items()}),
-    )  # fmt: skip
+        robot=Robot(robot["name"], *(_floats(robot[key]) for key in ("base", "mobile", "offset"))),
+        pose=tuple(row[0] for row in rows),
+        run=tuple(row[1] for row in rows),
+        uncertainty=None if stated is None else _uncertainty(stated),
+        provenance=data["provenance"],
+        model=None if asked is None else _model(asked),
+        **arrays,
+    )
     object.__setattr__(campaign, "files", tuple((file["name"], file["sha256"]) for file in data["files"]))
     return campaign
 
 
 def _uncertainty(stated: dict[str, Any]) -> Uncertainty:
-    kinds = (_floats(stated[kind]) for kind in ("position", "rotation", "length"))
+    position, rotation, length = (_floats(stated[kind]) for kind in ("position", "rotation", "length"))
     factor = stated["factor"]
-    return Uncertainty(*kinds, None if factor is None else float(factor))
+    return Uncertainty(position, rotation, length, None if factor is None else float(factor))
+
+
+def _model(asked: dict[str, Any]) -> ModelChoice:
+    return ModelChoice(asked["name"], {k: float(v) for k, v in asked["half_widths"].items()})
 
 
 def _files(campaign: Campaign) -> tuple[tuple[str, str], ...]:

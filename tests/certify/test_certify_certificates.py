@@ -10,9 +10,9 @@ from typing import Any
 import flint
 import numpy as np
 import pytest
+from cpcal.checker.checker import check
 
 import cpcal
-from cpcal.checker.checker import check
 from cpcal.checker.claims import Accepted
 from cpcal.results import save_result
 

@@ -3,11 +3,11 @@
 import json
 
 import pytest
+from cpcal.checker.checker import check
 
 import cpcal
 from cpcal.calibration import calibrate_study, recorded
 from cpcal.certify.fits import certify_fits, load_fits
-from cpcal.checker.checker import check
 from cpcal.simulate import simulate_study
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import flint
 import pytest
+from cpcal.checker.checker import check
 from typer.testing import CliRunner
 
 import cpcal
 from cpcal.calibration import calibrate_study
-from cpcal.checker.checker import check
 from cpcal.cli import app
 from cpcal.simulate import simulate_study
 

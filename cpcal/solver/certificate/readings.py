@@ -25,16 +25,16 @@ def row_of(problem: Problem, x: Unknowns, side: str, k: int) -> Row:
     return side, k, "".join(_best(*span) for span in _slopes(q))
 
 
-def _best(low: float, high: float) -> str:
+def _best(low: int, high: int) -> str:
     """By the range of the derivative: at an end it costs what the row may fall from there, at the centre half of it."""
-    choices = ((max(-low, high), "0"), (2.0 * max(0.0, -low), "-"), (2.0 * max(0.0, high), "+"))
+    choices = ((max(-low, high), "0"), (2 * max(0, -low), "-"), (2 * max(0, high), "+"))
     return min(choices, key=lambda choice: choice[0])[1]
 
 
-def _slopes(q: Polynomial) -> list[tuple[float, float]]:
+def _slopes(q: Polynomial) -> list[tuple[int, int]]:
     """For each reading the range over the box of the derivative at the centre, in common units."""
     low = (1 << FIELD * READINGS) - 1
-    middle, half = [0.0] * READINGS, [0.0] * READINGS
+    middle, half = [0] * READINGS, [0] * READINGS
     for monomial, c in q.terms.items():
         reading = monomial & low
         if reading and reading & (reading - 1) == 0 and (reading.bit_length() - 1) % FIELD == 0:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.checker.problem import Problem
 from cpcal.solver.certificate.readings import at_point, failing, stretching
 from cpcal.solver.certificate.statement import Statement, limits, number
 from cpcal.solver.certificate.writer import Certifying, line, written
@@ -96,18 +97,6 @@ class Recording:
         o = self._objective
         return None if o is None else number(np.nextafter(box.lo[o], -np.inf))
 
-    def _complete(self, claims: Claims) -> Claims:
-        """With the readings by which the point is seen to be a solution, and the rows by which it is seen to fail."""
-        problem, point = self._statement.problem, claims["point"]
-        if point is None:
-            return claims
-        x = at_point([float.fromhex(v) for v in point["at"]])
-        holds = problem.chosen if point["holds"] == "all" else point["holds"]
-        signs = [stretching(problem, x, k) for k in holds]
-        rows = (failing(problem, x, k) for k in point["fails"])
-        fails = [written(row) for row in rows if row is not None]
-        return claims | {"point": point | {"readings": signs if any(map(_moved, signs)) else None, "fails": fails}}
-
     def write(self, path: str | os.PathLike[str], claims: Claims) -> Path:
         """The certificate, all or nothing."""
         target = Path(path)
@@ -115,7 +104,7 @@ class Recording:
         try:
             with partial.open("w", encoding="utf-8") as out:
                 out.writelines(line(first) for first in self._statement.header(self._domain))
-                out.write(line(self._complete(claims)))
+                out.write(line(with_readings(self._statement.problem, claims)))
                 cap = None if claims["cap"] is None else float.fromhex(claims["cap"])
                 out.writelines(line(step) for step in self._useful_steps(cap))
             partial.replace(target)
@@ -152,6 +141,19 @@ def claims_verified(point: npt.NDArray[np.float64], cap: float, holds: list[int]
     """That a point satisfies some measurements and fails others."""
     verified = {"at": [number(v) for v in point], "holds": holds, "fails": fails}
     return {"cap": number(cap), "infeasible": False, "epsilon": None, "enclosure": None, "point": verified}
+
+
+def with_readings(problem: Problem, claims: Claims) -> Claims:
+    """Claims with the readings by which the point is a solution, and the rows by which it fails."""
+    point = claims["point"]
+    if point is None:
+        return claims
+    x = at_point([float.fromhex(v) for v in point["at"]])
+    holds = problem.chosen if point["holds"] == "all" else point["holds"]
+    signs = [stretching(problem, x, k) for k in holds]
+    rows = (failing(problem, x, k) for k in point["fails"])
+    fails = [written(row) for row in rows if row is not None]
+    return claims | {"point": point | {"readings": signs if any(map(_moved, signs)) else None, "fails": fails}}
 
 
 def _moved(signs: str) -> bool:

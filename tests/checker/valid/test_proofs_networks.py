@@ -12,9 +12,9 @@ from typing import Any
 import flint
 import numpy as np
 import pytest
+from cpcal.checker.checker import check
 
 import cpcal
-from cpcal.checker.checker import check
 from cpcal.checker.claims import Accepted
 from cpcal.solver.certificate.exact_network import network_statement
 
@@ -243,7 +243,7 @@ def test_what_cannot_be_certified_is_refused_before_any_search(
     def searched(*_: Any, **__: Any) -> None:
         raise AssertionError("a search was begun")
 
-    monkeypatch.setattr("cpcal.solver.minimize", searched)
+    monkeypatch.setattr("cpcal.solver.model.minimize", searched)
     with pytest.raises(cpcal.ModelError, match="constraint 0 cannot be certified"):
         net.minimize(t, certificate=tmp_path / "none.cert.jsonl")
     assert not list(tmp_path.iterdir())

@@ -7,8 +7,8 @@ from fractions import Fraction as F
 
 import flint
 import pytest
-
 from cpcal.checker.constraints import Constraint, Constraints
+
 from cpcal.checker.polynomial import ExactBox, Polynomial, combined, least, shifted, span, square, value
 
 UNKNOWNS = 4

@@ -12,11 +12,11 @@ from typing import Any
 import flint
 import numpy as np
 import pytest
+from cpcal.checker.checker import check
+from cpcal.checker.measurement import Measurement
 
 import cpcal
 from cpcal.checker.campaign import ExactCampaign
-from cpcal.checker.checker import check
-from cpcal.checker.measurement import Measurement
 from cpcal.legs import leg_statement
 
 SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cpcal.checker.checker import check
 
 import cpcal
-from cpcal.checker.checker import check
 from cpcal.solver.contract import Limits
 from cpcal.solver.optimize import Answer, Outcome, Trial, Witness, timeout
 
