@@ -12,6 +12,7 @@ from cpcal.certify.certify import answered, emptied
 from cpcal.certify.model import chosen_model
 from cpcal.certify.question import Question, check
 from cpcal.errors import Problem
+from cpcal.files.campaign_json import save_campaign_json
 from cpcal.legs import LegModel
 from cpcal.results import Comparison, Entry, LegResult
 from cpcal.robot import Campaign
@@ -56,6 +57,8 @@ def compare(
     plugins.check_names(contractors)
     engine, limits = get_arithmetic(arithmetic), Limits(seconds=time_limit, gap=gap)
     folder = None if certificates is None else emptied(Path(certificates), "*.cert.jsonl")
+    if folder is not None:
+        save_campaign_json(campaign, folder)
     entries: list[Entry] = []
     interrupted = False
     pairs = [(leg, model) for leg in legs or range(1, campaign.legs + 1) for model in chosen]

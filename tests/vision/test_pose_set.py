@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cpcal.checker.checker import check
 from scipy.optimize import linprog
 
 from benchmarks.pose_sets import drawn_pose, main, pixels_and_slopes, trial
-from cpcal.checker.refusal import Refused
+from cpcal.checker import Refused, check
 from cpcal.errors import InputError
 from cpcal.robot import (
     Pose,

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 import numpy as np
-from cpcal.checker.checker import check
 
 import cpcal
+from cpcal.checker import check
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Contraction
