@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Campaign, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.robot.robot import frozen_array
 from cpcal.solver.arrays import Floats
+from cpcal.values import frozen_array
 
 Integers = npt.NDArray[np.int64]
 

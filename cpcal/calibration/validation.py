@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Campaign, Pose, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.robot.robot import frozen_array
 from cpcal.solver.arrays import Floats
+from cpcal.values import frozen_array
 
 Flags = npt.NDArray[np.bool_]
 
