@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from numbers import Rational
-from typing import Any, ClassVar, NoReturn
+from typing import ClassVar, NoReturn
 
 import numpy as np
 
@@ -62,11 +62,6 @@ class Interval:
     def empty(cls) -> Interval:
         """The interval without points; its bounds are NaN."""
         return cls._raw(math.nan, math.nan)
-
-    @classmethod
-    def entire(cls) -> Interval:
-        """All real numbers."""
-        return cls._raw(-math.inf, math.inf)
 
     @property
     def is_empty(self) -> bool:
@@ -200,21 +195,6 @@ class Interval:
             for bound, rounding in ((self.lo, ROUND_FLOOR), (self.hi, ROUND_CEILING))
         )
         return f"[{', '.join(bounds)}]"
-
-    def to_json(self) -> list[str] | str:
-        """Bounds as `float.hex` text, or "empty"."""
-        return "empty" if self.is_empty else [self.lo.hex(), self.hi.hex()]
-
-    @classmethod
-    def from_json(cls, data: Any) -> Interval:
-        """The inverse of `to_json`."""
-        if data == "empty":
-            return cls.empty()
-        try:
-            lo, hi = map(float.fromhex, data)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise ModelError(f"{data!r} is no interval: give two hexadecimal floats, or 'empty'") from error
-        return cls(lo, hi)
 
 
 def _interval(array: IntervalArray) -> Interval:
