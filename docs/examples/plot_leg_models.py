@@ -19,8 +19,8 @@ for entry in found.entries:
     print(f"{entry.subject}, {entry.model}: {entry.word(found.tolerance)}")
 
 # %%
-# Left of its mark, no parameters of a model satisfy all measurements, whatever the readings in their sets: this is proved.
-# A mark at zero says that the model is not refuted.
+# Left of its mark no parameters of a model satisfy all measurements, whatever the readings in their sets: this is
+# proved. A mark at zero says that the model is not refuted.
 
 figure, axes = plt.subplots(figsize=(8, 3.5), layout="constrained")
 rows = [(entry.subject, entry.model) for entry in found.entries]
