@@ -18,8 +18,7 @@ from cpcal.cli.simulate import simulate
 from cpcal.cli.status import STATUS_HELP, Status
 from cpcal.cli.target import target
 from cpcal.cli.verify import VERIFY_STATUS_HELP, verify
-from cpcal.errors import CpcalError
-from cpcal.report import clean
+from cpcal.errors import CpcalError, printable
 from cpcal.version import __version__
 
 
@@ -30,7 +29,8 @@ class _Verbs(TyperGroup):
         try:
             return super().invoke(ctx)
         except CpcalError as error:
-            typer.echo(f"cpcal: {clean(str(error))}", err=True)
+            lines = [printable(line) for line in str(error).split("\n")]
+            typer.echo("cpcal: " + "\n".join(lines), err=True)
             raise typer.Exit(Status.UNUSABLE) from None
         except KeyboardInterrupt:
             typer.echo("cpcal: interrupted", err=True)

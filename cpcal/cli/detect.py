@@ -10,10 +10,9 @@ import typer
 
 from cpcal.cli.folders import check_writable, made
 from cpcal.cli.progress import bar
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, printable
 from cpcal.files.campaign_writer import write_file
 from cpcal.files.study_writer import table_bytes
-from cpcal.report import clean
 from cpcal.vision.batch.detect import Detections, ImageFolder, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.calibration import calibrate_from_images
@@ -73,7 +72,7 @@ def detect_poses(
     if known is not None and table is not None:
         made(table.absolute().parent)
         write_file(table, table_bytes(study_table(found.rows, known)))
-        typer.echo(f"Table of a study: {table}")
+        typer.echo(printable(f"Table of a study: {table}"))
 
 
 def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, Camera, Readings | None]:
@@ -96,10 +95,12 @@ def show_detections(found: Detections, where: Path) -> None:
     poses = sum(row.found for row in found.rows)
     work = sum(seconds for stage, seconds in found.seconds.items() if stage != RenderedImages.stage)
     pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
-    typer.echo(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {where}")
+    typer.echo(
+        printable(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {where}")
+    )
     for reason, files in by_reason(found.rows).items():
         more = f" and {len(files) - _NAMED:,} more" if len(files) > _NAMED else ""
-        typer.echo(f"  {len(files):,} x {clean(reason)}: {clean(', '.join(files[:_NAMED]))}{more}")
+        typer.echo(printable(f"  {len(files):,} x {reason}: {', '.join(files[:_NAMED])}{more}"))
 
 
 def by_reason(rows: Sequence[Detection]) -> dict[str, list[str]]:
@@ -116,15 +117,16 @@ def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool) -> 
     files = [images / name for name in ImageFolder(images).names]
     found = calibrate_from_images(files, plate, refine_dots=refine_dots)
     save_camera(found.record(), output)
-    typer.echo(clean(str(found)))
+    for line in str(found).split("\n"):
+        typer.echo(printable(line))
     for view in found.views:
         if not view.reason:
-            typer.echo(clean(f"  {view.name}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis"))
-    typer.echo(f"Camera: {output}")
+            typer.echo(printable(f"  {view.name}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis"))
+    typer.echo(printable(f"Camera: {output}"))
     if refine_dots:
         refined = output.with_name("refined-target.toml")
         save_target(found.target, refined)
-        typer.echo(f"Target as it was seen: {refined}")
+        typer.echo(printable(f"Target as it was seen: {refined}"))
 
 
 def _check(

@@ -8,8 +8,7 @@ from rich import box
 from rich.table import Table
 
 from cpcal.cli.show import terminal
-from cpcal.errors import PluginError
-from cpcal.report import clean
+from cpcal.errors import PluginError, printable
 from cpcal.solver import plugins as registry
 
 
@@ -20,7 +19,7 @@ def plugins() -> None:
         table.add_column(name, overflow="fold")
     for name, point in registry.found().items():
         package = "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
-        table.add_row(clean(name), clean(point.value), clean(package), clean(_loads(name, point)))
+        table.add_row(printable(name), printable(point.value), printable(package), printable(_loads(name, point)))
     console = terminal()
     console.print(table)
     console.print(f"Found through the entry-point group {registry.GROUP}.", soft_wrap=True)

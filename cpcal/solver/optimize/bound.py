@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.numbers import at_least, gap_text
 from cpcal.solver.contract import Contractor, Limits, Strategy, Verdict
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.network import ConstraintNetwork
@@ -149,11 +150,14 @@ def _status(last: Bracket, bounding: Bounding, undecided: int) -> tuple[Verdict,
     if not undecided and gap <= bounding.floor:
         return (
             Verdict.PROVED,
-            f"Both bounds are proved; the gap of {gap:.1e} is below the second-order effect of the readings, "
-            f"{bounding.floor:.1e}.",
+            f"Both bounds are proved; the gap of {gap_text(last.lo, last.hi)} is below the second-order effect of the readings, "
+            f"{at_least(bounding.floor, 2)}.",
         )
     if not undecided:
-        return Verdict.UNKNOWN, f"Both bounds are proved; the contractors cannot close the gap of {gap:.1e}."
+        return (
+            Verdict.UNKNOWN,
+            f"Both bounds are proved; the contractors cannot close the gap of {gap_text(last.lo, last.hi)}.",
+        )
     return (
         Verdict.UNKNOWN,
         f"Stopped at a limit with {undecided} undecided boxes; both bounds are proved, the gap is open.",
