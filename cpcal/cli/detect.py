@@ -61,7 +61,7 @@ def detect_poses(
         _calibrate(images, load_target(target), output, refine_dots)
         return
     plate, lens, known = _loaded(target, camera, readings)
-    source = ImageFolder(images)
+    source = ImageFolder(images, (lens.width, lens.height))
     made(output.absolute().parent)
     with bar("images") as progress:
         found = detect(
@@ -72,7 +72,7 @@ def detect_poses(
     if known is not None and table is not None:
         made(table.absolute().parent)
         write_file(table, table_bytes(study_table(found.rows, known)))
-        typer.echo(printable(f"Table of a study: {table}"))
+        typer.echo(f"Table of a study: {printable(table)}")
 
 
 def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, Camera, Readings | None]:
@@ -96,11 +96,11 @@ def show_detections(found: Detections, where: Path) -> None:
     work = sum(seconds for stage, seconds in found.seconds.items() if stage != RenderedImages.stage)
     pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
     typer.echo(
-        printable(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {where}")
+        f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {printable(where)}"
     )
     for reason, files in by_reason(found.rows).items():
         more = f" and {len(files) - _NAMED:,} more" if len(files) > _NAMED else ""
-        typer.echo(printable(f"  {len(files):,} x {reason}: {', '.join(files[:_NAMED])}{more}"))
+        typer.echo(f"  {len(files):,} x {printable(reason)}: {', '.join(map(printable, files[:_NAMED]))}{more}")
 
 
 def by_reason(rows: Sequence[Detection]) -> dict[str, list[str]]:
@@ -121,12 +121,12 @@ def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool) -> 
         typer.echo(printable(line))
     for view in found.views:
         if not view.reason:
-            typer.echo(printable(f"  {view.name}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis"))
-    typer.echo(printable(f"Camera: {output}"))
+            typer.echo(f"  {printable(view.name)}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")
+    typer.echo(f"Camera: {printable(output)}")
     if refine_dots:
         refined = output.with_name("refined-target.toml")
         save_target(found.target, refined)
-        typer.echo(printable(f"Target as it was seen: {refined}"))
+        typer.echo(f"Target as it was seen: {printable(refined)}")
 
 
 def _check(

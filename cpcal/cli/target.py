@@ -49,4 +49,4 @@ def target(
     else:
         print_target(plate, output)
     told = f"; separation of its diagonals {separation(plate).least:.3g}" if plate.lines else ""
-    typer.echo(printable(f"{plate.name}: {len(plate.dots)} dots{told}: {output}"))
+    typer.echo(f"{printable(plate.name)}: {len(plate.dots)} dots{told}: {printable(output)}")

@@ -18,8 +18,6 @@ from cpcal.cli.report import beside
 from cpcal.errors import InputError, Problem, printable
 from cpcal.numbers import nearest
 
-VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."
-
 
 class Numbers(StrEnum):
     FRACTIONS = "fractions"

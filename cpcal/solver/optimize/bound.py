@@ -144,19 +144,19 @@ def _status(last: Bracket, bounding: Bounding, undecided: int) -> tuple[Verdict,
         return Verdict.UNKNOWN, "No point was proved to satisfy the constraints; the lower bound is proved."
     if last.hi == bounding.domain.lo[bounding.objective]:
         return Verdict.PROVED, "The smallest value that the domain allows is attained: proved."
-    gap = last.hi - last.lo
+    gap, printed = last.hi - last.lo, gap_text(last.lo, last.hi)
     if gap <= max(bounding.limits.gap * abs(last.hi), bounding.limits.gap_absolute):
         return Verdict.PROVED, "Both bounds are proved and the gap is closed."
     if not undecided and gap <= bounding.floor:
+        floor = at_least(bounding.floor, 2)
         return (
             Verdict.PROVED,
-            f"Both bounds are proved; the gap of {gap_text(last.lo, last.hi)} is below the second-order effect of the readings, "
-            f"{at_least(bounding.floor, 2)}.",
+            f"Both bounds are proved; the gap of {printed} is below the second-order effect of the readings, {floor}.",
         )
     if not undecided:
         return (
             Verdict.UNKNOWN,
-            f"Both bounds are proved; the contractors cannot close the gap of {gap_text(last.lo, last.hi)}.",
+            f"Both bounds are proved; the contractors cannot close the gap of {printed}.",
         )
     return (
         Verdict.UNKNOWN,

@@ -1,0 +1,18 @@
+from .page import REPORT_NAME, write_page, write_report
+from .sensitivity import reading_sensitivity
+from .table import Table, result_table
+from .words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
+
+__all__ = [
+    "LONGER",
+    "QUANTIFIER",
+    "REPORT_NAME",
+    "Table",
+    "center_sentence",
+    "leg_sentence",
+    "missing_legs",
+    "reading_sensitivity",
+    "result_table",
+    "write_page",
+    "write_report",
+]
