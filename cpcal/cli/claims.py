@@ -44,7 +44,11 @@ class _NetworkWords:
 
     def down(self, sign: str, value: F | None) -> str:
         """A goal that none reaches, or that all who reach it share something."""
-        return "" if value is None else self._goal(sign, bracket_text(value, self._digits(value))[0])
+        if value is None:
+            return ""
+        hi = self.accepted.claims.eps_hi  # the digits are those of the bracket, as in the table of a result
+        text = short(bracket_text(value, value)[0]) if hi is None else bracket_text(value, hi)[0]
+        return self._goal(sign, text)
 
     def up(self, value: F | None) -> str:
         """A goal that is reached."""
@@ -52,11 +56,6 @@ class _NetworkWords:
 
     def _goal(self, sign: str, text: str) -> str:
         return f" with {self.name} {sign} {text}{self.unit}" if self.name else ""
-
-    def _digits(self, value: F) -> F:
-        """The bound that says how many digits are printed: the upper one, as in the table of a result."""
-        hi = self.accepted.claims.eps_hi
-        return value if hi is None else hi
 
     def infeasible(self, cap: F | None) -> str:
         return f"No {self.thing} satisfies {self.all}{self.down('<=', cap)}{self.for_any}"
