@@ -10,8 +10,9 @@ import typer
 
 from cpcal.checker import Refused, Unusable, check
 from cpcal.cli.claims import sentences
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, printable
 from cpcal.files import load_campaign
+from cpcal.numbers import nearest
 
 
 def verify(
@@ -43,12 +44,12 @@ def _verified(path: Path, digest: str | None) -> bool:
     except Unusable as reason:
         raise InputError([Problem(str(path), str(reason), "name the folder of a run")]) from None
     except Refused as reason:
-        typer.echo(f"{path.name}: REFUSED, {reason}")
+        typer.echo(printable(f"{path.name}: REFUSED, {reason}"))
         return False
     if digest not in (None, accepted.campaign):
         typer.echo(f"{path.name}: REFUSED, the campaign is another one: its SHA-256 differs")
         return False
-    work = f"{accepted.steps} steps, {time.monotonic() - began:.1f} s"
+    work = f"{accepted.steps} steps, {nearest(time.monotonic() - began, 1)} s"
     for sentence in sentences(accepted):
-        typer.echo(f"{path.name}: {sentence}: PROVED, {work}")
+        typer.echo(printable(f"{path.name}: {sentence}: PROVED, {work}"))
     return True

@@ -102,8 +102,8 @@ def test_the_largest_numbers_and_degrees(verdict: Any, network_proof: Any) -> No
     lines[-1]["bounds"][0][3]["products"].append([0, 0, -1, 1, 0])
     lines[-1]["bounds"][0][3]["tangents"].append([0, "0x1p-1100", 0])
     assert verdict(lines, None).claims == verdict(network_proof.lines, None).claims
-    lines[-1]["bounds"] = [[0, "lo", "-0x1p+1100", {"rows": [["upper", 0, (1 << 60) - 1]], "products": [],
-                                                    "tangents": [], "exponents": [999, -1000, -1000]}]]  # fmt: skip
+    weights = {"rows": [[0, (1 << 60) - 1]], "products": [], "tangents": [], "exponents": [999, -1000, -1000]}
+    lines[-1].update(rows=[["upper", 0]], bounds=[[0, "lo", "-0x1p+1100", weights]])
     lines[network_proof.head].update(epsilon=None, enclosure=None)
     assert verdict(lines, None).used == {0}
 
