@@ -4,7 +4,7 @@ from cpcal.certify.certify import certify
 from cpcal.certify.compare import COMPARED, compare
 from cpcal.certify.compare_networks import compare_networks
 from cpcal.certify.point import PointResult, certify_point
-from cpcal.certify.question import CENTERS, METHODS, SUPPORTS
+from cpcal.results import CENTERS, METHODS, SUPPORTS
 
 __all__ = [
     "CENTERS",

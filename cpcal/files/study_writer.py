@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cpcal.atomic import write_folder
 from cpcal.files.campaign_writer import (
     matrix,
     provenance_lines,
@@ -16,7 +17,6 @@ from cpcal.files.campaign_writer import (
     reading_columns,
     robot_lines,
     vector,
-    write_folder,
 )
 from cpcal.robot import Pose, PoseTable, Study, Truth
 from cpcal.robot.mechanisms import FIELDS

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from cpcal.atomic import write_file
 from cpcal.legs import PARAMETERS, PLAIN, model_residuals
 from cpcal.report.assumptions import assumptions
 from cpcal.report.bars import Enclosure, enclosure_svg
@@ -19,7 +20,7 @@ from cpcal.report.pairs import pairs
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
 from cpcal.report.sensitivity import reading_sensitivity
 from cpcal.report.table import result_table
-from cpcal.report.template import rendered, written
+from cpcal.report.template import rendered
 from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
 from cpcal.results import LegResult, Result, model_of
 from cpcal.robot import Campaign
@@ -41,9 +42,9 @@ def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str])
 
     The same campaign and result give the same bytes. Bounds are printed rounded to the side on which they
     stay proved; every answer is for SOME reading in the set of each measurement. Raises InputError when the
-    result is of another campaign, OSError when the file cannot be written.
+    result is of another campaign, or when the file cannot be written.
     """
-    return written(render(campaign, result), file)
+    return write_file(file, render(campaign, result))
 
 
 def render(campaign: Campaign, result: Result, study: dict[str, Any] | None = None) -> str:
@@ -61,7 +62,7 @@ def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
         "robot": campaign.robot.name,
         "count": len(campaign),
         "result": result,
-        "asked": None if result.eps is None else repr(float(result.eps)),
+        "asked": None if result.options.eps is None else repr(result.options.eps),
         "interrupted": missing_legs(result, campaign.legs),
         "table": table,
         "legs": [_leg(campaign, result, leg) for leg in result.legs],
@@ -71,7 +72,7 @@ def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
         "assumptions": assumptions(campaign, result),
         "provenance": campaign.provenance,
         "versions": versions(),
-        "command": command(campaign, result),
+        "command": command(result),
     }
 
 
@@ -120,7 +121,7 @@ def _bars(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
         campaign.robot.parameters[leg.leg - 1],
         leg.enclosure.lo[:7],
         leg.enclosure.hi[:7],
-        np.array(leg.center[:7]) if result.center == "fit" else None,
+        np.array(leg.center[:7]) if result.options.center == "fit" else None,
     )
     label = f"Leg {leg.leg}: enclosure of each parameter, relative to its nominal value"
     return {

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from cpcal.atomic import write_file
 from cpcal.calibration import CalibrationRecord
 from cpcal.calibration.record import Channel, Errors
 from cpcal.certify.fits import CertifiedFits
@@ -21,7 +22,6 @@ from cpcal.report.numbers import bracket_text
 from cpcal.report.page import render
 from cpcal.report.study_figures import histogram_svg, validation_svg
 from cpcal.report.study_tables import SYMBOLS, TextTable
-from cpcal.report.template import written
 from cpcal.results import Result
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
@@ -46,8 +46,8 @@ class StudyFound:
 
 
 def write_study_page(found: StudyFound, file: str | os.PathLike[str]) -> Path:
-    """Write the page to `file`, all or nothing; its path. Raises InputError (parts of different campaigns), OSError."""
-    return written(render_study(found), file)
+    """Write the page to `file`, all or nothing; its path. Raises InputError: parts of different campaigns, too."""
+    return write_file(file, render_study(found))
 
 
 def render_study(found: StudyFound) -> str:
@@ -89,7 +89,7 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "loose": _loose(found.result),
         "exact": _exact_sentence(found.result),
         "images": found.images,
-        "script_seconds": found.script.time_limit,
+        "script_seconds": found.script.options.time_limit,
     }
 
 
@@ -170,7 +170,8 @@ def _exact_sentence(result: Result) -> str:
     said = []
     if none:
         said.append(
-            f"proved: no parameters within ±{result.delta:g} mm satisfy all equations exactly (leg {', '.join(none)})"
+            f"proved: no parameters within ±{result.options.delta:g} mm satisfy all equations exactly "
+            f"(leg {', '.join(none)})"
         )
     if some:
         said.append(f"proved: some parameters do (leg {', '.join(some)})")
