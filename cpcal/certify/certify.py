@@ -14,6 +14,7 @@ from cpcal.certify.model import chosen_model
 from cpcal.certify.question import Progress, Question, absent_legs
 from cpcal.errors import InputError, Problem
 from cpcal.files.run_folder import RUN, answers_into
+from cpcal.legs import LegModel
 from cpcal.results import CampaignNote, LegResult, ModelNote, Options, Result
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
@@ -36,7 +37,7 @@ def certify(
     method: str = "bound",
     certificates: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
-    model: str | None = None,
+    model: str | LegModel | None = None,
     half_widths: Mapping[str, float] | None = None,
 ) -> Result:
     """For every leg the smallest eps for which some x satisfies all N equations, bracketed by proofs.
@@ -56,8 +57,9 @@ def certify(
     `method` "bound" is branch and bound on eps; "timeout" is the script of the paper's section 5.2.1, which asks a
     solver made of the contractors for points at one eps after the other, and needs a `time_limit`.
 
-    `model` names the leg model: "plain", "gain", "linear", "lateral" or one that was registered (default: the
-    campaign's, else plain); its extra parameters range within `half_widths` of 0: those given by name, else its own.
+    `model` is the leg model: "plain", "gain", "linear", "lateral", the name of one that an installed package provides,
+    or a `LegModel` (default: the campaign's, else plain). Its extra parameters range within `half_widths` of 0: those
+    given by name, else its own.
 
     Ctrl-C ends it with what is proved so far. Raises InputError, PluginError.
     """
@@ -84,13 +86,15 @@ def certify(
         return answered(replace(question, certificates=draft))
 
 
-def checked_options(campaign: Campaign, others: Sequence[Problem] = (), **given: Any) -> tuple[Options, Any]:
+def checked_options(campaign: Campaign, others: Sequence[Problem] = (), **given: Any) -> tuple[Options, LegModel]:
     """Options that this campaign can be asked about, and their leg model.
 
     Raises InputError with every problem at once, `others` among them; PluginError for a contractor that is not there.
     """
     model, wrong = chosen_model(campaign, given.get("model"), given.get("half_widths"))
     problems = [*others, *wrong, *absent_legs(campaign, given.get("legs"))]
+    if isinstance(given.get("model"), LegModel):
+        given["model"] = model.name
     try:
         options = Options(**given)
     except InputError as error:

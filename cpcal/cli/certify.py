@@ -11,8 +11,7 @@ import typer
 
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
-from cpcal.cli.run import certified_into
-from cpcal.cli.status import status_of
+from cpcal.cli.run import certified_into, status_of
 from cpcal.files import load_campaign
 from cpcal.files.run_folder import RUN
 

@@ -15,11 +15,13 @@ from cpcal.certify.projections import with_projections
 from cpcal.certify.question import Question
 from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result, terminal
+from cpcal.cli.status import Status
 from cpcal.errors import InputError
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.report import REPORT_NAME, write_report
 from cpcal.results import Result, result_text, save_result
 from cpcal.robot import Campaign
+from cpcal.solver.contract import Verdict
 
 
 def certified_into(run: Path, campaign: Campaign, given: Mapping[str, Any], *, as_json: bool) -> Result:
@@ -58,4 +60,12 @@ def _watched(question: Question, draft: Path, *, quiet: bool) -> Result:
     watching = nullcontext() if quiet else watch(legs, question.options.gap, terminal(stderr=True))
     with watching as progress:
         result = answered(replace(question, certificates=draft, progress=progress))
-    return with_projections(question.campaign, result)
+    return with_projections(question.campaign, result, question.model)
+
+
+def status_of(result: Result) -> Status:
+    """The exit status that tells of a result."""
+    if result.interrupted:
+        return Status.INTERRUPTED
+    unknown = any(leg.verdict is Verdict.UNKNOWN for leg in result.legs)
+    return Status.UNKNOWN if unknown else Status.ANSWERED

@@ -57,6 +57,9 @@ def _settings(path: Path, problems: Problems, saw: Callable[[bytes], object]) ->
 
 def small_file(path: Path, problems: Problems, absent: str) -> bytes | None:
     """The bytes of a settings file, or None and a problem; `absent` is the remedy when there is no such file."""
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would wait for ever
+        problems.add(Problem(str(path), "is no regular file", "give a file on a disk"))
+        return None
     try:
         with path.open("rb") as file:
             content = file.read(SIZE_MAX + 1)

@@ -34,6 +34,8 @@ def readings_bytes(readings: Readings) -> bytes:
 def load_readings(path: Path) -> Readings:
     """The table in a file. Raises InputError with every problem."""
     problems = Problems()
+    if path.exists() and not path.is_file():  # a pipe would wait for ever, a device would never end
+        raise InputError([Problem(str(path), "is no regular file", "give a table pose,run,L1,...,Ln in mm")])
     try:
         with path.open("rb") as file:
             table = read_table(

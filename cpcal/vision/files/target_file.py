@@ -59,7 +59,9 @@ def _target(reader: SectionReader) -> Target | None:
     if problems.listed:
         return None
     for problem in Target.problems_of(np.array(dots), radius, lines):
-        reader.wrong(("target", "lines"), problem.what, problem.remedy)
+        key = problem.where.rpartition(" ")[2]  # radius, dots or lines
+        what = problem.what if problem.what.startswith(("(", "the")) else f"{key} {problem.what}"
+        reader.wrong(("target", key), what, problem.remedy)
     return None if problems.listed else Target(name, np.array(dots), radius, lines, bright)
 
 

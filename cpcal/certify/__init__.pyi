@@ -1,0 +1,13 @@
+from .certify import certify
+from .compare import COMPARED, compare
+from .compare_networks import compare_networks
+from .point import PointResult, certify_point
+
+__all__ = [
+    "COMPARED",
+    "PointResult",
+    "certify",
+    "certify_point",
+    "compare",
+    "compare_networks",
+]
