@@ -53,6 +53,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 def write_file(path: str | os.PathLike[str], content: bytes | str) -> Path:
     """Write one file, text as UTF-8, into a folder that is made if missing; its path. Raises InputError."""
+    if "\0" in os.fspath(path):
+        raise unwritable(path, OSError(0, "its name holds a NUL"))
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -96,7 +98,7 @@ def put_in_place(draft: Path, folder: Path, names: list[str], *, outdated: tuple
 
 
 def _check_regular(target: Path) -> None:
-    """A device, a FIFO or a folder is not replaced; a link is, and what it points to stays."""
+    """Raises OSError. A device, a FIFO or a folder is not replaced; a link is, and what it points to stays."""
     try:
         mode = target.lstat().st_mode
     except FileNotFoundError:

@@ -20,7 +20,7 @@ from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hin
 
 from cpcal.atomic import write_file
 from cpcal.errors import CpcalError, InputError, Problem, shown
-from cpcal.files.json_file import read_json
+from cpcal.files.documents import json_object
 from cpcal.solver.interval import Box
 
 T = TypeVar("T")
@@ -40,8 +40,8 @@ def save(value: Any, path: Path, format: str) -> Path:
 
 def load(kind: type[T], path: Path, format: str, *, remedy: str) -> T:
     """The dataclass that `save` wrote. Raises InputError, which says `remedy`."""
-    data = read_json(path, remedy=remedy)
-    if not isinstance(data, dict) or data.pop("format", None) != format:
+    data = json_object(path, remedy, remedy)
+    if data.pop("format", None) != format:
         raise InputError([Problem(str(path), f"is not of format {format}", remedy)])
     try:
         return cast(T, decoded(kind, data))

@@ -61,11 +61,15 @@ def load_member(what: str, name: str, group: str, ours: Iterable[str] = ()) -> A
 
 def check_names(names: Sequence[str | Contractor]) -> None:
     """Raises PluginError where there is no name, or no such contractor."""
+    if isinstance(names, str) or not isinstance(names, (Sequence, type(None))):
+        raise PluginError(f"contractors={names!r} is no list: write contractors=[{names!r}]")
     if not names:
         raise PluginError(f"name at least one contractor; found: {', '.join(found()) or 'none'}")
     for name in names:
         if isinstance(name, str):
             load(name)
+        elif not hasattr(name, "contract"):
+            raise PluginError(f"{name!r} is no contractor: give its name or an object with contract(box)")
 
 
 def build_each(
