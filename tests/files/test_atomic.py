@@ -62,7 +62,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path):
             write_file(path, b"new")
     with pytest.raises(InputError, match="/dev/full"):
         write_file("/dev/full", b"new")
-    assert names(tmp_path) == ["absent", "folder", "pipe"]
+    assert names(tmp_path) == ["folder", "pipe"]
 
 
 def test_a_folder_appears_complete(tmp_path):
