@@ -142,4 +142,5 @@ def _entry(found: LegResult, model: LegModel) -> Entry:
         certificate=found.certificate,
         status=found.status,
         seconds=found.seconds,
+        not_certified=found.not_certified,
     )

@@ -34,6 +34,7 @@ class Entry:
     certificate: str | None
     status: str
     seconds: float
+    not_certified: str = ""  # why there is no certificate
 
     def __post_init__(self) -> None:
         """Raises ValueError for a bracket that is none."""
