@@ -1,4 +1,4 @@
-"""Two files of results side by side: what changed in status, nodes and programs, what is missing, and the ratio of times."""
+"""Two files of results side by side: changes of status, nodes and programs, what is missing, the ratio of times."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from benchmarks.records import ANSWERED, SKIPPED, Key, Results, Run
 from benchmarks.tables import count, seconds, table
 
+EXACT = ("nodes", "programs")
 LIBRARIES = ("numpy", "scipy", "ortools", "python-flint")  # whose last bits decide which programs are solved
 
 
 @dataclass(frozen=True)
 class Difference:
-    """The medians of one (problem, task, method) in both files. `same_libraries`: in the same versions, as far as known."""
+    """The medians of one (problem, task, method) in both files. `same_libraries`: known to be in the same versions."""
 
     old: Run
     new: Run
@@ -93,10 +94,8 @@ def _described(results: Results) -> str:
 def expectation(results: Results) -> Results:
     """What a later session is held to: status, nodes and programs of cpcal's own methods, no times."""
     kept = [
-        replace(
-            run, seconds=math.nan, cpu=math.nan, figures={k: run.figures[k] for k in ("nodes", "programs")}, note=""
-        )
+        replace(run, seconds=math.nan, cpu=math.nan, figures={k: run.figures[k] for k in EXACT}, note="")
         for run in results.medians().values()
-        if run.status == ANSWERED and {"nodes", "programs"} <= run.figures.keys()
+        if run.status == ANSWERED and all(k in run.figures for k in EXACT)
     ]
     return replace(results, repeat=1, runs=tuple(kept))
