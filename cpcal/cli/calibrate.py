@@ -15,7 +15,7 @@ from rich.text import Text
 from cpcal.calibration import RECORD_NAME, CalibrationRecord, StudyCalibration, calibrate_study, recorded, save_record
 from cpcal.cli.folders import CAMPAIGN, VALIDATION, check_writable, unwritable
 from cpcal.cli.show import terminal
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, printable
 from cpcal.files import load_study, save_campaign
 from cpcal.report import clean, study_tables
 
@@ -54,7 +54,7 @@ def calibrate(
     record = recorded(measured, found, factor=factor)
     write_calibration(found, record, output)
     show_record(terminal(), record)
-    typer.echo(f"Campaign to certify: {output / CAMPAIGN}. Everything above: {output / RECORD_NAME}")
+    typer.echo(printable(f"Campaign to certify: {output / CAMPAIGN}. Everything above: {output / RECORD_NAME}"))
 
 
 def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder: Path) -> None:

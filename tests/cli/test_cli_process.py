@@ -29,7 +29,7 @@ def stop(legs, gap, console):
     yield progress
 
 cpcal.cli.run.watch = stop
-from cpcal.cli import main
+from cpcal.__main__ import main
 main()
 """
 
