@@ -16,7 +16,7 @@ from cpcal.cli.certify import Engine, numbers_of
 from cpcal.cli.folders import check_writable, unwritable
 from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
-from cpcal.files import load_campaign
+from cpcal.cli.suspected import read_campaign
 from cpcal.report import clean
 from cpcal.report.comparison import (
     COMPARISON_PAGE,
@@ -62,7 +62,7 @@ def compare_models(
             errors.print(f"{entry.subject}, {entry.model}: {entry.seconds:.1f} s")
 
     found = compare(
-        load_campaign(campaign),
+        read_campaign(campaign),
         names,
         tolerance=tolerance,
         legs=None if legs is None else numbers_of(legs),

@@ -1,5 +1,6 @@
 """However the program ends, it says one sentence and has the exit status that belongs to it."""
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -7,6 +8,7 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
+import cpcal
 from cpcal.cli import app
 from cpcal.cli.app import VERBS
 
@@ -91,3 +93,16 @@ def test_a_folder_of_a_strange_name_forges_no_line(tmp_path):
     done = CliRunner().invoke(app, ["simulate", "deltalab", "-o", str(tmp_path / "x\nLeg 1: proved")])
     assert done.exit_code == 0, done.stderr
     assert len(done.stdout.splitlines()) == 1
+
+
+@pytest.mark.parametrize("verb", [["certify", "--eps", "0"], ["compare", "--models", "plain"]])
+def test_a_campaign_in_metres_is_warned_of_before_the_work(tmp_path, verb):
+    campaign = cpcal.simulate(seed=1)
+    metres = dataclasses.replace(campaign, position=campaign.position / 1e3)
+    cpcal.save_campaign(metres, tmp_path / "c")
+    name, *options = verb
+    limits = ["--legs", "1", "--time-limit", "0.01"]
+    done = CliRunner().invoke(app, [name, str(tmp_path / "c"), "-o", str(tmp_path / "r"), *options, *limits])
+    assert done.exit_code in (0, 1)
+    assert "cpcal: warning: " in done.stderr
+    assert "positions are in metres, not mm" in done.stderr
