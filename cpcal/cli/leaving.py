@@ -16,7 +16,6 @@ import typer
 
 from cpcal.cli.status import Status
 from cpcal.errors import CpcalError, InputError, Problem, printable
-from cpcal.report.numbers import clean
 
 # typer's own way out; its ClickException has no public name: UsageError's base, which is BadParameter's
 _TYPER: tuple[type[BaseException], ...] = (typer.Exit, typer.Abort, typer.BadParameter.__mro__[2])
@@ -31,7 +30,7 @@ def leaving() -> Iterator[None]:
     except _TYPER:
         raise
     except CpcalError as error:
-        _leave(Status.UNUSABLE, clean(str(error)))
+        _leave(Status.UNUSABLE, "\n".join(map(printable, str(error).split("\n"))))
     except KeyboardInterrupt:
         _leave(Status.INTERRUPTED, "interrupted")
     except OSError as error:
