@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -29,6 +28,7 @@ from cpcal.vision.calibration import calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.camera_file import CameraRecord
 from cpcal.vision.measure import Measured, NotMeasured, measure_pose
+from cpcal.vision.opencv import opencv
 from cpcal.vision.target import DELTALAB_TARGET
 
 Array = npt.NDArray[np.float64]
@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument("--calibrated", action="store_true", help="a calibrated camera instead of the true one")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
-    cv2.setNumThreads(1)
+    opencv().setNumThreads(1)
     record = calibrated(options.seed + 1) if options.calibrated else CameraRecord(DELTALAB_CAMERA)
     print("| condition | found | wrong | centres [px] | NEES/6 | largest error [mm] | doubtful |")
     print("| --- | --- | --- | --- | --- | --- | --- |")

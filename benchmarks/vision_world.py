@@ -12,17 +12,20 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from benchmarks.vision_backgrounds import background
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
+from cpcal.vision.opencv import opencv
 from cpcal.vision.target import Target
 
 Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
+
+cv2: Any = opencv()
 
 FINE = 2  # places in a pixel, each way
 _STEPS = 12  # of the fixed point iteration that unbends rays
@@ -70,7 +73,9 @@ def photographed(
     target: Target, camera: Camera, pose: Pose, world: World, rng: np.random.Generator
 ) -> npt.NDArray[np.uint8]:
     """The image (height, width) of the target at `pose` in a world."""
-    grey = _background(camera, world, rng)
+    size = camera.height * FINE, camera.width * FINE
+    grey = background(size, world.background, world.amount, FINE, world.dark, world.bright, rng)
+    grey *= np.float32(world.level)
     if world.second:
         plate = FOREIGN if world.second == "foreign" else target
         _lay(grey, plate, camera, _beside(pose, target, world.second == "mirrored"), world, world.dim, bend=0.0)
@@ -119,7 +124,7 @@ def _rays(camera: Camera) -> tuple[Single, Single]:
     return x.astype(np.float32), y.astype(np.float32)
 
 
-def _on_plate(camera: Camera, pose: Pose, bend: float, half: float) -> tuple[Single, Single, Single, Array]:
+def _on_plate(camera: Camera, pose: Pose | _Mirrored, bend: float, half: float) -> tuple[Single, Single, Single, Array]:
     """The plate's coordinates u, v (mm) of every fine place, the depth factor w, and the homography."""
     x, y = _rays(camera)
     turn = pose.rotation
@@ -135,7 +140,9 @@ def _on_plate(camera: Camera, pose: Pose, bend: float, half: float) -> tuple[Sin
     return u, v, w, h
 
 
-def _lay(grey: Single, target: Target, camera: Camera, pose: Pose, world: World, light: float, bend: float) -> None:
+def _lay(
+    grey: Single, target: Target, camera: Camera, pose: Pose | _Mirrored, world: World, light: float, bend: float
+) -> None:
     """Put the plate into the image of fine places."""
     half = float(np.abs(target.dots).max()) + _MARGIN
     u, v, w, h = _on_plate(camera, pose, bend, half)
@@ -150,15 +157,15 @@ def _covered(target: Target, u: Single, v: Single, w: Single, h: Array, camera: 
     dot = _nearest(target, half)[np.rint(v + half).astype(np.int64), np.rint(u + half).astype(np.int64)]
     du, dv = u - target.dots[dot, 0].astype(np.float32), v - target.dots[dot, 1].astype(np.float32)
     r = np.hypot(du, dv)
-    share = (r < target.radius).astype(np.float32)
+    share: Single = (r < target.radius).astype(np.float32)
     step = 2.0 * pose_scale(h, camera)
     edge = np.flatnonzero(np.abs(r - target.radius) < step)
-    du, dv, r, w, u, v = (a[edge].astype(np.float64) for a in (du, dv, r, w, u, v))
-    along = np.stack([du / r, dv / r], axis=-1)
+    along = np.stack([du[edge] / r[edge], dv[edge] / r[edge]], axis=-1)
+    u, v, w, inside = u[edge], v[edge], w[edge], target.radius - r[edge]
     per_x = np.stack([(h[0, 0] - u * h[2, 0]) / w, (h[1, 0] - v * h[2, 0]) / w], axis=-1) / (camera.focal[0] * FINE)
     per_y = np.stack([(h[0, 1] - u * h[2, 1]) / w, (h[1, 1] - v * h[2, 1]) / w], axis=-1) / (camera.focal[1] * FINE)
     gx, gy = np.abs((along * per_x).sum(axis=-1)), np.abs((along * per_y).sum(axis=-1))
-    share[edge] = np.clip(0.5 + (target.radius - r) / (gx + gy), 0.0, 1.0)  # the width of a square seen from the edge
+    share[edge] = np.clip(0.5 + inside / (gx + gy), 0.0, 1.0)  # the width of a square seen from the edge
     return share
 
 
@@ -195,49 +202,6 @@ class _Mirrored:
     @property
     def rotation(self) -> Array:
         return np.asarray(self.pose.rotation * [-1.0, 1.0, 1.0])
-
-
-def _background(camera: Camera, world: World, rng: np.random.Generator) -> Single:
-    """Before light and optics, (height FINE, width FINE)."""
-    height, width = camera.height * FINE, camera.width * FINE
-    grey = np.full((height, width), world.dark, dtype=np.float32)
-    top = world.bright
-    if world.background == "discs":
-        for _ in range(world.amount):
-            place = (int(rng.integers(width)), int(rng.integers(height)))
-            cv2.circle(grey, place, int(FINE * rng.uniform(5.0, 9.0)), top, -1)
-    elif world.background == "checkerboard":
-        side = int(FINE * rng.uniform(18.0, 30.0))
-        odd = (np.arange(height)[:, None] // side + np.arange(width) // side) % 2
-        grey += (top - world.dark) * odd.astype(np.float32)
-    elif world.background == "text":
-        letters = np.zeros((height, width), dtype=np.uint8)
-        for row in range(0, height, 22 * FINE):
-            words = "".join(rng.choice(list("abcdefgo089 OQ.:;%&  "), width // 40))
-            cv2.putText(letters, words, (0, row), cv2.FONT_HERSHEY_SIMPLEX, 0.5 * FINE, 255, FINE)
-        grey += (top - world.dark) / 255.0 * letters.astype(np.float32)
-    elif world.background == "texture":
-        for _ in range(world.amount):
-            place = (int(rng.integers(width)), int(rng.integers(height)))
-            cv2.circle(grey, place, int(FINE * rng.uniform(1.5, 2.3)), top, -1)
-    elif world.background == "photograph":
-        grey = _like_a_photograph(height, width, world, rng)
-    return np.asarray(grey * np.float32(world.level), dtype=np.float32)
-
-
-def _like_a_photograph(height: int, width: int, world: World, rng: np.random.Generator) -> Single:
-    """Detail of all sizes (amplitudes fall with the frequency), and things with edges."""
-    y, x = np.fft.fftfreq(height // 4)[:, None], np.fft.rfftfreq(width // 4)
-    amplitude = 1.0 / np.maximum(np.hypot(x, y), 1.0 / width)
-    field = np.fft.irfft2(amplitude * np.exp(2j * np.pi * rng.random(amplitude.shape)), (height // 4, width // 4))
-    field = (field - field.mean()) / field.std()
-    small = (0.5 * (world.dark + world.bright) + 0.25 * (world.bright - world.dark) * field).astype(np.float32)
-    grey: Single = np.clip(cv2.resize(small, (width, height), interpolation=cv2.INTER_CUBIC), 5.0, 250.0)
-    for _ in range(60):
-        corner = rng.uniform([0.0, 0.0], [width, height])
-        shape = corner + rng.normal(0.0, FINE * rng.uniform(5.0, 60.0), (int(rng.integers(3, 7)), 2))
-        cv2.fillPoly(grey, [shape.astype(np.int32)], float(rng.uniform(world.dark, world.bright)))
-    return grey
 
 
 def _cover(grey: Single, target: Target, camera: Camera, pose: Pose, world: World, rng: np.random.Generator) -> None:
@@ -297,7 +261,7 @@ def _exposed(grey: Any, world: World, rng: np.random.Generator) -> npt.NDArray[n
     grey = grey + np.sqrt(variance) * rng.standard_normal(grey.shape)
     if world.gamma != 1.0:
         grey = 255.0 * (np.clip(grey, 0.0, 255.0) / 255.0) ** (1.0 / world.gamma)
-    image = np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+    image: npt.NDArray[np.uint8] = np.clip(np.rint(grey), 0, 255).astype(np.uint8)
     if world.jpeg:
         coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, world.jpeg])[1]
         image = np.asarray(cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
