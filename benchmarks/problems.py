@@ -17,16 +17,14 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 import cpcal
 from cpcal.calibration import least_squares
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
-
-Floats = npt.NDArray[np.float64]
 
 SEED = 1
 POSES = 64

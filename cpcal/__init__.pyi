@@ -1,7 +1,7 @@
 from .certify import PointResult, certify, certify_point, compare, compare_networks
 from .errors import CpcalError, InputError, ModelError, PluginError
 from .files import load_campaign, save_campaign
-from .legs import LegModel, Measured, Parameter, register_model
+from .legs import LegModel, Measured, Parameter
 from .results import (
     Comparison,
     LegResult,
@@ -61,7 +61,6 @@ __all__ = [
     "maximum",
     "minimum",
     "norm",
-    "register_model",
     "save_campaign",
     "save_comparison",
     "save_result",

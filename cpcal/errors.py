@@ -9,8 +9,10 @@ from dataclasses import dataclass
 
 
 def printable(text: str | os.PathLike[str]) -> str:
-    """The text, or a path, on one line: what is not printable becomes an escape, so that a name can forge no line and
-    command no terminal."""
+    """The text, or a path, on one line: what is not printable becomes an escape.
+
+    A name can then forge no line of output and command no terminal.
+    """
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in os.fspath(text))
 
 

@@ -9,8 +9,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from cpcal.cli.status import STATUS_HELP, VERIFY_STATUS_HELP, Status
-from cpcal.errors import CpcalError
-from cpcal.report.numbers import clean
+from cpcal.errors import CpcalError, printable
 from cpcal.version import __version__
 
 
@@ -56,7 +55,8 @@ class _Verbs(TyperGroup):
         try:
             return super().invoke(ctx)
         except CpcalError as error:
-            typer.echo(f"cpcal: {clean(str(error))}", err=True)
+            lines = [printable(line) for line in str(error).split("\n")]
+            typer.echo("cpcal: " + "\n".join(lines), err=True)
             raise typer.Exit(Status.UNUSABLE) from None
         except KeyboardInterrupt:
             typer.echo("cpcal: interrupted", err=True)

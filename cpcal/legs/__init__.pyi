@@ -4,6 +4,9 @@ from .equation import (
     leg_network,
     residuals,
 )
+from .known import (
+    leg_model,
+)
 from .leg_statement import (
     leg_statement,
     model_statement,
@@ -22,9 +25,6 @@ from .models import (
     Parameter,
     built_in,
     half_width_problems,
-    known_models,
-    leg_model,
-    register_model,
 )
 
 __all__ = [
@@ -38,7 +38,6 @@ __all__ = [
     "exactly_read",
     "fit_model",
     "half_width_problems",
-    "known_models",
     "leg_box",
     "leg_model",
     "leg_network",
@@ -46,6 +45,5 @@ __all__ = [
     "model_residuals",
     "model_statement",
     "reading_sensitivities",
-    "register_model",
     "residuals",
 ]

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.legs import PARAMETERS, PLAIN, model_residuals
+from cpcal.errors import InputError, PluginError
+from cpcal.legs import PARAMETERS, PLAIN, LegModel, model_residuals
+from cpcal.numbers import about, bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.report.assumptions import assumptions
 from cpcal.report.bars import Enclosure, enclosure_svg
 from cpcal.report.match import check_match
-from cpcal.report.numbers import bracket_text, nearest, rounded_down, rounded_up
 from cpcal.report.origin import command, versions
 from cpcal.report.pairs import pairs
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
@@ -31,42 +32,49 @@ _DECIMALS = 6  # of parameters, mm
 _MOST_NAMES = 120  # measurement ids listed for a leg
 
 
-def write_report(campaign: Campaign, result: Result, folder: str | os.PathLike[str]) -> Path:
+def write_report(
+    campaign: Campaign, result: Result, folder: str | os.PathLike[str], model: LegModel | None = None
+) -> Path:
     """`write_page` to `report.html` in `folder`, made if missing; its path."""
-    return write_page(campaign, result, Path(folder) / REPORT_NAME)
+    return write_page(campaign, result, Path(folder) / REPORT_NAME, model)
 
 
-def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str]) -> Path:
+def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str], model: LegModel | None = None) -> Path:
     """Write the page to `file`, all or nothing, in a folder that is made if missing; its path.
 
     The same campaign and result give the same bytes. Bounds are printed rounded to the side on which they
     stay proved; every answer is for SOME reading in the set of each measurement. Raises InputError when the
-    result is of another campaign, OSError when the file cannot be written.
+    result is of another campaign, OSError when the file cannot be written. `model`: the result's leg model, where no
+    installed package provides it; without it the page says which figures it lacks.
     """
-    return written(render(campaign, result), file)
+    return written(render(campaign, result, model=model), file)
 
 
-def render(campaign: Campaign, result: Result, study: dict[str, Any] | None = None) -> str:
+def render(
+    campaign: Campaign, result: Result, study: dict[str, Any] | None = None, model: LegModel | None = None
+) -> str:
     """The page as text; `study` is what study.html.j2 shows before the legs (see `cpcal.report.study`).
 
     Raises InputError when the result is of another campaign, or garbled.
     """
     check_match(campaign, result)
-    return rendered("report.html.j2", {"study": study, **_context(campaign, result)})
+    return rendered("report.html.j2", {"study": study, **_context(campaign, result, model)})
 
 
-def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
+def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict[str, Any]:
     table = result_table(result)
+    model, lacking = _known(result, model)
     return {
         "robot": campaign.robot.name,
         "count": len(campaign),
         "result": result,
-        "asked": None if result.eps is None else repr(float(result.eps)),
+        "asked": None if result.eps is None else stated(result.eps),
         "interrupted": missing_legs(result, campaign.legs),
         "table": table,
-        "legs": [_leg(campaign, result, leg) for leg in result.legs],
+        "legs": [_leg(campaign, result, leg, model) for leg in result.legs],
         "quantifier": QUANTIFIER,
         "longer": LONGER,
+        "lacking": lacking,
         "plain": result.model.name == PLAIN.name,
         "assumptions": assumptions(campaign, result),
         "provenance": campaign.provenance,
@@ -75,30 +83,43 @@ def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
     }
 
 
-def _leg(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
+def _known(result: Result, model: LegModel | None) -> tuple[LegModel | None, str | None]:
+    """The leg model; or None and, for the page, why the residuals cannot be drawn. Raises InputError for another one
+    that is given."""
+    try:
+        return model_of(result, model), None
+    except (InputError, PluginError):
+        if model is not None:
+            raise
+        why = f"the leg model {result.model.name!r} is not known here"
+        return None, f"{why}; install the package that provides it and write the page again with `cpcal report`"
+
+
+def _leg(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | None) -> dict[str, Any]:
     names = leg.support[:_MOST_NAMES]
     return {
         "number": leg.leg,
         "verdict": leg.verdict.value,
         "sentence": leg_sentence(result, leg),
         "center": center_sentence(result, leg),
-        "trials": [_trial(trial) for trial in leg.trials],
+        "trials": [_trial(leg, trial) for trial in leg.trials],
         "parameters": _parameters(result, leg),
         "bars": _bars(campaign, result, leg),
         "proved_point": leg.point is not None,
         "empty": leg.enclosure.is_empty,
         "support": names,
         "more_support": len(leg.support) - len(names),
-        "figure": _figure(campaign, result, leg),
+        "figure": _figure(campaign, leg, model),
         "pairs": pairs(campaign, result, leg),
     }
 
 
-def _trial(trial: Trial) -> tuple[str, ...]:
-    """A row of the table of the solver's calls."""
-    lo, hi = bracket_text(trial.lo, trial.hi)
+def _trial(leg: LegResult, trial: Trial) -> tuple[str, ...]:
+    """A row of the table of the solver's calls; its bounds have the digits of the leg's own, which end the table."""
+    asked, lo = (bracket_text(value, leg.eps_hi)[0] for value in (trial.eps, trial.lo))
+    hi = bracket_text(leg.eps_lo, trial.hi)[1]
     answer = trial.answer.value if trial.checked or trial.answer is not Answer.INFEASIBLE else "infeasible, unchecked"
-    return (bracket_text(trial.eps, trial.eps)[0], f"{trial.delay:g}", answer, lo, hi, str(trial.nodes))
+    return (asked, about(trial.delay), answer, lo, hi, str(trial.nodes))
 
 
 def _parameters(result: Result, leg: LegResult) -> list[tuple[str, ...]]:
@@ -132,9 +153,8 @@ def _bars(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
     }
 
 
-def _figure(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] | None:
+def _figure(campaign: Campaign, leg: LegResult, model: LegModel | None) -> dict[str, Any] | None:
     """The plot of the proved point's residuals and what its caption says; None without such a point, or model."""
-    model = model_of(result)
     if leg.point is None or not np.isfinite(leg.eps_hi) or model is None:
         return None
     residual = model_residuals(campaign, leg.leg, leg.point, model)

@@ -1,4 +1,4 @@
-"""Legs, kinematics, pose and rotation, campaign and study files, simulated campaigns and studies."""
+"""Values: robot, pose, rotation, kinematics, campaign, study."""
 
 import lazy_loader
 

@@ -49,11 +49,13 @@ from .study import (
     Truth,
 )
 from .uncertainty import (
+    EXACT_OR_NOT,
     Uncertainty,
 )
 
 __all__ = [
     "DELTALAB",
+    "EXACT_OR_NOT",
     "ROBOTS",
     "Campaign",
     "ForwardPoses",

@@ -35,17 +35,18 @@ def found(group: str = GROUP) -> dict[str, EntryPoint]:
 
 def load(name: str) -> ContractorFactory:
     """The factory registered under `name`. Raises PluginError, listing those found, for an unknown one."""
-    factory: ContractorFactory = _loaded("contractor", name, GROUP)
+    factory: ContractorFactory = load_member("contractor", name, GROUP)
     return factory
 
 
 def load_strategy(name: str, ours: Iterable[str] = ()) -> StrategyFactory:
     """The strategy registered under `name`. Raises PluginError for an unknown one, listing them and those of `ours`."""
-    factory: StrategyFactory = _loaded("strategy", name, STRATEGY_GROUP, ours)
+    factory: StrategyFactory = load_member("strategy", name, STRATEGY_GROUP, ours)
     return factory
 
 
-def _loaded(what: str, name: str, group: str, ours: Iterable[str] = ()) -> Any:
+def load_member(what: str, name: str, group: str, ours: Iterable[str] = ()) -> Any:
+    """What is registered under `name` in a group; `what` it is, for messages. Raises PluginError, as `load`."""
     points = found(group)
     if name not in points:
         raise PluginError(
@@ -60,11 +61,15 @@ def _loaded(what: str, name: str, group: str, ours: Iterable[str] = ()) -> Any:
 
 def check_names(names: Sequence[str | Contractor]) -> None:
     """Raises PluginError where there is no name, or no such contractor."""
+    if isinstance(names, str) or not isinstance(names, (Sequence, type(None))):
+        raise PluginError(f"contractors={names!r} is no list: write contractors=[{names!r}]")
     if not names:
         raise PluginError(f"name at least one contractor; found: {', '.join(found()) or 'none'}")
     for name in names:
         if isinstance(name, str):
             load(name)
+        elif not hasattr(name, "contract"):
+            raise PluginError(f"{name!r} is no contractor: give its name or an object with contract(box)")
 
 
 def build_each(

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem, Problems
 from cpcal.files.campaign_writer import matrix, provenance_lines, quoted, vector, write_file
-from cpcal.robot.robot import frozen_array
+from cpcal.values import frozen_array
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.files.plausible_camera import implausible
-from cpcal.vision.files.sections import SectionReader, opened
+from cpcal.vision.files.sections import TomlReader, opened
 
 Array = npt.NDArray[np.float64]
 
@@ -105,7 +105,7 @@ def camera_bytes(record: CameraRecord | Camera) -> bytes:
     return ("\n".join([*lines, *provenance_lines(record.provenance)]) + "\n").encode()
 
 
-def _record(reader: SectionReader) -> CameraRecord | None:
+def _record(reader: TomlReader) -> CameraRecord | None:
     provenance = reader.provenance()
     covariance, rms = _calibration(reader)
     table = reader.required("camera", _KEYS)
@@ -125,7 +125,7 @@ def _record(reader: SectionReader) -> CameraRecord | None:
     return None if reader.problems.listed else CameraRecord(camera, covariance, rms, provenance)
 
 
-def _calibration(reader: SectionReader) -> tuple[Array | None, float | None]:
+def _calibration(reader: TomlReader) -> tuple[Array | None, float | None]:
     table = reader.section("calibration")
     if table is None:
         return None, None

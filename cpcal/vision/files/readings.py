@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem, Problems
+from cpcal.files.documents import open_regular
 from cpcal.files.table import read_table
 from cpcal.robot import PoseTable
 
@@ -34,10 +35,8 @@ def readings_bytes(readings: Readings) -> bytes:
 def load_readings(path: Path) -> Readings:
     """The table in a file. Raises InputError with every problem."""
     problems = Problems()
-    if path.exists() and not path.is_file():  # a pipe would wait for ever, a device would never end
-        raise InputError([Problem(str(path), "is no regular file", "give a table pose,run,L1,...,Ln in mm")])
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             table = read_table(
                 file, str(path), None, problems, lambda _: None, required=_columns, optional=lambda _: []
             )
