@@ -12,7 +12,7 @@ import typer
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
 from cpcal.cli.run import certified_into, status_of
-from cpcal.files import load_campaign
+from cpcal.cli.suspected import read_campaign
 from cpcal.files.run_folder import RUN
 
 
@@ -110,7 +110,7 @@ def certify(
     """
     given = options.given()
     check_target(run, RUN, campaign)
-    result = certified_into(run, load_campaign(campaign), given, as_json=as_json)
+    result = certified_into(run, read_campaign(campaign), given, as_json=as_json)
     raise typer.Exit(status_of(result))
 
 

@@ -18,11 +18,11 @@ from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
 from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
-from cpcal.errors import InputError
-from cpcal.files import load_campaign
+from cpcal.cli.suspected import read_campaign
+from cpcal.errors import InputError, printable
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
-from cpcal.report import clean
+from cpcal.numbers import nearest
 from cpcal.report.comparison import (
     COMPARISON_PAGE,
     comparison_header,
@@ -74,7 +74,7 @@ def compare_models(
     """
     legs = None if options.legs is None else numbers_of(options.legs)
     check_target(folder, FOLDER, campaign)
-    found, failure = _written(load_campaign(campaign), options, legs, folder, quiet=as_json)
+    found, failure = _written(read_campaign(campaign), options, legs, folder, quiet=as_json)
     if as_json:
         typer.echo(comparison_text(found), nl=False)
     else:
@@ -104,7 +104,7 @@ def _written(
 
     def tell(entry: Entry) -> None:
         if errors.is_terminal and not quiet:
-            errors.print(f"{entry.subject}, {entry.model}: {entry.seconds:.1f} s")
+            errors.print(f"{entry.subject}, {entry.model}: {nearest(entry.seconds, 1)} s")
 
     found: Comparison | None = None
     try:
@@ -123,7 +123,7 @@ def _show(found: Comparison) -> None:
     console = terminal()
     console.print(_table(found))
     for sentence in comparison_sentences(found):
-        console.print(clean(sentence), soft_wrap=not console.is_terminal)
+        console.print(printable(sentence), soft_wrap=not console.is_terminal)
     console.print(Text(said(found), style="italic"), soft_wrap=not console.is_terminal)
 
 
@@ -133,7 +133,7 @@ def _table(found: Comparison) -> Table:
     for k, name in enumerate(comparison_header(found)):
         table.add_column(name, justify="right" if k in (2, 3) else "left", overflow="fold")
     for entry in found.entries:
-        cells = [Text(clean(cell)) for cell in comparison_row(found, entry)]
+        cells = [Text(printable(cell)) for cell in comparison_row(found, entry)]
         if found.tolerance is not None:
             cells[4].stylize(_STYLES[entry.verdict(found.tolerance)])
         if len(entry.enclosure.names) > 8:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.numbers import at_least, gap_text
 from cpcal.solver.contract import Contractor, Limits, Strategy, Verdict
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.network import ConstraintNetwork
@@ -143,17 +144,20 @@ def _status(last: Bracket, bounding: Bounding, undecided: int) -> tuple[Verdict,
         return Verdict.UNKNOWN, "No point was proved to satisfy the constraints; the lower bound is proved."
     if last.hi == bounding.domain.lo[bounding.objective]:
         return Verdict.PROVED, "The smallest value that the domain allows is attained: proved."
-    gap = last.hi - last.lo
+    gap, printed = last.hi - last.lo, gap_text(last.lo, last.hi)
     if gap <= max(bounding.limits.gap * abs(last.hi), bounding.limits.gap_absolute):
         return Verdict.PROVED, "Both bounds are proved and the gap is closed."
     if not undecided and gap <= bounding.floor:
+        floor = at_least(bounding.floor, 2)
         return (
             Verdict.PROVED,
-            f"Both bounds are proved; the gap of {gap:.1e} is below the second-order effect of the readings, "
-            f"{bounding.floor:.1e}.",
+            f"Both bounds are proved; the gap of {printed} is below the second-order effect of the readings, {floor}.",
         )
     if not undecided:
-        return Verdict.UNKNOWN, f"Both bounds are proved; the contractors cannot close the gap of {gap:.1e}."
+        return (
+            Verdict.UNKNOWN,
+            f"Both bounds are proved; the contractors cannot close the gap of {printed}.",
+        )
     return (
         Verdict.UNKNOWN,
         f"Stopped at a limit with {undecided} undecided boxes; both bounds are proved, the gap is open.",
