@@ -14,6 +14,7 @@ from typing import Any, get_args, get_type_hints
 
 from cpcal.calibration.record import CalibrationRecord, Parameters
 from cpcal.errors import InputError, Problem
+from cpcal.files.documents import json_object
 
 FORMAT = "cpcal-calibration/1"
 RECORD_NAME = "calibration.json"
@@ -35,14 +36,8 @@ def save_record(record: CalibrationRecord, folder: str | os.PathLike[str]) -> Pa
 def load_record(folder: str | os.PathLike[str]) -> CalibrationRecord:
     """Read `calibration.json` in `folder`. Raises InputError."""
     path = Path(folder) / RECORD_NAME
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        remedy = "name a folder that cpcal calibrate wrote"
-        raise InputError([Problem(str(path), f"cannot be read: {error}", remedy)]) from None
-    except json.JSONDecodeError as error:
-        raise InputError([Problem(str(path), f"is not JSON: {error.msg}", _REMEDY, error.lineno)]) from None
-    if not isinstance(data, dict) or data.pop("format", None) != FORMAT:
+    data = json_object(path, "name a folder that cpcal calibrate wrote", _REMEDY)
+    if data.pop("format", None) != FORMAT:
         raise InputError([Problem(str(path), f"is not of format {FORMAT}", _REMEDY)])
     try:
         record = _decoded(CalibrationRecord, data, "it")
