@@ -27,7 +27,8 @@ def assumptions(campaign: Campaign, result: Result) -> list[tuple[str, str]]:
         (
             "Parameters",
             f"Each of the seven parameters (a, b, l) of a leg is looked for within "
-            f"±{stated(result.options.delta)} mm of {_CENTERS.get(result.options.center, 'the center listed with it')}{_extra(result)}. "
+            f"±{stated(result.options.delta)} mm of "
+            f"{_CENTERS.get(result.options.center, 'the center listed with it')}{_extra(result)}. "
             "Nothing is said of parameters outside this box.",
         ),
         (
