@@ -86,6 +86,6 @@ def test_values_do_not_hold_on_to_the_callers_arrays():
 def test_values_of_other_kinds_and_other_contents_differ():
     assert CAMPAIGN != STUDY
     assert CAMPAIGN.robot != dataclasses.replace(CAMPAIGN.robot, offset=CAMPAIGN.robot.offset + 1)
-    assert STUDY != dataclasses.replace(STUDY, truth=None)
+    assert dataclasses.replace(STUDY, truth=None) != STUDY
     turned = dataclasses.replace(STUDY.truth, camera=STUDY.truth.target)
     assert turned != STUDY.truth
