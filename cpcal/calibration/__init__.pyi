@@ -69,7 +69,6 @@ from .tolerance import (
     half_widths,
     readings_needed,
     tolerance_half_width,
-    tolerance_interval,
 )
 from .validation import (
     ErrorSummary,
@@ -126,6 +125,5 @@ __all__ = [
     "screen",
     "select_poses",
     "tolerance_half_width",
-    "tolerance_interval",
     "validate",
 ]

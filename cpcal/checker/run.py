@@ -16,7 +16,7 @@ from .refusal import Refused, Unusable
 from .strict import WORK, opened, parsed, shown
 
 RESULT_NAME = "result.json"
-RESULT_FORMAT = "cpcal-result/1"
+RESULT_FORMAT = "cpcal-result/2"
 _LARGEST = 16 << 20  # bytes
 _CERTIFICATE = re.compile(r"[A-Za-z0-9_.-]{1,200}\.cert\.jsonl")
 _PARAMETERS = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
@@ -69,8 +69,6 @@ class _Run:
         _same("campaign SHA-256", stated["sha256"], campaign.sha256)
         _same("number of measurements", stated["measurements"], len(campaign))
         _same("name of the robot", stated["robot"], campaign.robot)
-        extra = [p["name"] for p in self._extra]
-        _same("parameters", self.result["box"]["parameters"], [*_PARAMETERS, *extra])
         legs: list[dict[str, Any]] = self.result["legs"]
         numbers = [leg["leg"] for leg in legs]
         if any(type(n) is not int or not 1 <= n <= campaign.legs for n in numbers) or len(set(numbers)) < len(numbers):
@@ -83,11 +81,11 @@ class _Run:
 
     @property
     def _model(self) -> str:
-        return str(self.result["model"]["name"]) if "model" in self.result else "plain"
+        return str(self.result["model"]["name"])
 
     @property
     def _extra(self) -> list[Any]:
-        return list(self.result["model"]["parameters"]) if "model" in self.result else []
+        return list(self.result["model"]["parameters"])
 
     def _support(self, leg: dict[str, Any]) -> Path:
         return self.folder / f"leg{leg['leg']}.support.cert.jsonl"
@@ -127,7 +125,7 @@ class _Run:
         model, count = self._model, len(self.campaign)
         if model not in EXTRA:  # one of the user's own: the certificate states its constraints
             _same("problem", accepted.about, f"leg {leg}, model {model}, campaign {self.campaign.sha256}")
-            _same("unknowns", list(accepted.unknowns), [*self.result["box"]["parameters"], "eps"])
+            _same("unknowns", list(accepted.unknowns), [*_PARAMETERS, *(p["name"] for p in self._extra), "eps"])
             return
         _same("leg of the certificate", accepted.leg, leg)
         _same("model", accepted.model, model)
@@ -136,7 +134,7 @@ class _Run:
 
     def _box(self, accepted: Accepted, leg: dict[str, Any]) -> None:
         """The certificate's box is the one that the result states, rounded outward."""
-        delta, asked = _exact(self.result["box"]["delta"]), self.result["question"]["eps"]
+        delta, asked = _exact(self.result["options"]["delta"]), self.result["options"]["eps"]
         centers = [_exact(v) for v in leg["center"]]
         _same("size of the center", len(centers), len(accepted.lo) - 1)
         ranges = [(c - delta, c + delta) for c in centers[:7]]
@@ -149,7 +147,7 @@ class _Run:
             raise ValueError("states another eps than the certificate was asked about")
 
     def _claims(self, accepted: Accepted, leg: dict[str, Any]) -> None:
-        claims, asked = accepted.claims, self.result["question"]["eps"]
+        claims, asked = accepted.claims, self.result["options"]["eps"]
         at = None if claims.point is None or claims.point.holds != accepted.chosen else claims.point.at
         if at is not None and any(not a <= v <= b for a, v, b in zip(accepted.lo[:-1], at, accepted.hi, strict=False)):
             at = None
@@ -162,7 +160,9 @@ class _Run:
         _same("eps_lo", leg["eps_lo"], "inf" if refuted else lo)
         _same("eps_hi", leg["eps_hi"], "inf" if at is None else at[-1])
         _same("point", leg["point"] and [_exact(v) for v in leg["point"]], at and list(at[:-1]))
-        hull = leg["enclosure"] and [[_exact(v) for v in leg["enclosure"][side]] for side in ("lo", "hi")]
+        box = leg["enclosure"]
+        _same("names", box["names"], [*_PARAMETERS, *(p["name"] for p in self._extra)])
+        hull = None if box["lo"] is None else [[_exact(v) for v in box[side]] for side in ("lo", "hi")]
         _same("enclosure", hull, claims.enclosure and [list(side[:-1]) for side in claims.enclosure])
         if (leg["status"] == "refuted") != refuted or (leg["status"] == "proved" and at is None):
             raise ValueError("states another verdict than is proved")

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from cpcal.atomic import write_file
 from cpcal.errors import InputError, Problem
-from cpcal.files.campaign_writer import CSV_NAME, TOML_NAME, csv_bytes, toml_bytes, write_file
+from cpcal.files.campaign_writer import CSV_NAME, TOML_NAME, csv_bytes, toml_bytes
 from cpcal.robot import Campaign, Robot
 from cpcal.robot.model_choice import ModelChoice
 from cpcal.robot.uncertainty import Uncertainty
