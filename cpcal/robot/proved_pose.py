@@ -24,6 +24,7 @@ from cpcal.solver.arrays import Floats
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr
+from cpcal.solver.network.expression import as_expr
 
 LEGS = 6  # as many equations as unknowns: what the Newton test needs
 
@@ -96,8 +97,8 @@ def _turned(q: Expr, points: Floats) -> Expr:
     """R(q) b, rational and so enclosed, for points (n, 3)."""
     rows, norm_squared = rotation_numerators(q[k] for k in range(4))
     axes = np.eye(3)
-    turned: Expr = sum(rows[i][j] * np.outer(points[:, j], axes[i]) for i in range(3) for j in range(3))
-    return turned / norm_squared
+    turned = sum(rows[i][j] * np.outer(points[:, j], axes[i]) for i in range(3) for j in range(3))
+    return as_expr(turned / norm_squared)
 
 
 def _cross(x: Expr, y: Expr | Floats) -> Expr:
