@@ -47,8 +47,8 @@ def _support(
 
     def alone(net: ConstraintNetwork) -> Minimum:
         """The lower bound by a part of the measurements."""
-        contractor, engine = question.contractor(net), question.engine
-        return run(minimize(net, "eps", contractor, engine=engine, limits=short, start=start, enclose=False), None)
+        named, engine = question.named(net), question.engine
+        return run(minimize(net, "eps", named, engine=engine, limits=short, start=start, enclose=False), None)
 
     few = find_support(network, "eps", found, gap, alone)
     if question.support == "irreducible" and few:

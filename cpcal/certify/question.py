@@ -45,15 +45,10 @@ class Question:
     model: LegModel = PLAIN
     prefix: str = ""  # of the certificates' names
 
-    def contractor(self, network: ConstraintNetwork) -> Contractor:
-        """The contractors asked for, one after the other."""
-        return self.composed(self.parts(network))
-
-    def composed(self, parts: Sequence[Contractor]) -> Contractor:
-        return plugins.composed(parts, self.contractors)
-
-    def parts(self, network: ConstraintNetwork) -> list[Contractor]:
-        return plugins.build_each(network, self.contractors, objective="eps", arithmetic=self.engine.name)
+    def named(self, network: ConstraintNetwork) -> list[tuple[str, Contractor]]:
+        """The contractors asked for, with their names."""
+        parts = plugins.build_each(network, self.contractors, objective="eps", arithmetic=self.engine.name)
+        return list(zip(self.contractors, parts, strict=True))
 
     def middle(self, leg: int) -> Floats:
         """All parameters of the model (n,); the extra ones are 0 but in the model's own fit."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,13 +12,25 @@ import numpy.typing as npt
 from cpcal.errors import ModelError
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
-from cpcal.solver.certificate.recording import Recording, certifying, claims_of
+from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
-from cpcal.solver.search import ORDERS, STRATEGIES, Event, Paving, Priority, Search, Solution, conclusion
+from cpcal.solver.search import (
+    ORDERS,
+    STRATEGIES,
+    Contracting,
+    Divide,
+    Event,
+    Paving,
+    Priority,
+    Search,
+    Solution,
+    StepProver,
+    conclusion,
+)
 
 __all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
 
@@ -62,14 +75,12 @@ class Network(ConstraintNetwork):
         """
         limits = limits or Limits()
         engine = get_arithmetic(arithmetic)
-        search = Search(
-            [self.domain],
+        process = Divide(
             plugins.build(self, contractors, arithmetic=arithmetic),
             _strategy(self, strategy, width, arithmetic),
-            _order(self, order),
             inside=Inside(self, engine) if inner else None,
-            outside=inner,
         )
+        search = Search([self.domain], process, _order(self, order), outside=inner)
         nodes = 0
         clock = limits.clock()
         try:
@@ -87,7 +98,7 @@ class Network(ConstraintNetwork):
         self,
         objective: Expr,
         *,
-        contractors: Sequence[str] = ("lifted",),
+        contractors: Sequence[str | Contractor] = ("lifted",),
         arithmetic: str = "float64",
         limits: Limits | None = None,
         start: npt.ArrayLike | None = None,
@@ -99,8 +110,9 @@ class Network(ConstraintNetwork):
         For another expression, add a variable t with `net.add(expr <= t)` and minimise t. `start` holds one value
         per component in the order of `names`. Raises ModelError for anything but a variable with a finite domain.
 
-        `certificate` names a file for the proof, which states the constraints exactly; then only contractors that give
-        weights take part (lifted), and constraints with readings or without polynomial form raise ModelError.
+        `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
+        certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
+        it is in `found`. Constraints with readings or without polynomial form raise ModelError.
         """
         name = self.component(objective)
         others = [
@@ -113,22 +125,25 @@ class Network(ConstraintNetwork):
             raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
         engine = get_arithmetic(arithmetic)
         parts = plugins.build_each(self, contractors, objective=name, arithmetic=arithmetic)
+        named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
         first = None if start is None else np.asarray(start, np.float64)
 
-        def bracketed(contractor: Contractor, observe: Callable[[Event], None] | None) -> Minimum:
+        def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
             asked = limits or Limits()
-            states = minimize(self, name, contractor, engine=engine, limits=asked, start=first, observe=observe)
+            states = minimize(
+                self, name, named, engine=engine, limits=asked, start=first, prover=prover, observe=observe
+            )
             return run(states, progress)
 
         if certificate is None:
-            return bracketed(plugins.composed(parts, contractors), None)
-        useful = certifying(parts)
-        if not useful:
-            raise ModelError(f"{', '.join(contractors)} give no weights: no certificate can be written; use lifted")
+            return bracketed(None, None)
+        if not Contracting(named).gives_weights:
+            given = ", ".join(called for called, _ in named)
+            raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
         with Recording(network_statement(self, name), self.domain) as recording:
-            found = bracketed(recording.contractor(useful), recording.event)
+            found = bracketed(recording.prover, recording.event)
             recording.write(certificate, claims_of(found, self.domain, name))
-        return found
+        return replace(found, contractors_used=recording.credited(found.contractors_used))
 
 
 def _strategy(network: ConstraintNetwork, strategy: str | Strategy, width: float, arithmetic: str) -> Strategy:
