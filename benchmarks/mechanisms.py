@@ -38,7 +38,7 @@ def campaign(study: Study) -> cpcal.Campaign:
     assert truth is not None
     poses = truth.mobile_in_base(table)
     return cpcal.Campaign.from_arrays(
-        study.robot, poses.position, poses.quaternion, table.length, pose=table.pose, run=table.run
+        study.robot, poses.position, poses.quaternion, table.length, pose=table.pose, run=table.run, exact=True
     )
 
 

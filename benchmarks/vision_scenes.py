@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import Camera
-from cpcal.vision.dot_model import predicted_centers
+from cpcal.vision.dot_model import centers_of, predicted_centers
 from cpcal.vision.target import Target
 
 Array = npt.NDArray[np.float64]
@@ -73,6 +73,5 @@ def _strewn(rng: np.random.Generator, target: Target, camera: Camera, pose: Pose
         others = np.concatenate([target.dots, np.array(places).reshape(-1, 2)])
         if np.linalg.norm(others - place, axis=1).min() > 1.5 * target.radius:
             places.append(place)
-    strewn = Target("false dots", np.array(places).reshape(-1, 2), target.radius, ())
-    centers = predicted_centers(strewn, camera, pose)
+    centers = centers_of(np.array(places).reshape(-1, 2), target.radius, camera, pose)
     return centers[(centers > 0.0).all(axis=1) & (centers < [camera.width, camera.height]).all(axis=1)]

@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+
+
+def printable(text: str | os.PathLike[str]) -> str:
+    """The text, or a path, on one line: what is not printable becomes an escape.
+
+    A name can then forge no line of output and command no terminal.
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in os.fspath(text))
 
 
 class CpcalError(Exception):
@@ -22,7 +31,7 @@ class Problem:
 
     def __str__(self) -> str:
         place = self.where if self.line is None else f"{self.where}:{self.line}"
-        return f"{place}: {self.what} -> {self.remedy}"
+        return printable(f"{place}: {self.what} -> {self.remedy}")
 
 
 class InputError(CpcalError):

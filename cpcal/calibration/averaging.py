@@ -97,6 +97,7 @@ def _kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
         campaign.length[rows],
         pose=[campaign.pose[k] for k in rows],
         run=[campaign.run[k] for k in rows],
+        exact=True,  # half-widths come from the scatter
     )
 
 

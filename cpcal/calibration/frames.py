@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.hand_eye import andreff, andreff_hand_eye, shah
+from cpcal.calibration.hand_eye_methods import andreff, andreff_hand_eye, shah
 from cpcal.calibration.pose_pairs import Pairs, Spreads, motion_spreads, pose_pairs, pose_spreads
 from cpcal.calibration.refine import Refined, refined, residuals
 from cpcal.errors import InputError, Problem

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from cpcal.calibration.equations import Floats
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Campaign, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.robot.robot import frozen_array
+from cpcal.values import frozen_array
 
 Integers = npt.NDArray[np.int64]
 

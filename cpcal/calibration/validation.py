@@ -16,7 +16,7 @@ import numpy.typing as npt
 from cpcal.calibration.equations import Floats
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Campaign, Pose, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.robot.robot import frozen_array
+from cpcal.values import frozen_array
 
 Flags = npt.NDArray[np.bool_]
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from cpcal.calibration.equations import Floats, LegEquations
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Campaign
-from cpcal.robot.robot import frozen_array
+from cpcal.values import frozen_array
 
 Weights = Literal["none", "legs", "joint"]
 

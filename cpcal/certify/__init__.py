@@ -1,19 +1,5 @@
 """The questions of an engineer, asked of the legs of a campaign."""
 
-from cpcal.certify.certify import certify
-from cpcal.certify.compare import COMPARED, compare
-from cpcal.certify.compare_networks import compare_networks
-from cpcal.certify.point import PointResult, certify_point
-from cpcal.certify.question import CENTERS, METHODS, SUPPORTS
+import lazy_loader
 
-__all__ = [
-    "CENTERS",
-    "COMPARED",
-    "METHODS",
-    "SUPPORTS",
-    "PointResult",
-    "certify",
-    "certify_point",
-    "compare",
-    "compare_networks",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

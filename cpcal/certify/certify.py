@@ -10,6 +10,7 @@ from cpcal.certify.leg import certify_leg
 from cpcal.certify.model import chosen_model
 from cpcal.certify.question import Progress, Question, check
 from cpcal.errors import InputError, Problem
+from cpcal.legs import LegModel
 from cpcal.results import LegResult, ModelNote, Result
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
@@ -33,7 +34,7 @@ def certify(
     method: str = "bound",
     certificates: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
-    model: str | None = None,
+    model: str | LegModel | None = None,
     half_widths: Mapping[str, float] | None = None,
 ) -> Result:
     """For every leg the smallest eps for which some x satisfies all N equations, bracketed by proofs.
@@ -51,8 +52,9 @@ def certify(
     `method` "bound" is branch and bound on eps; "timeout" is the script of the paper's section 5.2.1, which asks a
     solver made of the contractors for points at one eps after the other, and needs a `time_limit`.
 
-    `model` names the leg model: "plain", "gain", "linear", "lateral" or one that was registered (default: the
-    campaign's, else plain); its extra parameters range within `half_widths` of 0: those given by name, else its own.
+    `model` is the leg model: "plain", "gain", "linear", "lateral", the name of one that an installed package provides,
+    or a `LegModel` (default: the campaign's, else plain). Its extra parameters range within `half_widths` of 0: those
+    given by name, else its own.
 
     Ctrl-C ends it with what is proved so far. Raises InputError, PluginError.
     """

@@ -25,7 +25,7 @@ _CENTERS = ("plain", "nominal")  # the same for all models, whatever their own f
 
 def compare(
     campaign: Campaign,
-    models: Sequence[str] = COMPARED,
+    models: Sequence[str | LegModel] = COMPARED,
     *,
     tolerance: float | None = None,
     legs: Sequence[int] | None = None,
@@ -74,10 +74,11 @@ def compare(
 
 
 def _chosen(
-    campaign: Campaign, names: Sequence[str], half_widths: Mapping[str, Mapping[str, float]]
+    campaign: Campaign, models: Sequence[str | LegModel], half_widths: Mapping[str, Mapping[str, float]]
 ) -> tuple[list[LegModel], list[Problem]]:
     """The models, and everything that is wrong with them."""
     chosen, wrong = [], []
+    names = [model if isinstance(model, str) else model.name for model in models]
     if not names:
         wrong.append(Problem("models", "none is named", f"name some, such as {', '.join(COMPARED)}"))
     if len(set(names)) < len(names):
@@ -85,8 +86,8 @@ def _chosen(
     for name in half_widths:
         if name not in names:
             wrong.append(Problem("half_widths", f"{name!r} is not compared", f"models are {', '.join(names)}"))
-    for name in names:
-        model, problems = chosen_model(campaign, name, half_widths.get(name))
+    for name, asked in zip(names, models, strict=True):
+        model, problems = chosen_model(campaign, asked, half_widths.get(name))
         chosen.append(model)
         wrong += problems
     return chosen, wrong

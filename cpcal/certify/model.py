@@ -1,4 +1,4 @@
-"""The leg model of a question: by name, from the caller or from the campaign."""
+"""The leg model of a question: from the caller, by name or as an object, or from the campaign."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cpcal.robot import Campaign
 
 
 def chosen_model(
-    campaign: Campaign, model: str | None, half_widths: Mapping[str, float] | None
+    campaign: Campaign, model: str | LegModel | None, half_widths: Mapping[str, float] | None
 ) -> tuple[LegModel, list[Problem]]:
     """The model with its half-widths, and what is wrong with the choice; it is the plain one then.
 

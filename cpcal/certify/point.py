@@ -38,12 +38,12 @@ def certify_point(
     eps: float = 0.0,
     arithmetic: str = "float64",
     certificate: str | os.PathLike[str] | None = None,
-    model: str | None = None,
+    model: str | LegModel | None = None,
 ) -> PointResult:
     """For each measurement: does the point (ax, ay, az, bx, by, bz, l) in mm satisfy its equation to within `eps` mm?
 
     It does when THERE EXISTS a reading in the measurement's set with |g| <= eps; it fails when for no reading it does;
-    both are proved. `model` names the leg model, as in `certify` (default: the campaign's, else plain); its extra
+    both are proved. `model` is the leg model, as in `certify` (default: the campaign's, else plain); its extra
     parameters follow l in the point. `certificate` names a file for `cpcal verify`; what the exact check cannot repeat
     is then left out. Models of one's own have none.
     Raises InputError.

@@ -36,20 +36,23 @@ _SETTLED = 0.75  # another pass only while some width shrinks below this part of
 _DRAWN = (1e-9, 1e6)  # mm: a parameter known better, or worse, has no projection worth drawing
 
 
-def with_projections(campaign: Campaign, result: Result) -> Result:
-    """The result with `projections` for every leg that has a tolerance to draw them at; Ctrl-C ends it early."""
+def with_projections(campaign: Campaign, result: Result, model: LegModel | None = None) -> Result:
+    """The result with `projections` for every leg that has a tolerance to draw them at; Ctrl-C ends it early.
+
+    `model`: the leg model, where no installed package provides it. Raises InputError without it.
+    """
     if result.interrupted:
         return result
-    legs = list(result.legs)
+    legs, known = list(result.legs), model_of(result, model)
     try:
         for k, leg in enumerate(legs):
-            legs[k] = replace(leg, projections=projections(campaign, result, leg))
+            legs[k] = replace(leg, projections=projections(campaign, result, leg, known))
     except KeyboardInterrupt:
         return replace(result, legs=tuple(legs), interrupted=True)
     return replace(result, legs=tuple(legs))
 
 
-def projections(campaign: Campaign, result: Result, leg: LegResult) -> Projections | None:
+def projections(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> Projections | None:
     """Of all x within `result.delta` of the leg's center that satisfy its equations to within `projection_eps`.
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. None where there is no such tolerance or no x,
@@ -59,9 +62,7 @@ def projections(campaign: Campaign, result: Result, leg: LegResult) -> Projectio
     eps = projection_eps(result, leg)
     if eps is None:
         return None
-    engine, model = get_arithmetic(ARITHMETIC), model_of(result)
-    if model is None:
-        return None
+    engine = get_arithmetic(ARITHMETIC)
     box = leg_box(leg.center, result.delta, model)
     network = leg_network(campaign, leg.leg, box, engine=engine, eps=(eps, eps), model=model)
     for name in result.contractors:

@@ -33,7 +33,7 @@ class ExactCampaign:
         self.sha256 = hashlib.sha256(toml + b"\0" + table).hexdigest()
         self._leg, self._rows = leg, [row for row in rows if any(row.values())]
         self._rational = rational
-        self._radii = [self._exact(v) for v in _half_widths(settings.get("uncertainty"), leg)]
+        self._radii = [self._exact(v) for v in _half_widths(settings.get("uncertainty", {}), leg)]
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -69,9 +69,9 @@ def _overrides(leg: int) -> tuple[str, ...]:
     return ("dx", "dy", "dz", "drx", "dry", "drz", f"dL{leg}")
 
 
-def _half_widths(settings: Mapping[str, object] | None, leg: int) -> list[float]:
+def _half_widths(settings: Mapping[str, object], leg: int) -> list[float]:
     """p, r and lambda of all rows: float64 products `factor * sigma`, or what is given."""
-    if settings is None:
+    if settings == {"exact": True}:
         return [0.0] * 7
     try:
         sigma = "factor" in settings

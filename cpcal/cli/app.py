@@ -2,29 +2,55 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from importlib import import_module
+from typing import Annotated, Any, NamedTuple
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
-from cpcal.cli.calibrate import calibrate
-from cpcal.cli.certify import certify
-from cpcal.cli.compare import compare_models
-from cpcal.cli.demo.command import demo
-from cpcal.cli.detect import detect_poses
-from cpcal.cli.plugins import plugins
-from cpcal.cli.report import report
-from cpcal.cli.simulate import simulate
-from cpcal.cli.status import STATUS_HELP, Status
-from cpcal.cli.target import target
-from cpcal.cli.verify import VERIFY_STATUS_HELP, verify
+from cpcal.cli.status import STATUS_HELP, VERIFY_STATUS_HELP, Status
 from cpcal.errors import CpcalError
-from cpcal.report import clean
+from cpcal.report.numbers import clean
 from cpcal.version import __version__
 
 
+class Verb(NamedTuple):
+    """Where the function of a verb is."""
+
+    module: str
+    function: str
+    epilog: str | None = None
+
+
+VERBS = {
+    "certify": Verb("cpcal.cli.certify", "certify", STATUS_HELP),
+    "compare": Verb("cpcal.cli.compare", "compare_models", STATUS_HELP),
+    "simulate": Verb("cpcal.cli.simulate", "simulate"),
+    "target": Verb("cpcal.cli.target", "target"),
+    "detect": Verb("cpcal.cli.detect", "detect_poses"),
+    "calibrate": Verb("cpcal.cli.calibrate", "calibrate"),
+    "demo": Verb("cpcal.cli.demo.command", "demo", STATUS_HELP),
+    "report": Verb("cpcal.cli.report", "report"),
+    "plugins": Verb("cpcal.cli.plugins", "plugins"),
+    "verify": Verb("cpcal.cli.verify", "verify", VERIFY_STATUS_HELP),
+}
+
+
 class _Verbs(TyperGroup):
-    """Turns errors that a user can mend into one message and status 2, and Ctrl-C into status 130."""
+    """Imports a verb when it is asked for. Turns errors that a user can mend into one message and status 2, and Ctrl-C
+    into status 130."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = {name: TyperCommand(name) for name in VERBS}  # stand-ins: their names are all that is asked for
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in VERBS:
+            return None
+        verb = VERBS[cmd_name]
+        alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
+        alone.command(cmd_name, epilog=verb.epilog)(getattr(import_module(verb.module), verb.function))
+        return typer.main.get_command(alone)
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -61,18 +87,6 @@ def _cpcal(
     ] = False,
 ) -> None:
     """Certified calibration of parallel robots: how small the model error can be, proved from both sides."""
-
-
-app.command(epilog=STATUS_HELP)(certify)
-app.command("compare", epilog=STATUS_HELP)(compare_models)
-app.command()(simulate)
-app.command()(target)
-app.command("detect")(detect_poses)
-app.command()(calibrate)
-app.command(epilog=STATUS_HELP)(demo)
-app.command()(report)
-app.command()(plugins)
-app.command(epilog=VERIFY_STATUS_HELP)(verify)
 
 
 def main() -> None:

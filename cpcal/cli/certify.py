@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from cpcal.cli.folders import check_writable
-from cpcal.cli.run import Question, answer, publish
-from cpcal.cli.status import status_of
+from cpcal.cli.run import Question, answer, publish, status_of
 from cpcal.files import load_campaign
 
 

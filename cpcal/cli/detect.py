@@ -10,7 +10,7 @@ import typer
 
 from cpcal.cli.folders import check_writable, made
 from cpcal.cli.progress import bar
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, printable
 from cpcal.files.campaign_writer import write_file
 from cpcal.files.study_writer import table_bytes
 from cpcal.report import clean
@@ -62,7 +62,7 @@ def detect_poses(
         _calibrate(images, load_target(target), output, refine_dots)
         return
     plate, lens, known = _loaded(target, camera, readings)
-    source = ImageFolder(images)
+    source = ImageFolder(images, (lens.width, lens.height))
     made(output.absolute().parent)
     with bar("images") as progress:
         found = detect(
@@ -73,7 +73,7 @@ def detect_poses(
     if known is not None and table is not None:
         made(table.absolute().parent)
         write_file(table, table_bytes(study_table(found.rows, known)))
-        typer.echo(f"Table of a study: {table}")
+        typer.echo(f"Table of a study: {printable(table)}")
 
 
 def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, Camera, Readings | None]:
@@ -96,10 +96,12 @@ def show_detections(found: Detections, where: Path) -> None:
     poses = sum(row.found for row in found.rows)
     work = sum(seconds for stage, seconds in found.seconds.items() if stage != RenderedImages.stage)
     pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
-    typer.echo(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {where}")
+    typer.echo(
+        f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {printable(where)}"
+    )
     for reason, files in by_reason(found.rows).items():
         more = f" and {len(files) - _NAMED:,} more" if len(files) > _NAMED else ""
-        typer.echo(f"  {len(files):,} x {clean(reason)}: {clean(', '.join(files[:_NAMED]))}{more}")
+        typer.echo(f"  {len(files):,} x {printable(reason)}: {', '.join(map(printable, files[:_NAMED]))}{more}")
 
 
 def by_reason(rows: Sequence[Detection]) -> dict[str, list[str]]:
@@ -119,12 +121,12 @@ def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool) -> 
     typer.echo(clean(str(found)))
     for view in found.views:
         if not view.reason:
-            typer.echo(clean(f"  {view.name}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis"))
-    typer.echo(f"Camera: {output}")
+            typer.echo(f"  {printable(view.name)}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")
+    typer.echo(f"Camera: {printable(output)}")
     if refine_dots:
         refined = output.with_name("refined-target.toml")
         save_target(found.target, refined)
-        typer.echo(f"Target as it was seen: {refined}")
+        typer.echo(f"Target as it was seen: {printable(refined)}")
 
 
 def _check(

@@ -1,34 +1,43 @@
-"""`cpcal plugins`: the contractors found."""
+"""`cpcal plugins`: what other packages, and this one, provide by entry point."""
 
 from __future__ import annotations
 
-from importlib.metadata import EntryPoint
+from collections.abc import Callable
 
 from rich import box
 from rich.table import Table
 
 from cpcal.cli.show import terminal
-from cpcal.errors import PluginError
+from cpcal.errors import CpcalError
+from cpcal.legs import known, leg_model
 from cpcal.report import clean
 from cpcal.solver import plugins as registry
 
+_GROUPS: dict[str, tuple[str, Callable[[str], object]]] = {
+    registry.GROUP: ("contractor", registry.load),
+    registry.STRATEGY_GROUP: ("strategy", registry.load_strategy),
+    known.GROUP: ("leg model", leg_model),
+}
+
 
 def plugins() -> None:
-    """List the contractors found, whose they are, and whether they load."""
+    """List the contractors, search strategies and leg models found, whose they are, and whether they load."""
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
-    for name in ("contractor", "from", "package", "loads"):
-        table.add_column(name, overflow="fold")
-    for name, point in registry.found().items():
-        package = "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
-        table.add_row(clean(name), clean(point.value), clean(package), clean(_loads(name, point)))
+    for heading in ("name", "what", "from", "package", "loads"):
+        table.add_column(heading, overflow="fold")
+    for group, (what, load) in _GROUPS.items():
+        for name, point in registry.found(group).items():
+            package = "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+            row = (name, what, point.value, package, _loads(name, load))
+            table.add_row(*map(clean, row))
     console = terminal()
     console.print(table)
-    console.print(f"Found through the entry-point group {registry.GROUP}.", soft_wrap=True)
+    console.print(f"Found through the entry-point groups {', '.join(_GROUPS)}.", soft_wrap=True)
 
 
-def _loads(name: str, point: EntryPoint) -> str:
+def _loads(name: str, load: Callable[[str], object]) -> str:
     try:
-        registry.load(name)
-    except PluginError as error:
+        load(name)
+    except CpcalError as error:
         return str(error)
     return "yes"

@@ -15,9 +15,11 @@ from cpcal.certify.projections import with_projections
 from cpcal.cli.folders import unwritable
 from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result, terminal
+from cpcal.cli.status import Status
 from cpcal.report import REPORT_NAME, write_report
 from cpcal.results import Result, save_result
 from cpcal.robot import Campaign
+from cpcal.solver.contract import Verdict
 
 
 @dataclass(frozen=True)
@@ -88,3 +90,11 @@ def _write(campaign: Campaign, result: Result, run: Path) -> None:
     (run / REPORT_NAME).unlink(missing_ok=True)
     save_result(result, run)
     write_report(campaign, result, run)
+
+
+def status_of(result: Result) -> Status:
+    """The exit status that tells of a result."""
+    if result.interrupted:
+        return Status.INTERRUPTED
+    unknown = any(leg.verdict is Verdict.UNKNOWN for leg in result.legs)
+    return Status.UNKNOWN if unknown else Status.ANSWERED

@@ -1,11 +1,8 @@
-"""Exit statuses: what they mean and which one a result has."""
+"""Exit statuses: what they mean."""
 
 from __future__ import annotations
 
 from enum import IntEnum
-
-from cpcal.results import Result
-from cpcal.solver.contract import Verdict
 
 
 class Status(IntEnum):
@@ -21,10 +18,4 @@ STATUS_HELP = (
     "what was proved until then written and printed."
 )
 
-
-def status_of(result: Result) -> Status:
-    """The exit status that tells of a result."""
-    if result.interrupted:
-        return Status.INTERRUPTED
-    unknown = any(leg.verdict is Verdict.UNKNOWN for leg in result.legs)
-    return Status.UNKNOWN if unknown else Status.ANSWERED
+VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from cpcal.cli.folders import check_writable
-from cpcal.errors import InputError, Problem
-from cpcal.report import clean
+from cpcal.errors import InputError, Problem, printable
 from cpcal.vision.files.target_file import load_target, save_target
 from cpcal.vision.files.target_print import print_target
 from cpcal.vision.target import DELTALAB_TARGET
@@ -50,4 +49,4 @@ def target(
     else:
         print_target(plate, output)
     told = f"; separation of its diagonals {separation(plate).least:.3g}" if plate.lines else ""
-    typer.echo(f"{clean(plate.name)}: {len(plate.dots)} dots{told}: {output}")
+    typer.echo(f"{printable(plate.name)}: {len(plate.dots)} dots{told}: {printable(output)}")

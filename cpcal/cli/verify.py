@@ -17,8 +17,6 @@ from cpcal.cli.claims import sentences
 from cpcal.cli.report import beside
 from cpcal.errors import InputError, Problem
 
-VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."
-
 
 class Numbers(StrEnum):
     FRACTIONS = "fractions"

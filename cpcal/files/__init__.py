@@ -1,21 +1,5 @@
 """Readers and writers of campaigns and studies: TOML and CSV."""
 
-from cpcal.files.campaign_reader import (
-    load_campaign,
-)
-from cpcal.files.campaign_writer import (
-    save_campaign,
-)
-from cpcal.files.study_reader import (
-    load_study,
-)
-from cpcal.files.study_writer import (
-    save_study,
-)
+import lazy_loader
 
-__all__ = [
-    "load_campaign",
-    "load_study",
-    "save_campaign",
-    "save_study",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import Problem, Problems
-from cpcal.files.campaign_settings import SIZE_MAX, Settings, read_settings
+from cpcal.files.campaign_settings import Settings, read_settings
 from cpcal.files.campaign_writer import CSV_NAME, TOML_NAME, override_columns
+from cpcal.files.documents import open_regular, small_file, unreadable
 from cpcal.files.table import Table, read_table
 from cpcal.robot import Campaign
 
@@ -24,10 +25,10 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
 
     campaign.toml states the nominal robot and, in [uncertainty], half-widths: as `factor` times
     `position_sigma` (3, mm), `rotation_sigma` (3, rad) and `length_sigma` (n, mm), or directly as
-    `position_half_width`, `rotation_half_width` and `length_half_width`; without that section readings are
-    exact. [model] may name the leg model that is asked for, and `half_widths` of its extra parameters.
-    measurements.csv has the columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and any of
-    dx,dy,dz,drx,dry,drz,dL1..dLn, whose cells replace those half-widths where they are not empty.
+    `position_half_width`, `rotation_half_width` and `length_half_width`; or it says `exact = true` there. [model]
+    may name the leg model that is asked for, and `half_widths` of its extra parameters. measurements.csv has the
+    columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and any of dx,dy,dz,drx,dry,drz,dL1..dLn, whose cells
+    replace those half-widths where they are not empty.
 
     Raises one InputError that lists every problem of both files.
     """
@@ -55,34 +56,13 @@ def _settings(path: Path, problems: Problems, saw: Callable[[bytes], object]) ->
     return read_settings(content, str(path), problems)
 
 
-def small_file(path: Path, problems: Problems, absent: str) -> bytes | None:
-    """The bytes of a settings file, or None and a problem; `absent` is the remedy when there is no such file."""
-    try:
-        with path.open("rb") as file:
-            content = file.read(SIZE_MAX + 1)
-    except OSError as error:
-        problems.add(unreadable(path, error, absent))
-        return None
-    if len(content) > SIZE_MAX:
-        problems.add(Problem(str(path), f"is larger than {SIZE_MAX:,} bytes", "is this the right file?"))
-        return None
-    return content
-
-
 def _table(path: Path, settings: Settings, problems: Problems, saw: Callable[[bytes], object]) -> Table:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return read_table(file, str(path), settings.legs, problems, saw)
     except OSError as error:
         problems.add(unreadable(path, error, _ABSENT))
         return Table()
-
-
-def unreadable(path: Path, error: OSError, absent: str) -> Problem:
-    """What to say of a file that could not be opened."""
-    if isinstance(error, FileNotFoundError):
-        return Problem(str(path), "does not exist", absent)
-    return Problem(str(path), f"cannot be read: {error.strerror or error}", "give a file that can be read")
 
 
 def _assembled(settings: Settings, table: Table) -> Campaign:

@@ -9,7 +9,7 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,8 +44,7 @@ def campaign_digest(toml: bytes, table: bytes) -> str:
 def toml_bytes(campaign: Campaign) -> bytes:
     """The canonical campaign.toml; floats by repr, so that they are read back bit for bit."""
     lines = [f"format = {quoted(FORMAT)}", "", *robot_lines(campaign.robot)]
-    if campaign.uncertainty is not None:
-        lines += _uncertainty_lines(campaign.uncertainty)
+    lines += _uncertainty_lines(campaign.uncertainty)
     if campaign.model is not None:
         lines += _model_lines(campaign.model)
     lines += provenance_lines(campaign.provenance)
@@ -63,15 +62,17 @@ def robot_lines(robot: Robot) -> list[str]:
     ]
 
 
-def provenance_lines(provenance: dict[str, str]) -> list[str]:
+def provenance_lines(provenance: Mapping[str, str]) -> list[str]:
     """The section [provenance] and an empty line before it; nothing where there is none."""
     if not provenance:
         return []
     return ["", "[provenance]", *(f"{quoted(key)} = {quoted(text)}" for key, text in provenance.items())]
 
 
-def _uncertainty_lines(uncertainty: Uncertainty) -> list[str]:
+def _uncertainty_lines(uncertainty: Uncertainty | None) -> list[str]:
     lines = ["", "[uncertainty]"]
+    if uncertainty is None:
+        return [*lines, "exact = true"]
     suffix = "half_width"
     if uncertainty.factor is not None:
         lines.append(f"factor = {float(uncertainty.factor)!r}")

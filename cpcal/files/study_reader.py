@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.errors import Problem, Problems
-from cpcal.files.campaign_reader import small_file, unreadable
+from cpcal.files.documents import open_regular, small_file, unreadable
 from cpcal.files.study_settings import StudySettings, read_study_settings
 from cpcal.files.study_writer import CALIBRATION_NAME, STUDY_NAME, VALIDATION_NAME
 from cpcal.files.table import Table, read_table
@@ -46,7 +46,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
 
 def _table(path: Path, legs: int | None, problems: Problems) -> Table:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return read_table(file, str(path), legs, problems, lambda _: None, optional=lambda _: ["image"])
     except OSError as error:
         problems.add(unreadable(path, error, _ABSENT))

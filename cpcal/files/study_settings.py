@@ -9,16 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import Problems, shown
-from cpcal.files.campaign_settings import Reader, line_numbers, parsed
+from cpcal.files.campaign_settings import SettingsReader
 from cpcal.files.study_writer import STUDY_FORMAT
+from cpcal.files.toml_reader import Table
 from cpcal.robot import Mechanisms, Pose, Robot, Truth
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.mechanisms import FIELDS, wrong_value
 
 Array = npt.NDArray[np.float64]
-Table = dict[str, object]
 
-_SECTIONS = ("format", "robot", "provenance", "truth")
+_SECTIONS = ("robot", "provenance", "truth")
 _TRUTH_KEYS = ("seed", "parameters", "camera", "target", "mechanisms")
 
 
@@ -34,42 +34,37 @@ class StudySettings:
 
 def read_study_settings(content: bytes, where: str, problems: Problems) -> StudySettings:
     """The settings in the bytes of a study.toml called `where`; adds to `problems`."""
-    document = parsed(content, where, problems, STUDY_FORMAT)
-    if document is None:
+    reader = _StudyReader.of(content, where, STUDY_FORMAT, _SECTIONS, problems)
+    if reader is None:
         return StudySettings(None, None, None, {})
-    reader = _StudyReader(document, line_numbers(content.decode("utf-8-sig"), document), where, problems)
-    reader.known((), document, _SECTIONS)
-    reader.format(STUDY_FORMAT)
     robot, legs = reader.robot()
-    return StudySettings(robot, legs, reader.truth(robot, legs), reader.provenance())
+    return StudySettings(robot, legs, reader.true_values(robot, legs), reader.provenance())
 
 
-class _StudyReader(Reader):
-    def truth(self, robot: Robot | None, legs: int | None) -> Truth | None:
+class _StudyReader(SettingsReader):
+    def true_values(self, robot: Robot | None, legs: int | None) -> Truth | None:
         """The section [truth]; None where there is none, or a problem."""
         table = self.section("truth")
         if table is None:
             return None
         before = len(self.problems)
-        self.complete(("truth",), table, _TRUTH_KEYS)
+        self.whole_part(("truth",), table, _TRUTH_KEYS)
         seed = table.get("seed", 0)
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
             self.wrong(("truth", "seed"), f"seed is {shown(seed)}", "give a whole number from 0")
             seed = 0
-        parameters = self.rows(("truth", "parameters"), table, legs, 7, "ax, ay, az, bx, by, bz, l in mm")
+        meaning = "ax, ay, az, bx, by, bz, l in mm"
+        parameters = self.rows(("truth", "parameters"), table, 7, meaning, by_leg=True, legs=legs)
         camera, target = self.pose("camera", table), self.pose("target", table)
         mechanisms = self.mechanisms(table, legs)
         if len(self.problems) > before or robot is None or camera is None or target is None or mechanisms is None:
             return None
         return Truth(seed, Robot.from_parameters(robot.name, parameters), mechanisms, camera, target)
 
-    def complete(self, path: tuple[str, ...], table: Table, keys: tuple[str, ...]) -> None:
+    def whole_part(self, path: tuple[str, ...], table: Table, keys: tuple[str, ...]) -> None:
         """Take note of keys that mean nothing, and of those that are missing."""
         self.known(path, table, keys)
-        place = ".".join(path)
-        for key in keys:
-            if key not in table:
-                self.wrong(path, f"the key {key!r} is missing in [{place}]", f"add {key}, or take [truth] out")
+        self.complete(path, table, keys, "add {key}, or take [truth] out")
 
     def part(self, name: str, table: Table, keys: tuple[str, ...]) -> Table | None:
         """The section [truth.name]."""
@@ -79,7 +74,7 @@ class _StudyReader(Reader):
         if not isinstance(values, dict):
             self.wrong(("truth", name), f"{name!r} is not a section", f"write a section [truth.{name}]")
             return None
-        self.complete(("truth", name), values, keys)
+        self.whole_part(("truth", name), values, keys)
         return values
 
     def pose(self, name: str, table: Table) -> Pose | None:
@@ -114,28 +109,10 @@ class _StudyReader(Reader):
         elif width == 1:
             read = self.numbers(path, values, legs, "one for each leg", signed=True)
         else:
-            read = self.rows(path, values, legs, width, f"{width} numbers for each leg")
+            read = self.rows(path, values, width, f"{width} numbers for each leg", by_leg=True, legs=legs)
         if len(self.problems) > before:
             return np.zeros(0)
         array = np.array(read, dtype=np.float64)
         if (wrong := wrong_value(name, array)) is not None:
             self.wrong(path, f"{name} {wrong[0]}", wrong[1])
         return float(array) if width is None else array
-
-    def rows(
-        self, path: tuple[str, ...], table: Table, legs: int | None, width: int, meaning: str
-    ) -> list[list[float]]:
-        """One row of `width` numbers for each leg."""
-        name = path[-1]
-        if name not in table:
-            return []
-        values = table[name]
-        if not isinstance(values, list) or not values:
-            self.wrong(path, f"{name} is not a list of rows", f"give one row for each leg: {meaning}")
-            return []
-        if legs is not None and len(values) != legs:
-            self.wrong(path, f"{name} has {len(values)} rows for {legs} legs", f"give one row for each leg: {meaning}")
-        return [
-            self.checked(path, f"{name} of leg {i}", row, width, meaning, signed=True)
-            for i, row in enumerate(values, start=1)
-        ]

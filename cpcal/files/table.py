@@ -15,7 +15,9 @@ import numpy.typing as npt
 
 from cpcal.errors import Problem, Problems, shown
 from cpcal.files.campaign_writer import override_columns, reading_columns
-from cpcal.robot.campaign import IDENTIFIER_REMEDY, QUATERNION_TOLERANCE, is_identifier, quaternion_problem
+from cpcal.names import IDENTIFIER_REMEDY, is_identifier
+from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
+from cpcal.robot.robot import LARGEST
 
 BAD_ROWS_MAX = 1_000  # reading stops after so many
 LINE_MAX = 2**16  # bytes in a line
@@ -232,11 +234,14 @@ class _Rows:
             elif not optional:
                 self.wrong(line, f"{name} is empty", "give a number, or take the line out")
             return math.nan
-        if "_" in cell:
-            self.wrong(line, f"{name}: {shown(cell)} is not a number", "take the underscore out")
+        if "_" in cell or not cell.isascii():
+            remedy = "take the underscore out" if "_" in cell else "write it with the digits 0 to 9"
+            self.wrong(line, f"{name}: {shown(cell)} is not a number", remedy)
         elif not math.isfinite(value):
             self.wrong(line, f"{name} is {shown(cell)}", "give a finite number, or take the line out")
             return math.nan
+        elif abs(value) > LARGEST:
+            self.wrong(line, f"{name} is {shown(cell)}", f"give a number up to {LARGEST:g}, or take the line out")
         elif optional and value < 0:
             self.wrong(line, f"{name}: the half-width {shown(cell)} is negative", "give a number >= 0")
         return value

@@ -1,53 +1,5 @@
 """Leg models: the equation of a leg, its network, its fit and its statement for a certificate."""
 
-from cpcal.legs.equation import (
-    exactly_read,
-    leg_box,
-    leg_network,
-    residuals,
-)
-from cpcal.legs.leg_statement import (
-    leg_statement,
-    model_statement,
-)
-from cpcal.legs.model_fit import (
-    ModelResiduals,
-    fit_model,
-    model_residuals,
-    reading_sensitivities,
-)
-from cpcal.legs.models import (
-    PARAMETERS,
-    PLAIN,
-    LegModel,
-    Measured,
-    Parameter,
-    built_in,
-    half_width_problems,
-    known_models,
-    leg_model,
-    register_model,
-)
+import lazy_loader
 
-__all__ = [
-    "PARAMETERS",
-    "PLAIN",
-    "LegModel",
-    "Measured",
-    "ModelResiduals",
-    "Parameter",
-    "built_in",
-    "exactly_read",
-    "fit_model",
-    "half_width_problems",
-    "known_models",
-    "leg_box",
-    "leg_model",
-    "leg_network",
-    "leg_statement",
-    "model_residuals",
-    "model_statement",
-    "reading_sensitivities",
-    "register_model",
-    "residuals",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -157,27 +157,23 @@ LATERAL = LegModel(
     square=_lateral,
 )
 
-_BUILT_IN = (PLAIN, GAIN, LINEAR, LATERAL)
-_MODELS: dict[str, LegModel] = {model.name: model for model in _BUILT_IN}
+BUILT_IN = (PLAIN, GAIN, LINEAR, LATERAL)
 
 
 def built_in(model: LegModel) -> bool:
     """Whether it comes with cpcal, with any half-widths: the checker of certificates knows those by their names."""
     return any(
         (model.name, model.parameters, model.term, model.square) == (m.name, m.parameters, m.term, m.square)
-        for m in _BUILT_IN
+        for m in BUILT_IN
     )
 
 
-def register_model(model: LegModel) -> LegModel:
-    """Make a model of one's own known by its name, in this process, in the place of an earlier one; the model itself.
-
-    Raises InputError with everything that is wrong: a name that is no identifier or belongs to a model of cpcal, no
-    extra parameters, names that are taken, half-widths that are none.
-    """
+def model_problems(model: LegModel) -> list[Problem]:
+    """What is wrong with a user-defined model: its name, its parameters' names or half-widths, or that it corrects
+    nothing."""
     problems: list[Problem] = []
     names = [p.name for p in model.extra]
-    if not model.name.isidentifier() or model.name in (m.name for m in _BUILT_IN):
+    if not model.name.isidentifier() or model.name in (m.name for m in BUILT_IN):
         problems.append(
             Problem("model", f"{model.name!r} is no identifier, or a model of cpcal", "choose another name")
         )
@@ -190,20 +186,4 @@ def register_model(model: LegModel) -> LegModel:
         if not name.isidentifier() or name in taken:
             problems.append(Problem(f"model {model.name!r}", f"{name!r} is no identifier, or taken", "choose another"))
         taken.add(name)
-    problems += half_width_problems(model, {p.name: p.half_width for p in model.extra})
-    if problems:
-        raise InputError(problems)
-    _MODELS[model.name] = model
-    return model
-
-
-def known_models() -> tuple[str, ...]:
-    return tuple(_MODELS)
-
-
-def leg_model(name: str) -> LegModel:
-    """The model of that name. Raises InputError, listing those there are."""
-    if name not in _MODELS:
-        remedy = f"use one of {', '.join(_MODELS)}, or register yours with cpcal.register_model"
-        raise InputError([Problem("model", f"{name!r} is not known", remedy)])
-    return _MODELS[name]
+    return problems + half_width_problems(model, {p.name: p.half_width for p in model.extra})

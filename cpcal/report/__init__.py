@@ -1,26 +1,5 @@
 """What a person reads of a result: numbers rounded to the proved side, sentences, one HTML page."""
 
-from cpcal.report.numbers import bracket_text, clean, gap_text, rounded_down, rounded_up
-from cpcal.report.page import REPORT_NAME, write_page, write_report
-from cpcal.report.sensitivity import reading_sensitivity
-from cpcal.report.table import Table, result_table
-from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
+import lazy_loader
 
-__all__ = [
-    "LONGER",
-    "QUANTIFIER",
-    "REPORT_NAME",
-    "Table",
-    "bracket_text",
-    "center_sentence",
-    "clean",
-    "gap_text",
-    "leg_sentence",
-    "missing_legs",
-    "reading_sensitivity",
-    "result_table",
-    "rounded_down",
-    "rounded_up",
-    "write_page",
-    "write_report",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

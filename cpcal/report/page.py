@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.legs import PARAMETERS, PLAIN, model_residuals
+from cpcal.errors import InputError, PluginError
+from cpcal.legs import PARAMETERS, PLAIN, LegModel, model_residuals
 from cpcal.report.assumptions import assumptions
 from cpcal.report.bars import Enclosure, enclosure_svg
 from cpcal.report.match import check_match
@@ -31,32 +32,38 @@ _DECIMALS = 6  # of parameters, mm
 _MOST_NAMES = 120  # measurement ids listed for a leg
 
 
-def write_report(campaign: Campaign, result: Result, folder: str | os.PathLike[str]) -> Path:
+def write_report(
+    campaign: Campaign, result: Result, folder: str | os.PathLike[str], model: LegModel | None = None
+) -> Path:
     """`write_page` to `report.html` in `folder`, made if missing; its path."""
-    return write_page(campaign, result, Path(folder) / REPORT_NAME)
+    return write_page(campaign, result, Path(folder) / REPORT_NAME, model)
 
 
-def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str]) -> Path:
+def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str], model: LegModel | None = None) -> Path:
     """Write the page to `file`, all or nothing, in a folder that is made if missing; its path.
 
     The same campaign and result give the same bytes. Bounds are printed rounded to the side on which they
     stay proved; every answer is for SOME reading in the set of each measurement. Raises InputError when the
-    result is of another campaign, OSError when the file cannot be written.
+    result is of another campaign, OSError when the file cannot be written. `model`: the result's leg model, where no
+    installed package provides it; without it the page says which figures it lacks.
     """
-    return written(render(campaign, result), file)
+    return written(render(campaign, result, model=model), file)
 
 
-def render(campaign: Campaign, result: Result, study: dict[str, Any] | None = None) -> str:
+def render(
+    campaign: Campaign, result: Result, study: dict[str, Any] | None = None, model: LegModel | None = None
+) -> str:
     """The page as text; `study` is what study.html.j2 shows before the legs (see `cpcal.report.study`).
 
     Raises InputError when the result is of another campaign, or garbled.
     """
     check_match(campaign, result)
-    return rendered("report.html.j2", {"study": study, **_context(campaign, result)})
+    return rendered("report.html.j2", {"study": study, **_context(campaign, result, model)})
 
 
-def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
+def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict[str, Any]:
     table = result_table(result)
+    model, lacking = _known(result, model)
     return {
         "robot": campaign.robot.name,
         "count": len(campaign),
@@ -64,9 +71,10 @@ def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
         "asked": None if result.eps is None else repr(float(result.eps)),
         "interrupted": missing_legs(result, campaign.legs),
         "table": table,
-        "legs": [_leg(campaign, result, leg) for leg in result.legs],
+        "legs": [_leg(campaign, result, leg, model) for leg in result.legs],
         "quantifier": QUANTIFIER,
         "longer": LONGER,
+        "lacking": lacking,
         "plain": result.model.name == PLAIN.name,
         "assumptions": assumptions(campaign, result),
         "provenance": campaign.provenance,
@@ -75,7 +83,19 @@ def _context(campaign: Campaign, result: Result) -> dict[str, Any]:
     }
 
 
-def _leg(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
+def _known(result: Result, model: LegModel | None) -> tuple[LegModel | None, str | None]:
+    """The leg model; or None and, for the page, why the residuals cannot be drawn. Raises InputError for another one
+    that is given."""
+    try:
+        return model_of(result, model), None
+    except (InputError, PluginError):
+        if model is not None:
+            raise
+        why = f"the leg model {result.model.name!r} is not known here"
+        return None, f"{why}; install the package that provides it and write the page again with `cpcal report`"
+
+
+def _leg(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | None) -> dict[str, Any]:
     names = leg.support[:_MOST_NAMES]
     return {
         "number": leg.leg,
@@ -89,7 +109,7 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
         "empty": leg.enclosure.is_empty,
         "support": names,
         "more_support": len(leg.support) - len(names),
-        "figure": _figure(campaign, result, leg),
+        "figure": _figure(campaign, leg, model),
         "pairs": pairs(campaign, result, leg),
     }
 
@@ -132,9 +152,8 @@ def _bars(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
     }
 
 
-def _figure(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] | None:
+def _figure(campaign: Campaign, leg: LegResult, model: LegModel | None) -> dict[str, Any] | None:
     """The plot of the proved point's residuals and what its caption says; None without such a point, or model."""
-    model = model_of(result)
     if leg.point is None or not np.isfinite(leg.eps_hi) or model is None:
         return None
     residual = model_residuals(campaign, leg.leg, leg.point, model)

@@ -1,41 +1,5 @@
 """What certification found, as plain data, and its files."""
 
-from cpcal.results.comparison import (
-    COMPARISON_NAME,
-    Comparison,
-    Entry,
-    load_comparison,
-    save_comparison,
-)
-from cpcal.results.projection import (
-    Projection,
-    Projections,
-)
-from cpcal.results.result import (
-    LegResult,
-    ModelNote,
-    Result,
-    load_result,
-    model_of,
-    save_result,
-)
-from cpcal.results.verified_point import (
-    VerifiedPoint,
-)
+import lazy_loader
 
-__all__ = [
-    "COMPARISON_NAME",
-    "Comparison",
-    "Entry",
-    "LegResult",
-    "ModelNote",
-    "Projection",
-    "Projections",
-    "Result",
-    "VerifiedPoint",
-    "load_comparison",
-    "load_result",
-    "model_of",
-    "save_comparison",
-    "save_result",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

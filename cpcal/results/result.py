@@ -47,12 +47,18 @@ class ModelNote:
         return cls(str(data["name"]), str(data["summary"]), tuple(extra))
 
 
-def model_of(result: Result) -> LegModel | None:
-    """The model of a result; None where it is not known here: one of the user's own, in another process."""
-    try:
-        return leg_model(result.model.name).within({p.name: p.half_width for p in result.model.extra})
-    except InputError:
-        return None
+def model_of(result: Result, model: LegModel | None = None) -> LegModel:
+    """The leg model of a result, with its half-widths: the one given, or the one that is known here by its name.
+
+    Raises InputError where none is known, or the one given is another; PluginError where its package does not load.
+    """
+    note = result.model
+    found = leg_model(note.name if model is None else model)
+    if (found.name, found.parameters) != (note.name, note.parameters):
+        what = f"{found.name!r} with the parameters {', '.join(found.parameters)} is not the result's"
+        remedy = f"give the model {note.name!r} with the parameters {', '.join(note.parameters)}"
+        raise InputError([Problem("model", what, remedy)])
+    return found.within({p.name: p.half_width for p in note.extra})
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """Campaigns: a robot, the poses and leg readings measured on it, and how far each reading may be off.
 
-A campaign is a value: arrays are private copies and read-only. reader.py and writer.py
-have the files.
+A campaign is a value: arrays are private copies and read-only. `cpcal.files` reads and writes them.
 """
 
 from __future__ import annotations
@@ -15,20 +14,21 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem, Problems
+from cpcal.errors import InputError, Problem, Problems, shown
+from cpcal.names import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
 from cpcal.robot.model_choice import ModelChoice
-from cpcal.robot.robot import Robot, frozen_array, is_text
+from cpcal.robot.robot import LARGEST, Robot, good_numbers
 from cpcal.robot.uncertainty import Uncertainty, sizes
+from cpcal.values import Value, frozen_array, frozen_mapping
 
 Array = npt.NDArray[np.float64]
 
 QUATERNION_TOLERANCE = 1e-6  # on | |q| - 1 |
-IDENTIFIER_REMEDY = 'use printable characters, no "/", no space at the ends, at least one character'
 _ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
 
 
 @dataclass(frozen=True, eq=False)
-class Campaign:
+class Campaign(Value):
     """N measurements of a robot with n legs; use `Campaign.from_arrays`, `load_campaign` or `simulate`.
 
     pose, run        N names each; `pose/run` is unique
@@ -38,7 +38,7 @@ class Campaign:
     position_radius  (N, 3) mm, rotation_radius (N, 3) rad, length_radius (N, n) mm: half-widths of
                      the reading sets of DESIGN section 1: |P - P_k| <= p, R = R(1, s) R(q_k),
                      |2 s_i| <= r_i, |L - L_k| <= lambda
-    uncertainty      what campaign.toml declares for all rows (None: exact); rows may differ
+    uncertainty      what campaign.toml declares for all rows; None: `exact = true`; rows may differ
     provenance       free text
     model            the leg model that is asked for (None: the plain one)
 
@@ -55,16 +55,17 @@ class Campaign:
     rotation_radius: Array
     length_radius: Array
     uncertainty: Uncertainty | None = None
-    provenance: dict[str, str] = field(default_factory=dict)
+    provenance: Mapping[str, str] = field(default_factory=dict)
     model: ModelChoice | None = None
-    file_sha256: str | None = field(default=None, init=False)  # set by load_campaign; not carried over by replace()
+    # set by load_campaign; replace() does not carry it over
+    file_sha256: str | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
         object.__setattr__(self, "pose", tuple(self.pose))
         object.__setattr__(self, "run", tuple(self.run))
-        object.__setattr__(self, "provenance", dict(self.provenance))
+        object.__setattr__(self, "provenance", frozen_mapping(self.provenance))
         problems = Problems()
         for problem in shape_problems(self):
             problems.add(problem)
@@ -84,17 +85,21 @@ class Campaign:
         pose: Sequence[str] | None = None,
         run: Sequence[str] | None = None,
         uncertainty: Uncertainty | None = None,
+        exact: bool = False,
         position_radius: npt.ArrayLike | None = None,
         rotation_radius: npt.ArrayLike | None = None,
         length_radius: npt.ArrayLike | None = None,
         provenance: Mapping[str, str] | None = None,
         model: ModelChoice | None = None,
     ) -> Campaign:
-        """A campaign in memory. Half-widths left out come from `uncertainty`, or are zero: exact readings.
+        """A campaign in memory. Half-widths left out come from `uncertainty`, or are zero with `exact=True`.
 
+        One of the two, or all three half-widths, must be given: whether readings are exact changes every answer.
         position (N, 3) mm, quaternion (N, 4), length (N, n) mm; half-widths broadcast to these shapes.
-        Poses left out are named p0, p1, ...; runs left out are all "1".
+        Poses left out are named p0, p1, ...; runs left out are all "1". Raises InputError.
         """
+        radii_given = [values is not None for values in (position_radius, rotation_radius, length_radius)]
+        _check_choice(uncertainty, exact, radii_given)
         try:
             arrays = [np.asarray(values, dtype=np.float64) for values in (position, quaternion, length)]
             given = [
@@ -152,20 +157,20 @@ class Campaign:
 
         return self.file_sha256 or campaign_digest(toml_bytes(self), csv_bytes(self))
 
-    def __eq__(self, other: object) -> bool:
-        """Equality of all values; how the files were formatted does not matter."""
-        if not isinstance(other, Campaign):
-            return NotImplemented
-        names = ("robot", "pose", "run", "uncertainty", "provenance", "model")
-        if not all(getattr(self, name) == getattr(other, name) for name in names):
-            return False
-        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in _ARRAYS)
-
-    def __hash__(self) -> int:
-        return hash((self.robot, self.pose, self.run))
-
     def __repr__(self) -> str:
         return f"<Campaign of {self.robot.name!r}: {len(self)} measurements, {self.legs} legs>"
+
+
+def _check_choice(uncertainty: Uncertainty | None, exact: bool, radii_given: list[bool]) -> None:
+    """InputError unless it was said how far readings may be off."""
+    if exact and uncertainty is not None:
+        what = "is given, and readings are called exact"
+    elif exact or uncertainty is not None or all(radii_given):
+        return
+    else:
+        what = "is missing"
+    remedy = "give uncertainty=Uncertainty(...), or exact=True, or position_radius, rotation_radius and length_radius"
+    raise InputError([Problem("campaign uncertainty", what, remedy)])
 
 
 def _radius(given: Array | None, declared: Array | None, shape: tuple[int, int]) -> Array:
@@ -177,11 +182,6 @@ def _radius(given: Array | None, declared: Array | None, shape: tuple[int, int])
         return np.broadcast_to(values, shape)
     except ValueError:
         return values
-
-
-def is_identifier(name: object) -> bool:
-    """Whether `name` can name a pose or a run: printable, without "/", no space at its ends, not empty."""
-    return isinstance(name, str) and name != "" and name.isprintable() and "/" not in name and name == name.strip()
 
 
 def shape_problems(campaign: Campaign) -> Iterator[Problem]:
@@ -200,15 +200,22 @@ def shape_problems(campaign: Campaign) -> Iterator[Problem]:
     if stated is not None and stated.length.shape != (legs,):
         what = f"has {len(stated.length)} numbers for {legs} legs"
         yield Problem("campaign uncertainty.length", what, "give one for each leg")
-    for key, text in campaign.provenance.items():
-        if not (is_text(key) and is_text(text)):
-            yield Problem(f"campaign provenance {key!r}", "is not text", "give valid Unicode text")
+    yield from provenance_problems("campaign", campaign.provenance)
+
+
+def provenance_problems(where: str, provenance: Mapping[str, str]) -> Iterator[Problem]:
+    """What is wrong with the texts of a provenance."""
+    for key, text in provenance.items():
+        if not is_name(key):
+            yield Problem(f"{where} provenance", f"{shown(key)} cannot be a name", NAME_REMEDY)
+        if not is_text(text):
+            yield Problem(f"{where} provenance {shown(key)}", f"is {shown(text)}", TEXT_REMEDY)
 
 
 def value_problems(campaign: Campaign) -> Iterator[Problem]:
     """What is wrong with the values, measurement by measurement."""
     for kind, names in (("pose", campaign.pose), ("run", campaign.run)):
-        for bad in sorted({repr(name) for name in names if not is_identifier(name)}):
+        for bad in sorted({shown(name) for name in names if not is_identifier(name)}):
             yield Problem(f"campaign {kind}", f"{bad} cannot be a name", IDENTIFIER_REMEDY)
     keys = campaign.measurement_ids
     for key, times in Counter(keys).items():
@@ -216,8 +223,8 @@ def value_problems(campaign: Campaign) -> Iterator[Problem]:
             yield Problem(f"measurement {key}", f"is given {times} times", "give each pose and run once")
     for name in _ARRAYS:
         array: Array = getattr(campaign, name)
-        allowed = sizes(array) if name.endswith("radius") else np.isfinite(array)
-        what = "is negative or not finite" if name.endswith("radius") else "is NaN or infinite"
+        allowed = sizes(array) if name.endswith("radius") else good_numbers(array)
+        what = f"is {'negative, ' * name.endswith('radius')}NaN, infinite or above {LARGEST:g}"
         for row in np.flatnonzero(~allowed.all(axis=1)):
             yield Problem(f"measurement {keys[row]}", f"its {name} {what}", "correct it, or leave it out")
     for key, row in zip(keys, campaign.quaternion.tolist(), strict=True):

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from cpcal.errors import CpcalError
 from cpcal.robot.robot import Robot
 from cpcal.robot.rotation import normalised, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
+from cpcal.values import ByValue
 
 Array = npt.NDArray[np.float64]
 
@@ -34,7 +35,7 @@ class KinematicsError(CpcalError):
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class Pose(ByValue):
     """One or many poses of the mobile frame in the base frame: `P + R(q) b` maps mobile to base.
 
     position (..., 3) mm; quaternion (..., 4), scalar first.

@@ -6,14 +6,15 @@ the perfect leg. `assembly.py` has the equations and finds the poses of a robot 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-from cpcal.robot.robot import frozen_array
+from cpcal.robot.robot import LARGEST, good_numbers
+from cpcal.values import Value, frozen_array
 
 Array = npt.NDArray[np.float64]
 
@@ -40,7 +41,7 @@ def joint_phases(legs: int, stream: np.random.Generator) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Mechanisms:
+class Mechanisms(Value):
     """What is imperfect about each of n legs. Zero offsets, backlash, sag, gain, joint error: nothing.
 
     base_axis      (n, 3) unit, base frame: first axis of the lower universal joint, fixed in the base, through a
@@ -108,14 +109,6 @@ class Mechanisms:
         active = (self.base_offset, self.mobile_offset, self.backlash, self.sag, self.gain, self.joint_error)
         return not any(values.any() for values in active)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Mechanisms):
-            return NotImplemented
-        return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
-
-    def __hash__(self) -> int:
-        return hash((self.friction, self.reference, self.backlash.tobytes()))
-
     @classmethod
     def drawn(
         cls,
@@ -158,8 +151,8 @@ class Mechanisms:
 def wrong_value(name: str, value: npt.ArrayLike) -> tuple[str, str] | None:
     """What is wrong with a field's values of the right shape, and the remedy; None when they are good."""
     array = np.asarray(value, dtype=np.float64)
-    if not np.isfinite(array).all():
-        return "holds a NaN or an infinity", "give finite numbers"
+    if not good_numbers(array).all():
+        return f"holds a number that is NaN, infinite or above {LARGEST:g}", "give a number that makes sense"
     if name.endswith("_axis") and (np.abs(np.linalg.norm(array, axis=-1) - 1.0) > _UNIT).any():
         return "holds an axis whose norm is not 1", "give unit vectors"
     if name == "gain" and (array <= -1.0).any():

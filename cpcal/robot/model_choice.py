@@ -6,11 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, shown
+from cpcal.names import NAME_MAX
+from cpcal.values import Value, frozen_mapping
 
 
-@dataclass(frozen=True)
-class ModelChoice:
+@dataclass(frozen=True, eq=False)
+class ModelChoice(Value):
     """A model's name, and half-widths of its extra parameters, in their units, where they are not the default.
 
     Raises InputError for what can belong to no model.
@@ -20,14 +22,16 @@ class ModelChoice:
     half_widths: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "half_widths", {str(k): float(v) for k, v in self.half_widths.items()})
+        widths = {str(k): float(v) for k, v in self.half_widths.items()}
+        object.__setattr__(self, "half_widths", frozen_mapping(widths))
         problems = []
-        if not self.name.isidentifier():
-            problems.append(Problem("model", f"{self.name!r} cannot be a name", 'give one such as "gain"'))
+        if not (self.name.isidentifier() and len(self.name) <= NAME_MAX):
+            problems.append(Problem("model", f"{shown(self.name)} cannot be a name", 'give one such as "gain"'))
         for key, value in self.half_widths.items():
-            if not key.isidentifier():
-                problems.append(Problem("model", f"{key!r} cannot be a parameter", "give its name, such as s"))
+            if not (key.isidentifier() and len(key) <= NAME_MAX):
+                problems.append(Problem("model", f"{shown(key)} cannot be a parameter", "give its name, such as s"))
             if not (math.isfinite(value) and value >= 0.0):
-                problems.append(Problem("model", f"the half-width of {key!r} is {value}", "give a number, 0 or more"))
+                what = f"the half-width of {shown(key)} is {value}"
+                problems.append(Problem("model", what, "give a number, 0 or more"))
         if problems:
             raise InputError(problems)

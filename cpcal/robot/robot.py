@@ -8,20 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, shown
+from cpcal.names import NAME_REMEDY, is_name
+from cpcal.values import Value, frozen_array
 
 Array = npt.NDArray[np.float64]
 
 
-def frozen_array(values: npt.ArrayLike) -> Array:
-    """A private, read-only, C-ordered float64 copy."""
-    array = np.array(values, dtype=np.float64, order="C")
-    array.setflags(write=False)
-    return array
+LARGEST = 1e12  # mm: no robot is larger, and no square of such a number overflows
+
+
+def good_numbers(values: Array) -> npt.NDArray[np.bool_]:
+    """Which numbers are finite and of a size that makes sense in mm."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(values) <= LARGEST)
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class Robot(Value):
     """n legs; leg i joins `base[i]` to `mobile[i]` and is `offset[i]` + reading long (the paper, eq. 1).
 
     base    (n, 3) mm, base joint centres a, in the base frame
@@ -57,10 +61,11 @@ class Robot:
             if array.shape != shape or legs == 0:
                 remedy = "give base (n, 3), mobile (n, 3) and offset (n,) for the same n >= 1 legs"
                 found.append(Problem(f"robot {field}", f"has the shape {array.shape}", remedy))
-            elif not np.isfinite(array).all():
-                found.append(Problem(f"robot {field}", "holds a NaN or an infinity", "give finite numbers, in mm"))
-        if not is_text(self.name):
-            found.append(Problem("robot name", f"{self.name!r} is not text", "give a name in valid Unicode"))
+            elif not good_numbers(array).all():
+                what = f"holds a number that is NaN, infinite or above {LARGEST:g}"
+                found.append(Problem(f"robot {field}", what, "give numbers in mm"))
+        if not is_name(self.name):
+            found.append(Problem("robot name", f"is {shown(self.name)}", NAME_REMEDY))
         return found
 
     @property
@@ -81,19 +86,6 @@ class Robot:
             what = f"have the shape {rows.shape}"
             raise InputError([Problem("robot parameters", what, "give one row of 7 numbers a leg")])
         return cls(name, rows[:, :3], rows[:, 3:6], rows[:, 6])
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Robot):
-            return NotImplemented
-        return self.name == other.name and np.array_equal(self.parameters, other.parameters)
-
-    def __hash__(self) -> int:
-        return hash((self.name, self.legs))
-
-
-def is_text(value: object) -> bool:
-    """Whether `value` is a str that UTF-8 can encode (no lone surrogates)."""
-    return isinstance(value, str) and not any("\ud800" <= character <= "\udfff" for character in value)
 
 
 # The paper's Table 1: a_x a_y a_z b_x b_y b_z l, in mm. Legs run from 345 to 485 mm: readings from 0 to 140.

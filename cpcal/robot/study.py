@@ -8,18 +8,21 @@ private copies and read-only. study_reader.py and study_writer.py have the files
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem, Problems
-from cpcal.robot.campaign import IDENTIFIER_REMEDY, QUATERNION_TOLERANCE, is_identifier, quaternion_problem
+from cpcal.errors import InputError, Problem, Problems, shown
+from cpcal.names import IDENTIFIER_REMEDY, is_identifier
+from cpcal.robot.campaign import QUATERNION_TOLERANCE, provenance_problems, quaternion_problem
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.mechanisms import Mechanisms
 from cpcal.robot.motion import compose, inverse
-from cpcal.robot.robot import Robot, frozen_array, is_text
+from cpcal.robot.robot import LARGEST, Robot, good_numbers
+from cpcal.values import Value, frozen_array, frozen_mapping
 
 Array = npt.NDArray[np.float64]
 
@@ -27,7 +30,7 @@ _ARRAYS = ("position", "quaternion", "length")
 
 
 @dataclass(frozen=True, eq=False)
-class PoseTable:
+class PoseTable(Value):
     """N rows: the target frame seen in the camera frame, and the readings of n legs.
 
     pose, run   N names each: a configuration of the legs, and which of its repetitions
@@ -79,21 +82,12 @@ class PoseTable:
         """The number of rows, N."""
         return len(self.pose)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, PoseTable):
-            return NotImplemented
-        same = (self.pose, self.run, self.image) == (other.pose, other.run, other.image)
-        return same and all(np.array_equal(getattr(self, name), getattr(other, name)) for name in _ARRAYS)
-
-    def __hash__(self) -> int:
-        return hash((self.pose, self.run, self.image))
-
     def __repr__(self) -> str:
         return f"<PoseTable: {len(self)} rows of {len(set(self.pose))} poses, {self.legs} legs>"
 
 
-@dataclass(frozen=True)
-class Truth:
+@dataclass(frozen=True, eq=False)
+class Truth(Value):
     """What only a simulation knows.
 
     seed        of everything random in it
@@ -114,22 +108,17 @@ class Truth:
             pose: Pose = getattr(self, name)
             object.__setattr__(self, name, Pose(frozen_array(pose.position), frozen_array(pose.quaternion)))
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self.__post_init__()  # arrays of an unpickled pose can be written to
+
     def mobile_in_base(self, table: PoseTable) -> Pose:
         """The poses (N) of the mobile frame in the base frame that the table's poses mean."""
         return compose(compose(inverse(self.camera), table.seen), inverse(self.target))
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Truth):
-            return NotImplemented
-        same = (self.seed, self.robot, self.mechanisms) == (other.seed, other.robot, other.mechanisms)
-        return same and _same_pose(self.camera, other.camera) and _same_pose(self.target, other.target)
 
-    def __hash__(self) -> int:
-        return hash((self.seed, self.robot))
-
-
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, eq=False)
+class Study(Value):
     """A robot's drawing and two tables of poses that a camera saw; use `load_study` or `simulate_study`.
 
     robot        nominal: joint centres in the base frame and in the mobile frame, mm
@@ -145,10 +134,10 @@ class Study:
     calibration: PoseTable
     validation: PoseTable
     truth: Truth | None = None
-    provenance: dict[str, str] = field(default_factory=dict)
+    provenance: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "provenance", dict(self.provenance))
+        object.__setattr__(self, "provenance", frozen_mapping(self.provenance))
         problems = []
         for name in ("calibration", "validation"):
             found = getattr(self, name).legs
@@ -157,22 +146,13 @@ class Study:
                 problems.append(Problem(f"study {name}", what, "give one reading for each leg"))
         if self.truth is not None and {self.truth.robot.legs, self.truth.mechanisms.legs} != {self.robot.legs}:
             problems.append(Problem("study truth", "has another number of legs", "give as many as the robot has"))
-        for key, text in self.provenance.items():
-            if not (is_text(key) and is_text(text)):
-                problems.append(Problem(f"study provenance {key!r}", "is not text", "give valid Unicode text"))
+        problems += provenance_problems("study", self.provenance)
         if problems:
             raise InputError(problems)
-
-    def __hash__(self) -> int:
-        return hash((self.robot, self.calibration, self.validation))
 
     def __repr__(self) -> str:
         rows = f"{len(self.calibration)} + {len(self.validation)} rows"
         return f"<Study of {self.robot.name!r}: {rows}, {self.robot.legs} legs>"
-
-
-def _same_pose(one: Pose, other: Pose) -> bool:
-    return np.array_equal(one.position, other.position) and np.array_equal(one.quaternion, other.quaternion)
 
 
 def _shape_problems(table: PoseTable) -> Iterator[Problem]:
@@ -194,7 +174,7 @@ def _shape_problems(table: PoseTable) -> Iterator[Problem]:
 def _value_problems(table: PoseTable) -> Iterator[Problem]:
     nameless = False
     for kind in ("pose", "run", "image"):
-        for bad in sorted({repr(name) for name in getattr(table, kind) or () if not is_identifier(name)}):
+        for bad in sorted({shown(name) for name in getattr(table, kind) or () if not is_identifier(name)}):
             yield Problem(f"table {kind}", f"{bad} cannot be a name", IDENTIFIER_REMEDY)
             nameless = True
     if nameless:
@@ -204,8 +184,9 @@ def _value_problems(table: PoseTable) -> Iterator[Problem]:
         if times > 1:
             yield Problem(f"row {key}", f"is given {times} times", "give each pose, run and image once")
     for name in _ARRAYS:
-        for row in np.flatnonzero(~np.isfinite(getattr(table, name)).all(axis=1)):
-            yield Problem(f"row {keys[row]}", f"its {name} is NaN or infinite", "correct it, or leave it out")
+        for row in np.flatnonzero(~good_numbers(getattr(table, name)).all(axis=1)):
+            what = f"its {name} is NaN, infinite or above {LARGEST:g}"
+            yield Problem(f"row {keys[row]}", what, "correct it, or leave it out")
     norms = np.sqrt(np.sum(table.quaternion**2, axis=1))
     for row in np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_TOLERANCE):
         yield Problem(f"row {keys[row]}", *quaternion_problem(float(norms[row])))

@@ -8,21 +8,26 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-from cpcal.robot.robot import frozen_array
+from cpcal.robot.robot import LARGEST, good_numbers
+from cpcal.values import Value, frozen_array
 
 Array = npt.NDArray[np.float64]
 
 KINDS = ("position", "rotation", "length")
+EXACT_OR_NOT = (
+    "write in [uncertainty] either factor = 3 with position_sigma, rotation_sigma and length_sigma, "
+    "or position_half_width, rotation_half_width and length_half_width, or exact = true"
+)
 
 
 def sizes(values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Which values are finite and not negative."""
+    """Which values are good half-widths: not negative, and no larger than any robot."""
     array = np.asarray(values, dtype=np.float64)
-    return np.isfinite(array) & (array >= 0)
+    return good_numbers(array) & (array >= 0)
 
 
 @dataclass(frozen=True, eq=False)
-class Uncertainty:
+class Uncertainty(Value):
     """`half-width = factor * value`; the values are standard deviations, or half-widths if `factor` is None.
 
     position (3,) mm; rotation (3,) rad, rotation vector in the base frame; length (n,) mm. Raises
@@ -43,12 +48,12 @@ class Uncertainty:
                 what = f"has the shape {array.shape}"
                 problems.append(Problem(f"uncertainty {kind}", what, "give 3, 3 and as many as there are legs"))
             elif not sizes(array).all():
-                what = "holds a negative or non-finite number"
+                what = f"holds a number that is negative, not finite or above {LARGEST:g}"
                 problems.append(Problem(f"uncertainty {kind}", what, "give finite numbers >= 0"))
         if self.factor is not None and not sizes(self.factor):
             problems.append(Problem("uncertainty factor", f"is {self.factor}", "give a finite number >= 0"))
         if not problems and not sizes(self.half_widths).all():
-            problems.append(Problem("uncertainty", "factor * sigma is not finite", "give smaller numbers"))
+            problems.append(Problem("uncertainty", f"factor * sigma is above {LARGEST:g}", "give smaller numbers"))
         if problems:
             raise InputError(problems)
 
@@ -58,12 +63,3 @@ class Uncertainty:
         values = np.concatenate([self.position, self.rotation, self.length])
         with np.errstate(over="ignore"):
             return values if self.factor is None else np.asarray(self.factor * values)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Uncertainty):
-            return NotImplemented
-        same = all(np.array_equal(getattr(self, kind), getattr(other, kind)) for kind in KINDS)
-        return same and self.factor == other.factor
-
-    def __hash__(self) -> int:
-        return hash((self.factor, self.half_widths.tobytes()))

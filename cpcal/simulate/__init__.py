@@ -1,15 +1,5 @@
 """Simulated campaigns and studies of robots that are imperfect by choice."""
 
-from cpcal.simulate.campaigns import (
-    simulate,
-    true_robot,
-)
-from cpcal.simulate.studies import (
-    simulate_study,
-)
+import lazy_loader
 
-__all__ = [
-    "simulate",
-    "simulate_study",
-    "true_robot",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

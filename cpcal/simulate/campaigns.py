@@ -125,6 +125,7 @@ def simulate(
         pose=[name for name in names for _ in range(runs)],
         run=[str(run) for _ in names for run in range(1, runs + 1)],
         uncertainty=stated,
+        exact=stated is None,
         provenance={
             "generator": "cpcal simulate",
             "options": json.dumps(options),
@@ -138,7 +139,7 @@ def true_robot(campaign: Campaign) -> Robot | None:
     try:
         parameters = json.loads(campaign.provenance["true_parameters"])
         return Robot.from_parameters(campaign.robot.name, parameters)
-    except (KeyError, ValueError, TypeError, InputError):
+    except (KeyError, ValueError, TypeError, RecursionError, InputError):
         return None
 
 

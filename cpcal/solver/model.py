@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.interval.number import float_bounds
 from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.search import (
@@ -50,8 +52,15 @@ class Network(ConstraintNetwork):
         contractors: Sequence[str | Contractor] = DEFAULT_CONTRACTORS,
         arithmetic: str = "float64",
     ) -> Contraction:
-        """One pass of the named contractors over `box` (default: the domain). Loses no solution."""
-        return plugins.build(self, contractors, arithmetic=arithmetic).contract(self.domain if box is None else box)
+        """One pass of the named contractors over `box` (default: the domain). Loses no solution.
+
+        Raises ModelError for a box of other variables, PluginError for a contractor that is not there.
+        """
+        network = self._as_asked()
+        box = network.domain if box is None else box
+        if not isinstance(box, Box) or box.names != network.names:
+            raise ModelError(f"{box!r} is no box of this network: it has the components {', '.join(network.names)}")
+        return plugins.build(network, contractors, arithmetic=arithmetic).contract(box)
 
     def solve(
         self,
@@ -71,18 +80,17 @@ class Network(ConstraintNetwork):
         `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative", "smear-max" or
         "lp" (or an object); `order` which box is next: "depth", "breadth" or "best". `inner=True` looks for boxes that
         hold nothing but solutions, which are not divided, and lists what was proved to hold none: see `Paving`.
-        Raises PluginError for a contractor or strategy that is not there, ModelError for an order.
+        Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
         """
-        limits = limits or Limits()
+        network, clock = self._as_asked(), _limits(limits).clock()
         engine = get_arithmetic(arithmetic)
         process = Divide(
-            plugins.build(self, contractors, arithmetic=arithmetic),
-            _strategy(self, strategy, width, arithmetic),
-            inside=Inside(self, engine) if inner else None,
+            plugins.build(network, contractors, arithmetic=arithmetic),
+            _strategy(network, strategy, _width(width), arithmetic),
+            inside=Inside(network, engine) if inner else None,
         )
-        search = Search([self.domain], process, _order(self, order), outside=inner)
+        search = Search([network.domain], process, _order(network, order), outside=inner)
         nodes = 0
-        clock = limits.clock()
         try:
             for event in search:
                 nodes += 1
@@ -92,7 +100,7 @@ class Network(ConstraintNetwork):
                     break
         except KeyboardInterrupt:
             pass
-        return conclusion(search, UniquenessProver(self, engine), clock, nodes)
+        return conclusion(search, UniquenessProver(network, engine), clock, nodes)
 
     def minimize(
         self,
@@ -114,24 +122,17 @@ class Network(ConstraintNetwork):
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
         it is in `found`. Constraints with readings or without polynomial form raise ModelError.
         """
-        name = self.component(objective)
-        others = [
-            bound
-            for component in self.names
-            if component != name
-            for bound in (self.domain[component].lo, self.domain[component].hi)
-        ]
-        if not np.isfinite(others).all() and "hc4" not in contractors:
-            raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
+        network, asked = self._as_asked(), _limits(limits)
+        name = network.component(objective)
+        network._check_bounded(name, contractors)
         engine = get_arithmetic(arithmetic)
-        parts = plugins.build_each(self, contractors, objective=name, arithmetic=arithmetic)
+        parts = plugins.build_each(network, contractors, objective=name, arithmetic=arithmetic)
         named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
-        first = None if start is None else np.asarray(start, np.float64)
+        first = None if start is None else _start(network, start)
 
         def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
-            asked = limits or Limits()
             states = minimize(
-                self, name, named, engine=engine, limits=asked, start=first, prover=prover, observe=observe
+                network, name, named, engine=engine, limits=asked, start=first, prover=prover, observe=observe
             )
             return run(states, progress)
 
@@ -140,14 +141,52 @@ class Network(ConstraintNetwork):
         if not Contracting(named).gives_weights:
             given = ", ".join(called for called, _ in named)
             raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
-        with Recording(network_statement(self, name), self.domain) as recording:
+        with Recording(network_statement(network, name), network.domain) as recording:
             found = bracketed(recording.prover, recording.event)
-            recording.write(certificate, claims_of(found, self.domain, name))
+            recording.write(certificate, claims_of(found, network.domain, name))
         return replace(found, contractors_used=recording.credited(found.contractors_used))
+
+    def _as_asked(self) -> Network:
+        """A copy, since a callback may add to this network meanwhile. Raises ModelError where there is no variable."""
+        if not self.names:
+            raise ModelError(
+                f"{self.name!r} has no variables: declare one with variable(name) before you ask for values"
+            )
+        return copy(self)
+
+    def _check_bounded(self, objective: str, contractors: Sequence[str | Contractor]) -> None:
+        others = [self.domain[component] for component in self.names if component != objective]
+        if not all(bounds.is_bounded for bounds in others) and "hc4" not in contractors:
+            raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
+
+
+def _width(width: float) -> float:
+    """A width that some box can have. Raises ModelError."""
+    if isinstance(width, bool) or not isinstance(width, (int, float, np.integer, np.floating)) or not width > 0:
+        raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
+    return float(width)
+
+
+def _limits(limits: Limits | None) -> Limits:
+    if limits is not None and not isinstance(limits, Limits):
+        raise ModelError(f"limits={limits!r} sets no limit: write cpcal.Limits(seconds=...) or cpcal.Limits(nodes=...)")
+    return limits or Limits()
+
+
+def _start(network: ConstraintNetwork, start: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """A point to start from, one finite number per component. Raises ModelError."""
+    point = float_bounds(start)[0]
+    if point.shape != (len(network.names),) or not np.isfinite(point).all():
+        raise ModelError(
+            f"start={start!r} is no point: give {len(network.names)} finite numbers, in the order of `names`"
+        )
+    return point
 
 
 def _strategy(network: ConstraintNetwork, strategy: str | Strategy, width: float, arithmetic: str) -> Strategy:
     if not isinstance(strategy, str):
+        if not hasattr(strategy, "split"):
+            raise ModelError(f"strategy={strategy!r} divides no box: give a name or an object with split(box)")
         return strategy
     if strategy in STRATEGIES:
         return STRATEGIES[strategy](network, width)

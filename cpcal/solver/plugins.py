@@ -26,21 +26,18 @@ def load(name: str) -> ContractorFactory:
     Raises PluginError for an unknown one, listing those found, for one that two packages register, naming both, and
     for one that does not load.
     """
-    factory: ContractorFactory = _loaded("contractor", name, GROUP)
+    factory: ContractorFactory = load_member("contractor", name, GROUP)
     return factory
 
 
 def load_strategy(name: str, ours: Iterable[str] = ()) -> StrategyFactory:
     """The strategy registered under `name`. Raises PluginError as `load` does; `ours` are listed too."""
-    factory: StrategyFactory = _loaded("strategy", name, STRATEGY_GROUP, ours)
+    factory: StrategyFactory = load_member("strategy", name, STRATEGY_GROUP, ours)
     return factory
 
 
-def _registered(group: str) -> list[EntryPoint]:
-    return sorted(entry_points(group=group), key=lambda point: (point.name, _package(point), point.value))
-
-
-def _loaded(what: str, name: str, group: str, ours: Iterable[str] = ()) -> Any:
+def load_member(what: str, name: str, group: str, ours: Iterable[str] = ()) -> Any:
+    """What is registered under `name` in a group; `what` it is, for messages. Raises PluginError, as `load`."""
     points = _registered(group)
     named = [point for point in points if point.name == name]
     if not named:
@@ -57,6 +54,10 @@ def _loaded(what: str, name: str, group: str, ours: Iterable[str] = ()) -> Any:
     except Exception as error:
         shadow = _shadow(named[0])
         raise PluginError(f"{what} {name!r} ({named[0].value}) does not load: {error!r}{shadow}") from error
+
+
+def _registered(group: str) -> list[EntryPoint]:
+    return sorted(entry_points(group=group), key=lambda point: (point.name, _package(point), point.value))
 
 
 def _package(point: EntryPoint) -> str:
@@ -83,13 +84,15 @@ def _shadow(point: EntryPoint) -> str:
 
 def check_names(names: Sequence[str | Contractor]) -> None:
     """Raises PluginError where there is no name, no such contractor, or an object that is none."""
+    if isinstance(names, str) or not isinstance(names, (Sequence, type(None))):
+        raise PluginError(f"contractors={names!r} is no list: write contractors=[{names!r}]")
     if not names:
         raise PluginError(f"name at least one contractor; found: {', '.join(found()) or 'none'}")
     for name in names:
         if isinstance(name, str):
             load(name)
         elif not callable(getattr(name, "contract", None)):
-            raise PluginError(f"{name!r} is no contractor: it has no method contract(box)")
+            raise PluginError(f"{name!r} is no contractor: give its name or an object with contract(box)")
 
 
 def name_of(contractor: str | Contractor) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-from cpcal.robot.robot import frozen_array
+from cpcal.values import frozen_array
 
 Array = npt.NDArray[np.float64]
 

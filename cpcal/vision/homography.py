@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.vision.middle import median
+from cpcal.vision.median import median
 
 Array = npt.NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose, normalised
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
-from cpcal.vision.middle import median
+from cpcal.vision.median import median
 from cpcal.vision.pose_fit import Fit, NoPose, fit, plain_model, same_pose, turned_over
 from cpcal.vision.target import Target
 from cpcal.vision.two_by_two import determinants

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
-from cpcal.robot.robot import frozen_array
+from cpcal.errors import InputError, Problem, shown
+from cpcal.values import frozen_array
 
 Array = npt.NDArray[np.float64]
 
+MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
+MOST_LINES = 20  # identifying rows
+LARGEST = 1e6  # mm: of coordinates and radii
+SMALLEST = 1e-6  # mm: of radii
+
+_TOLD = 10  # overlapping pairs, in a message
 _OFF_LINE = 0.1  # of the radius: a measured plate's dots lie on a line as well as it was printed
 
 
@@ -47,14 +54,30 @@ class Target:
     @staticmethod
     def problems_of(dots: Array, radius: float, lines: tuple[tuple[int, ...], ...]) -> list[Problem]:
         """What keeps finite dots (n, 2) from being a target."""
-        out = []
-        if not 0.0 < radius < np.inf:
-            return [Problem("target radius", f"is {radius}", "give a positive number of mm")]
-        for line in lines:
+        out: list[Problem] = []
+        if not SMALLEST <= radius <= LARGEST:
+            return [Problem("target radius", f"is {radius:g}", f"give mm, from {SMALLEST:g} to {LARGEST:g}")]
+        if not (np.abs(dots) <= LARGEST).all():
+            k = int(np.argmax((np.abs(dots) > LARGEST).any(axis=1)))
+            what = "place dot {} at ({:g}, {:g}): no plate is so large".format(k, *dots[k])
+            return [Problem("target dots", what, f"give mm, at most {LARGEST:g}")]
+        if len(dots) > MOST_DOTS:
+            return [Problem("target dots", f"are {len(dots):,}", f"give at most {MOST_DOTS}")]
+        for i, j in itertools.islice(_overlapping(dots, radius), _TOLD):
+            apart = float(np.linalg.norm(dots[i] - dots[j]))
+            what = f"{i} and {j} are {apart:g} mm apart and overlap" if apart else f"{i} and {j} are in the same place"
+            out.append(Problem("target dots", what, "give each dot once, farther apart than its diameter"))
+        if len(lines) > MOST_LINES:
+            out.append(Problem("target lines", f"are {len(lines):,}", f"give at most {MOST_LINES}"))
+        for line in lines[:MOST_LINES]:
             if len(line) < 4 or len(set(line)) < len(line) or not all(0 <= i < len(dots) for i in line):
-                out.append(Problem("target lines", f"{line} are not four or more of the dots", "number dots from 0"))
+                out.append(
+                    Problem("target lines", f"{shown(line)} are not four or more of the dots", "number dots from 0")
+                )
             elif not off_line(dots[list(line)]) <= _OFF_LINE * radius:
-                out.append(Problem("target lines", f"the dots {line} are not collinear", "correct their centres"))
+                out.append(
+                    Problem("target lines", f"the dots {shown(line)} are not collinear", "correct their centres")
+                )
         return out
 
     @property
@@ -71,6 +94,13 @@ class Target:
 
     def __hash__(self) -> int:
         return hash((self.name, len(self.dots), self.radius))
+
+
+def _overlapping(dots: Array, radius: float) -> Iterator[tuple[int, int]]:
+    """Pairs of dots that are not farther apart than a diameter."""
+    for i, dot in enumerate(dots[:-1]):
+        near = np.linalg.norm(dots[i + 1 :] - dot, axis=1) <= 2.0 * radius
+        yield from ((i, int(j)) for j in i + 1 + np.flatnonzero(near))
 
 
 def off_line(points: Array) -> float:

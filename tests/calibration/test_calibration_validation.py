@@ -66,6 +66,7 @@ def test_errors_are_those_that_were_put_in(poses):
         poses.position + move,
         quaternion_product(quaternion_from_rotation_vector(turn), poses.quaternion),
         poses.length,
+        exact=True,
     )
     found = pose_errors(moved, true_robot(poses).parameters, forward)
     assert_allclose(found.position, np.linalg.norm(move, axis=1), rtol=1e-9)

@@ -17,7 +17,7 @@ Floats = npt.NDArray[np.float64]
 
 
 def without_sets(campaign: Campaign) -> Campaign:
-    return Campaign.from_arrays(campaign.robot, campaign.position, campaign.quaternion, campaign.length)
+    return Campaign.from_arrays(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
 
 
 def part(campaign: Campaign, rows: Floats | list[int], *, exact: bool = False) -> Campaign:
@@ -33,6 +33,7 @@ def part(campaign: Campaign, rows: Floats | list[int], *, exact: bool = False) -
         campaign.quaternion[rows],
         campaign.length[rows],
         run=[str(k) for k in range(len(rows))],
+        exact=exact,
         **radii,
     )
 

@@ -61,7 +61,8 @@ def test_one_unit_in_the_last_place_decides(toward: float) -> None:
     robot = cpcal.Robot("one leg", [[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], [0.0])
     x = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 300.0]
     height = 300.1
-    campaign = cpcal.Campaign.from_arrays(robot, [[0.0, 0.0, height]], [[0.6, 0.0, 0.0, 0.8]], [[height - 300.0]])
+    pose = [[0.0, 0.0, height]], [[0.6, 0.0, 0.0, 0.8]]
+    campaign = cpcal.Campaign.from_arrays(robot, *pose, [[height - 300.0]], exact=True)
     assert solves_exactly(campaign, 1, x)
     length = np.nextafter(campaign.length, toward)
     assert not solves_exactly(replace(campaign, length=length), 1, x)

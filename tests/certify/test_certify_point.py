@@ -99,10 +99,9 @@ def test_points_of_models(tmp_path: Path) -> None:
     with pytest.raises(cpcal.InputError, match="a point of the gain model is 8 finite numbers"):
         cpcal.certify_point(campaign, 1, x[:7])
     own = cpcal.LegModel("mine", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
-    cpcal.register_model(own)
-    assert cpcal.certify_point(campaign, 1, x, model="mine").verified.verdict is cpcal.Verdict.REFUTED
+    assert cpcal.certify_point(campaign, 1, x, model=own).verified.verdict is cpcal.Verdict.REFUTED
     with pytest.raises(cpcal.InputError, match="a model of one's own, has none"):
-        cpcal.certify_point(campaign, 1, x, model="mine", certificate=tmp_path / "none")
+        cpcal.certify_point(campaign, 1, x, model=own, certificate=tmp_path / "none")
     with pytest.raises(cpcal.InputError) as refused:
         cpcal.certify_point(campaign, 9, x, model="gian", eps=-1.0)
     assert [p.where for p in refused.value.problems] == ["model", "leg", "eps"]

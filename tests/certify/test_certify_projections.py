@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import sys
 from fractions import Fraction
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.optimize import linprog
 
 import cpcal
 from cpcal.certify.projections import MARGIN, projection_eps, projections, with_projections
-from cpcal.legs import PARAMETERS, residuals
+from cpcal.legs import PARAMETERS, PLAIN, residuals
 from cpcal.simulate import true_robot
 
 
@@ -108,10 +109,10 @@ def test_the_tolerance_fits_the_question(exact):
 def test_where_there_is_nothing_to_draw(exact):
     campaign, result = exact
     leg = result.legs[0]
-    assert projections(campaign, dataclasses.replace(result, contractors=("hc4",)), leg) is None
-    assert projections(campaign, dataclasses.replace(result, delta=0.0), leg) is None
-    assert projections(campaign, dataclasses.replace(result, delta=1e100), leg) is None
-    assert projections(campaign, dataclasses.replace(result, eps=0.01), leg) is None  # S(0.01) is empty
+    assert projections(campaign, dataclasses.replace(result, contractors=("hc4",)), leg, PLAIN) is None
+    assert projections(campaign, dataclasses.replace(result, delta=0.0), leg, PLAIN) is None
+    assert projections(campaign, dataclasses.replace(result, delta=1e100), leg, PLAIN) is None
+    assert projections(campaign, dataclasses.replace(result, eps=0.01), leg, PLAIN) is None  # S(0.01) is empty
     bare = dataclasses.replace(result, legs=(dataclasses.replace(leg, projections=None),), interrupted=True)
     assert with_projections(campaign, bare) is bare
 
@@ -120,7 +121,7 @@ def test_an_interrupt_keeps_what_is_there(exact, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cpcal.certify.projections.projections", stop)
+    monkeypatch.setattr(sys.modules[with_projections.__module__], "projections", stop)
     found = with_projections(*exact)
     assert found.interrupted
     assert found.legs == exact[1].legs

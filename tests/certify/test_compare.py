@@ -136,8 +136,7 @@ def test_a_certificate_of_another_model_is_refused(found, folder, tmp_path, name
 
 def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
     own = cpcal.LegModel("own", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
-    cpcal.register_model(own)
-    comparison = cpcal.compare(uncertain, ["plain", "own"], tolerance=0.05, legs=[1], certificates=tmp_path, gap=1e-3)
+    comparison = cpcal.compare(uncertain, ["plain", own], tolerance=0.05, legs=[1], certificates=tmp_path, gap=1e-3)
     assert comparison.entry("leg 1", "plain").word(0.05) == "refuted"
     entry = comparison.entry("leg 1", "own")
     assert entry.certificate is None
@@ -168,8 +167,23 @@ def test_results_and_comparisons_come_back_from_their_files(found, exact, tmp_pa
 def test_the_page_of_a_model_that_is_not_known_any_more(exact, tmp_path):
     result = cpcal.certify(exact, legs=[1], model="gain")
     foreign = replace(result, model=replace(result.model, name="someone_elses"))
-    page = write_report(exact, with_projections(exact, foreign), tmp_path).read_text(encoding="utf-8")
-    assert "its model is not known here" in page
+    page = write_report(exact, foreign, tmp_path).read_text(encoding="utf-8")
+    assert "The residuals of the proved point are not drawn: the leg model &#39;someone_elses&#39; is not known" in page
+    with pytest.raises(cpcal.InputError, match="'someone_elses' is not known"):
+        with_projections(exact, foreign)
+
+
+def test_a_user_defined_model_is_given_to_what_draws_its_result(exact, tmp_path):
+    own = cpcal.LegModel("own", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
+    result = cpcal.certify(exact, legs=[1], model=own)
+    drawn = with_projections(exact, result, own)
+    assert drawn.legs[0].projections is not None
+    page = write_report(exact, drawn, tmp_path, own).read_text(encoding="utf-8")
+    assert "of the proved point are not drawn" not in page
+    assert "residuals of the proved point over the measurements" in page
+    for wrong in (replace(own, name="other"), replace(own, extra=(cpcal.Parameter("j", "mm", 1.0),))):
+        with pytest.raises(cpcal.InputError, match="is not the result's"):
+            write_report(exact, drawn, tmp_path, wrong)
 
 
 def test_the_papers_script_with_a_model(exact):

@@ -49,7 +49,7 @@ def process(*arguments):
 
 
 def test_module_entry_point_and_status_of_bad_input(tmp_path):
-    outcome = process("-m", "cpcal.cli", "certify", tmp_path / "absent", "-o", tmp_path / "run")
+    outcome = process("-m", "cpcal", "certify", tmp_path / "absent", "-o", tmp_path / "run")
     assert outcome.returncode == 2
     assert outcome.stdout == ""
     assert outcome.stderr.startswith("cpcal: 1 problem in the input:")

@@ -315,7 +315,7 @@ def test_the_core_composes_contractors_that_know_nothing_of_composition(network:
 
 
 def test_what_is_no_contractor_is_refused(network: ConstraintNetwork) -> None:
-    with pytest.raises(PluginError, match="no method contract"):
+    with pytest.raises(PluginError, match="no contractor: give its name"):
         plugins.build(network, ["hc4", 5])  # type: ignore[list-item]
 
 

@@ -32,6 +32,7 @@ length_sigma = [0.01, 0.02]
 [provenance]
 where = "here"
 """
+UNCERTAINTY = TOML[TOML.index("[uncertainty]") : TOML.index("[provenance]")]
 CSV = """\
 pose,run,x,y,z,qw,qx,qy,qz,L1,L2
 a,1,1,2,3,1,0,0,0,10,11
@@ -73,25 +74,43 @@ def test_the_example_is_good(tmp_path):
         ("offset =", "[robot.zzz]\noffset =", 9, "unknown key 'zzz'", "name, base, mobile, offset"),
         ("factor =", "zzz = 1\nfactor =", 12, "unknown key 'zzz' in [uncertainty]", "the keys there are"),
         ('name = "two legs"\n', "", 2, "the key 'name' is missing", "add name"),
-        ('"two legs"', "3", 3, "name 3 is not text", "quotes"),
-        ("    [1.0, 2.0, 3.0],\n", "", 7, "mobile has 2 points for 1 legs", "one point for each leg"),
+        ('"two legs"', "3", 3, "name is 3, not text", "quotes"),
+        ("    [1.0, 2.0, 3.0],\n", "", 7, "mobile has 2 rows for 1 legs", "one row for each leg"),
         ("[1.0, 2.0, 3.0]", "[1.0, 2.0]", 4, "base of leg 2 has 2 numbers, not 3", "x, y and z"),
         ("[1.0, 2.0, 3.0]", '[1.0, "2.0", 3.0]', 4, "base of leg 2 holds '2.0'", "unquoted"),
         ("[1.0, 2.0, 3.0]", "[1.0, nan, 3.0]", 4, "base of leg 2 holds nan", "finite"),
         ("[1.0, 2.0, 3.0]", "7", 4, "base of leg 2 is not a list of numbers", "x, y and z"),
         ("[1, 0, 0]]", "[1, true, 0]]", 8, "mobile of leg 2 holds True", "number"),
-        ("[[0, 0, 0], [1, 0, 0]]", '"x"', 8, "mobile is not a list of points", "write mobile"),
+        ("[[0, 0, 0], [1, 0, 0]]", '"x"', 8, "mobile is not a list of rows", "x, y and z"),
         ("[5.0, 6.0]", "[5.0]", 9, "offset has 1 numbers, not 2", "one for each leg"),
         ("[5.0, 6.0]", "[5.0, inf]", 9, "offset holds inf", "finite"),
         ("[5.0, 6.0]", "[5.0, 1" + "0" * 400 + "]", 9, "offset holds inf", "finite"),
         ("factor = 3.0", "factor = -3.0", 12, "factor holds the negative number -3", ">= 0"),
         ("factor = 3.0", 'factor = "3"', 12, "factor holds '3'", "number"),
-        ("factor = 3.0\n", "", 11, "the key 'factor' is missing", "add it"),
-        ("rotation_sigma = [1e-4, 1e-4, 1e-4]\n", "", 11, "'rotation_sigma' is missing", "0 means"),
+        ("factor = 3.0\n", "", 11, "the key 'factor' is missing", "add factor"),
+        ("rotation_sigma = [1e-4, 1e-4, 1e-4]\n", "", 11, "'rotation_sigma' is missing", "exact = true"),
+        (UNCERTAINTY, "", None, "the section [uncertainty] is missing", "exact = true"),
+        ("[uncertainty]", "[uncertanty]", 11, "unknown key 'uncertanty'", "did you mean 'uncertainty'"),
+        (UNCERTAINTY, "[uncertainty]\n", 11, "'factor' is missing", "exact = true"),
+        (UNCERTAINTY, "[uncertainty]\nexact = 1\n", 12, "exact is 1", "exact = true"),
+        (UNCERTAINTY, "[uncertainty]\nexact = false\n", 12, "exact is False", "either factor = 3 with position_sigma"),
+        (UNCERTAINTY, '[uncertainty]\nexact = "true"\n', 12, "exact is 'true'", "exact = true"),
+        ("factor = 3.0", "factor = 3.0\nexact = true", 12, "readings are exact, and 'factor' is given too", "either"),
+        ("factor = 3.0", 'factor = "3.0"', 12, "factor holds '3.0', which is not a number", "unquoted"),
+        ("factor = 3.0", "factor = true", 12, "factor holds True, which is not a number", "unquoted"),
+        ("factor = 3.0", "factor = 3.0\nfactor = 3.0", 13, "is not TOML", "correct"),
+        ("[5.0, 6.0]", "[5.0, 1e13]", 9, "offset holds 1e+13", "up to 1e+12"),
+        ("[0.0, 0.0, 0.0]", "[0.0, 1e200, 0.0]", 4, "base of leg 1 holds 1e+200", "up to 1e+12"),
+        ('"two legs"', '"two\\nlegs"', 3, "name is 'two\\nlegs'", "printable"),
+        ('"two legs"', '"two\\u202elegs"', 3, "name is 'two\\u202elegs'", "printable"),
+        ('"two legs"', '"' + "x" * 201 + '"', 3, "name is 'xxx", "at most 200"),
+        ("where =", '"wh\\nere" =', 17, "'wh\\nere' in [provenance] cannot be a name", "printable"),
+        ('"here"', '"""he\nre"""', 18, "'where' in [provenance] is 'he\\nre'", "on one line"),
+        ("[provenance]", '[model]\nname = "' + "g" * 201 + '"\n[provenance]', 18, "cannot be one", "gain"),
         ("[1e-4, 1e-4, 1e-4]", "[1e-4, -1e-4, 1e-4]", 14, "rotation_sigma holds the negative", ">= 0"),
         ("[1e-4, 1e-4, 1e-4]", "[1e-4, 1e-4]", 14, "rotation_sigma has 2 numbers, not 3", "rad"),
         ("[0.01, 0.02]", "[0.01]", 15, "length_sigma has 1 numbers, not 2", "one for each leg"),
-        ("[0.01, 0.02]", "[0.01, 1e308]", 11, "too large", "smaller"),
+        ("[0.01, 0.02]", "[0.01, 1e12]", 11, "too large", "smaller"),
         ("factor = 3.0", "length_half_width = [1, 1]", 11, "both directly and as factor", "either"),
         ('where = "here"', "where = [1]", 18, "'where' in [provenance] is not a text", "text"),
         ("[provenance]", "[uncertainty]", 17, "is not TOML", "correct"),
@@ -115,6 +134,13 @@ def test_a_bad_campaign_toml(tmp_path, old, new, line, what, remedy):
         (3, "a,2,nan,2,3,0,1,0,0,10,11", "x is 'nan'", "finite"),
         (3, "a,2,1,2,3,0,1,0,0,10,-Infinity", "L2 is '-Infinity'", "finite"),
         (3, "a,2,1,2,3,0,1,0,0,10,1e999", "L2 is '1e999'", "finite"),
+        (3, "a,2,1,2,3,0,1,0,0,10,1e155", "L2 is '1e155'", "up to 1e+12"),
+        (3, "a,2,1,2,3,0,1,0,0,10,-2e12", "L2 is '-2e12'", "up to 1e+12"),
+        (3, "a,2,1,2,٣,0,1,0,0,10,11", "z: '٣' is not a number", "digits 0 to 9"),
+        (3, "a\u202e,2,1,2,3,0,1,0,0,10,11", "'a\\u202e' cannot be the name", "printable"),
+        (3, "a" * 201 + ",2,1,2,3,0,1,0,0,10,11", "cannot be the name of a pose", "1 to 200"),
+        (3, "..,2,1,2,3,0,1,0,0,10,11", "'..' cannot be the name", "printable"),
+        (3, "a,2,1,2,3,3,0,0,0,10,11", "the norm 3, not 1", "divide"),
         (3, "a,2,1,2,3,0.5,0.5,0.5,0.6,10,11", "the norm 1.05356538, not 1", "divide"),
         (3, "a,2,1,2,3,1.000002,0,0,0,10,11", "the norm 1.000002, not 1", "divide"),
         (3, "a,2,1,2,3,0,0,0,0,10,11", "the quaternion is zero", "1,0,0,0"),
@@ -201,8 +227,17 @@ def test_binary_rubbish(tmp_path):
 
 @pytest.mark.parametrize(
     "toml",
-    ["x = " + "[" * 50_000, "x = " + "9" * 50_000, "[" + " " * 100_000, "a." * 500_000, "x" * 2**21, "\0"],
-    ids=["brackets", "digits", "spaces", "dots", "large", "nul"],
+    [
+        "x = " + "[" * 50_000,
+        "x = " + "[" * 900 + "]" * 900,
+        "x = " + "{a=" * 300 + "1" + "}" * 300,
+        "x = " + "9" * 50_000,
+        "[" + " " * 100_000,
+        "a." * 500_000,
+        "x" * 2**21,
+        "\0",
+    ],
+    ids=["brackets", "closed brackets", "tables", "digits", "spaces", "dots", "large", "nul"],
 )
 def test_malicious_toml_ends(tmp_path, toml):
     start = time.perf_counter()
@@ -272,6 +307,26 @@ def test_an_endless_line_is_not_taken_into_memory(tmp_path):
     (tmp_path / "campaign.toml").write_text(TOML)
     os.symlink("/dev/zero", tmp_path / "measurements.csv")
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(InputError, match="longer than 65,536 bytes"):
+    with pytest.raises(InputError, match="no regular file"):
         load_campaign(tmp_path)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20_000  # kB
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.parametrize("name", ["campaign.toml", "measurements.csv"])
+def test_a_pipe_is_refused_before_it_hangs(tmp_path, name):
+    (tmp_path / "campaign.toml").write_text(TOML)
+    (tmp_path / "measurements.csv").write_text(CSV)
+    (tmp_path / name).unlink()
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(InputError, match="no regular file"):
+        load_campaign(tmp_path)
+
+
+def test_a_file_name_cannot_forge_a_line_of_output(tmp_path):
+    folder = tmp_path / "x\nLeg 1: proved\x1b[31m\u202e"
+    with pytest.raises(InputError) as caught:
+        load_campaign(folder)
+    assert len(str(caught.value).splitlines()) == 2
+    assert str(caught.value).replace("\n", "").isprintable()
+    assert r"x\nLeg 1: proved\x1b[31m\u202e" in str(caught.value)

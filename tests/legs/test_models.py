@@ -205,13 +205,12 @@ def test_the_room_of_a_plain_leg_agrees_with_its_formula(uncertain):
 def cubic():
     """A bend of the sensor's scale, of second order in its reading."""
     bend = cpcal.Parameter("bend", "1/mm", 1e-4)
-    model = cpcal.LegModel("bent", "L + l + bend L^2", (bend,), lambda m, x: x["bend"] * sqr(m.length))
-    return cpcal.register_model(model)
+    return cpcal.LegModel("bent", "L + l + bend L^2", (bend,), lambda m, x: x["bend"] * sqr(m.length))
 
 
 def test_a_model_of_ones_own_is_certified_and_checked(exact, cubic, tmp_path):
     campaign = replace(exact, length=exact.length - 2e-5 * exact.length**2)
-    result = cpcal.certify(campaign, legs=[1], model="bent", certificates=tmp_path)
+    result = cpcal.certify(campaign, legs=[1], model=cubic, certificates=tmp_path)
     leg = result.legs[0]
     assert result.parameters[7:] == ("bend",)
     assert leg.certificate == "leg1.cert.jsonl"
@@ -226,18 +225,17 @@ def test_a_model_of_ones_own_is_certified_and_checked(exact, cubic, tmp_path):
 
 def test_a_term_of_the_wrong_kind_is_refused_when_it_is_used(exact, cubic):
     for wrong in (lambda m, x: m.position * x["bend"], lambda m, x: 1.0):
-        cpcal.register_model(replace(cubic, term=wrong))
         with pytest.raises(cpcal.ModelError, match=r"'bent' must give an expression of shape \(64,\)"):
-            cpcal.certify(exact, legs=[1], model="bent")
+            cpcal.certify(exact, legs=[1], model=replace(cubic, term=wrong))
 
 
 def test_what_cannot_be_a_model_is_refused_with_everything_that_is_wrong():
     with pytest.raises(cpcal.InputError) as refused:
-        cpcal.register_model(cpcal.LegModel("plain", "nothing"))
+        leg_model(cpcal.LegModel("gain", "nothing"))
     assert len(refused.value.problems) == 2
     bad = (cpcal.Parameter("l", "mm", 1.0), cpcal.Parameter("x y", "mm", -1.0))
     with pytest.raises(cpcal.InputError) as refused:
-        cpcal.register_model(cpcal.LegModel("my model", "?", bad, lambda m, x: m.length))
+        leg_model(cpcal.LegModel("my model", "?", bad, lambda m, x: m.length))
     assert len(refused.value.problems) == 4
 
 

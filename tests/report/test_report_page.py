@@ -138,9 +138,10 @@ def test_the_same_bytes_every_time(campaign, tmp_path):
 
 
 def test_hostile_names_do_nothing(campaign):
-    robot = dataclasses.replace(campaign.robot, name=HOSTILE)
-    pose = tuple(f"{HOSTILE[:-5].replace('/', '')}{k}" for k in range(len(campaign)))
-    hostile = dataclasses.replace(campaign, robot=robot, pose=pose, provenance={HOSTILE: HOSTILE + "}}{% raw %}"})
+    printable = HOSTILE[:-5]
+    robot = dataclasses.replace(campaign.robot, name=printable)
+    pose = tuple(f"{printable.replace('/', '')}{k}" for k in range(len(campaign)))
+    hostile = dataclasses.replace(campaign, robot=robot, pose=pose, provenance={printable: printable + "}}{% raw %}"})
     leg = leg_result(hostile, support=tuple(hostile.measurement_ids[:3]), status=HOSTILE)
     page = render(hostile, result_of(hostile, leg, version=HOSTILE, arithmetic=HOSTILE, center=HOSTILE))
     harmless(page)
@@ -220,7 +221,7 @@ def test_a_result_of_another_campaign_is_refused(campaign, tmp_path):
 
 def test_one_exact_measurement_and_no_residual_at_all():
     single = cpcal.Campaign.from_arrays(
-        cpcal.Robot.from_parameters("r", [[0, 0, 0, 0, 0, 0, 0]]), [[0, 0, 100]], [[1, 0, 0, 0]], [[100.0]]
+        cpcal.Robot.from_parameters("r", [[0, 0, 0, 0, 0, 0, 0]]), [[0, 0, 100]], [[1, 0, 0, 0]], [[100.0]], exact=True
     )
     leg = leg_result(single, eps_lo=0.0, eps_hi=0.0, support=())
     page = render(single, result_of(single, leg))

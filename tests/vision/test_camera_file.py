@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cpcal.errors import InputError
-from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.files.camera_file import CameraRecord, camera_bytes, load_camera, save_camera
 
 HALF = np.tril(np.random.default_rng(0).standard_normal((9, 9)))
@@ -115,11 +115,38 @@ def test_every_problem_is_said_at_once_with_its_line(tmp_path):
         ("[4.0, 0, 0", "[-4.0, 0, 0", [(12, "covariance is of no random numbers: it is not positive semidefinite")]),
         ("    [4.0, 0, 0, 0, 0, 0, 0, 0, 0],\n", "", [(12, "covariance is not 9 rows of 9 finite numbers")]),
         ("[4.0, 0, 0", "[4.0, 0", [(12, "row 0 of covariance has 8 numbers, not 9")]),
+        ("903.2, 903]", "903200, 903.2]", [(6, "fx is 903200 and fy 903.2: no pixel is so long")]),
+        ("903.2, 903]", "4.2, 4.2]", [(6, "focal 4.2, 4.2 is not from 51.2 to 1.024e+06 pixels")]),
+        ("903.2, 903]", "1e11, 1e11]", [(6, "focal 1e+11, 1e+11 is not from 51.2 to 1.024e+06 pixels")]),
+        ("515.3, 380.6", "515.3, 1e11", [(7, "center 515.3, 1e+11 is far from the image")]),
+        ("-0.18, 0.07", "4e16, 0.07", [(8, "distortion holds 4e+16")]),
+        ("-0.18, 0.07", "-1e11, 1e11", [(8, "distortion bends most of the image beyond measure")]),
         ("[provenance]", "[provenance]\n[truth]", [(25, "unknown key 'truth'")]),
     ],
 )
 def test_each_problem_has_its_line(tmp_path, old, new, problems):
     assert refused(tmp_path, TOML.replace(old, new, 1)) == problems
+
+
+@pytest.mark.parametrize(
+    ("focal", "distortion"),
+    [
+        ([903.2, 903.2], [-0.18, 0.07, 4e-4, -3e-4, 0.0]),
+        ([500.0, 500.0], [-0.35, 0.14, 0.0, 0.0, -0.03]),  # an ordinary wide lens
+        ([90_000.0, 90_000.0], [12.0, -4e4, 0.0, 0.0, 0.0]),  # a telescope: its directions are small
+        ([903.2, 451.6], [0.0] * 5),  # every other row
+    ],
+)
+def test_unusual_cameras_that_can_be_are_read_back(tmp_path, focal, distortion):
+    camera = Camera(1024, 768, np.array(focal), np.array([511.5, 383.5]), np.array(distortion))
+    save_camera(camera, tmp_path / "camera.toml")
+    assert load_camera(tmp_path / "camera.toml").camera == camera
+
+
+def test_a_camera_that_cannot_be_is_not_written_either(tmp_path):
+    camera = Camera(1024, 768, np.array([903200.0, 903.2]), np.array([511.5, 383.5]), np.zeros(5))
+    with pytest.raises(InputError, match="no pixel is so long"):
+        save_camera(camera, tmp_path / "camera.toml")
 
 
 def test_a_missing_file_is_said_so(tmp_path):

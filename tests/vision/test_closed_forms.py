@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cpcal.vision.middle import median
+from cpcal.vision.median import median
 from cpcal.vision.two_by_two import determinants, eigenvalues, inverses
 
 

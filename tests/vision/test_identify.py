@@ -9,7 +9,7 @@ import pytest
 from benchmarks.vision_accuracy import KINDS, spoiled
 from benchmarks.vision_scenes import facing_poses, found_dots, one
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.dot_model import predicted_centers
+from cpcal.vision.dot_model import centers_of, predicted_centers
 from cpcal.vision.identify import Identification, Unidentified, identify
 from cpcal.vision.identify.identify import ACCIDENTS, MARGIN
 from cpcal.vision.identify.symmetry import self_maps
@@ -169,9 +169,9 @@ def test_ten_errors_made_to_look_like_a_turn_do_not_mislead() -> None:
         for count in range(6):
             numbers = np.setdiff1d(np.arange(len(dots)), only_here[:count])
             labels = np.concatenate([numbers, np.full(count, -1)])
-            spoilt = Target("spoilt", np.concatenate([dots[numbers], only_turned[:count]]), DELTALAB_TARGET.radius, ())
+            spoilt = np.concatenate([dots[numbers], only_turned[:count]])
             try:
-                centers = predicted_centers(spoilt, DELTALAB_CAMERA, one(poses, count % 3))
+                centers = centers_of(spoilt, DELTALAB_TARGET.radius, DELTALAB_CAMERA, one(poses, count % 3))
                 found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
             except Unidentified:
                 assert count >= 2

@@ -48,7 +48,7 @@ def refused(folder, text):
     [
         DELTALAB_TARGET,
         Target(
-            'name with "quotes", \\ and \n a break', np.array([[1 / 3, -1e-17], [1e300, 2.0]]), 1e-3, (), bright=False
+            'name with "quotes", \\ and \n a break', np.array([[1 / 3, -1e-17], [1e6, 2.0]]), 1e-3, (), bright=False
         ),
     ],
 )
@@ -92,6 +92,11 @@ def test_every_problem_is_said_at_once_with_its_line(tmp_path):
         ("radius = 2.5", "radius = 0", [(6, "radius is 0")]),
         ("radius = 2.5", "radius = 2.5\nRadius = 2", [(7, "unknown key 'Radius' in [target]")]),
         ("radius = 2.5", "radius = ", [(6, "is not TOML: Invalid value")]),
+        ("radius = 2.5", "radius = 1e-300", [(6, "radius is 1e-300")]),
+        ("[0, 20]", "[10, 10]", [(10, "dots 1 and 4 are in the same place")]),
+        ("[0, 20]", "[10, 15]", [(10, "dots 1 and 4 are 5 mm apart and overlap")]),
+        ("[0, 20]", "[0, 1e11]", [(10, "dots place dot 4 at (0, 1e+11): no plate is so large")]),
+        ("    [0, 1, 2, 3],", "    [0, 1, 2, 3],\n" * 21, [(7, "lines are 21")]),
         ("[0, 1, 2, 3]", "[0, 1, 2]", [(7, "(0, 1, 2) are not four or more of the dots")]),
         ("[0, 1, 2, 3]", "[0, 1, 2, 4]", [(7, "the dots (0, 1, 2, 4) are not collinear")]),
         ("[0, 1, 2, 3]", "[0, 1, 2, 5]", [(7, "row 0 of lines names the dot 5, which is not there")]),

@@ -20,9 +20,9 @@ from cpcal.cli.demo.image_study import SUBSET, WHOLE, Photographed, photographed
 from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.demo.pixel_sets import HALF_WIDTH, certify_pixels, with_sets
 from cpcal.cli.progress import watch
-from cpcal.cli.run import Question, answer, publish
+from cpcal.cli.run import Question, answer, publish, status_of
 from cpcal.cli.show import show_result, terminal
-from cpcal.cli.status import Status, status_of
+from cpcal.cli.status import Status
 from cpcal.cli.study_page import study_found
 from cpcal.errors import InputError, Problem
 from cpcal.report import REPORT_NAME

@@ -14,9 +14,9 @@ from cpcal.report.images import ImagesFound, Picture, picture
 from cpcal.report.study_tables import TextTable
 from cpcal.robot import PoseTable, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.vision.batch.study_images import RenderedImages
-from cpcal.vision.drawn import drawn
 from cpcal.vision.files.detection import POSITION, QUATERNION, SIGMA, values_of
 from cpcal.vision.measure import NotMeasured, measure_pose
+from cpcal.vision.overlay import overlay
 
 Array = npt.NDArray[np.float64]
 
@@ -119,5 +119,5 @@ def _pictures(done: Photographed) -> list[Picture]:
         pose, run, shot = PurePosixPath(name).with_suffix("").parts
         caption = f"configuration {pose}, run {run}, image {shot}: {len(found.numbers)} dots"
         height = round(_WIDTH * image.shape[0] / image.shape[1])
-        out.append(picture(caption, drawn(image, found, images.target, images.camera, _WIDTH), (_WIDTH, height)))
+        out.append(picture(caption, overlay(image, found, images.target, images.camera, _WIDTH), (_WIDTH, height)))
     return out

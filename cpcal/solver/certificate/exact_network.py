@@ -17,10 +17,10 @@ from cpcal.checker.polynomial import Polynomial, combined, product
 from cpcal.errors import ModelError
 from cpcal.solver.certificate.statement import LONGEST, NetworkStatement
 from cpcal.solver.interval import IntervalArray
-from cpcal.solver.network import Constraint as NetworkConstraint
-from cpcal.solver.network import ConstraintNetwork, Expr, sqr
-from cpcal.solver.network.expression import as_expr
-from cpcal.solver.network.network import topological
+from cpcal.solver.network.dag import topological
+from cpcal.solver.network.expression import Constraint as NetworkConstraint
+from cpcal.solver.network.expression import Expr, as_expr, sqr
+from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.rewrite import terms
 
 Objects = npt.NDArray[Any]

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
+from cpcal.solver.network.dag import leaves
 from cpcal.solver.network.expression import as_expr
-from cpcal.solver.network.network import leaves
 from cpcal.solver.network.point import Point
 
 Floats = npt.NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
-from cpcal.solver.network.network import leaves
+from cpcal.solver.network.dag import leaves
 from cpcal.solver.network.rows import Extremes
 
 Floats = npt.NDArray[np.float64]

@@ -17,7 +17,8 @@ import flint
 import numpy as np
 from flint import arb
 
-from cpcal.solver.interval.array import Floats, IntervalArray
+from cpcal.solver.arrays import Floats
+from cpcal.solver.interval.array import IntervalArray
 from cpcal.solver.interval.float64 import Float64
 
 PRECISION = 128  # bits; products of two floats are exact, and so are most sums

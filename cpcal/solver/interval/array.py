@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from cpcal.errors import ModelError
+from cpcal.solver.arrays import Floats
+from cpcal.solver.interval.number import float_bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,18 +25,21 @@ class IntervalArray:
 
     @classmethod
     def point(cls, values: npt.ArrayLike) -> IntervalArray:
-        """The degenerate intervals `[v, v]`."""
-        array = np.asarray(values, dtype=np.float64)
-        return cls(array, array)
+        """The degenerate intervals `[v, v]`. Raises ModelError for numbers that no float64 equals."""
+        lo, hi = float_bounds(values)
+        if lo is not hi:
+            raise ModelError("no float64 equals one of these numbers: enclose them by IntervalArray.around(v, 0)")
+        return cls(lo, lo)
 
     @classmethod
     def around(cls, center: npt.ArrayLike, radius: npt.ArrayLike) -> IntervalArray:
         """Enclosure of `[center - radius, center + radius]`; shapes broadcast, radius >= 0."""
-        c, r = np.broadcast_arrays(np.asarray(center, np.float64), np.asarray(radius, np.float64))
-        exact = r == 0.0
+        (lowest, highest), (_, reach) = float_bounds(center), float_bounds(radius)
+        lowest, highest, reach = np.broadcast_arrays(lowest, highest, reach)
+        exact = reach == 0.0
         with np.errstate(over="ignore"):
-            lo = np.where(exact, c, np.nextafter(c - r, -np.inf))
-            hi = np.where(exact, c, np.nextafter(c + r, np.inf))
+            lo = np.where(exact, lowest, np.nextafter(lowest - reach, -np.inf))
+            hi = np.where(exact, highest, np.nextafter(highest + reach, np.inf))
         return cls(lo, hi)
 
     @property

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NoReturn, cast
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import ModelError
-from cpcal.solver.interval.array import Floats, IntervalArray
+from cpcal.solver.arrays import Floats
+from cpcal.solver.interval.array import IntervalArray
 from cpcal.solver.interval.float64 import Float64
-from cpcal.solver.interval.scalar import Interval, Number, format_bound, round_down, round_up
+from cpcal.solver.interval.number import Number, float_bounds, round_down, round_up
+from cpcal.solver.interval.scalar import Interval, format_bound
 
 _ENGINE = Float64()
 _ONE_LINE = 3  # up to this many variables a box is printed on one line
@@ -33,20 +35,21 @@ class Box:
     hi: Floats
 
     def __init__(self, names: Sequence[str], lo: npt.ArrayLike, hi: npt.ArrayLike) -> None:
-        """NaN in both bounds is an empty component. ModelError for lo > hi, repeated names, bad shapes."""
-        if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        """NaN in both bounds is an empty component. ModelError for lo > hi, bad or repeated names, bad shapes."""
+        if isinstance(names, str):
             raise ModelError(f"{names!r} are not names: give a sequence of strings")
+        names = tuple(map(checked_name, names))
         repeated = [name for name, count in Counter(names).items() if count > 1]
         if repeated:
             raise ModelError(f"variables need different names; repeated: {', '.join(repeated)}")
-        lower, upper = _bounds(lo, round_down), _bounds(hi, round_up)
+        lower, upper = _bounds(lo, 0), _bounds(hi, 1)
         if lower.shape != (len(names),) or upper.shape != (len(names),):
             raise ModelError(f"{len(names)} names, but bounds of shapes {lower.shape} and {upper.shape}")
         wrong = ~_has_points(lower, upper) & ~(np.isnan(lower) & np.isnan(upper))
         if wrong.any():
             i = int(np.argmax(wrong))
             raise ModelError(f"{names[i]}: [{lower[i]}, {upper[i]}] is no interval: give lo <= hi, one finite")
-        self._set(tuple(names), lower, upper)
+        self._set(names, lower, upper)
 
     def _set(self, names: tuple[str, ...], lo: Floats, hi: Floats) -> None:
         # Adding zero copies, and turns -0.0 into 0.0: equal boxes have equal bits.
@@ -152,7 +155,7 @@ class Box:
 
     def with_bounds(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Box:
         """A box of the same names with these bounds; lo > hi or NaN anywhere gives the empty box."""
-        lower, upper = _bounds(lo, round_down), _bounds(hi, round_up)
+        lower, upper = _bounds(lo, 0), _bounds(hi, 1)
         if lower.shape != self.lo.shape or upper.shape != self.lo.shape:
             raise ModelError(f"{len(self)} variables, but bounds of shapes {lower.shape} and {upper.shape}")
         return Box._raw(self.names, lower, upper)
@@ -238,6 +241,13 @@ class Box:
             raise ModelError(f"not a box: {error!r}; give names, lo, hi, or names, empty: true") from error
 
 
+def checked_name(name: object) -> str:
+    """The name of a variable, which is printed as it is: visible characters, no space at its ends. ModelError."""
+    if not isinstance(name, str) or not name.isprintable() or name != name.strip() or not name:
+        raise ModelError(f"{name!r} is no name: give a string of printable characters without spaces at its ends")
+    return name
+
+
 def _has_points(lo: Floats, hi: Floats) -> npt.NDArray[np.bool_]:
     """Which components contain a real number."""
     return np.asarray((lo <= hi) & (lo < np.inf) & (hi > -np.inf))
@@ -247,16 +257,15 @@ def _interval(name: str, value: Interval | Number | tuple[Number, Number]) -> In
     if isinstance(value, Interval):
         return value
     try:
-        return Interval(*value) if isinstance(value, Sequence) else Interval(value)
-    except (ModelError, TypeError, ValueError) as error:
+        lo, hi = value if isinstance(value, Sequence) and not isinstance(value, str) else (value, value)
+        return Interval(round_down(lo), round_up(hi))
+    except (ModelError, ValueError) as error:
         raise ModelError(f"{name}: {error}") from error
 
 
-def _bounds(values: npt.ArrayLike, rounding: Callable[[Number], float]) -> Floats:
-    """Float64 bounds, each rounded outward where values are ints or fractions that no float64 equals."""
-    if isinstance(values, np.ndarray) and values.dtype == np.float64:
-        return values
-    if np.ndim(values) != 1:
+def _bounds(values: npt.ArrayLike, side: int) -> Floats:
+    """The lower (side 0) or upper (side 1) float64 bounds of numbers, in an array of any owner."""
+    bounds = float_bounds(values)[side]
+    if bounds.ndim != 1:
         raise ModelError(f"bounds come as a list or 1-D array, not {values!r}")
-    numbers = cast("Sequence[Number]", values)
-    return np.array([rounding(number) for number in numbers], dtype=np.float64)
+    return bounds

@@ -12,7 +12,7 @@ from math import ceil, log2
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.interval.array import Floats
+from cpcal.solver.arrays import Floats
 
 Bools = npt.NDArray[np.bool_]
 

@@ -8,45 +8,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from numbers import Rational
-from typing import Any, ClassVar, NoReturn, SupportsFloat, TypeAlias
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
 from cpcal.errors import ModelError
 from cpcal.solver.interval.array import IntervalArray
 from cpcal.solver.interval.float64 import Float64
-
-Number: TypeAlias = int | float | Rational | SupportsFloat
+from cpcal.solver.interval.number import Number, round_down, round_up
 
 _ENGINE = Float64()
-_NUMBERS = (int, float, Rational, np.integer, np.floating)
-
-
-def _nearest(value: Number) -> float:
-    """The float64 nearest to value, infinite beyond their range."""
-    try:
-        return float(value)
-    except OverflowError:  # an int or a fraction
-        return math.inf if value > 0 else -math.inf  # type: ignore[operator]
-
-
-def _exact(value: Number) -> Number:
-    """The same number, of a type that compares with floats exactly (numpy would round its integers)."""
-    return int(value) if isinstance(value, np.integer) else value
-
-
-def round_down(value: Number) -> float:
-    """The greatest float64 that is at most value: exact for floats, outward for ints and fractions."""
-    value = _exact(value)
-    nearest = _nearest(value)
-    return math.nextafter(nearest, -math.inf) if nearest > value else nearest  # type: ignore[operator]
-
-
-def round_up(value: Number) -> float:
-    """The least float64 that is at least value: exact for floats, outward for ints and fractions."""
-    value = _exact(value)
-    nearest = _nearest(value)
-    return math.nextafter(nearest, math.inf) if nearest < value else nearest  # type: ignore[operator]
+_NUMBERS = (int, float, Rational, Decimal, np.integer, np.floating)
 
 
 def format_bound(value: float) -> str:
@@ -126,7 +98,7 @@ class Interval:
         return max(abs(self.lo), abs(self.hi))
 
     def __contains__(self, value: Number) -> bool:
-        return bool(self.lo <= _exact(value) <= self.hi)  # type: ignore[operator]
+        return self.lo <= round_down(value) and round_up(value) <= self.hi
 
     def subset(self, other: Interval) -> bool:
         """Whether every point of this interval is one of other; the empty interval lies in all."""

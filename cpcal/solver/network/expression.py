@@ -6,22 +6,22 @@ Expressions are plain immutable data. What an operation means stands in `cpcal.s
 from __future__ import annotations
 
 import hashlib
-import itertools
+import os
 from dataclasses import dataclass, field
-from numbers import Rational
-from typing import Any, Union
+from typing import Any, NoReturn, Union
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import ModelError
 from cpcal.solver.interval import Interval, IntervalArray
-from cpcal.solver.interval.scalar import round_down, round_up
+from cpcal.solver.network.dag import topological
+from cpcal.solver.network.data import checked, enclosed, freeze, is_thick, own, pair
 
 Operand = Union["Expr", float, int, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
 Shape = tuple[int, ...]
 
-_identities = itertools.count()  # of numbers that are only known to lie in a set
+_LEVELS = 64  # levels of a deep expression that pickle may follow by recursion
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,7 +29,8 @@ class Expr:
     """A node: an operation on other nodes, or a leaf ("variable", "constant", "reading").
 
     `data` holds a leaf's value (for a reading: the set it is known to lie in) or the flat indices of
-    an "index"; `parameter` the exponent of a "power" or the axis of a "sum"; `name` a variable's name.
+    an "index", in read-only arrays of its own; `parameter` the exponent of a "power" or the axis of a "sum";
+    `name` a variable's name and `owner` that of its network, for messages.
     """
 
     op: str
@@ -38,25 +39,48 @@ class Expr:
     parameter: int = 0
     name: str = ""
     data: IntervalArray | npt.NDArray[np.intp] | None = None
-    # SHA-256 of the structure: expressions of equal digests have equal values. Two readings, or two enclosures,
-    # may be different numbers of the same set, so that each is equal to itself alone.
+    owner: str = ""
+    # SHA-256 of the structure: expressions of equal digests have equal values. Two variables, two readings or two
+    # enclosures may be different numbers of the same set: each has a random identity, which pickles with it and
+    # which no other process gives away again.
     digest: bytes = field(init=False)
+    depth: int = field(init=False)
 
     __array_ufunc__ = None  # let `ndarray @ expr` come to __rmatmul__
     __hash__ = object.__hash__
 
     def __post_init__(self) -> None:
+        if 0 in self.shape:
+            raise ModelError(f"an array of shape {self.shape} has no elements: nothing could be asked of it")
+        object.__setattr__(self, "data", own(self.data))
+        object.__setattr__(self, "depth", 1 + max((arg.depth for arg in self.args), default=0))
         hasher = hashlib.sha256(repr((self.op, self.shape, self.parameter, self.name)).encode())
         if isinstance(self.data, IntervalArray):
-            hasher.update(np.ascontiguousarray(self.data.lo).tobytes())
-            hasher.update(np.ascontiguousarray(self.data.hi).tobytes())
+            hasher.update(self.data.lo.tobytes())
+            hasher.update(self.data.hi.tobytes())
         elif self.data is not None:
-            hasher.update(np.ascontiguousarray(self.data, dtype=np.int64).tobytes())
-        if self.op == "reading" or (self.op == "constant" and _is_thick(self.data)):
-            hasher.update(next(_identities).to_bytes(8, "big"))
+            hasher.update(self.data.tobytes())
+        if self.op in ("variable", "reading") or (self.op == "constant" and is_thick(self.data)):
+            hasher.update(os.urandom(16))
         for arg in self.args:
             hasher.update(arg.digest)
         object.__setattr__(self, "digest", hasher.digest())
+
+    def __copy__(self) -> Expr:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Expr:
+        return self
+
+    def __getstate__(self) -> tuple[list[Expr], dict[str, Any]]:
+        """Some of the expressions below come first, from the leaves up: pickle would follow a long sum too deep."""
+        if self.depth % _LEVELS:
+            return [], self.__dict__
+        return [node for node in topological(self.args) if node.depth % _LEVELS == 0], self.__dict__
+
+    def __setstate__(self, state: tuple[list[Expr], dict[str, Any]]) -> None:
+        self.__dict__.update(state[1])
+        freeze(self.data)  # numpy unpickles every array writable
 
     @property
     def ndim(self) -> int:
@@ -92,7 +116,7 @@ class Expr:
         return _binary("div", other, self)
 
     def __pow__(self, exponent: int) -> Expr:
-        if not isinstance(exponent, (int, np.integer)):
+        if not isinstance(exponent, (int, np.integer)) or isinstance(exponent, bool):
             raise ModelError(f"the exponent of a power is an integer, not {exponent!r}")
         return sqr(self) if exponent == 2 else Expr("power", (self,), self.shape, parameter=int(exponent))
 
@@ -107,9 +131,9 @@ class Expr:
 
     def sum(self, axis: int = -1) -> Expr:
         """Sum along one axis, which disappears."""
-        if not -self.ndim <= axis < self.ndim:
-            raise ModelError(f"axis {axis} of a sum is out of range for shape {self.shape}")
-        axis %= self.ndim
+        if not isinstance(axis, (int, np.integer)) or not -self.ndim <= axis < self.ndim:
+            raise ModelError(f"{axis!r} is no axis of an expression of shape {self.shape}: give one of its integers")
+        axis = int(axis) % self.ndim
         return Expr("sum", (self,), self.shape[:axis] + self.shape[axis + 1 :], parameter=axis)
 
     def __getitem__(self, index: Any) -> Expr:
@@ -132,9 +156,14 @@ class Expr:
     # constraints ----------------------------------------------------------------------------------
 
     def within(self, bounds: Interval | tuple[Operand, Operand]) -> Constraint:
-        """The constraint `lower <= self <= upper`, elementwise; bounds may be expressions, `(-eps, eps)`."""
-        lower, upper = (bounds.lo, bounds.hi) if isinstance(bounds, Interval) else bounds
-        return Constraint(self, as_expr(lower), as_expr(upper))
+        """The constraint `lower <= self <= upper`, elementwise; bounds may be expressions, `(-eps, eps)`.
+
+        A lower bound may be -inf, an upper one inf. Raises ModelError for bounds that no number lies between.
+        """
+        if isinstance(bounds, Interval):
+            bounds = (bounds.lo, bounds.hi)
+        lower, upper = pair(bounds, "within()")
+        return Constraint(self, *(bound if isinstance(bound, Expr) else _constant(bound) for bound in (lower, upper)))
 
     def __eq__(self, other: Operand) -> Constraint:  # type: ignore[override]
         return (self - other).within((0.0, 0.0))
@@ -145,8 +174,13 @@ class Expr:
     def __ge__(self, other: Operand) -> Constraint:
         return (self - other).within((0.0, np.inf))
 
-    def __ne__(self, other: object) -> bool:
+    def __ne__(self, other: object) -> NoReturn:
         raise ModelError("`!=` is no constraint here: the set would not be closed")
+
+    def __lt__(self, other: object) -> NoReturn:
+        raise ModelError("`<` and `>` are no constraints here, the set would not be closed: write `<=` or `>=`")
+
+    __gt__ = __lt__
 
     def __bool__(self) -> bool:
         raise ModelError("an expression has no truth value; build a constraint and add it to a network")
@@ -167,39 +201,38 @@ class Constraint:
         for bound in (self.lower, self.upper):
             if not _broadcasts(bound.shape, self.body.shape):
                 raise ModelError(f"bounds of shape {bound.shape} do not fit a body of shape {self.body.shape}")
+        lower, upper = self.lower.data, self.upper.data
+        if self.lower.op == self.upper.op == "constant":
+            assert isinstance(lower, IntervalArray)
+            assert isinstance(upper, IntervalArray)
+            impossible = (lower.lo > upper.hi) | (lower.lo == np.inf) | (upper.hi == -np.inf)
+            if bool(np.any(impossible)):
+                raise ModelError("no number lies between these bounds: give within((lower, upper)), lower <= upper")
 
     def __bool__(self) -> bool:
         raise ModelError("a constraint has no truth value: write `expr.within((lo, hi))` for `lo <= expr <= hi`")
 
 
 def as_expr(value: Operand) -> Expr:
-    """The expression itself, or a constant leaf for numbers, arrays and intervals."""
+    """The expression itself, or a constant leaf for numbers, arrays and intervals, which are copied.
+
+    Raises ModelError for what is no finite real number; ints and fractions that no float64 equals are enclosed.
+    """
     if isinstance(value, Expr):
         return value
+    leaf = _constant(value)
+    assert isinstance(leaf.data, IntervalArray)
+    if not isinstance(value, IntervalArray) and bool(np.any((leaf.data.lo == np.inf) | (leaf.data.hi == -np.inf))):
+        raise ModelError("infinity is no real number: leave that constraint out, or write within((lower, numpy.inf))")
+    return leaf
+
+
+def _constant(value: Operand) -> Expr:
+    """A constant leaf, where infinity may stand for a bound that is not there."""
     if isinstance(value, Interval):
         value = IntervalArray(np.asarray(value.lo), np.asarray(value.hi))
-    if not isinstance(value, IntervalArray):
-        value = enclosed(value)
-    if bool(np.any(value.empty)):
-        raise ModelError("a constant is NaN or an empty interval")
-    return Expr("constant", shape=value.shape, data=value)
-
-
-def enclosed(value: Any) -> IntervalArray:
-    """Numbers as degenerate intervals; ints and fractions that no float64 equals as the narrowest around them."""
-    try:
-        array = np.asarray(value)
-        if array.dtype.kind in "iuO" and array.size and all(isinstance(v, Rational) for v in array.ravel().tolist()):
-            exact = array.ravel().tolist()
-            lo, hi = (np.array([rounded(v) for v in exact]).reshape(array.shape) for rounded in (round_down, round_up))
-            return IntervalArray(lo, lo if bool(np.all(lo == hi)) else hi)
-        return IntervalArray.point(array)
-    except (TypeError, ValueError) as error:
-        raise ModelError(f"{value!r} is no number or array of numbers: {error}") from None
-
-
-def _is_thick(data: object) -> bool:
-    return isinstance(data, IntervalArray) and bool(np.any(data.lo != data.hi))
+    values = checked(value if isinstance(value, IntervalArray) else enclosed(value))
+    return Expr("constant", shape=values.shape, data=values)
 
 
 def _broadcasts(shape: Shape, target: Shape) -> bool:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from cpcal.errors import ModelError
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network.expression import Expr
-from cpcal.solver.network.network import ConstraintNetwork, leaves
+from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.operations import TABLE, Values
 from cpcal.solver.network.reverse import Partials, Reverse
 from cpcal.solver.network.slopes import Pair, slope
@@ -48,9 +48,7 @@ def evaluate(
         raise ModelError(f"{form!r} is no form of evaluation: {', '.join(get_args(FormName))}")
     if box.names != network.names:
         raise ModelError(f"the box names {', '.join(box.names)}, the network {', '.join(network.names)}")
-    for leaf in leaves((expr,)):
-        if leaf.op == "variable" and not any(leaf is own for own in network.variables):
-            raise ModelError(f"variable {leaf.name!r} belongs to another network")
+    network.check_owner(expr)
     plan = CentredForm(network, expr, get_arithmetic(arithmetic))
     natural = plan.natural(box)
     if form == "natural" or box.is_empty or not box.is_bounded:

@@ -8,7 +8,10 @@ of one, and whatever is claimed holds for every number in it.)
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator
+import itertools
+import operator
+from collections.abc import Iterable
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -16,38 +19,41 @@ import numpy.typing as npt
 
 from cpcal.errors import ModelError
 from cpcal.solver.interval import Box, Interval, IntervalArray
-from cpcal.solver.network.expression import Constraint, Expr, Operand, Shape, as_expr, enclosed
+from cpcal.solver.interval.box import checked_name
+from cpcal.solver.network.dag import leaves, topological
+from cpcal.solver.network.data import enclosed, pair
+from cpcal.solver.network.expression import Constraint, Expr, Operand, Shape, as_expr
 
 Domain = Interval | tuple[npt.ArrayLike, npt.ArrayLike]
 
+_numbers = itertools.count(1)  # of networks without a name, for messages
+
 
 class ConstraintNetwork:
-    """Variables, readings and constraints, in the order in which they were added."""
+    """Variables, readings and constraints, in the order in which they were added. `name` is for messages alone."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "") -> None:
+        self.name = checked_name(name or f"network {next(_numbers)}")
         self._variables: dict[str, Expr] = {}
-        self._domains: list[tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]] = []
+        self._domains: dict[str, Box] = {}
+        self._owner: dict[str, str] = {}  # of every component's name, the variable
         self._constraints: list[Constraint] = []
 
     def variable(self, name: str, shape: int | Shape = (), domain: Domain = (-np.inf, np.inf)) -> Expr:
         """A new unknown; components of an array are called `name[0]`, `name[1,2]`, in boxes.
 
-        `domain` is an Interval or a pair of bounds that broadcast to `shape`.
+        `domain` is an Interval or a pair of bounds that broadcast to `shape`. Raises ModelError for a name that is
+        taken, a shape without elements and a domain without numbers.
         """
-        shape = (shape,) if isinstance(shape, int) else tuple(shape)
-        if name in self._variables or not name:
-            raise ModelError(f"a variable needs a name of its own; {name!r} is empty or taken")
-        lo, hi = (domain.lo, domain.hi) if isinstance(domain, Interval) else domain
-        try:
-            lows = np.broadcast_to(enclosed(lo).lo, shape).ravel()
-            highs = np.broadcast_to(enclosed(hi).hi, shape).ravel()
-        except ValueError:
-            raise ModelError(f"the domain of {name!r} does not fit its shape {shape}") from None
-        if not bool(np.all(lows <= highs)):
-            raise ModelError(f"the domain of {name!r} is empty or NaN: {lo} to {hi}")
-        leaf = Expr("variable", shape=shape, name=name)
+        if name in self._variables:
+            raise ModelError(f"a variable needs a name of its own: {name!r} is taken in {self.name!r}")
+        leaf = Expr("variable", shape=_shape(name, shape), name=checked_name(name), owner=self.name)
+        taken = [self._owner[part] for part in component_names(leaf) if part in self._owner]
+        if taken:
+            raise ModelError(f"components of {name!r} would be called like those of {taken[0]!r}: rename one of both")
+        self._domains[name] = _domain(leaf, domain)
         self._variables[name] = leaf
-        self._domains.append((lows, highs))
+        self._owner |= dict.fromkeys(component_names(leaf), name)
         return leaf
 
     @staticmethod
@@ -62,29 +68,44 @@ class ConstraintNetwork:
         The leading axis counts measurements (a scalar reading is shared by all of them). Where every
         radius is zero this is a constant.
         """
-        values = IntervalArray.around(center, radius)
-        if not bool(np.all(np.isfinite(values.lo) & np.isfinite(values.hi))) or bool(np.any(np.asarray(radius) < 0)):
+        try:
+            values = IntervalArray.around(center, radius)
+        except ValueError:
+            raise ModelError("the shapes of centres and radii of a reading do not fit") from None
+        reach = enclosed(radius)
+        if not bool(np.all(np.isfinite(values.lo) & np.isfinite(values.hi))) or not bool(np.all(reach.lo >= 0)):
             raise ModelError("a reading needs finite centres and finite, non-negative radii")
-        if not np.any(radius):
-            return Expr("constant", shape=values.shape, data=values)
-        return Expr("reading", shape=values.shape, data=values)
+        return Expr("reading" if reach.hi.any() else "constant", shape=values.shape, data=values)
 
     def add(self, constraint: Constraint | Iterable[Constraint]) -> None:
-        """Require a constraint (or several)."""
-        if isinstance(constraint, Expr) or not isinstance(constraint, (Constraint, Iterable)):
-            raise ModelError(f"add() takes constraints, not {constraint!r}: use ==, <=, >= or .within()")
-        items = [constraint] if isinstance(constraint, Constraint) else list(constraint)
+        """Require a constraint (or several). Raises ModelError, and adds none, if one is of another network."""
+        listed = isinstance(constraint, Iterable) and not isinstance(constraint, (Expr, str))
+        items: list[Any] = list(constraint) if listed else [constraint]  # type: ignore[arg-type]
         for item in items:
-            for leaf in leaves((item.body, item.lower, item.upper)):
-                if leaf.op == "variable" and self._variables.get(leaf.name) is not leaf:
-                    raise ModelError(f"variable {leaf.name!r} belongs to another network")
+            if not isinstance(item, Constraint):
+                raise ModelError(f"add() takes constraints, not {item!r}: use ==, <=, >= or .within()")
+            self.check_owner(item.body, item.lower, item.upper)
         self._constraints += items
+
+    def owns(self, leaf: Expr) -> bool:
+        """Whether a leaf is a variable of this network (or of the one that this is a copy of)."""
+        own = self._variables.get(leaf.name)
+        return own is not None and leaf.digest == own.digest
+
+    def check_owner(self, *roots: Expr) -> None:
+        """Raises ModelError where one of the expressions holds a variable of another network."""
+        for leaf in leaves(roots):
+            if leaf.op == "variable" and not self.owns(leaf):
+                raise ModelError(
+                    f"variable {leaf.name!r} belongs to another network, {leaf.owner!r}, not to {self.name!r}: build "
+                    f"each expression from the variables of one network (name them: Network(name=...))"
+                )
 
     def without_constraints(self) -> ConstraintNetwork:
         """A new network with the same variables and domains and no constraints yet."""
-        copy = ConstraintNetwork()
-        copy._variables, copy._domains = dict(self._variables), list(self._domains)
-        return copy
+        other = ConstraintNetwork(self.name)
+        other._variables, other._domains, other._owner = copy(self._variables), copy(self._domains), copy(self._owner)
+        return other
 
     @property
     def variables(self) -> tuple[Expr, ...]:
@@ -97,19 +118,22 @@ class ConstraintNetwork:
     @property
     def names(self) -> tuple[str, ...]:
         """Component names of the flattened variables: the names in a `Box`."""
-        return tuple(name for leaf in self._variables.values() for name in component_names(leaf))
+        return tuple(self._owner)
 
     @property
     def domain(self) -> Box:
         """The box of all variables' domains."""
-        empty = (np.zeros(0), np.zeros(0))
-        lows, highs = zip(*(self._domains or [empty]), strict=True)
+        lows = [np.zeros(0)] + [box.lo for box in self._domains.values()]
+        highs = [np.zeros(0)] + [box.hi for box in self._domains.values()]
         return Box(self.names, np.concatenate(lows), np.concatenate(highs))
 
     def component(self, expr: Expr) -> str:
         """The name in a box of a variable, or of one element of it. Raises ModelError for others."""
+        if not isinstance(expr, Expr):
+            raise ModelError(f"{expr!r} is not a scalar variable of this network")
         leaf = expr.args[0] if expr.op == "index" else expr
-        if expr.shape == () and leaf.op == "variable" and self._variables.get(leaf.name) is leaf:
+        if expr.shape == () and leaf.op == "variable":
+            self.check_owner(leaf)
             position = int(expr.data) if isinstance(expr.data, np.ndarray) else 0
             return component_names(leaf)[position]
         raise ModelError(f"{expr!r} is not a scalar variable of this network")
@@ -132,12 +156,9 @@ class ConstraintNetwork:
         hasher.update(repr([number[expr.digest] for expr in roots]).encode())
         return hasher.hexdigest()
 
-    def __getstate__(self) -> tuple[list[Expr], dict[str, Any]]:
-        roots = [expr for c in self._constraints for expr in (c.body, c.lower, c.upper)]
-        return topological(roots), self.__dict__  # arguments first: pickle follows them without deep recursion
-
-    def __setstate__(self, state: tuple[list[Expr], dict[str, Any]]) -> None:
-        self.__dict__.update(state[1])
+    def __getstate__(self) -> dict[str, Any]:
+        """Containers of its own for whoever copies this network: what is added to one is not added to the other."""
+        return {key: copy(value) for key, value in self.__dict__.items()}
 
     def __repr__(self) -> str:
         count = sum(int(np.prod(c.body.shape)) for c in self._constraints)
@@ -151,22 +172,28 @@ def component_names(leaf: Expr) -> tuple[str, ...]:
     return tuple(f"{leaf.name}[{','.join(map(str, index))}]" for index in np.ndindex(leaf.shape))
 
 
-def topological(roots: Iterable[Expr]) -> list[Expr]:
-    """All distinct nodes under `roots`, arguments first; equal expressions are one node."""
-    order: dict[bytes, Expr] = {}
-    stack: list[tuple[Expr, bool]] = [(root, False) for root in reversed(list(roots))]
-    while stack:
-        node, expanded = stack.pop()
-        if node.digest in order:
-            continue
-        if expanded:
-            order[node.digest] = node
-        else:
-            stack.append((node, True))
-            stack.extend((arg, False) for arg in reversed(node.args))
-    return list(order.values())
+def _shape(name: str, shape: Any) -> Shape:
+    """A shape with elements. A domain in its place, which comes third, is the usual slip. Raises ModelError."""
+    try:
+        sizes = tuple(map(operator.index, shape if isinstance(shape, (tuple, list)) else (shape,)))
+    except TypeError:
+        sizes = (0,)
+    if any(size < 1 for size in sizes) or isinstance(shape, bool):
+        raise ModelError(
+            f"{shape!r} is no shape of {name!r}: give one or more positive integers; "
+            f"a domain is written variable({name!r}, domain=(lower, upper))"
+        )
+    return sizes
 
 
-def leaves(roots: Iterable[Expr]) -> Iterator[Expr]:
-    """The variables, constants and readings under `roots`, each once."""
-    return (node for node in topological(roots) if not node.args)
+def _domain(leaf: Expr, domain: Domain) -> Box:
+    """The box of one variable. Raises ModelError where it holds no number or does not fit the shape."""
+    lower, upper = (domain.lo, domain.hi) if isinstance(domain, Interval) else pair(domain, "a domain")
+    try:
+        lo = np.broadcast_to(enclosed(lower).lo, leaf.shape).ravel()
+        hi = np.broadcast_to(enclosed(upper).hi, leaf.shape).ravel()
+    except ValueError:
+        raise ModelError(f"the domain of {leaf.name!r} does not fit its shape {leaf.shape}") from None
+    if not bool(np.all((lo <= hi) & (lo < np.inf) & (hi > -np.inf))):
+        raise ModelError(f"the domain of {leaf.name!r} holds no number: give (lower, upper) with lower <= upper")
+    return Box(component_names(leaf), lo, hi)

@@ -12,8 +12,9 @@ import numpy as np
 
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import coefficient as coef
+from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import Expr
-from cpcal.solver.network.network import ConstraintNetwork, topological
+from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.operations import TABLE
 
 Monomial = tuple[int, ...]

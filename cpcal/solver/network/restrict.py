@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.solver.interval import IntervalArray
+from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import Constraint, Expr
-from cpcal.solver.network.network import ConstraintNetwork, topological
+from cpcal.solver.network.network import ConstraintNetwork
 
 Rows = npt.NDArray[np.intp]
 

@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import coefficient as coef
+from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import Constraint, Expr, as_expr, sqr
-from cpcal.solver.network.network import ConstraintNetwork, topological
+from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.polynomial import Expander, Monomial, NotPolynomial, PolynomialArray
 
 # For the readings of one row, by the digest of their leaf: a part of the set that decides the row.

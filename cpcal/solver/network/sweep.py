@@ -9,10 +9,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray
-from cpcal.solver.interval.array import Floats
+from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import Expr
-from cpcal.solver.network.network import ConstraintNetwork, topological
+from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.operations import TABLE, align
 
 Slots = list[IntervalArray]

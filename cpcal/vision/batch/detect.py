@@ -51,9 +51,10 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """The image files in a folder and below."""
+    """The image files in a folder and below; of one size (width, height) only, where that is given."""
 
     folder: Path
+    size: tuple[int, int] | None = None
     stage = "reading"
 
     @property
@@ -61,11 +62,14 @@ class ImageFolder:
         return image_files(self.folder)
 
     def stamp(self, name: str) -> str:
-        stat = (self.folder / name).stat()
+        try:
+            stat = (self.folder / name).stat()
+        except OSError:  # a broken link, or a file that went: reading it gives the reason
+            return "absent"
         return f"{stat.st_size}-{stat.st_mtime_ns}"
 
     def read(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
-        return read_image(self.folder / name)
+        return read_image(self.folder / name, self.size)
 
 
 @dataclass(frozen=True)

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
+import math
+import stat
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import IO
 
 from cpcal.errors import InputError, Problem
+from cpcal.files.campaign_writer import write_file
 from cpcal.version import __version__
 from cpcal.vision.camera import Camera
-from cpcal.vision.files.detection import Detection
+from cpcal.vision.files.detection import NUMBERS, Detection
 from cpcal.vision.target import Target
 
 FORMAT = "cpcal-detect-journal/1"
+SIZE_MAX = 2**30  # bytes; a line of a million images each takes some 400
 
 
 @dataclass
@@ -32,12 +35,10 @@ class Journal:
         if path is None:
             return cls()
         head = {"format": FORMAT, "version": __version__, "of": _digest(target, camera)}
+        rows, lines = _kept(path, head)
+        text = "".join(f"{line}\n" for line in [json.dumps(head), *lines])
+        write_file(path, text.encode("utf-8", "surrogateescape"))
         try:
-            rows, lines = _kept(path, head)
-            draft = path.with_name(f"{path.name}.tmp")
-            text = "".join(f"{line}\n" for line in [json.dumps(head), *lines])
-            draft.write_text(text, encoding="utf-8", errors="surrogateescape")
-            os.replace(draft, path)
             file = path.open("a", encoding="utf-8", errors="surrogateescape")
         except OSError as error:
             what = f"cannot be written: {error.strerror or error}"
@@ -66,26 +67,54 @@ class Journal:
 
 
 def _kept(path: Path, head: dict[str, str]) -> tuple[dict[str, tuple[str, Detection]], list[str]]:
-    """The rows of a journal with that head, and their lines; a line cut short by a crash is dropped."""
+    """The rows of a journal with that head, and their lines; a line that is none, as a crash leaves it, is dropped."""
     rows: dict[str, tuple[str, Detection]] = {}
     lines: list[str] = []
-    if not path.exists():
+    first, *rest = _text(path).split("\n")
+    if not first:
         return rows, lines
-    first, *rest = path.read_text(encoding="utf-8", errors="surrogateescape").split("\n")
     try:
         if json.loads(first) != head:
             return rows, lines
-    except ValueError:
-        raise InputError([Problem(str(path), "is not a journal of `cpcal detect`", "choose another file")]) from None
+    except (ValueError, RecursionError):
+        raise _no_journal(path) from None
     for line in rest:
-        try:
-            d = json.loads(line)
-            row = Detection(d["file"], d["reason"], d["dots"], tuple(map(float, d["values"])))
-        except (ValueError, KeyError, TypeError):
-            continue
-        rows[row.file] = (d["stamp"], row)
-        lines.append(line)
+        read = _row(line)
+        if read is not None:
+            rows[read[1].file] = read
+            lines.append(line)
     return rows, lines
+
+
+def _text(path: Path) -> str:
+    """ "" where there is no journal yet. Raises InputError for what can be none, before it is read."""
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size > SIZE_MAX:
+            raise _no_journal(path)
+        return path.read_text(encoding="utf-8", errors="surrogateescape")
+    except FileNotFoundError:
+        return ""
+    except OSError as error:
+        what = f"cannot be read: {error.strerror or error}"
+        raise InputError([Problem(str(path), what, "give a file that can be read")]) from None
+
+
+def _no_journal(path: Path) -> InputError:
+    return InputError([Problem(str(path), "is not a journal of `cpcal detect`", "choose another file")])
+
+
+def _row(line: str) -> tuple[str, Detection] | None:
+    """The stamp and the row that a line of a journal states, if it states one."""
+    try:
+        d = json.loads(line)
+        file, stamp, reason, dots = d["file"], d["stamp"], d["reason"], d["dots"]
+        values = tuple(map(float, d["values"]))
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return None
+    sound = all(isinstance(text, str) for text in (file, stamp, reason)) and type(dots) is int
+    sound &= len(values) == (0 if reason else len(NUMBERS)) and all(map(math.isfinite, values))
+    return (stamp, Detection(file, reason, dots, values)) if sound else None
 
 
 def _digest(target: Target, camera: Camera) -> str:

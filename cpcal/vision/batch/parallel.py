@@ -7,10 +7,9 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
-from cpcal.vision.opencv import MissingExtraError, opencv
+from cpcal.vision.batch.thread_limits import one_thread
 
 T = TypeVar("T")
 
@@ -32,16 +31,17 @@ def in_parallel(
     """
     quiet = _OnOneThread(work)
     chunks = iter([names[k : k + _CHUNK] for k in range(0, len(names), _CHUNK)])
-    if executor is not None:
-        yield from _through(executor, quiet, chunks, _WAITING_ELSEWHERE)
-        return
-    count = workers or multiprocessing.cpu_count()
-    if count == 1 or len(names) <= _CHUNK:
-        yield from map(quiet, chunks)
-        return
-    context = multiprocessing.get_context("spawn")  # the same everywhere, and safe beside threads
-    with ProcessPoolExecutor(count, mp_context=context, initializer=_prepare) as pool:
-        yield from _through(pool, quiet, chunks, _WAITING * count)
+    with one_thread():  # for as long as any worker of this process may be at work
+        if executor is not None:
+            yield from _through(executor, quiet, chunks, _WAITING_ELSEWHERE)
+            return
+        count = workers or multiprocessing.cpu_count()
+        if count == 1 or len(names) <= _CHUNK:
+            yield from map(work, chunks)
+            return
+        context = multiprocessing.get_context("spawn")  # the same everywhere, and safe beside threads
+        with ProcessPoolExecutor(count, mp_context=context, initializer=_prepare) as pool:
+            yield from _through(pool, quiet, chunks, _WAITING * count)
 
 
 def _through(
@@ -65,29 +65,13 @@ def _through(
 
 @dataclass(frozen=True)
 class _OnOneThread(Generic[T]):
-    """Work without threads of its own: they would wait for each other's, and change the last bits of sums."""
+    """Work without threads of its own, in whatever process or thread it runs."""
 
     work: Callable[[Sequence[str]], T]
 
     def __call__(self, names: Sequence[str]) -> T:
-        cv2 = opencv()
-        before = cv2.getNumThreads()
-        cv2.setNumThreads(1)
-        try:
-            with _libraries().limit(limits=1):
-                return self.work(names)
-        finally:
-            cv2.setNumThreads(before)
-
-
-@cache
-def _libraries() -> Any:
-    """Of linear algebra, in this process. Raises MissingExtraError."""
-    try:
-        from threadpoolctl import ThreadpoolController
-    except ImportError as error:
-        raise MissingExtraError(f"images need threadpoolctl: pip install 'cpcal[vision]' ({error})") from error
-    return ThreadpoolController()
+        with one_thread():
+            return self.work(names)
 
 
 def _prepare() -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError
+from cpcal.errors import InputError, printable
 from cpcal.vision.calibration.calibrate_camera import (
     CalibratedView,
     Calibration,
@@ -67,8 +67,8 @@ def calibrate_from_images(
 def _seen(image: str | os.PathLike[str] | npt.NDArray[Any], target: Target, name: str) -> _Seen:
     try:
         if isinstance(image, (str, os.PathLike)):
-            name = os.fspath(image)
-            image = read_image(Path(name))
+            name = printable(image)
+            image = read_image(Path(image))
         dots = observe_dots(image, bright=target.bright)
     except UnreadableImageError as error:
         return _Seen(name, str(error))

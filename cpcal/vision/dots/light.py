@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cpcal.vision.dots.grey import Grey
 from cpcal.vision.dots.segmentation import Spots
-from cpcal.vision.middle import median
+from cpcal.vision.median import median
 from cpcal.vision.two_by_two import inverses
 
 Array = npt.NDArray[np.float64]

@@ -14,12 +14,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cpcal.robot.robot import frozen_array
+from cpcal.values import frozen_array
 from cpcal.vision.dots.edge import OUTSIDE, Edges, fitted_edges
 from cpcal.vision.dots.grey import Grey, eight_bits, grey_levels, noise_level
 from cpcal.vision.dots.light import light_gradient
 from cpcal.vision.dots.segmentation import Spots, spots, surveys
-from cpcal.vision.middle import median
+from cpcal.vision.median import median
 from cpcal.vision.two_by_two import eigenvalues
 
 Array = npt.NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.vision.dots.grey import noise_level
-from cpcal.vision.middle import median
+from cpcal.vision.median import median
 from cpcal.vision.opencv import opencv
 from cpcal.vision.two_by_two import determinants, eigenvalues
 
@@ -205,9 +205,9 @@ def _moments(outlines: list[npt.NDArray[np.int32]]) -> tuple[Array, Array, Array
 
 
 def _alike(found: Spots) -> Spots:
-    """Those whose radius is within a ratio of the middle one."""
+    """Those whose radius is within a ratio of the median."""
     if not len(found):
         return found
     radius = found.radius
-    middle = median(radius)
-    return found.kept((radius < _ALIKE * middle) & (_ALIKE * radius > middle))
+    usual = median(radius)
+    return found.kept((radius < _ALIKE * usual) & (_ALIKE * radius > usual))

@@ -11,9 +11,10 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem, Problems
 from cpcal.files.campaign_writer import matrix, provenance_lines, quoted, vector, write_file
-from cpcal.robot.robot import frozen_array
+from cpcal.values import frozen_array
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
-from cpcal.vision.files.sections import SectionReader, opened
+from cpcal.vision.files.plausible_camera import implausible
+from cpcal.vision.files.sections import TomlReader, opened
 
 Array = npt.NDArray[np.float64]
 
@@ -31,7 +32,7 @@ class CameraRecord:
     covariance  (9, 9) of fx, fy, cx, cy (pixels), k1, k2, p1, p2, k3, or None
     rms         of the calibration's residuals, pixels per axis, or None
 
-    Raises InputError for a covariance that is none, or a negative RMS.
+    Raises InputError for a camera that cannot be, a covariance that is none, or a negative RMS.
     """
 
     camera: Camera
@@ -40,7 +41,7 @@ class CameraRecord:
     provenance: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        problems = []
+        problems = [Problem(f"camera {key}", what, remedy) for key, what, remedy in implausible(self.camera)]
         if self.covariance is not None:
             object.__setattr__(self, "covariance", frozen_array(self.covariance))
             problems += [Problem("camera covariance", *wrong) for wrong in covariance_problems(self.covariance)]
@@ -104,7 +105,7 @@ def camera_bytes(record: CameraRecord | Camera) -> bytes:
     return ("\n".join([*lines, *provenance_lines(record.provenance)]) + "\n").encode()
 
 
-def _record(reader: SectionReader) -> CameraRecord | None:
+def _record(reader: TomlReader) -> CameraRecord | None:
     provenance = reader.provenance()
     covariance, rms = _calibration(reader)
     table = reader.required("camera", _KEYS)
@@ -119,10 +120,12 @@ def _record(reader: SectionReader) -> CameraRecord | None:
     if reader.problems.listed:
         return None
     camera = Camera(sides[0], sides[1], np.array(focal), np.array(center), np.array(distortion))
-    return CameraRecord(camera, covariance, rms, provenance)
+    for key, what, remedy in implausible(camera):
+        reader.wrong(("camera", key), what, remedy)
+    return None if reader.problems.listed else CameraRecord(camera, covariance, rms, provenance)
 
 
-def _calibration(reader: SectionReader) -> tuple[Array | None, float | None]:
+def _calibration(reader: TomlReader) -> tuple[Array | None, float | None]:
     table = reader.section("calibration")
     if table is None:
         return None, None

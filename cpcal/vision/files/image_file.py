@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import stat
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +14,8 @@ from cpcal.errors import CpcalError
 from cpcal.vision.opencv import opencv
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
-PIXELS_MAX = 2**27  # of an image that is read at all
+PIXELS_MAX = 100_000_000  # of an image that is read at all
+BYTES_MAX = 400_000_000  # of a file, and of its pixels when it is decoded
 _ENDS = ((b"\x89PNG\r\n", b"IEND"), (b"\xff\xd8", b"\xff\xd9"))  # how PNG and JPEG begin and end
 _TAIL = 4096  # bytes, among which the end is looked for: some cameras append to it
 
@@ -23,14 +26,19 @@ class UnreadableImageError(CpcalError):
 
 def image_files(folder: Path) -> list[str]:
     """The names, relative to `folder` and with "/", of all images in it and below, in order."""
-    found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    found = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and not path.is_dir())
     return sorted(path.relative_to(folder).as_posix() for path in found)
 
 
-def read_image(path: Path) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
-    """The image (height, width) or (height, width, 3), blue first. Raises UnreadableImageError, MissingExtraError."""
+def read_image(path: Path, size: tuple[int, int] | None = None) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+    """The image (height, width) or (height, width, 3), blue first; `size` (width, height), where given, is the only one
+    that is accepted. What is too large, or of another size, is refused before it is decoded.
+
+    Raises UnreadableImageError, MissingExtraError.
+    """
     cv2 = opencv()
-    _check_header(path)
+    _check_file(path)
+    _check_header(path, size)
     try:
         content = np.fromfile(path, dtype=np.uint8)
         _check_end(content.tobytes())
@@ -44,23 +52,49 @@ def read_image(path: Path) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
     return np.asarray(image[..., :3]) if image.ndim == 3 else np.asarray(image)
 
 
-def _check_header(path: Path) -> None:
+def _check_file(path: Path) -> None:
+    """Before anything is opened: a pipe would wait for ever, a device would never end."""
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise UnreadableImageError(f"cannot be read: {_first_line(error)}") from None
+    if not stat.S_ISREG(status.st_mode):
+        raise UnreadableImageError("is no regular file")
+    if not status.st_size:
+        raise UnreadableImageError("is empty")
+    if status.st_size > BYTES_MAX:
+        raise UnreadableImageError(f"is a file of {status.st_size:,} bytes, more than {BYTES_MAX:,}")
+
+
+def _check_header(path: Path, size: tuple[int, int] | None) -> None:
     """Before anything is decoded: a small file may claim to hold a huge image. A truncated one is refused."""
     from PIL import Image
 
     try:
-        if not path.stat().st_size:
-            raise UnreadableImageError("is empty")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns of large images, and of odd metadata
-            with Image.open(path) as header:
-                width, height = header.size
+            with Image.open(path, formats=("PNG", "JPEG", "TIFF")) as header:
+                (width, height), decoded = header.size, _decoded_bytes(header)
     except OSError as error:
         raise UnreadableImageError(f"cannot be read: {_first_line(error)}") from None
-    except (ValueError, SyntaxError, Image.DecompressionBombError) as error:
+    except Image.DecompressionBombError:
+        raise UnreadableImageError(f"has more than {PIXELS_MAX:,} pixels") from None
+    except Exception as error:  # Pillow raises all kinds for headers that are none
         raise UnreadableImageError(f"is no image that can be read: {_first_line(error)}") from None
+    if size is not None and (width, height) != size:
+        raise UnreadableImageError(
+            "the image is {} x {} pixels, the camera's images are {} x {}".format(width, height, *size)
+        )
     if width * height > PIXELS_MAX:
         raise UnreadableImageError(f"has {width} x {height} pixels, more than {PIXELS_MAX:,}")
+    if decoded > BYTES_MAX:
+        raise UnreadableImageError(f"would take {decoded:,} bytes when decoded, more than {BYTES_MAX:,}")
+
+
+def _decoded_bytes(header: Any) -> int:
+    """At most, of the pixels of an image whose header Pillow read: it does not tell 16 bits of a colour from 8."""
+    deep = 4 if header.mode in ("I", "F") else 1 if header.format == "JPEG" else 2
+    return int(header.size[0] * header.size[1] * len(header.getbands()) * deep)
 
 
 def _check_end(content: bytes) -> None:

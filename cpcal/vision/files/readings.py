@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem, Problems
+from cpcal.files.documents import open_regular
 from cpcal.files.table import read_table
 from cpcal.robot import PoseTable
 
@@ -35,7 +36,7 @@ def load_readings(path: Path) -> Readings:
     """The table in a file. Raises InputError with every problem."""
     problems = Problems()
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             table = read_table(
                 file, str(path), None, problems, lambda _: None, required=_columns, optional=lambda _: []
             )

@@ -9,7 +9,7 @@ import numpy as np
 
 from cpcal.errors import Problems, shown
 from cpcal.files.campaign_writer import matrix, provenance_lines, quoted, write_file
-from cpcal.vision.files.sections import SectionReader, Table, opened
+from cpcal.vision.files.sections import Table, TomlReader, opened
 from cpcal.vision.target import Target
 
 TARGET_FORMAT = "cpcal-target/1"
@@ -41,7 +41,7 @@ def target_bytes(target: Target, provenance: dict[str, str] | None = None) -> by
     return ("\n".join(lines) + "\n").encode()
 
 
-def _target(reader: SectionReader) -> Target | None:
+def _target(reader: TomlReader) -> Target | None:
     problems = reader.problems
     reader.provenance()
     table = reader.required("target", _KEYS)
@@ -58,11 +58,13 @@ def _target(reader: SectionReader) -> Target | None:
     if problems.listed:
         return None
     for problem in Target.problems_of(np.array(dots), radius, lines):
-        reader.wrong(("target", "lines"), problem.what, problem.remedy)
+        key = problem.where.rpartition(" ")[2]  # radius, dots or lines
+        what = problem.what if problem.what.startswith(("(", "the")) else f"{key} {problem.what}"
+        reader.wrong(("target", key), what, problem.remedy)
     return None if problems.listed else Target(name, np.array(dots), radius, lines, bright)
 
 
-def _lines(reader: SectionReader, table: Table, dots: int | None) -> tuple[tuple[int, ...], ...]:
+def _lines(reader: TomlReader, table: Table, dots: int | None) -> tuple[tuple[int, ...], ...]:
     """Rows of whole numbers; `dots`: how many there are, where that is known."""
     path, value = ("target", "lines"), table.get("lines", [])
     if not isinstance(value, list) or not all(isinstance(row, list) for row in value):

@@ -15,7 +15,7 @@ from cpcal.vision.identify import one_row
 from cpcal.vision.identify.runs import RowMatches, collinear, match_rows
 from cpcal.vision.identify.symmetry import self_maps
 from cpcal.vision.identify.views import View
-from cpcal.vision.middle import median
+from cpcal.vision.median import median
 from cpcal.vision.target import Target
 
 Array = npt.NDArray[np.float64]

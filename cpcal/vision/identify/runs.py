@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.robot.robot import frozen_array
+from cpcal.values import frozen_array
 from cpcal.vision.homography import line_maps, on_line
 from cpcal.vision.target import Target
 

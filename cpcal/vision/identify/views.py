@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.vision.camera import Camera
-from cpcal.vision.middle import median
+from cpcal.vision.median import median
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose, transformed
-from cpcal.robot.robot import frozen_array
 from cpcal.solver.interval import IntervalArray
+from cpcal.values import frozen_array
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.target import Target

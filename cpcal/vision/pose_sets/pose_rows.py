@@ -25,9 +25,9 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose, normalised, quaternion_conjugate, quaternion_product
-from cpcal.robot.robot import frozen_array
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.model import Network
+from cpcal.values import frozen_array
 from cpcal.vision.pose_sets.enclosed import (
     ENGINE,
     cross,

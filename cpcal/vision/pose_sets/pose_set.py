@@ -25,8 +25,8 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose
-from cpcal.robot.robot import frozen_array
 from cpcal.solver.contract import Verdict
+from cpcal.values import frozen_array
 from cpcal.vision.camera import Camera
 from cpcal.vision.pose_sets.enclosed import exact, rotation
 from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes

@@ -51,5 +51,6 @@ def campaign_of(
         position_radius=np.array([one.position_radius for one in sets]),
         rotation_radius=np.array([one.rotation_radius for one in sets]),
         length_radius=length_radius,
+        exact=length_radius is None,
         provenance=provenance,
     )

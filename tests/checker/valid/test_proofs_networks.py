@@ -243,7 +243,7 @@ def test_what_cannot_be_certified_is_refused_before_any_search(
     def searched(*_: Any, **__: Any) -> None:
         raise AssertionError("a search was begun")
 
-    monkeypatch.setattr("cpcal.solver.minimize", searched)
+    monkeypatch.setattr("cpcal.solver.model.minimize", searched)
     with pytest.raises(cpcal.ModelError, match="constraint 0 cannot be certified"):
         net.minimize(t, certificate=tmp_path / "none.cert.jsonl")
     assert not list(tmp_path.iterdir())

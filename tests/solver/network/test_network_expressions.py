@@ -13,8 +13,9 @@ from contractors import HC4, Lifted
 from cpcal.errors import ModelError
 from cpcal.solver.interval import Interval, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Tape, maximum, norm, sqr, sqrt
+from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import as_expr
-from cpcal.solver.network.network import component_names, topological
+from cpcal.solver.network.network import component_names
 
 
 @pytest.fixture

@@ -140,14 +140,6 @@ def within(points: np.ndarray[Any, Any], boxes: tuple[Box, ...]) -> np.ndarray[A
     return np.asarray(((points[:, None] >= lo) & (points[:, None] <= hi)).all(axis=2).any(axis=1))
 
 
-def test_a_network_without_variables_has_one_box() -> None:
-    net = Network()
-    net.add(net.constant(1.0) <= 2.0)
-    paving = net.solve(contractors=("hc4",), inner=True)
-    assert paving.complete
-    assert len(paving.inside) == 1
-
-
 # options ----------------------------------------------------------------------------------------------------
 
 

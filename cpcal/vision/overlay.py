@@ -17,7 +17,7 @@ _AXIS = 0.3  # of the target's size
 _QUALITY = 82
 
 
-def drawn(image: npt.NDArray[np.integer], found: Measured, target: Target, camera: Camera, width: int) -> bytes:
+def overlay(image: npt.NDArray[np.integer], found: Measured, target: Target, camera: Camera, width: int) -> bytes:
     """JPEG of the image, `width` pixels wide: rings round the dots that were used, the target's rows and axes."""
     cv2 = opencv()
     scale = width / image.shape[1]

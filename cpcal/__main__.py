@@ -1,4 +1,4 @@
-"""`python -m cpcal.cli`."""
+"""`python -m cpcal`."""
 
 from cpcal.cli.app import main
 

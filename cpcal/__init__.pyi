@@ -1,0 +1,70 @@
+from .certify import PointResult, certify, certify_point, compare, compare_networks
+from .errors import CpcalError, InputError, ModelError, PluginError
+from .files import load_campaign, save_campaign
+from .legs import LegModel, Measured, Parameter
+from .results import (
+    Comparison,
+    LegResult,
+    Result,
+    VerifiedPoint,
+    load_comparison,
+    load_result,
+    save_comparison,
+    save_result,
+)
+from .robot import Campaign, Robot
+from .simulate import simulate
+from .solver.contract import Contraction, Contractor, Limits, Polyhedron, Step, Strategy, Verdict
+from .solver.interval import Box, Interval
+from .solver.model import Network, Paving, Solution
+from .solver.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
+from .version import __version__
+
+__all__ = [
+    "Box",
+    "Campaign",
+    "Comparison",
+    "Constraint",
+    "Contraction",
+    "Contractor",
+    "CpcalError",
+    "Expr",
+    "InputError",
+    "Interval",
+    "LegModel",
+    "LegResult",
+    "Limits",
+    "Measured",
+    "ModelError",
+    "Network",
+    "Parameter",
+    "Paving",
+    "PluginError",
+    "PointResult",
+    "Polyhedron",
+    "Result",
+    "Robot",
+    "Solution",
+    "Step",
+    "Strategy",
+    "Verdict",
+    "VerifiedPoint",
+    "__version__",
+    "certify",
+    "certify_point",
+    "compare",
+    "compare_networks",
+    "evaluate",
+    "load_campaign",
+    "load_comparison",
+    "load_result",
+    "maximum",
+    "minimum",
+    "norm",
+    "save_campaign",
+    "save_comparison",
+    "save_result",
+    "simulate",
+    "sqr",
+    "sqrt",
+]

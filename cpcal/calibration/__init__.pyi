@@ -1,0 +1,135 @@
+from .averaging import (
+    averaged,
+)
+from .dip import (
+    dip,
+    dip_p_value,
+)
+from .distribution import (
+    ChannelStatistics,
+    describe,
+)
+from .equations import (
+    LegEquations,
+)
+from .estimate import (
+    Fit,
+)
+from .exact import (
+    solves_exactly,
+)
+from .fit import (
+    fit,
+)
+from .frames import (
+    FrameCalibration,
+    HandEye,
+    calibrate_frames,
+    hand_eye,
+    redefined,
+)
+from .identification import (
+    leg_jacobian,
+    robot_jacobian,
+)
+from .least_squares import (
+    least_squares,
+)
+from .observability import (
+    Observability,
+    column_scale,
+    observability,
+)
+from .record import (
+    CalibrationRecord,
+    recorded,
+)
+from .record_file import (
+    RECORD_NAME,
+    load_record,
+    save_record,
+)
+from .screening import (
+    Screening,
+    screen,
+)
+from .selection import (
+    Selection,
+    select_poses,
+)
+from .statistics import (
+    Deviations,
+    campaign_deviations,
+    deviations,
+    mean_rotations,
+)
+from .study import (
+    StudyCalibration,
+    as_campaign,
+    calibrate_study,
+)
+from .tolerance import (
+    half_widths,
+    readings_needed,
+    tolerance_half_width,
+    tolerance_interval,
+)
+from .validation import (
+    ErrorSummary,
+    PoseErrors,
+    Validation,
+    pose_errors,
+    validate,
+)
+from .weights import (
+    Noise,
+)
+
+__all__ = [
+    "RECORD_NAME",
+    "CalibrationRecord",
+    "ChannelStatistics",
+    "Deviations",
+    "ErrorSummary",
+    "Fit",
+    "FrameCalibration",
+    "HandEye",
+    "LegEquations",
+    "Noise",
+    "Observability",
+    "PoseErrors",
+    "Screening",
+    "Selection",
+    "StudyCalibration",
+    "Validation",
+    "as_campaign",
+    "averaged",
+    "calibrate_frames",
+    "calibrate_study",
+    "campaign_deviations",
+    "column_scale",
+    "describe",
+    "deviations",
+    "dip",
+    "dip_p_value",
+    "fit",
+    "half_widths",
+    "hand_eye",
+    "least_squares",
+    "leg_jacobian",
+    "load_record",
+    "mean_rotations",
+    "observability",
+    "pose_errors",
+    "readings_needed",
+    "recorded",
+    "redefined",
+    "robot_jacobian",
+    "save_record",
+    "screen",
+    "select_poses",
+    "solves_exactly",
+    "tolerance_half_width",
+    "tolerance_interval",
+    "validate",
+]

@@ -1,0 +1,19 @@
+from .campaign_reader import (
+    load_campaign,
+)
+from .campaign_writer import (
+    save_campaign,
+)
+from .study_reader import (
+    load_study,
+)
+from .study_writer import (
+    save_study,
+)
+
+__all__ = [
+    "load_campaign",
+    "load_study",
+    "save_campaign",
+    "save_study",
+]

@@ -1,0 +1,49 @@
+from .equation import (
+    exactly_read,
+    leg_box,
+    leg_network,
+    residuals,
+)
+from .known import (
+    leg_model,
+)
+from .leg_statement import (
+    leg_statement,
+    model_statement,
+)
+from .model_fit import (
+    ModelResiduals,
+    fit_model,
+    model_residuals,
+    reading_sensitivities,
+)
+from .models import (
+    PARAMETERS,
+    PLAIN,
+    LegModel,
+    Measured,
+    Parameter,
+    built_in,
+    half_width_problems,
+)
+
+__all__ = [
+    "PARAMETERS",
+    "PLAIN",
+    "LegModel",
+    "Measured",
+    "ModelResiduals",
+    "Parameter",
+    "built_in",
+    "exactly_read",
+    "fit_model",
+    "half_width_problems",
+    "leg_box",
+    "leg_model",
+    "leg_network",
+    "leg_statement",
+    "model_residuals",
+    "model_statement",
+    "reading_sensitivities",
+    "residuals",
+]

@@ -1,0 +1,85 @@
+"""Values that hold arrays: dataclasses that nobody can change, compared by what they hold.
+
+    @dataclass(frozen=True, eq=False)
+    class Robot(Value):
+        def __post_init__(self):
+            object.__setattr__(self, "base", frozen_array(self.base))
+
+Arrays and mappings also stay read-only when a value is copied or unpickled, so that what was computed from one (a
+digest) stays true of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from types import MappingProxyType
+from typing import Any, Self, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+_V = TypeVar("_V")
+
+
+def frozen_array(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """A private, read-only, C-ordered float64 copy."""
+    array = np.array(values, dtype=np.float64, order="C")
+    array.setflags(write=False)
+    return array
+
+
+def frozen_mapping(values: Mapping[str, _V]) -> Mapping[str, _V]:
+    """A private, read-only copy."""
+    return MappingProxyType(dict(values))
+
+
+class ByValue:
+    """Base of dataclasses that are equal when their fields are, arrays included."""
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)  # type: ignore[arg-type]
+
+    def __hash__(self) -> int:
+        held = [getattr(self, f.name) for f in fields(self) if f.compare]  # type: ignore[arg-type]
+        return hash((type(self), *(_hashable(value) for value in held)))
+
+
+class Value(ByValue):
+    """Base of frozen dataclasses with frozen fields: copies are the value itself, pickles stay read-only.
+
+    Only fields are pickled; what else was kept (a cached property) is computed again.
+    """
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        held = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return {name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in held.items()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            elif isinstance(value, dict):
+                value = MappingProxyType(value)
+            object.__setattr__(self, name, value)
+
+
+def _same(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.array_equal(one, other)  # type: ignore[arg-type]
+    return bool(one == other)
+
+
+def _hashable(value: object) -> object:
+    """Of equal values the same: arrays by their shape, for 0.0 and -0.0 have other bytes."""
+    if isinstance(value, np.ndarray):
+        return value.shape
+    return len(value) if isinstance(value, Mapping) else value

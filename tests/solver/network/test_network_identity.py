@@ -1,0 +1,229 @@
+"""What an expression means is fixed when it is built: no caller, copy, process or other network changes it."""
+
+from __future__ import annotations
+
+import copy
+import multiprocessing
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cpcal
+from contractors import HC4
+from cpcal.errors import ModelError
+from cpcal.solver.interval import Box, Interval, IntervalArray
+from cpcal.solver.model import Network
+from cpcal.solver.network import Expr
+from cpcal.solver.network.expression import as_expr
+
+# A caller's arrays -----------------------------------------------------------------------------------------
+
+
+def test_a_row_that_is_reused_by_its_caller_loses_no_solution() -> None:
+    net = Network()
+    x = net.variable("x", 2, (-5, 5))
+    row = np.zeros(2)
+    for k, value in enumerate([1.0, 2.0]):
+        row[:] = 0
+        row[k] = 1
+        net.add(row @ x == value)
+    assert (1.0, 2.0) in net.contract().box
+
+
+def test_bounds_that_change_after_add_do_not_move_a_minimum(tmp_path: Path) -> None:
+    net = Network()
+    x = net.variable("x", domain=(0, 10))
+    bound = np.array([1.0])
+    net.add(x >= bound)
+    bound[0] = 3.0
+    best = net.minimize(x, certificate=tmp_path / "proof.jsonl")
+    assert best.lo <= 1.0 <= best.hi + 1e-9
+
+
+def _constant(net: Network, x: Expr, a: Any) -> None:
+    net.add(x + a <= 1)
+
+
+def _interval_array(net: Network, x: Expr, a: Any) -> None:
+    net.add(x + IntervalArray(a, a) <= 1)
+
+
+def _bounds(net: Network, x: Expr, a: Any) -> None:
+    net.add(x.within((a, a)))
+
+
+def _domain(net: Network, x: Expr, a: Any) -> None:
+    net.add(net.variable("y", 2, (a, a + 1)) <= x)
+
+
+def _upper_domain(net: Network, x: Expr, a: Any) -> None:
+    net.add(net.variable("y", 2, (-1, a)) <= x)
+
+
+def _reading(net: Network, x: Expr, a: Any) -> None:
+    net.add(net.reading(a, 0.1) == x)
+
+
+def _exact_reading(net: Network, x: Expr, a: Any) -> None:
+    net.add(net.reading(a, 0.0) == x)
+
+
+DOORS = [_constant, _interval_array, _bounds, _domain, _upper_domain, _reading, _exact_reading]
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_no_door_keeps_its_callers_array(door: Any) -> None:
+    net, values = Network(), np.array([0.25, 0.5])
+    door(net, net.variable("x", 2, (-5, 5)), values)
+    domain, digest, box = net.domain, net.digest, HC4(net).contract(net.domain).box
+    values[:] = 4.0
+    assert net.domain == domain
+    assert net.digest == digest
+    assert HC4(net).contract(net.domain).box == box
+
+
+def test_an_index_array_belongs_to_the_expression() -> None:
+    net, where = Network(), np.array([0, 0])
+    net.add(net.variable("x", 2, (-5, 5))[where] == 1.0)
+    where[:] = 1
+    assert (1.0, 4.0) in net.contract().box
+
+
+def test_the_data_of_an_expression_cannot_be_written() -> None:
+    net = Network()
+    x = net.variable("x", 2, (-5, 5))
+    for node in (as_expr(np.ones(2)), net.reading([0.0, 1.0], 0.1), x[[1, 0]]):
+        arrays = (node.data.lo, node.data.hi) if isinstance(node.data, IntervalArray) else (node.data,)
+        for again in (node, pickle.loads(pickle.dumps(node)), copy.deepcopy(node), copy.copy(node)):
+            held = (again.data.lo, again.data.hi) if isinstance(again.data, IntervalArray) else (again.data,)
+            for mine, array in zip(arrays, held, strict=True):
+                np.testing.assert_array_equal(mine, array)
+                with pytest.raises(ValueError, match="read-only"):
+                    array[...] = 7
+
+
+def test_the_data_of_a_copied_box_cannot_be_written() -> None:
+    lo, hi = np.zeros(2), np.ones(2)
+    box = Box(["x", "y"], lo, hi)
+    lo[:], hi[:] = 5.0, 6.0
+    for again in (box, pickle.loads(pickle.dumps(box)), copy.deepcopy(box), copy.copy(box)):
+        assert again == Box(["x", "y"], [0, 0], [1, 1])
+        with pytest.raises(ValueError, match="read-only"):
+            again.lo[0] = 0.5
+
+
+# One variable, one network ---------------------------------------------------------------------------------
+
+
+def test_variables_of_two_networks_do_not_mix() -> None:
+    a, b = Network("left"), Network("right")
+    xa, xb = a.variable("x", domain=(0, 10)), b.variable("x", domain=(0, 1))
+    for constraint in (xb + xa == 10.5, xa + xb == 10.5, xb.within((xa, 20)), xa == 1, cpcal.sqr(xb - xa) <= 1):
+        with pytest.raises(ModelError, match="'x' belongs to another network, 'left', not to 'right'"):
+            b.add(constraint)
+    with pytest.raises(ModelError, match="'left'"):
+        b.add([xb == 1, xa == 1])
+    assert b.constraints == ()
+    with pytest.raises(ModelError, match="'left'"):
+        b.component(xa)
+    with pytest.raises(ModelError, match="'left'"):
+        b.minimize(xa)
+    with pytest.raises(ModelError, match="'left'"):
+        cpcal.evaluate(b, xb + xa, b.domain)
+
+
+def test_networks_without_a_name_are_told_apart_too() -> None:
+    a, b = Network(), Network()
+    assert a.name != b.name
+    with pytest.raises(ModelError, match=f"{a.name!r}, not to {b.name!r}"):
+        b.add(a.variable("x") == 1)
+
+
+def test_a_networks_name_is_no_part_of_its_digest() -> None:
+    digests = []
+    for name in ("left", "right"):
+        net = Network(name)
+        net.add(net.variable("x", 2, (0, 1)) <= 0.5)
+        digests.append(net.digest)
+    assert digests[0] == digests[1]
+
+
+# Copies and processes --------------------------------------------------------------------------------------
+
+
+def example() -> tuple[Network, Expr]:
+    net = Network("example")
+    x = net.variable("x", 2, (-5, 5))
+    net.add(x[0] == net.reading(1.0, 0.5))
+    return net, x
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda net: pickle.loads(pickle.dumps(net))])
+def test_a_copy_and_its_original_go_their_own_ways(copied: Any) -> None:
+    net, x = example()
+    before, digest = net.contract().box, net.digest
+    other = copied(net)
+    assert other.digest == digest
+    other.add(x[1] == 2.0)  # the variables are those of both
+    other.add(other.variable("y", domain=(0, 1)) == 0.5)
+    assert net.digest == digest
+    assert net.contract().box == before
+    assert (1.0, 2.0, 0.5) in other.contract().box
+    assert (1.0, 2.5, 0.5) not in other.contract().box
+    net.variable("y", domain=(0, 1))
+    with pytest.raises(ModelError, match="another network"):
+        net.add(other.variables[-1] == 0.5)
+
+
+def _reading_elsewhere(_: int) -> Expr:
+    return Network.reading(0.0, 1.0)
+
+
+def test_readings_made_in_several_processes_are_different_numbers() -> None:
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        first, second, *_ = pool.map(_reading_elsewhere, range(4), chunksize=1)
+    mine = _reading_elsewhere(0)
+    assert len({first.digest, second.digest, mine.digest}) == 3
+
+
+def test_a_reading_that_comes_back_from_pickle_is_the_same_number() -> None:
+    net, x = example()
+    reading = net.reading(0.5, 0.5)
+    net.add([x[0] == reading, x[1] == pickle.loads(pickle.dumps(reading))])
+    part = net.domain.replace("x[0]", hi=0.2).replace("x[1]", lo=0.8)
+    assert net.contract(part, contractors=["hc4"]).box.is_empty
+
+
+def test_long_expressions_go_through_pickle_and_copy() -> None:
+    net = Network()
+    x = net.variable("x", domain=(-2, 2))
+    total = x
+    for k in range(1, 2500):
+        total = total + k * x
+    again = pickle.loads(pickle.dumps(total))
+    assert again.digest == total.digest
+    assert copy.deepcopy(total) is total
+    net.add(again <= 0)
+    other = pickle.loads(pickle.dumps(net))
+    assert other.digest == net.digest == copy.deepcopy(net).digest
+    assert (-1.0,) in pickle.loads(pickle.dumps(HC4(net))).contract(net.domain).box
+
+
+def test_what_a_callback_adds_is_no_part_of_the_answer() -> None:
+    net = Network()
+    x = net.variable("x", domain=(0, 1))
+    net.add(cpcal.sqr(x) == 0.25)
+    paving = net.solve(progress=lambda event: net.add(x == 0.75))
+    assert [(0.5,) in solution.box for solution in paving.solutions] == [True]
+    assert paving.solutions[0].verdict.value == "proved"
+
+
+def test_a_thick_constant_keeps_its_identity() -> None:
+    constant = as_expr(Interval(0, 1))
+    net = Network()
+    x, y = net.variable("x", domain=(0, 0.2)), net.variable("y", domain=(0.8, 1))
+    net.add([x == constant, y == pickle.loads(pickle.dumps(constant))])
+    assert constant.digest == pickle.loads(pickle.dumps(constant)).digest != as_expr(Interval(0, 1)).digest

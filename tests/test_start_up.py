@@ -1,0 +1,81 @@
+"""What an import loads, and which thing a name is when a function and a package share it. In fresh interpreters."""
+
+import subprocess
+import sys
+from importlib import import_module
+from pkgutil import walk_packages
+from types import ModuleType
+
+import pytest
+
+import cpcal
+
+HEAVY = {"flint", "jinja2", "matplotlib", "numpy", "ortools", "scipy"}
+LAZY = ["", ".calibration", ".certify", ".files", ".legs", ".report", ".results", ".robot", ".simulate"]
+
+
+def interpreted(code, *, status=0):
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == status, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("package", LAZY)
+def test_importing_a_package_loads_nothing_heavy(package):
+    loaded = interpreted(f"import sys, cpcal{package}; print(*sys.modules)").split()
+    assert HEAVY.isdisjoint(loaded)
+
+
+def test_the_version_and_a_mistyped_verb_load_no_verb():
+    for arguments, status in ((["--version"], 0), (["certfy"], 2)):
+        code = f"""
+import atexit, sys
+from cpcal.cli.app import main
+atexit.register(lambda: print(*sys.modules))
+sys.argv = ["cpcal", *{arguments}]
+main()
+"""
+        loaded = interpreted(code, status=status).split()
+        assert HEAVY.isdisjoint(loaded)
+        assert "cpcal.cli.app" in loaded
+        assert "cpcal.cli.certify" not in loaded
+
+
+def test_a_verb_loads_no_other_verb_s_libraries():
+    code = "import sys, cpcal.cli.plugins, cpcal.cli.simulate; print(*sys.modules)"
+    assert {"matplotlib", "jinja2", "cv2"}.isdisjoint(interpreted(code).split())
+
+
+@pytest.mark.parametrize(("name", "module"), [("certify", "certify"), ("simulate", "campaigns")])
+@pytest.mark.parametrize(
+    "imports",
+    [
+        "import cpcal.{0}",
+        "import cpcal; cpcal.{0}; import cpcal.{0}",
+        "import importlib; importlib.import_module('cpcal.{0}.{1}')",
+    ],
+)
+def test_a_function_keeps_its_name_whatever_is_imported_before(name, module, imports):
+    lines = ["import sys", imports.format(name, module), "import cpcal", f"print(type(cpcal.{name}).__name__)"]
+    lines += [f"from cpcal.{name} import {name} as same", f"print(same is cpcal.{name})"]
+    assert interpreted("\n".join(lines)).split() == ["function", "True"]
+
+
+def test_no_public_name_is_hidden_by_a_file_of_the_same_name():
+    for found in walk_packages(cpcal.__path__, "cpcal."):
+        if "__main__" not in found.name:
+            import_module(found.name)
+    for package in map(import_module, (f"cpcal{name}" for name in LAZY)):
+        assert not [name for name in package.__all__ if isinstance(getattr(package, name), ModuleType)]
+
+
+def test_every_public_name_is_listed_and_there():
+    assert "certify" in dir(cpcal)
+    assert all(getattr(cpcal, name) is not None for name in cpcal.__all__)
+    with pytest.raises(AttributeError, match="certfy"):
+        _ = cpcal.certfy
+
+
+def test_python_m_cpcal_is_the_command():
+    done = subprocess.run([sys.executable, "-m", "cpcal", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"cpcal {cpcal.__version__}\n"

@@ -1,0 +1,207 @@
+"""Files that are no files, or are made to hurt: refused with a sentence, soon, and without much memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
+
+from cpcal.errors import InputError, printable
+from cpcal.vision.batch.detect import ImageFolder, detect
+from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.files import image_file
+from cpcal.vision.files.camera_file import load_camera
+from cpcal.vision.files.image_file import UnreadableImageError, read_image
+from cpcal.vision.files.readings import load_readings
+from cpcal.vision.files.target_file import load_target
+from cpcal.vision.target import DELTALAB_TARGET
+
+DEEP = 200_000  # brackets
+
+
+def png(width, height, bits):
+    """A PNG of few bytes that is complete, and claims a size."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    head = struct.pack(">IIBBBBB", width, height, bits, 0, 0, 0, 0)
+    body = chunk(b"IDAT", zlib.compress(bytes(1000)))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + body + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(
+    ("content", "size", "reason"),
+    [
+        (png(11585, 11585, 16), None, "has 11585 x 11585 pixels, more than 100,000,000"),
+        (png(4000, 3000, 8), (1024, 768), "the image is 4000 x 3000 pixels, the camera's images are 1024 x 768"),
+        (b"BM" + bytes(1000), None, "cannot be read"),
+    ],
+)
+def test_an_image_is_refused_by_its_header_and_never_decoded(tmp_path, monkeypatch, content, size, reason):
+    def decoded(*_):
+        raise AssertionError("the image was decoded")
+
+    monkeypatch.setattr(image_file.np, "fromfile", decoded)
+    (tmp_path / "image.png").write_bytes(content)
+    with pytest.raises(UnreadableImageError, match=reason):
+        read_image(tmp_path / "image.png", size)
+
+
+def test_colours_and_depth_count_for_the_memory_of_an_image(tmp_path):
+    head = struct.pack(">IIBBBBB", 9000, 9000, 16, 6, 0, 0, 0)  # 81 million pixels of 8 bytes
+    content = png(1, 1, 8).replace(struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0), head)
+    at = content.index(head) + len(head)
+    content = content[:at] + struct.pack(">I", zlib.crc32(b"IHDR" + head)) + content[at + 4 :]
+    (tmp_path / "image.png").write_bytes(content)
+    with pytest.raises(UnreadableImageError, match="would take 648,000,000 bytes when decoded"):
+        read_image(tmp_path / "image.png")
+
+
+def test_a_file_of_terabytes_is_refused_unread(tmp_path):
+    with (tmp_path / "image.png").open("wb") as file:
+        file.truncate(2**40)  # takes no room on the disk
+    with pytest.raises(UnreadableImageError, match="is a file of 1,099,511,627,776 bytes"):
+        read_image(tmp_path / "image.png")
+
+
+@pytest.fixture(params=["pipe", "device"])
+def no_file(request, tmp_path):
+    """A folder, and what to put there under a name: a pipe that nobody writes to, or a device without an end."""
+
+    def make(name):
+        if request.param == "pipe":
+            os.mkfifo(tmp_path / name)
+        else:
+            (tmp_path / name).symlink_to("/dev/zero")
+        return tmp_path / name
+
+    return make
+
+
+def test_pipes_and_devices_are_no_images(no_file):
+    path = no_file("image.png")
+    with pytest.raises(UnreadableImageError, match="is no regular file"):
+        read_image(path)
+    found = detect(ImageFolder(path.parent), DELTALAB_TARGET, DELTALAB_CAMERA, workers=1)
+    assert [(row.file, row.reason) for row in found.rows] == [("image.png", "is no regular file")]
+
+
+@pytest.mark.parametrize("load", [load_target, load_camera, load_readings])
+def test_pipes_and_devices_are_no_settings(no_file, load):
+    with pytest.raises(InputError, match="is no regular file"):
+        load(no_file("file"))
+
+
+def test_pipes_and_devices_are_no_journals(no_file, tmp_path):
+    (tmp_path / "images").mkdir()
+    with pytest.raises(InputError, match="is not a journal"):
+        detect(ImageFolder(tmp_path / "images"), DELTALAB_TARGET, DELTALAB_CAMERA, journal=no_file("journal"))
+
+
+def test_a_link_to_nothing_is_an_image_with_a_reason(tmp_path):
+    (tmp_path / "image.png").symlink_to(tmp_path / "nothing.png")
+    journal = tmp_path / "journal"
+    for measured in (1, 0):
+        found = detect(ImageFolder(tmp_path), DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
+        assert [row.reason for row in found.rows] == ["cannot be read: No such file or directory"]
+        assert found.measured == measured
+
+
+@pytest.mark.parametrize("load", [load_target, load_camera])
+@pytest.mark.parametrize("content", ["a = " + "[" * DEEP, "a" + ".a" * DEEP + " = 1", "a = " + "{ a = " * DEEP])
+def test_deeply_nested_settings_are_refused(tmp_path, load, content):
+    (tmp_path / "file.toml").write_text(content)
+    with pytest.raises(InputError):
+        load(tmp_path / "file.toml")
+
+
+@pytest.fixture
+def one_image(tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "a.png").write_bytes(b"")
+    return ImageFolder(tmp_path / "images")
+
+
+@pytest.mark.parametrize("head", ["[" * DEEP, "1" * 5000, '{"a": 1' + "0" * 5000 + "}", "\x00", "{"])
+def test_what_does_not_begin_like_a_journal_is_none(tmp_path, one_image, head):
+    (tmp_path / "journal").write_text(head + "\n")
+    with pytest.raises(InputError, match="is not a journal"):
+        detect(one_image, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=tmp_path / "journal")
+
+
+def test_lines_that_no_journal_holds_are_dropped(tmp_path, one_image):
+    journal = tmp_path / "journal"
+    known = detect(one_image, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
+    head, line = journal.read_text().splitlines()
+    row = json.loads(line)
+    bad = [
+        "[" * DEEP,
+        "7",
+        "null",
+        '{"file": "a.png"}',
+        *(
+            json.dumps({**row, **wrong})
+            for wrong in (
+                {"reason": "", "values": [1.0]},
+                {"reason": "", "values": [float("nan")] * 14},
+                {"reason": "", "values": [10**400] * 14},
+                {"reason": 5},
+                {"dots": "many"},
+                {"dots": True},
+                {"stamp": None},
+                {"file": ["a.png"]},
+                {"values": 5},
+                {"values": [1.0]},
+            )
+        ),
+    ]
+    for text in bad:
+        journal.write_text(f"{head}\n{text}\n")
+        again = detect(one_image, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal)
+        assert again.measured == 1, text
+        assert again.rows == known.rows
+    journal.write_text(f"{head}\n{line}\n")
+    assert detect(one_image, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=journal).measured == 0
+
+
+def test_a_link_planted_under_a_drafts_name_is_not_followed(tmp_path, one_image):
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    (tmp_path / "journal.tmp").symlink_to(victim)
+    detect(one_image, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1, journal=tmp_path / "journal")
+    assert victim.read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("plain name.png", "plain name.png"),
+        ("äöü.png", "äöü.png"),
+        ("a\nproved.png", "a\\nproved.png"),
+        ("\x1b[31m.png", "\\x1b[31m.png"),
+        ("\u202egnp.png", "\\u202egnp.png"),
+        (os.fsdecode(b"\xff.png"), "\\udcff.png"),
+    ],
+)
+def test_names_of_files_cannot_forge_lines(tmp_path, name, shown):
+    assert printable(name) == shown
+    with pytest.raises(InputError) as caught:
+        load_target(tmp_path / name)
+    assert str(caught.value).splitlines()[1:] == [str(caught.value).splitlines()[1]]
+    assert f"/{shown}: does not exist" in str(caught.value)
+
+
+def test_a_target_as_large_as_allowed_and_none_larger(tmp_path):
+    from cpcal.vision.target import MOST_DOTS, Target
+
+    dots = np.stack([np.arange(MOST_DOTS + 1.0), np.zeros(MOST_DOTS + 1)], axis=1)
+    Target("long", dots[:-1], 0.1, ())
+    with pytest.raises(InputError, match="are 501"):
+        Target("longer", dots, 0.1, ())
