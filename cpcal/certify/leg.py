@@ -81,6 +81,8 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
         found.seconds,
         answer.certificate,
         trials=answer.trials,
+        contractors_used=found.contractors_used,
+        found_lo=found.found.lo if found.found is not None and found.found.lo > found.lo else None,
         verified=VerifiedPoint(eps, len(good), len(bad), len(question.campaign)),
     )
 
@@ -104,9 +106,11 @@ def _sentence(question: Question, leg: int, found: Minimum) -> str:
             Verdict.REFUTED: f"No x in the box, with legs longer than {eps:g} mm, satisfies all equations "
             f"to within {eps:g} mm for any readings: proved.",
             Verdict.UNKNOWN: f"Stopped before it was known if any x satisfies the equations to within {eps:g} mm.",
-        }[found.verdict]
+        }[found.verdict] + found.beyond
     if found.witness is not None and found.hi == 0.0:
         plain, x = question.model.name == PLAIN.name, found.witness.point[:-1]
         how = "proved in exact arithmetic" if plain and solves_exactly(question.campaign, leg, x) else "proved"
-        return f"The model is not refuted: some x satisfies every equation exactly for some readings: {how}."
+        return (
+            f"The model is not refuted: some x satisfies every equation exactly for some readings: {how}.{found.beyond}"
+        )
     return found.status

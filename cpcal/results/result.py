@@ -18,6 +18,7 @@ from cpcal.results.verified_point import VerifiedPoint
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize import Trial
+from cpcal.solver.search import ContractorUse
 
 FORMAT = "cpcal-result/1"
 
@@ -90,6 +91,8 @@ class LegResult:
     projections: Projections | None = None  # what the report draws; see cpcal.certify.projections
     verified: VerifiedPoint | None = None  # the center of the box, as a solution at eps = 0 (or the eps asked about)
     trials: tuple[Trial, ...] = ()  # calls of the solver, with method "timeout"
+    contractors_used: tuple[ContractorUse, ...] = ()  # those asked for: how often each ran, its part in the certificate
+    found_lo: float | None = None  # the lower bound of eps by all contractors, where the certificate proves less
 
     @property
     def not_refuted(self) -> bool:
@@ -127,6 +130,8 @@ class LegResult:
             "center_verified": None if self.verified is None else self.verified.to_json(),
             **({} if self.projections is None else {"projections": self.projections.to_json()}),
             **({"trials": [t.to_json() for t in self.trials]} if self.trials else {}),
+            "contractors_used": [use.to_json() for use in self.contractors_used],
+            "found_lo": None if self.found_lo is None else _number(self.found_lo),
         }
 
     @classmethod
@@ -152,6 +157,8 @@ class LegResult:
             None if projections is None else Projections.from_json(projections, names),
             None if verified is None else VerifiedPoint.from_json(verified),
             tuple(Trial.from_json(t) for t in data.get("trials", ())),
+            tuple(ContractorUse.from_json(use) for use in data.get("contractors_used", ())),
+            None if data.get("found_lo") is None else _float(data["found_lo"]),
         )
 
 

@@ -32,7 +32,7 @@ class Found:
     enclosure: Box
 
     def sentence(self, certified: float) -> str:
-        """To follow a status, beside the certified lower bound."""
+        """To follow another one; `certified` is the lower bound that the certificate proves."""
         if self.lo == np.inf:
             return " All contractors together prove that there is no solution; the certificate does not."
         if self.lo > certified:
@@ -70,6 +70,11 @@ class Minimum:
     interrupted: bool = False
     contractors_used: tuple[ContractorUse, ...] = ()
     found: Found | None = None
+
+    @property
+    def beyond(self) -> str:
+        """What the contractors prove beyond the certificate, to follow a sentence; it is part of `status`."""
+        return "" if self.found is None else self.found.sentence(self.lo)
 
 
 def status_of(last: Bracket, incumbent: Incumbent, undecided: int) -> tuple[Verdict, str]:
