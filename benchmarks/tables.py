@@ -11,6 +11,7 @@ from benchmarks.methods import method
 from benchmarks.records import ANSWERED, SKIPPED, Results, Run
 from benchmarks.suites import REFERENCE, SUITES
 from benchmarks.tasks import KINDS, Task
+from cpcal.numbers import bracket_text
 
 _SEPARATE = ("lo", "hi", "nodes", "programs", "linear", "eps")  # have a place of their own
 _UNITS = {"width": "mm", "mean width": "mm", "check": "s", "size": "kB"}
@@ -93,7 +94,8 @@ def _figures(figures: dict[str, float]) -> list[str]:
     lo, hi = figures.get("lo", -math.inf), figures.get("hi", math.inf)
     out = []
     if math.isfinite(lo) or math.isfinite(hi):
-        out.append(f"[{lo:.9g}, {hi:.9g}] mm")
+        least, most = bracket_text(lo, hi, 9)
+        out.append(f"[{least}, {most}] mm")
     for name, value in figures.items():
         if name not in _SEPARATE:
             shown = f"{value:,.0f}" if abs(value) >= 100.0 else f"{value:.3g}"

@@ -12,6 +12,7 @@ from cpcal.certify.point import verified_rows
 from cpcal.certify.question import Floats, Question
 from cpcal.certify.timeout_method import by_timeout
 from cpcal.legs import PLAIN, built_in, exactly_read
+from cpcal.numbers import stated
 from cpcal.results import LegResult, VerifiedPoint
 from cpcal.solver.contract import Verdict
 from cpcal.solver.network import ConstraintNetwork
@@ -98,14 +99,13 @@ def _unchecked(question: Question, leg: int, answer: Answered) -> str:
 
 
 def _sentence(question: Question, leg: int, found: Minimum) -> str:
-    eps = question.eps
-    if eps is not None:
+    if question.eps is not None:
+        eps = stated(question.eps)
         return {
-            Verdict.PROVED: f"Some x in the box satisfies all equations to within {eps:g} mm for some readings: "
-            "proved.",
-            Verdict.REFUTED: f"No x in the box, with legs longer than {eps:g} mm, satisfies all equations "
-            f"to within {eps:g} mm for any readings: proved.",
-            Verdict.UNKNOWN: f"Stopped before it was known if any x satisfies the equations to within {eps:g} mm.",
+            Verdict.PROVED: f"Some x in the box satisfies all equations to within {eps} mm for some readings: proved.",
+            Verdict.REFUTED: f"No x in the box, with legs longer than {eps} mm, satisfies all equations "
+            f"to within {eps} mm for any readings: proved.",
+            Verdict.UNKNOWN: f"Stopped before it was known if any x satisfies the equations to within {eps} mm.",
         }[found.verdict] + found.beyond
     if found.witness is not None and found.hi == 0.0:
         plain, x = question.model.name == PLAIN.name, found.witness.point[:-1]

@@ -15,9 +15,10 @@ from rich.text import Text
 from cpcal.calibration import RECORD_NAME, CalibrationRecord, StudyCalibration, calibrate_study, recorded, save_record
 from cpcal.cli.folders import CAMPAIGN, VALIDATION, check_writable, unwritable
 from cpcal.cli.show import terminal
-from cpcal.errors import InputError, Problem
+from cpcal.cli.suspected import warn
+from cpcal.errors import InputError, Problem, printable
 from cpcal.files import load_study, save_campaign
-from cpcal.report import clean, study_tables
+from cpcal.report import study_tables
 
 
 class Frames(StrEnum):
@@ -52,9 +53,10 @@ def calibrate(
     measured = load_study(study)
     found = calibrate_study(measured, method=method.value, factor=factor)
     record = recorded(measured, found, factor=factor)
+    warn(found.campaign)
     write_calibration(found, record, output)
     show_record(terminal(), record)
-    typer.echo(f"Campaign to certify: {output / CAMPAIGN}. Everything above: {output / RECORD_NAME}")
+    typer.echo(printable(f"Campaign to certify: {output / CAMPAIGN}. Everything above: {output / RECORD_NAME}"))
 
 
 def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder: Path) -> None:
@@ -71,7 +73,7 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
 def show_record(console: Console, record: CalibrationRecord) -> None:
     """Tables and sentences."""
     title = f"{record.robot}: {record.readings:,} readings of {record.configurations} configurations"
-    console.print(Text(clean(title), style="bold"))
+    console.print(Text(printable(title), style="bold"))
     tables = (
         ("Standard deviations of a leg reading [mm]", study_tables.leg_lengths(record, paper_too=False)),
         ("Standard deviations of a pose", study_tables.poses(record, paper_too=False)),
@@ -83,7 +85,7 @@ def show_record(console: Console, record: CalibrationRecord) -> None:
         console.print(Text(heading, style="bold"))
         console.print(_table(content))
     for sentence in record.sentences:
-        console.print(clean(sentence), soft_wrap=not console.is_terminal)
+        console.print(printable(sentence), soft_wrap=not console.is_terminal)
 
 
 def _table(content: study_tables.TextTable) -> Table:

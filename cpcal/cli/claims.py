@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from fractions import Fraction as F
 
-from cpcal.checker.claims import Accepted
-from cpcal.report import clean
-from cpcal.solver.interval import Interval
+from cpcal.checker.claims import Accepted, Point
+from cpcal.errors import printable
+from cpcal.numbers import bracket_text, inner_text, plain_gap, short
 
 Hull = tuple[tuple[F, ...], tuple[F, ...]]
 
@@ -24,104 +23,115 @@ def sentences(accepted: Accepted) -> list[str]:
     if claims.eps_hi is not None:
         out.append(words.attained(claims.eps_hi))
     elif claims.point is not None:
-        out.append(words.judged())
+        out.append(words.verified(claims.point))
     if claims.enclosure is not None:
-        out.append(words.enclosed(claims.cap))
+        out.append(words.enclosed(claims.cap, claims.enclosure))
     return out
 
 
 class _NetworkWords:
-    thing = one = every = "point of the box"
+    """Absence is stated of a part of the box at most, existence of all of it, whatever the rounding."""
+
+    thing = every = "point of the box"
     for_any = for_some = ""
 
     def __init__(self, accepted: Accepted) -> None:
         self.accepted = accepted
         self.all = f"all {accepted.count} constraints"
+        objective = accepted.objective
+        self.name = "" if objective is None else printable(accepted.unknowns[objective])
+        self.unit = ""
 
-    def goal(self, sign: str, value: F | None, down: bool) -> str:
-        if value is None or self.accepted.objective is None:
+    def down(self, sign: str, value: F | None) -> str:
+        """A goal that none reaches, or that all who reach it share something."""
+        if value is None:
             return ""
-        return f" with {self.name} {sign} {_text(value, down)}"
+        hi = self.accepted.claims.eps_hi  # the digits are those of the bracket, as in the table of a result
+        text = short(bracket_text(value, value)[0]) if hi is None else bracket_text(value, hi)[0]
+        return self._goal(sign, text)
 
-    @property
-    def name(self) -> str:
-        return "" if self.accepted.objective is None else clean(self.accepted.unknowns[self.accepted.objective])
+    def up(self, value: F | None) -> str:
+        """A goal that is reached."""
+        return "" if value is None else self._goal("<=", bracket_text(value, value)[1])
+
+    def _goal(self, sign: str, text: str) -> str:
+        return f" with {self.name} {sign} {text}{self.unit}" if self.name else ""
 
     def infeasible(self, cap: F | None) -> str:
-        return f"No {self.thing} satisfies {self.all}{self.goal('<=', cap, True)}{self.for_any}"
+        return f"No {self.thing} satisfies {self.all}{self.down('<=', cap)}{self.for_any}"
 
     def none_below(self, lo: F) -> str:
-        return f"No {self.thing} satisfies {self.all}{self.goal('<', lo, True)}{self.for_any}"
+        return f"No {self.thing} satisfies {self.all}{self.down('<', lo)}{self.for_any}"
 
     def attained(self, hi: F) -> str:
-        return f"One {self.one} satisfies them{self.goal('<=', hi, False)}{self.for_some}"
+        return f"Some {self.every} satisfies {self.all}{self.up(hi)}{self.for_some}"
 
-    def judged(self) -> str:
-        point = self.accepted.claims.point
-        assert point is not None
+    def verified(self, point: Point) -> str:
+        objective = self.accepted.objective
+        eps = None if objective is None else point.at[objective]
         if point.holds == self.accepted.chosen:
-            return f"The point given satisfies {self.all}{self.goal('<=', self._eps(point.at), False)}{self.for_some}"
+            return f"The point given satisfies {self.all}{self.up(eps)}{self.for_some}"
         return (
-            f"The given point satisfies {len(point.holds)}{self.for_some}, and fails {len(point.fails)}{self.for_any}, "
-            f"of {self.all}{self.goal('=', self._eps(point.at), False)}"
+            f"Of {self.all} the point given satisfies {len(point.holds)}{self.up(eps)}{self.for_some}, "
+            f"and it fails {len(point.fails)}{self.down('<=', eps)}{self.for_any}"
         )
 
-    def _eps(self, at: tuple[F, ...]) -> F | None:
-        return None if self.accepted.objective is None else at[self.accepted.objective]
-
-    def enclosed(self, cap: F | None) -> str:
-        hull = self.accepted.claims.enclosure
-        assert hull is not None
-        widths, others = self.widths(hull)
+    def enclosed(self, cap: F | None, hull: Hull) -> str:
+        shared = cap is not None and cap == self.accepted.claims.eps_hi
+        goal = " as well as that one" if shared else self.down("<=", cap)
+        lo, hi = max(self.sides(hull), key=lambda side: side[1] - side[0], default=(F(0), F(0)))
         return (
-            f"Every {self.every} that satisfies them{self.goal('<=', cap, True)}{self.for_some} lies in the enclosure, "
-            f"whose sides are at most {max(map(float, widths)):.3g} long{others}"
+            f"Every {self.every} that satisfies them{goal}{self.for_some} lies in the enclosure, "
+            f"whose sides are at most {plain_gap(lo, hi)}{self.unit} long{self.others(hull)}"
         )
 
-    def widths(self, hull: Hull) -> tuple[list[F], str]:
-        """Of the enclosure, but for the objective; and the ranges of unknowns that are no lengths, in words."""
-        o = self.accepted.objective
-        return [b - a for k, (a, b) in enumerate(zip(*hull, strict=True)) if k != o] or [F(0)], ""
+    def sides(self, hull: Hull) -> list[tuple[F, F]]:
+        """Of the enclosure, but for the objective."""
+        return [side for k, side in enumerate(zip(*hull, strict=True)) if k != self.accepted.objective]
+
+    def others(self, hull: Hull) -> str:
+        """The ranges of unknowns that are no lengths."""
+        return ""
 
 
 class _LegWords(_NetworkWords):
     for_any = " for any readings in their sets"
     for_some = " for some readings in their sets"
-    name = "|g|"
-    one = every = "such x"
+    every = "x of the certificate's box"
 
     def __init__(self, accepted: Accepted) -> None:
-        self.accepted = accepted
+        super().__init__(accepted)
+        self.name, self.unit = "|g|", " mm"
         count, chosen = accepted.count, accepted.chosen
-        numbers = ", ".join(map(str, chosen))
-        leg = f"of leg {accepted.leg}" + ("" if accepted.model == "plain" else f" in the {accepted.model} model")
+        leg = f"of leg {accepted.leg}"
+        if accepted.model not in (None, "plain"):
+            leg += f" in the {printable(str(accepted.model))} model"
         self.all = (
             f"all {count} equations {leg}"
             if len(chosen) == count
-            else f"the equations {leg} for measurements {numbers} (from 0)"
+            else f"the equations {leg} for measurements {', '.join(map(str, chosen))} (from 0)"
         )
-        box = list(zip(accepted.lo, accepted.hi, strict=True))
-        center = ", ".join(f"{float(a + b) / 2:.6g}" for a, b in box[:7])
-        widest = max(float(b - a) / 2 for a, b in box[:7])
-        self.thing = f"x within {widest:.6g} mm of ({center})" + self._ranges(accepted.lo, accepted.hi, inward=True)
+        self.thing = self._ranges() or self.every
 
-    def _ranges(self, lo: Sequence[F], hi: Sequence[F], *, inward: bool) -> str:
-        """Of the model's extra parameters."""
-        extra = enumerate(self.accepted.unknowns[7:-1], 7)
-        return "".join(f", {name} in [{_short(lo[i], not inward)}, {_short(hi[i], inward)}]" for i, name in extra)
+    def _ranges(self) -> str | None:
+        """The box of all unknowns but the objective, rounded inward; None where nothing would be left of a side."""
+        of = self.accepted
+        inner = [inner_text(lo, hi) for lo, hi in zip(of.lo[:-1], of.hi[:-1], strict=True)]
+        if any(F(lo) > F(hi) for lo, hi in inner):
+            return None
+        names = map(printable, of.unknowns[:-1])
+        return f"x with {', '.join(f'{name} in {_range(side)}' for name, side in zip(names, inner, strict=True))}"
 
-    def widths(self, hull: Hull) -> tuple[list[F], str]:
-        lo, hi = hull
-        return [b - a for a, b in zip(lo[:7], hi[:7], strict=True)], self._ranges(lo, hi, inward=False)
+    def sides(self, hull: Hull) -> list[tuple[F, F]]:
+        return super().sides(hull)[:7]
 
-    def goal(self, sign: str, value: F | None, down: bool) -> str:
-        return "" if value is None else f" with |g| {sign} {_text(value, down)} mm"
-
-
-def _text(value: F, down: bool) -> str:
-    low, high = f"{Interval(value, value):.9f}".strip("[]").split(", ")
-    return low if down else high
+    def others(self, hull: Hull) -> str:
+        extra = [printable(name) for name in self.accepted.unknowns[7:-1]]
+        return "".join(
+            f", {name} in {_range(bracket_text(*side))}"
+            for name, side in zip(extra, super().sides(hull)[7:], strict=True)
+        )
 
 
-def _short(value: F, down: bool) -> str:
-    return _text(value, down).rstrip("0").rstrip(".")
+def _range(texts: tuple[str, str]) -> str:
+    return f"[{', '.join(map(short, texts))}]"

@@ -16,8 +16,9 @@ from cpcal.cli.certify import Engine, numbers_of
 from cpcal.cli.folders import check_writable, unwritable
 from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
-from cpcal.files import load_campaign
-from cpcal.report import clean
+from cpcal.cli.suspected import read_campaign
+from cpcal.errors import printable
+from cpcal.numbers import nearest
 from cpcal.report.comparison import (
     COMPARISON_PAGE,
     comparison_header,
@@ -59,10 +60,10 @@ def compare_models(
 
     def tell(entry: Entry) -> None:
         if errors.is_terminal and not as_json:
-            errors.print(f"{entry.subject}, {entry.model}: {entry.seconds:.1f} s")
+            errors.print(f"{entry.subject}, {entry.model}: {nearest(entry.seconds, 1)} s")
 
     found = compare(
-        load_campaign(campaign),
+        read_campaign(campaign),
         names,
         tolerance=tolerance,
         legs=None if legs is None else numbers_of(legs),
@@ -85,7 +86,7 @@ def compare_models(
     else:
         console.print(_table(found))
         for sentence in comparison_sentences(found):
-            console.print(clean(sentence), soft_wrap=not console.is_terminal)
+            console.print(printable(sentence), soft_wrap=not console.is_terminal)
         console.print(Text(said(found), style="italic"), soft_wrap=not console.is_terminal)
     if failure is not None:
         raise unwritable(folder, failure)
@@ -100,7 +101,7 @@ def _table(found: Comparison) -> Table:
     for k, name in enumerate(comparison_header(found)):
         table.add_column(name, justify="right" if k in (2, 3) else "left", overflow="fold")
     for entry in found.entries:
-        cells = [Text(clean(cell)) for cell in comparison_row(found, entry)]
+        cells = [Text(printable(cell)) for cell in comparison_row(found, entry)]
         if found.tolerance is not None:
             cells[4].stylize(_STYLES[entry.verdict(found.tolerance)])
         if len(entry.enclosure.names) > 8:

@@ -13,7 +13,6 @@ from cpcal.cli.progress import bar
 from cpcal.errors import InputError, Problem, printable
 from cpcal.files.campaign_writer import write_file
 from cpcal.files.study_writer import table_bytes
-from cpcal.report import clean
 from cpcal.vision.batch.detect import Detections, ImageFolder, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.calibration import calibrate_from_images
@@ -118,7 +117,8 @@ def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool) -> 
     files = [images / name for name in ImageFolder(images).names]
     found = calibrate_from_images(files, plate, refine_dots=refine_dots)
     save_camera(found.record(), output)
-    typer.echo(clean(str(found)))
+    for line in str(found).split("\n"):
+        typer.echo(printable(line))
     for view in found.views:
         if not view.reason:
             typer.echo(f"  {printable(view.name)}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")

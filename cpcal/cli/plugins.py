@@ -8,9 +8,8 @@ from rich import box
 from rich.table import Table
 
 from cpcal.cli.show import terminal
-from cpcal.errors import CpcalError
+from cpcal.errors import CpcalError, printable
 from cpcal.legs import known, leg_model
-from cpcal.report import clean
 from cpcal.solver import plugins as registry
 
 _GROUPS: dict[str, tuple[str, Callable[[str], object]]] = {
@@ -29,7 +28,7 @@ def plugins() -> None:
         for name, point in registry.found(group).items():
             package = "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
             row = (name, what, point.value, package, _loads(name, load))
-            table.add_row(*map(clean, row))
+            table.add_row(*map(printable, row))
     console = terminal()
     console.print(table)
     console.print(f"Found through the entry-point groups {', '.join(_GROUPS)}.", soft_wrap=True)

@@ -21,7 +21,7 @@ from rich.progress import (
 from rich.progress_bar import ProgressBar
 from rich.text import Text
 
-from cpcal.report import bracket_text
+from cpcal.numbers import bracket_text, nearest
 from cpcal.solver.optimize import Bracket
 
 _CLOSED = 1e-9  # mm, as in Limits.gap_absolute
@@ -33,7 +33,7 @@ class _Seconds(ProgressColumn):
 
     def render(self, task: Task) -> Text:
         elapsed = task.finished_time if task.finished else task.elapsed
-        return Text("" if elapsed is None else f"{elapsed:.1f} s", justify="right")
+        return Text("" if elapsed is None else f"{nearest(elapsed, 1)} s", justify="right")
 
 
 class _Spinner(SpinnerColumn):

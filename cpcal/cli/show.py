@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cpcal.report import LONGER, QUANTIFIER, center_sentence, clean, leg_sentence, missing_legs, result_table
+from cpcal.errors import printable
+from cpcal.report import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs, result_table
 from cpcal.results import Result
 from cpcal.solver.contract import Verdict
 
@@ -15,9 +18,16 @@ _STYLES = {Verdict.PROVED: "bold green", Verdict.REFUTED: "bold red", Verdict.UN
 _WIDE = 120  # where there is no terminal to fit
 
 
+class _Terminal(Console):
+    """Reads no markup in what it prints, and shows hidden characters as escapes: names forge no line."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        return super().render_str(printable(text), **options)
+
+
 def terminal(*, stderr: bool = False) -> Console:
-    """A console that never reads markup or emoji in what it is given."""
-    console = Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+    """A console that prints text as it is, but for hidden characters."""
+    console = _Terminal(stderr=stderr, markup=False, emoji=False, highlight=False)
     if not console.is_terminal:
         console.width = _WIDE
     return console
@@ -25,12 +35,12 @@ def terminal(*, stderr: bool = False) -> Console:
 
 def show_result(console: Console, result: Result, legs: int) -> None:
     """The whole answer; `legs` is how many the robot has."""
-    console.print(Text(f"{clean(result.robot)}: {result.measurements:,} measurements", style="bold"))
+    console.print(Text(f"{printable(result.robot)}: {result.measurements:,} measurements", style="bold"))
     console.print(_table(result))
     for leg in result.legs:
         line = Text(f"Leg {leg.leg}: ").append(leg.verdict.value, style=_STYLES[leg.verdict])
         said = [leg_sentence(result, leg), center_sentence(result, leg) or ""]
-        console.print(line.append(f". {clean(' '.join(said).strip())}"), soft_wrap=not console.is_terminal)
+        console.print(line.append(f". {printable(' '.join(said).strip())}"), soft_wrap=not console.is_terminal)
     missing = missing_legs(result, legs)
     if missing:
         console.print(Text(missing, style="bold yellow"))

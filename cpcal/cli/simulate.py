@@ -9,9 +9,8 @@ import typer
 
 from cpcal.cli.folders import check_new
 from cpcal.cli.shots import shot_study, write_shots
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, printable
 from cpcal.files import save_campaign, save_study
-from cpcal.report import clean
 from cpcal.robot import ROBOTS, known_robot
 from cpcal.simulate import simulate as simulate_campaign
 from cpcal.simulate import simulate_study
@@ -149,7 +148,7 @@ def simulate(
         campaign = simulate_campaign(nominal, **options)  # type: ignore[arg-type]
         save_campaign(campaign, output)
         rows = f"{len(campaign):,} measurements"
-    typer.echo(f"{clean(nominal.name)}: {rows} (seed {seed}) in {output}")
+    typer.echo(printable(f"{nominal.name}: {rows} (seed {seed}) in {output}"))
 
 
 def _refuse(options: dict[str, object], *, study: bool) -> None:

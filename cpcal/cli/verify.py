@@ -15,7 +15,8 @@ from cpcal.checker.refusal import Refused
 from cpcal.cli.checked import flint
 from cpcal.cli.claims import sentences
 from cpcal.cli.report import beside
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, printable
+from cpcal.numbers import nearest
 
 
 class Numbers(StrEnum):
@@ -61,9 +62,9 @@ def _verified(path: Path, campaign: Path | None, numbers: Numbers) -> bool:
     try:
         accepted = check(path, campaign, rational=Fraction if numbers is Numbers.FRACTIONS else flint())
     except Refused as reason:
-        typer.echo(f"{path.name}: REFUSED, {reason}")
+        typer.echo(printable(f"{path.name}: REFUSED, {reason}"))
         return False
-    work = f"{accepted.steps} steps, {time.monotonic() - began:.1f} s"
+    work = f"{accepted.steps} steps, {nearest(time.monotonic() - began, 1)} s"
     for sentence in sentences(accepted):
-        typer.echo(f"{path.name}: {sentence}: PROVED, {work}")
+        typer.echo(printable(f"{path.name}: {sentence}: PROVED, {work}"))
     return True

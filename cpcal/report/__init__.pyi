@@ -1,4 +1,3 @@
-from .numbers import bracket_text, clean, gap_text, rounded_down, rounded_up
 from .page import REPORT_NAME, write_page, write_report
 from .sensitivity import reading_sensitivity
 from .table import Table, result_table
@@ -9,16 +8,11 @@ __all__ = [
     "QUANTIFIER",
     "REPORT_NAME",
     "Table",
-    "bracket_text",
     "center_sentence",
-    "clean",
-    "gap_text",
     "leg_sentence",
     "missing_legs",
     "reading_sensitivity",
     "result_table",
-    "rounded_down",
-    "rounded_up",
     "write_page",
     "write_report",
 ]

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.legs import PLAIN
+from cpcal.numbers import about, stated
 from cpcal.report.words import LONGER, QUANTIFIER
 from cpcal.results import Result
 from cpcal.robot import Campaign
@@ -25,7 +26,7 @@ def assumptions(campaign: Campaign, result: Result) -> list[tuple[str, str]]:
         ("Reading sets", _readings(campaign)),
         (
             "Parameters",
-            f"Each of the seven parameters (a, b, l) of a leg is looked for within ±{result.delta:g} mm of "
+            f"Each of the seven parameters (a, b, l) of a leg is looked for within ±{stated(result.delta)} mm of "
             f"{_CENTERS.get(result.center, 'the center listed with it')}{_extra(result)}. "
             "Nothing is said of parameters outside this box.",
         ),
@@ -54,7 +55,7 @@ def _model(result: Result) -> str:
 
 def _extra(result: Result) -> str:
     """Where the extra parameters of the model are looked for."""
-    each = [f"{p.name} within ±{p.half_width:g} {p.unit}" for p in result.model.extra]
+    each = [f"{p.name} within ±{stated(p.half_width)} {p.unit}" for p in result.model.extra]
     return f", and the extra parameters about 0: {', '.join(each)}" if each else ""
 
 
@@ -63,11 +64,11 @@ def _readings(campaign: Campaign) -> str:
         return "Every reading (position, rotation, length) is taken as exact: each set is one point."
     position, length = _axes(campaign.position_radius), _axes(campaign.length_radius)
     rotation = _axes(campaign.rotation_radius)
-    stated = campaign.uncertainty
+    sets = campaign.uncertainty
     how = (
         ""
-        if stated is None or stated.factor is None
-        else f" They are {stated.factor:g} times the standard deviations that the campaign states."
+        if sets is None or sets.factor is None
+        else f" They are {stated(sets.factor)} times the standard deviations that the campaign states."
     )
     return (
         f"Position: the stated one ± ({position}) mm in x, y, z. Rotation: the stated one turned by a "
@@ -80,4 +81,4 @@ def _readings(campaign: Campaign) -> str:
 def _axes(radius: npt.NDArray[np.float64]) -> str:
     """Half-widths (N, n) as n numbers, or ranges where measurements differ."""
     spans = zip(radius.min(axis=0), radius.max(axis=0), strict=True)
-    return ", ".join(f"{lo:.3g}" if lo == hi else f"{lo:.3g} to {hi:.3g}" for lo, hi in spans)
+    return ", ".join(about(lo) if lo == hi else f"{about(lo)} to {about(hi)}" for lo, hi in spans)

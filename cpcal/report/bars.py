@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cpcal.report.numbers import plain_gap
+from cpcal.numbers import plain_gap
 from cpcal.report.svg import BAND, EDGE, GRID, INK, SUPPORT, figure_svg
 
 Floats = npt.NDArray[np.float64]

@@ -8,8 +8,9 @@ from typing import Any
 
 from markupsafe import Markup
 
+from cpcal.errors import printable
+from cpcal.numbers import bracket_text, short, stated
 from cpcal.report.dots import comparison_svg, legend
-from cpcal.report.numbers import bracket_text, clean
 from cpcal.report.origin import versions
 from cpcal.report.template import rendered, written
 from cpcal.report.words import LONGER, QUANTIFIER
@@ -23,7 +24,7 @@ _STYLES = {Verdict.PROVED: "proved", Verdict.REFUTED: "refuted", Verdict.UNKNOWN
 
 def comparison_header(comparison: Comparison) -> tuple[str, ...]:
     unit = _unit(comparison)
-    at = "at the tolerance" if comparison.tolerance is None else f"at {comparison.tolerance:g}{unit}"
+    at = "at the tolerance" if comparison.tolerance is None else f"at {stated(comparison.tolerance)}{unit}"
     bounds = ("eps_lo [mm]", "eps_hi [mm]") if unit else ("eps_lo", "eps_hi")
     extra = ("extra parameters",) if comparison.campaign_sha256 else ()
     return ("of", "model", *bounds, at, "certificate", *extra)
@@ -50,12 +51,8 @@ def _extra(entry: Entry) -> str:
     texts = []
     for k, name in enumerate(box.names[7:], start=7):
         lo, hi = bracket_text(float(box.lo[k]), float(box.hi[k]))
-        texts.append(f"{name} in [{_short(lo)}, {_short(hi)}]")
+        texts.append(f"{name} in [{short(lo)}, {short(hi)}]")
     return ", ".join(texts)
-
-
-def _short(text: str) -> str:
-    return text.rstrip("0").rstrip(".") if "." in text and "e" not in text.lower() else text
 
 
 def said(comparison: Comparison) -> str:
@@ -70,7 +67,7 @@ def comparison_sentences(comparison: Comparison) -> list[str]:
     tolerance = comparison.tolerance
     if tolerance is None:
         return []
-    out, at = [], f"{tolerance:g}{_unit(comparison)}"
+    out, at = [], f"{stated(tolerance)}{_unit(comparison)}"
     for model in comparison.models:
         entries = [e for e in comparison.entries if e.model == model]
         refuted = [e for e in entries if e.verdict(tolerance) is Verdict.REFUTED]
@@ -98,8 +95,8 @@ def _context(comparison: Comparison) -> dict[str, Any]:
         style = "" if tolerance is None else _STYLES[entry.verdict(tolerance)]
         rows.append({"cells": comparison_row(comparison, entry), "style": style})
     return {
-        "title": clean(comparison.title),
-        "tolerance": None if tolerance is None else f"{tolerance:g}{_unit(comparison)}",
+        "title": printable(comparison.title),
+        "tolerance": None if tolerance is None else f"{stated(tolerance)}{_unit(comparison)}",
         "interrupted": comparison.interrupted,
         "sentences": comparison_sentences(comparison),
         "header": comparison_header(comparison),

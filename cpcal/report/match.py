@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from cpcal.errors import InputError, Problem
-from cpcal.report.numbers import clean
+from cpcal.errors import InputError, Problem, printable
 from cpcal.results import LegResult, Result
 from cpcal.robot import Campaign
 
@@ -15,13 +14,13 @@ from cpcal.robot import Campaign
 def check_match(campaign: Campaign, result: Result) -> None:
     """Raises InputError when the result is of another campaign, or when its fields are not what they should be."""
     if result.campaign_sha256 != campaign.sha256:
-        what = f"is of another campaign (sha256 {clean(str(result.campaign_sha256))}, not {campaign.sha256})"
+        what = f"is of another campaign (sha256 {printable(str(result.campaign_sha256))}, not {campaign.sha256})"
         raise InputError([Problem("result", what, "give the campaign that was certified, or certify this one")])
     wrong = [Problem("result", f"has a field that makes no sense: {name}", "certify again") for name in _wrong(result)]
     seen: set[int] = set()
     for leg in result.legs:
         if not isinstance(leg.leg, int) or not 1 <= leg.leg <= campaign.legs or leg.leg in seen:
-            what = f"names a leg that is not there, or twice: {clean(str(leg.leg))}"
+            what = f"names a leg that is not there, or twice: {printable(str(leg.leg))}"
             wrong.append(Problem("result", what, f"use legs 1 to {campaign.legs}, each once"))
             continue
         seen.add(leg.leg)

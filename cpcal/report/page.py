@@ -11,10 +11,10 @@ from markupsafe import Markup
 
 from cpcal.errors import InputError, PluginError
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, model_residuals
+from cpcal.numbers import about, bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.report.assumptions import assumptions
 from cpcal.report.bars import Enclosure, enclosure_svg
 from cpcal.report.match import check_match
-from cpcal.report.numbers import bracket_text, nearest, rounded_down, rounded_up
 from cpcal.report.origin import command, versions
 from cpcal.report.pairs import pairs
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
@@ -68,7 +68,7 @@ def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict
         "robot": campaign.robot.name,
         "count": len(campaign),
         "result": result,
-        "asked": None if result.eps is None else repr(float(result.eps)),
+        "asked": None if result.eps is None else stated(result.eps),
         "interrupted": missing_legs(result, campaign.legs),
         "table": table,
         "legs": [_leg(campaign, result, leg, model) for leg in result.legs],
@@ -102,7 +102,7 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | N
         "verdict": leg.verdict.value,
         "sentence": leg_sentence(result, leg),
         "center": center_sentence(result, leg),
-        "trials": [_trial(trial) for trial in leg.trials],
+        "trials": [_trial(leg, trial) for trial in leg.trials],
         "parameters": _parameters(result, leg),
         "bars": _bars(campaign, result, leg),
         "proved_point": leg.point is not None,
@@ -114,11 +114,12 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | N
     }
 
 
-def _trial(trial: Trial) -> tuple[str, ...]:
-    """A row of the table of the solver's calls."""
-    lo, hi = bracket_text(trial.lo, trial.hi)
+def _trial(leg: LegResult, trial: Trial) -> tuple[str, ...]:
+    """A row of the table of the solver's calls; its bounds have the digits of the leg's own, which end the table."""
+    asked, lo = (bracket_text(value, leg.eps_hi)[0] for value in (trial.eps, trial.lo))
+    hi = bracket_text(leg.eps_lo, trial.hi)[1]
     answer = trial.answer.value if trial.checked or trial.answer is not Answer.INFEASIBLE else "infeasible, unchecked"
-    return (bracket_text(trial.eps, trial.eps)[0], f"{trial.delay:g}", answer, lo, hi, str(trial.nodes))
+    return (asked, about(trial.delay), answer, lo, hi, str(trial.nodes))
 
 
 def _parameters(result: Result, leg: LegResult) -> list[tuple[str, ...]]:

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from cpcal.legs import PARAMETERS
-from cpcal.report.numbers import bracket_text, plain_gap
+from cpcal.numbers import about, bracket_text, plain_gap
 from cpcal.report.panels import Panel, in_view, panel_svg
 from cpcal.results import LegResult, Result
 from cpcal.robot import Campaign
@@ -23,7 +23,7 @@ def pairs(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] 
     return {
         "svgs": [Markup(_svg(leg.leg, k, panel)) for k, panel in enumerate(panels)],  # made by us
         "eps": bracket_text(eps, eps)[0],  # rounded down: what holds to within eps holds to within less
-        "margin": f"{eps / leg.eps_hi:.3g}" if result.eps is None and 0.0 < leg.eps_hi < eps else None,
+        "margin": about(eps / leg.eps_hi) if result.eps is None and 0.0 < leg.eps_hi < eps else None,
         "proved_point": leg.point is not None,
         "fit": any(in_view(panel, panel.fit) for panel in panels),
         "nominal": any(in_view(panel, panel.nominal) for panel in panels),

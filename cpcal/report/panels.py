@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 from matplotlib.ticker import MaxNLocator
 
+from cpcal.numbers import about
 from cpcal.report.svg import BAND, DOT, EDGE, GRID, INK, SUPPORT, figure_svg
 from cpcal.results.projection import HalfPlane
 
@@ -110,7 +111,7 @@ def _axes(axes: Axes, lo: Floats, hi: Floats, labels: list[str]) -> None:
     for axis, least, most in zip((axes.xaxis, axes.yaxis), lo, hi, strict=True):
         # none in the margins, where a number would not fit in
         ticks = [value for value in MaxNLocator(nbins=3).tick_values(least, most) if least <= value <= most]
-        axis.set_ticks(ticks, [f"{value:.6g}".replace("-", "−") for value in ticks])
+        axis.set_ticks(ticks, [about(value, 6).replace("-", "−") for value in ticks])
     axes.tick_params(length=3.0, pad=2.0)
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)

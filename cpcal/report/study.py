@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +14,9 @@ from cpcal.calibration import CalibrationRecord
 from cpcal.calibration.record import Channel, Errors
 from cpcal.certify.fits import CertifiedFits
 from cpcal.errors import InputError, Problem
+from cpcal.numbers import about, bracket_text, nearest, rounded_up, stated
 from cpcal.report import paper, study_tables
 from cpcal.report.images import ImagesFound
-from cpcal.report.numbers import bracket_text
 from cpcal.report.page import render
 from cpcal.report.study_figures import histogram_svg, validation_svg
 from cpcal.report.study_tables import SYMBOLS, TextTable
@@ -85,11 +84,13 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "figure4": [_histogram(channel) for channel in poses],
         "figure5": [_validation("x_c", record.validation), _validation("x_c_sigma", record.validation_sigma)],
         "apart": _apart(record),
-        "errors": max(max(row) for fit in (record.x_c, record.x_c_sigma) for row in fit.standard_errors),
+        "errors": about(max(max(row) for fit in (record.x_c, record.x_c_sigma) for row in fit.standard_errors), 2),
         "loose": _loose(found.result),
         "exact": _exact_sentence(found.result),
         "images": found.images,
-        "script_seconds": found.script.time_limit,
+        "script_seconds": stated(found.script.time_limit or 0.0),
+        "factor": stated(record.factor),
+        "delta": stated(found.result.delta),
     }
 
 
@@ -121,8 +122,8 @@ def _table7(found: StudyFound) -> TextTable:
         ("script: attained", *(hi for _, hi in tried)),
     ]
     if max(legs, default=0) <= len(paper.TABLE_7_CERTIFIED):
-        rows.append(("the paper: none below", *(f"{paper.TABLE_7_CERTIFIED[leg - 1]:.2f}" for leg in legs)))
-        rows.append(("the paper: attained", *(f"{paper.TABLE_7_ATTAINED[leg - 1]:.2f}" for leg in legs)))
+        rows.append(("the paper: none below", *(nearest(paper.TABLE_7_CERTIFIED[leg - 1], 2) for leg in legs)))
+        rows.append(("the paper: attained", *(nearest(paper.TABLE_7_ATTAINED[leg - 1], 2) for leg in legs)))
     return TextTable(("leg", *map(str, legs)), tuple(rows))
 
 
@@ -147,7 +148,7 @@ def _apart(record: CalibrationRecord) -> dict[str, Any]:
     """Where x_c and x_c_sigma differ most, mm, in the drawing's frames."""
     difference = np.abs(record.in_drawing(record.x_c) - record.in_drawing(record.x_c_sigma))
     leg, k = np.unravel_index(int(np.argmax(difference)), difference.shape)
-    return {"mm": f"{difference[leg, k]:.2g}", "name": SYMBOLS[int(k)], "leg": int(leg) + 1}
+    return {"mm": about(float(difference[leg, k]), 2), "name": SYMBOLS[int(k)], "leg": int(leg) + 1}
 
 
 def _loose(result: Result) -> dict[str, Any] | None:
@@ -159,7 +160,7 @@ def _loose(result: Result) -> dict[str, Any] | None:
     k = int(np.argmax(projections.box.width))
     width = float(projections.box.width[k])
     eps = bracket_text(projections.eps, projections.eps)[0]
-    return {"leg": leg, "name": SYMBOLS[k], "mm": f"{math.ceil(10 * width) / 10:.1f}", "eps": eps}
+    return {"leg": leg, "name": SYMBOLS[k], "mm": rounded_up(width, 1), "eps": eps}
 
 
 def _exact_sentence(result: Result) -> str:
@@ -167,11 +168,9 @@ def _exact_sentence(result: Result) -> str:
     none = [str(leg.leg) for leg in result.legs if leg.eps_lo > 0.0]
     some = [str(leg.leg) for leg in result.legs if leg.not_refuted]
     rest = [str(leg.leg) for leg in result.legs if not leg.not_refuted and leg.eps_lo <= 0.0]
-    said = []
+    said, delta = [], stated(result.delta)
     if none:
-        said.append(
-            f"proved: no parameters within ±{result.delta:g} mm satisfy all equations exactly (leg {', '.join(none)})"
-        )
+        said.append(f"proved: no parameters within ±{delta} mm satisfy all equations exactly (leg {', '.join(none)})")
     if some:
         said.append(f"proved: some parameters do (leg {', '.join(some)})")
     if rest:

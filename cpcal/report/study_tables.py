@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from cpcal.calibration import CalibrationRecord, ErrorSummary
 from cpcal.calibration.record import Channel, Parameters, Rows
+from cpcal.numbers import about, nearest
 from cpcal.report import paper
-from cpcal.report.numbers import nearest
 
 SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 PAPER = "the paper"
@@ -32,9 +32,9 @@ def leg_lengths(record: CalibrationRecord, *, paper_too: bool = True) -> TextTab
     """Table 2: standard deviations of the leg readings, mm."""
     channels = [c for c in record.channels if c.statistics.name.startswith("L")]
     head = ("leg", *(str(k) for k in range(1, len(channels) + 1)))
-    rows = [("this study", *(f"{c.statistics.sigma:.4f}" for c in channels))]
+    rows = [("this study", *(nearest(c.statistics.sigma, 4) for c in channels))]
     if paper_too and len(channels) == len(paper.TABLE_2):
-        rows.append((PAPER, *(f"{value:.4f}" for value in paper.TABLE_2)))
+        rows.append((PAPER, *(nearest(value, 4) for value in paper.TABLE_2)))
     return TextTable(head, tuple(rows))
 
 
@@ -100,4 +100,4 @@ _FIGURES: tuple[tuple[str, Callable[[ErrorSummary], float]], ...] = (
 
 
 def _significant(value: float) -> str:
-    return f"{value:.3g}" if math.isfinite(value) else "—"
+    return about(value) if math.isfinite(value) else "—"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cpcal.report.numbers import bracket_text, gap_text
+from cpcal.numbers import bracket_text, gap_text, nearest, stated
 from cpcal.results import LegResult, Result
 from cpcal.solver.contract import Verdict
 
@@ -34,7 +34,7 @@ def result_table(result: Result) -> Table:
 
 
 def _cells(result: Result, leg: LegResult) -> tuple[str, ...]:
-    work = (str(len(leg.support)), f"{leg.nodes:,}", f"{leg.programs:,}", f"{leg.seconds:.2f}")
+    work = (str(len(leg.support)), f"{leg.nodes:,}", f"{leg.programs:,}", nearest(leg.seconds, 2))
     if result.eps is not None:
-        return (repr(float(result.eps)), *work)
+        return (stated(result.eps), *work)
     return (*bracket_text(leg.eps_lo, leg.eps_hi), gap_text(leg.eps_lo, leg.eps_hi), *work)

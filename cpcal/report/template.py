@@ -8,7 +8,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from cpcal.report.numbers import clean
+from cpcal.errors import printable
 
 
 def rendered(template: str, context: dict[str, Any]) -> str:
@@ -17,7 +17,7 @@ def rendered(template: str, context: dict[str, Any]) -> str:
         loader=PackageLoader("cpcal.report", "templates"),
         autoescape=True,
         undefined=StrictUndefined,
-        finalize=lambda value: clean(value) if type(value) is str else value,
+        finalize=lambda value: _visible(value) if type(value) is str else value,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -34,3 +34,8 @@ def written(page: str, file: str | os.PathLike[str]) -> Path:
         return partial.replace(target)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def _visible(text: str) -> str:
+    """Hidden characters as escapes; line breaks stay, an HTML page shows them as spaces."""
+    return "\n".join(printable(line) for line in text.expandtabs().split("\n"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from cpcal.report.numbers import bracket_text
+from cpcal.numbers import bracket_text
 from cpcal.results import LegResult, Result
 from cpcal.solver.contract import Verdict
 

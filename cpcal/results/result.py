@@ -7,12 +7,12 @@ import json
 import math
 import os
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from pathlib import Path
 from typing import Any
 
-from cpcal.errors import InputError, Problem
+from cpcal.errors import InputError, Problem, printable
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
+from cpcal.numbers import bracket_text, stated
 from cpcal.results.projection import Projections
 from cpcal.results.verified_point import VerifiedPoint
 from cpcal.solver.contract import Verdict
@@ -101,7 +101,7 @@ class LegResult:
 
     def _repr_html_(self) -> str:
         """For notebooks: the verdict and a sentence. The bracket only where it says more than the sentence."""
-        lo, hi = _outward(self.eps_lo, self.eps_hi)
+        lo, hi = bracket_text(self.eps_lo, self.eps_hi)
         between = f"The smallest model error lies between {lo} and {hi} mm. "
         bracket = between if self.eps_lo < self.eps_hi < math.inf else ""
         return f"<p><b>Leg {_escaped(self.leg)}: {self.verdict.value}.</b> {bracket}{_escaped(self.status)}</p>"
@@ -194,7 +194,7 @@ class Result:
         header = "".join(f"<th>{name}</th>" for name in ("leg", "verdict", *names, "support", "sentence"))
         rows = []
         for leg in self.legs:
-            bounds = _outward(leg.eps_lo, leg.eps_hi) if self.eps is None else (repr(float(self.eps)),)
+            bounds = bracket_text(leg.eps_lo, leg.eps_hi) if self.eps is None else (stated(self.eps),)
             cells = (leg.leg, leg.verdict.value, *bounds, len(leg.support), leg.status)
             rows.append("<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in cells) + "</tr>")
         title = f"{_escaped(self.robot)}: {self.measurements:,} measurements"
@@ -282,18 +282,9 @@ def load_result(run: str | os.PathLike[str]) -> Result:
         raise InputError([Problem(str(path), f"lacks or garbles a field: {error!r}", "run certify again")]) from None
 
 
-def _outward(lo: float, hi: float) -> tuple[str, str]:
-    """With seven digits, `lo` rounded down and `hi` rounded up."""
-    return _seven(lo, ROUND_FLOOR), _seven(hi, ROUND_CEILING)
-
-
-def _seven(value: float, rounding: str) -> str:
-    return str(Context(prec=7, rounding=rounding).plus(Decimal(value))) if math.isfinite(value) else str(value)
-
-
 def _escaped(value: object) -> str:
-    """As text of an HTML page; unprintable characters become U+FFFD."""
-    return html.escape("".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in str(value)))
+    """As text of an HTML page."""
+    return html.escape(printable(str(value)))
 
 
 def _number(value: float) -> float | str:

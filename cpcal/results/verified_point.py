@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from cpcal.numbers import stated
 from cpcal.solver.contract import Verdict
 
 
@@ -30,7 +31,7 @@ class VerifiedPoint:
 
     def sentence(self, name: str) -> str:
         """What is proved of the point called `name`."""
-        within = "exactly" if self.eps == 0.0 else f"to within {self.eps:g} mm"
+        within = "exactly" if self.eps == 0.0 else f"to within {stated(self.eps)} mm"
         equations = f"{self.holds:,} of the {self.count:,} equations {within} for some readings in their sets"
         if self.verdict is Verdict.PROVED:
             return f"{name} is a solution: it satisfies all {self.count:,} equations {within} for some readings."

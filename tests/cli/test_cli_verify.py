@@ -61,7 +61,7 @@ def test_constraints_of_ones_own_need_no_campaign(tmp_path):
     done = CliRunner().invoke(app, ["verify", str(tmp_path / "own.cert.jsonl")])
     assert done.exit_code == 0
     assert "No point of the box satisfies all 2 constraints with t < 4.24" in done.output
-    assert "One point of the box satisfies them with t <= 4.24" in done.output
+    assert "Some point of the box satisfies all 2 constraints with t <= 4.24" in done.output
 
 
 def test_another_campaign_is_refused(run, tmp_path):
@@ -83,4 +83,4 @@ def test_a_refuted_tolerance_is_certified(run, tmp_path):
     assert CliRunner().invoke(app, arguments).exit_code == 0
     done = CliRunner().invoke(app, ["verify", str(tmp_path / "run"), "--campaign", str(run.parent / "campaign")])
     assert done.exit_code == 0
-    assert "|g| <= 0.100000000 mm" in done.output
+    assert "|g| <= 0.1 mm for any readings" in done.output

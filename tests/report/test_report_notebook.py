@@ -59,7 +59,7 @@ def test_a_table_of_the_legs():
     assert rows[1] == (
         "<td>1</td><td>proved</td><td>1.626216</td><td>1.626217</td><td>2</td><td>Both bounds are proved.</td>"
     )
-    assert "<td>unknown</td><td>0</td><td>inf</td>" in rows[2]
+    assert "<td>unknown</td><td>0</td><td>∞</td>" in rows[2]
     assert "R: 64 measurements" in text
 
 

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from cpcal.numbers import stated
 from cpcal.calibration import calibrate_study
 from cpcal.calibration import CalibrationRecord, recorded
 from cpcal.certify import certify
@@ -110,7 +111,7 @@ def _photos(output: Path, seed: int, full: bool, console: Console) -> Photograph
 
 def _calibrated(output: Path, seed: int, console: Console) -> CalibrationRecord:
     """Read the study, calibrate, write, show."""
-    how = ", ".join(f"{name.replace('_', ' ')} {size:g} mm" for name, size in PLAN.imperfect.items())
+    how = ", ".join(f"{name.replace('_', ' ')} {stated(size)} mm" for name, size in PLAN.imperfect.items())
     console.print(f"Study: {output / STUDY} (simulated, seed {seed}; {how})", soft_wrap=True)
     study = load_study(output / STUDY)
     found = calibrate_study(study, factor=FACTOR)
@@ -133,7 +134,7 @@ def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, console: 
 
 def _pixels(photos: Photographed, campaign: Campaign, result: Result, output: Path, console: Console) -> None:
     """Reading sets from pixels, certified, and what the page says of the images."""
-    console.print(f"Reading sets from pixel boxes of ±{HALF_WIDTH:g} px:")
+    console.print(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
     run = certify_pixels(photos, campaign, Question(legs=PLAN.legs), output)
     show_result(console, run.result, campaign.legs)
     if run.result.interrupted:
@@ -147,7 +148,7 @@ def _pixels(photos: Photographed, campaign: Campaign, result: Result, output: Pa
 def _script(campaign: Campaign, folder: Path, console: Console) -> Result:
     """eps by the paper's script, a few seconds a leg."""
     legs = list(PLAN.legs or range(1, campaign.legs + 1))
-    console.print(f"The paper's script (section 5.2.1), {PLAN.script_seconds:g} s a leg:")
+    console.print(f"The paper's script (section 5.2.1), {stated(PLAN.script_seconds)} s a leg:")
     with watch(legs, PLAN.script_gap, terminal(stderr=True)) as progress:
         script = certify(
             campaign,

@@ -15,7 +15,7 @@ from cpcal.cli.run import Question, answer
 from cpcal.errors import ModelError
 from cpcal.solver.contract import Verdict
 from cpcal.report.images import ImagesFound
-from cpcal.report import bracket_text
+from cpcal.numbers import about, bracket_text, nearest, stated
 from cpcal.report.study_tables import TextTable
 from cpcal.results import Result, save_result
 from cpcal.robot import Campaign
@@ -80,7 +80,7 @@ def certify_pixels(done: Photographed, campaign: Campaign, question: Question, f
         pose=[campaign.pose[k] for k in proved],
         run=runs,
         provenance={
-            "reading sets": f"poses from pixel boxes of +-{HALF_WIDTH:g} px, proved; legs as in the other campaign"
+            "reading sets": f"poses from pixel boxes of +-{stated(HALF_WIDTH)} px, proved; legs as in the other campaign"
         },
     )
     try:
@@ -100,9 +100,9 @@ def with_sets(found: ImagesFound, done: Photographed, run: PixelRun, campaign: C
     holding = sum(done.shots["calibration"].pose(name) in run.sets[name] for name in proved)
     seconds = np.median([run.sets[name].seconds for name in names])
     said = (
-        f"Each dot of one image a configuration is stated to be within ±{HALF_WIDTH:g} pixels of where it was found. "
+        f"Each dot of one image a configuration is stated to be within ±{stated(HALF_WIDTH)} pixels of where it was found. "
         f"Of {count} sets of poses that show all dots in such boxes, {len(proved)} are enclosed and {refuted} empty, "
-        f"both proved, in {seconds:.2g} s each with a certificate. The true pose lies in {holding} of the "
+        f"both proved, in {about(float(seconds), 2)} s each with a certificate. The true pose lies in {holding} of the "
         f"{len(proved)}. The half-widths of the enclosures, beside those of the first campaign's reading sets:",
         "These sets are the readings' sets of a second campaign, certified as the first is: for some pose that the "
         "pixels allow, and some leg reading in its set. So the proof begins at the image. The smallest model error of "
@@ -114,10 +114,10 @@ def with_sets(found: ImagesFound, done: Photographed, run: PixelRun, campaign: C
 def _widths(pixel: Campaign, repeats: Campaign) -> TextTable:
     head = ("half-width, median", *(f"{n} [µm]" for n in "xyz"), *(f"r{n} [10⁻³ °]" for n in "xyz"))
     rows = []
-    for name, one in ((f"pixels ±{HALF_WIDTH:g}", pixel), ("repeats, as in table 3", repeats)):
+    for name, one in ((f"pixels ±{stated(HALF_WIDTH)}", pixel), ("repeats, as in table 3", repeats)):
         position = 1e3 * np.median(one.position_radius, axis=0)
         rotation = 1e3 * np.degrees(np.median(one.rotation_radius, axis=0))
-        rows.append((name, *(f"{v:.1f}" for v in (*position, *rotation))))
+        rows.append((name, *(nearest(float(v), 1) for v in (*position, *rotation))))
     return TextTable(head, tuple(rows))
 
 

@@ -6,13 +6,14 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from decimal import Decimal
 from numbers import Rational
-from typing import Any, ClassVar, NoReturn
+from typing import ClassVar, NoReturn
 
 import numpy as np
 
 from cpcal.errors import ModelError
+from cpcal.numbers import rounded_down, rounded_up
 from cpcal.solver.interval.array import IntervalArray
 from cpcal.solver.interval.float64 import Float64
 from cpcal.solver.interval.number import Number, round_down, round_up
@@ -62,11 +63,6 @@ class Interval:
     def empty(cls) -> Interval:
         """The interval without points; its bounds are NaN."""
         return cls._raw(math.nan, math.nan)
-
-    @classmethod
-    def entire(cls) -> Interval:
-        """All real numbers."""
-        return cls._raw(-math.inf, math.inf)
 
     @property
     def is_empty(self) -> bool:
@@ -194,27 +190,10 @@ class Interval:
             return str(self)
         if not re.fullmatch(r"\.\d+f", spec):
             raise ValueError(f"an Interval is formatted by '.6f' and the like, not by {spec!r}")
-        unit = Decimal(1).scaleb(-int(spec[1:-1]))
-        bounds = (
-            str(bound) if math.isinf(bound) else f"{Decimal(bound).quantize(unit, rounding, Context(prec=2000)):f}"
-            for bound, rounding in ((self.lo, ROUND_FLOOR), (self.hi, ROUND_CEILING))
-        )
-        return f"[{', '.join(bounds)}]"
-
-    def to_json(self) -> list[str] | str:
-        """Bounds as `float.hex` text, or "empty"."""
-        return "empty" if self.is_empty else [self.lo.hex(), self.hi.hex()]
-
-    @classmethod
-    def from_json(cls, data: Any) -> Interval:
-        """The inverse of `to_json`."""
-        if data == "empty":
-            return cls.empty()
-        try:
-            lo, hi = map(float.fromhex, data)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise ModelError(f"{data!r} is no interval: give two hexadecimal floats, or 'empty'") from error
-        return cls(lo, hi)
+        decimals = int(spec[1:-1])
+        lo = str(self.lo) if math.isinf(self.lo) else rounded_down(self.lo, decimals)
+        hi = str(self.hi) if math.isinf(self.hi) else rounded_up(self.hi, decimals)
+        return f"[{lo}, {hi}]"
 
 
 def _interval(array: IntervalArray) -> Interval:

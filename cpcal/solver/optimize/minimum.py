@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpcal.numbers import at_least, gap_text
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.incumbent import Incumbent
@@ -79,7 +80,7 @@ class Minimum:
 
 def status_of(last: Bracket, incumbent: Incumbent, undecided: int) -> tuple[Verdict, str]:
     """The verdict on a bracket and a sentence; `undecided` boxes were left at a limit."""
-    gap = last.hi - last.lo
+    gap, printed = last.hi - last.lo, gap_text(last.lo, last.hi)
     if incumbent.witness is None:
         if not undecided and last.lo == np.inf:
             return Verdict.REFUTED, "No point of the domain satisfies the constraints: proved."
@@ -92,9 +93,9 @@ def status_of(last: Bracket, incumbent: Incumbent, undecided: int) -> tuple[Verd
         how = f"Stopped at a limit with {undecided} undecided boxes; both bounds are proved, the gap is open."
     elif gap <= incumbent.floor:
         how = (
-            f"Both bounds are proved; the gap of {gap:.1e} is open. The search ends there, because the second-order "
-            f"effect of the readings is {incumbent.floor:.1e}."
+            f"Both bounds are proved; the gap of {printed} is open. The search ends there, because the second-order "
+            f"effect of the readings is {at_least(incumbent.floor, 2)}."
         )
     else:
-        how = f"Both bounds are proved; the contractors cannot close the gap of {gap:.1e}."
+        how = f"Both bounds are proved; the contractors cannot close the gap of {printed}."
     return Verdict.UNKNOWN, how

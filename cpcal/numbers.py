@@ -1,0 +1,141 @@
+"""Numbers in print. Every bound that a person reads is formatted here, rounded to the side on which it stays true.
+
+Bounds: `bracket_text`, `inner_text`, `rounded_down`, `rounded_up`, `at_least`, `at_most`, `gap_text`, `plain_gap`. What
+the user stated is repeated by `stated`. Estimates, of which nothing is proved: `nearest`, `about`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from decimal import Context, Decimal
+from fractions import Fraction
+
+Number = float | Fraction  # a Fraction is exact, and so is a float
+
+_DIGITS = 7  # significant ones, of the larger bound of a bracket
+_PLAIN = range(-5, 10)  # decimal exponents that are written without "e"
+_INFINITY = "∞"
+_NONE = "—"
+_LOG10_2 = math.log10(2.0)
+
+Rounding = Callable[[Fraction], int]
+
+
+def bracket_text(lo: Number, hi: Number, digits: int = _DIGITS) -> tuple[str, str]:
+    """`lo` rounded down and `hi` rounded up, to so many significant digits of the larger."""
+    exponent = _common(lo, hi)
+    return _scaled(lo, exponent, digits, math.floor), _scaled(hi, exponent, digits, math.ceil)
+
+
+def inner_text(lo: Number, hi: Number, digits: int = _DIGITS) -> tuple[str, str]:
+    """`lo` rounded up and `hi` rounded down: a range of which something is said that holds in all of [lo, hi]."""
+    exponent = _common(lo, hi)
+    return _scaled(lo, exponent, digits, math.ceil), _scaled(hi, exponent, digits, math.floor)
+
+
+def rounded_down(value: Number, decimals: int) -> str:
+    """With so many decimals, never above `value`."""
+    return _fixed(value, decimals, math.floor)
+
+
+def rounded_up(value: Number, decimals: int) -> str:
+    """With so many decimals, never below `value`."""
+    return _fixed(value, decimals, math.ceil)
+
+
+def at_least(value: Number, digits: int = 3) -> str:
+    """With so many significant digits, never above `value`: for "at least ..."."""
+    return _scaled(value, _exponent(value), digits, math.floor)
+
+
+def at_most(value: Number, digits: int = 3) -> str:
+    """With so many significant digits, never below `value`: for "at most ..."."""
+    return _scaled(value, _exponent(value), digits, math.ceil)
+
+
+def gap_text(lo: Number, hi: Number) -> str:
+    """`hi - lo` to two digits, never less than it is."""
+    if not (_finite(lo) and _finite(hi)):
+        return _INFINITY if hi > lo else _NONE
+    gap = Fraction(hi) - Fraction(lo)
+    return f"{_quantized(gap, _exponent(gap) - 1, math.ceil):.1e}" if gap else "0"
+
+
+def plain_gap(lo: Number, hi: Number) -> str:
+    """The same, without an exponent where that is short."""
+    text = gap_text(lo, hi)
+    number = float(text) if text[0].isdigit() else 0.0
+    return f"{Decimal(text):f}" if 0.001 <= number < 1e6 else text
+
+
+def stated(value: float) -> str:
+    """A number that the user gave, in the fewest digits that give the same float64 back."""
+    return repr(float(value)).removesuffix(".0") if _finite(value) else _infinite(value)
+
+
+def nearest(value: Number, decimals: int) -> str:
+    """With so many decimals, for what is no bound."""
+    return _fixed(value, decimals, round)
+
+
+def about(value: Number, digits: int = 3) -> str:
+    """With so many significant digits at most, for what is no bound."""
+    return short(_scaled(value, _exponent(value), digits, round))
+
+
+def short(text: str) -> str:
+    """The same number without zeros at its end."""
+    return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
+
+
+def _common(lo: Number, hi: Number) -> int:
+    """Decimal exponent of the first digit of the larger one, of those that have digits."""
+    return max((_exponent(v) for v in (lo, hi) if _finite(v) and v), default=0)
+
+
+def _exponent(value: Number) -> int:
+    """Decimal exponent of the first digit; 0 where there is none."""
+    if not _finite(value) or not value:
+        return 0
+    size = abs(Fraction(value))
+    guess = math.floor((size.numerator.bit_length() - size.denominator.bit_length()) * _LOG10_2)
+    while _power(guess) > size:
+        guess -= 1
+    while _power(guess + 1) <= size:
+        guess += 1
+    return guess
+
+
+def _power(exponent: int) -> Fraction:
+    return Fraction(10) ** exponent
+
+
+def _scaled(value: Number, exponent: int, digits: int, rounding: Rounding) -> str:
+    """Digits counted from the decimal `exponent` on."""
+    if not _finite(value):
+        return _infinite(value)
+    number = _quantized(value, exponent - digits + 1, rounding)
+    if number == 0:
+        return "0"
+    return f"{number:f}" if exponent in _PLAIN else f"{number:e}"
+
+
+def _fixed(value: Number, decimals: int, rounding: Rounding) -> str:
+    if not _finite(value):
+        return _infinite(value)
+    number = _quantized(value, -decimals, rounding)
+    return f"{abs(number) if number == 0 else number:f}"
+
+
+def _quantized(value: Number, exponent: int, rounding: Rounding) -> Decimal:
+    """An exact multiple of 10 ** exponent."""
+    return Decimal(rounding(Fraction(value) / _power(exponent))).scaleb(exponent, Context(prec=2000))
+
+
+def _finite(value: Number) -> bool:
+    return isinstance(value, Fraction | int) or math.isfinite(value)
+
+
+def _infinite(value: Number) -> str:
+    return _NONE if math.isnan(value) else _INFINITY if value > 0 else "-" + _INFINITY
