@@ -13,6 +13,7 @@ import pytest
 import cpcal
 from contractors import HC4, Lifted
 from cpcal.checker.checker import check
+from cpcal.numbers import at_least
 from cpcal.solver import plugins
 from cpcal.solver.contract import Composable, Contraction, Repeat, Step
 from cpcal.solver.interval import Box
@@ -108,7 +109,7 @@ def test_what_weights_do_not_prove_in_time_is_found_but_not_certified(
     leg = cpcal.certify(campaign[0], contractors=("oracle", "lifted"), **question).legs[0]
     assert leg.eps_lo == 0.0
     assert leg.found_lo == known
-    assert repr(known) in leg.status
+    assert at_least(known, 10) in leg.status
     oracle, lifted = leg.contractors_used
     assert (oracle.steps > 0, oracle.certified_steps, lifted.certified_steps) == (True, 0, 0)
     assert leg.certificate is not None
@@ -139,8 +140,8 @@ def test_a_weaker_certificate_says_both_bounds(nodes: int, tmp_path: Path) -> No
     assert found.found is not None
     assert found.lo < found.found.lo <= OPTIMUM <= found.hi
     assert found.found.lo >= OPTIMUM - 1e-3
-    assert repr(found.lo) in found.status
-    assert repr(found.found.lo) in found.status
+    assert at_least(found.lo, 10) in found.status
+    assert at_least(found.found.lo, 10) in found.status
     assert found.found.enclosure.subset(found.enclosure)
     assert found.verdict is cpcal.Verdict.UNKNOWN
     claims = check(tmp_path / "c.jsonl").claims

@@ -13,6 +13,8 @@ from cpcal.solver.optimize.incumbent import Incumbent
 from cpcal.solver.optimize.witness import Witness
 from cpcal.solver.search import ContractorUse
 
+_DIGITS = 10  # of two lower bounds that differ
+
 
 @dataclass(frozen=True)
 class Bracket:
@@ -37,7 +39,8 @@ class Found:
         if self.lo == np.inf:
             return " All contractors together prove that there is no solution; the certificate does not."
         if self.lo > certified:
-            return f" All contractors together prove the lower bound {self.lo!r}; the certificate proves {certified!r}."
+            found, proved = at_least(self.lo, _DIGITS), at_least(certified, _DIGITS)
+            return f" All contractors together prove the lower bound {found}; the certificate proves {proved}."
         return " All contractors together prove a smaller enclosure than the certificate."
 
 

@@ -32,7 +32,7 @@ class Divide:
         strategy: Strategy,
         *,
         inside: Callable[[Box], bool] | None = None,
-        again: float = 0.0,
+        again: float | None = None,
     ) -> None:
         if not isinstance(contracting, Contracting):
             contracting = Contracting([("", contracting)])
@@ -51,9 +51,10 @@ class Divide:
             return EventKind.PRUNED, ()
         if self._inside is not None and self._inside(box):
             return EventKind.INSIDE, (box,)
-        pays = shrunk(node.box.width, box.width, self._again) or shrunk(before.width, found.width, self._again)
-        if self._again and pays:
-            return EventKind.CONTRACTED, (box,)
+        if self._again is not None:
+            pairs = ((node.box, box), (before, found))
+            if any(shrunk(one.width, two.width, self._again) for one, two in pairs):
+                return EventKind.CONTRACTED, (box,)
         pieces = divided(box, found, lambda part: split(self._strategy, part, node.depth))
         return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (box,))
 
