@@ -9,7 +9,7 @@ alone. As soon as weights have proved all that was found, the two boxes are one,
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -33,13 +33,6 @@ class ContractorUse:
     calls: int = 0
     steps: int = 0
     certified_steps: int = 0
-
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> ContractorUse:
-        return cls(str(data["name"]), int(data["calls"]), int(data["steps"]), int(data["certified_steps"]))
 
 
 def total_use(one: tuple[ContractorUse, ...], two: tuple[ContractorUse, ...]) -> tuple[ContractorUse, ...]:
