@@ -23,7 +23,8 @@ def test_detections_are_read_back_bit_for_bit(tmp_path_factory, names, data):
     for name in names:
         reason = data.draw(st.sampled_from(["", "no dots", 'odd, "quoted"\nreason']))
         values = () if reason else data.draw(ROW)
-        rows.append(Detection(name, reason, data.draw(st.integers(0, 200)), values))
+        doubt = "" if reason else data.draw(st.sampled_from(["", 'large, "odd" residuals']))
+        rows.append(Detection(name, reason, data.draw(st.integers(0, 200)), values, doubt))
     path = tmp_path_factory.mktemp("rows") / "poses.csv"
     path.write_bytes(detections_bytes(rows))
     assert load_detections(path) == sorted(rows, key=lambda d: d.file)
@@ -34,7 +35,8 @@ def test_a_bad_table_of_poses_is_refused_line_by_line(tmp_path):
     path = tmp_path / "poses.csv"
     content = detections_bytes([Detection("a.png", "", 133, (1.0,) * len(NUMBERS)), Detection("b.png", "no dots")])
     good = content.decode().splitlines()
-    path.write_text("\n".join([*good, "c.png,x," + "1," * len(NUMBERS), "d.png,3", good[1].replace("1.0", "nan")]))
+    bad = ["c.png,x," + "1," * len(NUMBERS) + ",", "d.png,3", good[1].replace("1.0", "nan")]
+    path.write_text("\n".join([*good, *bad]))
     with pytest.raises(InputError) as caught:
         load_detections(path)
     assert [problem.line for problem in caught.value.problems] == [4, 5, 6]
@@ -53,7 +55,7 @@ def test_readings_round_trip_and_join(tmp_path):
     again = load_readings(path)
     assert again.keys() == readings.keys()
     assert all(np.array_equal(again[key], readings[key]) for key in readings)
-    values = np.concatenate([table.position, table.quaternion, np.ones((len(table), 7))], axis=1)
+    values = np.concatenate([table.position, table.quaternion, np.ones((len(table), len(NUMBERS) - 7))], axis=1)
     rows = [
         Detection(f"shots/{name}.png", "", 9, tuple(map(float, row)))
         for name, row in zip(table.row_ids, values, strict=True)
