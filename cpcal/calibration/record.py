@@ -6,6 +6,7 @@ beside the record has them. Nothing of it is proved.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,6 +88,14 @@ class Parameters:
     converged: bool
     sentence: str
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for what is not seven finite numbers a leg, each with its error."""
+        rows = (*self.values, *self.standard_errors)
+        if len(self.values) != len(self.standard_errors) or any(len(row) != 7 for row in rows):
+            raise ValueError("a fit is not seven numbers a leg, each with its standard error")
+        if not all(math.isfinite(value) for row in self.values for value in row):
+            raise ValueError("a fit is not finite")
+
     @property
     def array(self) -> npt.NDArray[np.float64]:
         """(n, 7) mm."""
@@ -102,6 +111,12 @@ class Errors:
     orientation_before: Numbers
     position_after: Numbers
     orientation_after: Numbers
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for columns that differ in length."""
+        columns = (self.position_before, self.orientation_before, self.position_after, self.orientation_after)
+        if any(len(column) != len(self.names) for column in columns):
+            raise ValueError("a validation has not one error for each name")
 
     @property
     def validation(self) -> Validation:
@@ -135,6 +150,14 @@ class CalibrationRecord:
     validation: Errors
     validation_sigma: Errors
 
+    def __post_init__(self) -> None:
+        """Raises ValueError when the parts are not of the same number of legs."""
+        legs = len(self.drawing)
+        if not legs or any(len(row) != 7 for row in self.drawing):
+            raise ValueError("the drawing is not seven numbers a leg")
+        if any(len(fit.values) != legs for fit in (self.x_c, self.x_c_sigma)):
+            raise ValueError(f"a fit (x_c, x_c_sigma) is not of the drawing's {legs} legs")
+
     def in_drawing(self, fit: Parameters) -> npt.NDArray[np.float64]:
         """A fit's parameters (n, 7), mm, moved rigidly to the drawing's frames by the frames that were found."""
         x = fit.array
@@ -162,20 +185,20 @@ def recorded(study: Study, found: StudyCalibration, *, factor: float) -> Calibra
     """The record of what `calibrate_study` found with that factor."""
     spread = campaign_deviations(as_campaign(study.calibration, study.robot))
     return CalibrationRecord(
-        study.robot.name,
-        _rows(study.robot.parameters),
-        found.campaign.sha256,
-        found.check.sha256,
-        len(study.calibration),
-        len(spread.names),
-        factor,
-        tuple(_channel(spread, k, statistics) for k, statistics in enumerate(found.statistics)),
-        found.screening.sentence,
-        _frames(found.frames),
-        _parameters(found.x_c),
-        _parameters(found.x_c_sigma),
-        _errors(found.validation),
-        _errors(found.validation_sigma),
+        robot=study.robot.name,
+        drawing=_rows(study.robot.parameters),
+        campaign_sha256=found.campaign.sha256,
+        check_sha256=found.check.sha256,
+        readings=len(study.calibration),
+        configurations=len(spread.names),
+        factor=factor,
+        channels=tuple(_channel(spread, k, statistics) for k, statistics in enumerate(found.statistics)),
+        screening=found.screening.sentence,
+        frames=_frames(found.frames),
+        x_c=_parameters(found.x_c),
+        x_c_sigma=_parameters(found.x_c_sigma),
+        validation=_errors(found.validation),
+        validation_sigma=_errors(found.validation_sigma),
     )
 
 
@@ -190,13 +213,13 @@ def _channel(spread: Deviations, k: int, statistics: ChannelStatistics) -> Chann
 def _frames(found: FrameCalibration) -> Frames:
     sigma = found.standard_deviations
     return Frames(
-        found.method,
-        _frame(found.camera_in_base, sigma[:6]),
-        _frame(found.target_in_mobile, sigma[6:]),
-        float(np.sqrt(np.mean(found.position_residual**2))),
-        float(np.sqrt(np.mean(found.rotation_residual**2))),
-        found.unit_weight,
-        found.remarks,
+        method=found.method,
+        camera_in_base=_frame(found.camera_in_base, sigma[:6]),
+        target_in_mobile=_frame(found.target_in_mobile, sigma[6:]),
+        position_residual=float(np.sqrt(np.mean(found.position_residual**2))),
+        rotation_residual=float(np.sqrt(np.mean(found.rotation_residual**2))),
+        unit_weight=found.unit_weight,
+        remarks=found.remarks,
     )
 
 

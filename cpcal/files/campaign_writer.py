@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
 import os
-import shutil
-import uuid
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.atomic import write_folder
+from cpcal.files.cells import csv_table
 
 if TYPE_CHECKING:
     from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty
@@ -97,18 +94,16 @@ def csv_bytes(campaign: Campaign) -> bytes:
     differs = radii != stated
     used = np.flatnonzero(differs.any(axis=0))
     header = reading_columns(campaign.legs) + [override_columns(campaign.legs)[column] for column in used]
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
-    cells: Iterable[list[str]] = ([] for _ in range(len(values)))
+    own: Iterable[list[float | None]] = ([] for _ in range(len(values)))
     if len(used):
-        cells = (
-            [repr(value) if own else "" for value, own in zip(row, owns, strict=True)]
-            for row, owns in zip(radii[:, used].tolist(), differs[:, used].tolist(), strict=True)
+        own = (
+            [value if differ else None for value, differ in zip(row, rows, strict=True)]
+            for row, rows in zip(radii[:, used].tolist(), differs[:, used].tolist(), strict=True)
         )
-    rows = zip(campaign.pose, campaign.run, values.tolist(), cells, strict=True)
-    writer.writerows([pose, run, *map(repr, numbers), *extra] for pose, run, numbers, extra in rows)
-    return buffer.getvalue().encode()
+    names = zip(campaign.pose, campaign.run, strict=True)
+    return csv_table(
+        header, ((ids, [*row, *extra]) for ids, row, extra in zip(names, values.tolist(), own, strict=True))
+    )
 
 
 def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
@@ -118,50 +113,6 @@ def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
     taken away first and put back last: an interruption leaves a folder that is refused, never a mixture.
     """
     write_folder(Path(path), {CSV_NAME: csv_bytes(campaign), TOML_NAME: toml_bytes(campaign)}, head=TOML_NAME)
-
-
-def write_folder(folder: Path, contents: dict[str, bytes], *, head: str) -> None:
-    """Write files into a folder as `save_campaign` does; `head` is the one without which the others are refused."""
-    draft = folder.absolute().parent / f".{folder.absolute().name}.{uuid.uuid4().hex}.tmp"
-    try:
-        draft.parent.mkdir(parents=True, exist_ok=True)
-        draft.mkdir()
-        for name, content in contents.items():
-            _write(draft / name, content)
-        if folder.exists():
-            (folder / head).unlink(missing_ok=True)
-            for name in sorted(contents, key=lambda name: name == head):
-                os.replace(draft / name, folder / name)
-        else:
-            os.rename(draft, folder)
-    except OSError as error:
-        what = f"cannot be written: {error.strerror or error}"
-        raise InputError([Problem(str(folder), what, "choose a folder that can be written to")]) from error
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write one file: it appears complete or not at all, and what was there is replaced at the end.
-
-    Raises InputError when it cannot be written.
-    """
-    draft = path.absolute().with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
-    try:
-        _write(draft, content)
-        os.replace(draft, path)
-    except OSError as error:
-        what = f"cannot be written: {error.strerror or error}"
-        raise InputError([Problem(str(path), what, "choose a file that can be written to")]) from error
-    finally:
-        draft.unlink(missing_ok=True)
-
-
-def _write(path: Path, content: bytes) -> None:
-    with path.open("xb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def quoted(text: str) -> str:

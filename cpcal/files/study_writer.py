@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from pathlib import Path
 
 import numpy as np
 
+from cpcal.atomic import write_folder
 from cpcal.files.campaign_writer import (
     matrix,
     provenance_lines,
@@ -16,8 +15,8 @@ from cpcal.files.campaign_writer import (
     reading_columns,
     robot_lines,
     vector,
-    write_folder,
 )
+from cpcal.files.cells import csv_table
 from cpcal.robot import Pose, PoseTable, Study, Truth
 from cpcal.robot.mechanisms import FIELDS
 
@@ -72,10 +71,5 @@ def table_bytes(table: PoseTable) -> bytes:
     header = reading_columns(table.legs)
     if table.image is not None:
         header.insert(2, "image")
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
     values = np.concatenate([table.position, table.quaternion, table.length], axis=1).tolist()
-    rows = zip(zip(*names, strict=True), values, strict=True)
-    writer.writerows([*ids, *map(repr, numbers)] for ids, numbers in rows)
-    return buffer.getvalue().encode()
+    return csv_table(header, zip(zip(*names, strict=True), values, strict=True))

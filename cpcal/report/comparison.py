@@ -8,11 +8,12 @@ from typing import Any
 
 from markupsafe import Markup
 
+from cpcal.atomic import write_file
 from cpcal.errors import printable
 from cpcal.numbers import bracket_text, short, stated
 from cpcal.report.dots import comparison_svg, legend
 from cpcal.report.origin import versions
-from cpcal.report.template import rendered, written
+from cpcal.report.template import rendered
 from cpcal.report.words import LONGER, QUANTIFIER
 from cpcal.results import Comparison, Entry
 from cpcal.solver.contract import Verdict
@@ -85,7 +86,7 @@ def comparison_sentences(comparison: Comparison) -> list[str]:
 
 def write_comparison(comparison: Comparison, folder: str | os.PathLike[str]) -> Path:
     """Write `compare.html` into the folder; its path. The same comparison gives the same bytes."""
-    return written(rendered("compare.html.j2", _context(comparison)), Path(folder) / COMPARISON_PAGE)
+    return write_file(Path(folder) / COMPARISON_PAGE, rendered("compare.html.j2", _context(comparison)))
 
 
 def _context(comparison: Comparison) -> dict[str, Any]:

@@ -17,7 +17,7 @@ LONGER = "The model takes each leg to be longer than eps."
 
 def leg_sentence(result: Result, leg: LegResult) -> str:
     """The answer for one leg, without its number."""
-    if result.eps is not None or leg.not_refuted or leg.verdict is Verdict.REFUTED:
+    if result.options.eps is not None or leg.not_refuted or leg.verdict is Verdict.REFUTED:
         return leg.status
     lo, hi = bracket_text(leg.eps_lo, leg.eps_hi)
     if math.isfinite(leg.eps_hi):
@@ -28,7 +28,7 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
 def center_sentence(result: Result, leg: LegResult) -> str | None:
     """What is proved of the middle of the box as a solution."""
     names = {"fit": "The least-squares fit", "plain": "The plain model's least-squares fit"}
-    name = names.get(result.center, "The nominal parameter vector")
+    name = names.get(result.options.center, "The nominal parameter vector")
     return None if leg.verified is None else leg.verified.sentence(name)
 
 

@@ -67,15 +67,15 @@ def test_what_is_no_number_survives(record, tmp_path):
     ("path", "value", "text"),
     [
         (("format",), "cpcal-calibration/9", "not of format"),
-        (("robot",), 5, "robot is no str"),
-        (("factor",), True, "factor is no float"),
-        (("readings",), 1.5, "readings is no int"),
-        (("x_c", "values"), [[0.0] * 7], "x_c"),
+        (("robot",), 5, "robot is no text"),
+        (("factor",), True, "factor is no number"),
+        (("readings",), 1.5, "readings is no whole number"),
+        (("x_c", "values"), [[0.0] * 7], "a fit"),
         (("x_c", "values", 0, 0), "nan", "not finite"),
-        (("x_c_sigma", "standard_errors", 0), [1.0], "x_c_sigma"),
+        (("x_c_sigma", "standard_errors", 0), [1.0], "a fit"),
         (("x_c",), [], "no object"),
         (("channels",), 5, "no list"),
-        (("channels", 0, "statistics"), {}, "not the fields"),
+        (("channels", 0, "statistics"), {}, "lacks"),
         (("validation", "names"), [], "validation"),
         (("drawing", 0), [], "drawing"),
     ],
@@ -93,7 +93,7 @@ def test_a_garbled_file_is_refused(record, tmp_path, path, value, text):
 
 
 def test_no_file_and_no_json(tmp_path):
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="does not exist"):
         load_record(tmp_path)
     (tmp_path / "calibration.json").write_text("{")
     with pytest.raises(InputError, match="is not JSON"):

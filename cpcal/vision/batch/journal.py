@@ -14,8 +14,8 @@ from typing import IO
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.atomic import write_file
 from cpcal.errors import InputError, Problem
-from cpcal.files.campaign_writer import write_file
 from cpcal.version import __version__
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import NUMBERS, Detection
