@@ -29,12 +29,18 @@ class Table:
 def result_table(result: Result) -> Table:
     """A row a leg. Bounds are rounded to the side on which they stay proved."""
     bounds = ("eps_lo [mm]", "eps_hi [mm]", "gap [mm]") if result.options.eps is None else ("eps asked [mm]",)
-    header = ("leg", "verdict", *bounds, "support", "nodes", "LPs", "seconds")
+    header = ("leg", "verdict", *bounds, "certified", "support", "nodes", "LPs", "seconds")
     return Table(header, tuple(Row(leg.leg, leg.verdict, _cells(result, leg)) for leg in result.legs))
 
 
 def _cells(result: Result, leg: LegResult) -> tuple[str, ...]:
-    work = (str(len(leg.support)), f"{leg.nodes:,}", f"{leg.programs:,}", nearest(leg.seconds, 2))
+    work = (
+        "yes" if leg.certified else "no",
+        str(len(leg.support)),
+        f"{leg.nodes:,}",
+        f"{leg.programs:,}",
+        nearest(leg.seconds, 2),
+    )
     if result.options.eps is not None:
         return (stated(result.options.eps), *work)
     return (*bracket_text(leg.eps_lo, leg.eps_hi), gap_text(leg.eps_lo, leg.eps_hi), *work)

@@ -16,7 +16,11 @@ LONGER = "The model takes each leg to be longer than eps."
 
 
 def leg_sentence(result: Result, leg: LegResult) -> str:
-    """The answer for one leg, without its number."""
+    """The answer for one leg, without its number, and whether nobody can check it again."""
+    return _answer(result, leg) + ("" if leg.certified else f" Not certified: {leg.not_certified}.")
+
+
+def _answer(result: Result, leg: LegResult) -> str:
     if result.options.eps is not None or leg.not_refuted or leg.verdict is Verdict.REFUTED:
         return leg.status
     lo, hi = bracket_text(leg.eps_lo, leg.eps_hi)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.checker.checker import check
+from cpcal.checker import check
 from cpcal.solver.contract import Limits
 from cpcal.solver.optimize import Answer, Outcome, Trial, Witness, timeout
 
@@ -101,7 +101,7 @@ def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
     assert infeasible
     assert all(t.checked for t in infeasible)
     assert leg.certificate is not None
-    claims = check(tmp_path / "run" / leg.certificate, tmp_path).claims
+    claims = check(tmp_path / "run" / leg.certificate).claims
     assert claims.infeasible
     assert float(claims.eps_lo or 0) == leg.eps_lo > 0
     assert claims.point is not None
