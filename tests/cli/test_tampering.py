@@ -97,6 +97,11 @@ def swapped(run: Path) -> None:
     (run / "aside").rename(second)
 
 
+def linked(run: Path) -> None:
+    (run / FIRST).unlink()
+    (run / FIRST).symlink_to("none")
+
+
 def up(value: float) -> float:
     return math.nextafter(value, math.inf)
 
@@ -169,13 +174,13 @@ TAMPERED: dict[str, Tamper] = {
     "a certificate lacks its last step": text(FIRST, lambda old: "\n".join(old.splitlines()[:-1]) + "\n"),
     "a certificate is called otherwise on disk": lambda run: (run / FIRST).rename(run / "leg9.cert.jsonl") and None,
     "a certificate more": lambda run: shutil.copy(run / FIRST, run / "leg9.cert.jsonl") and None,
-    "a certificate is a link to nowhere": lambda run: ((run / FIRST).unlink(), (run / FIRST).symlink_to("none")) and None,
+    "a certificate is a link to nowhere": linked,
     "certificates trade places": swapped,
     "a certificate claims more": line(FIRST, 1, lambda claims: claims["epsilon"].update(lo=claims["cap"])),
     "a certificate claims nothing": line(FIRST, 1, lambda claims: claims.update(epsilon=None, enclosure=None)),
     "a certificate's box is smaller": line(FIRST, 0, lambda head: head["hi"].__setitem__(0, head["lo"][0])),
     "a certificate of another campaign by its header": line(FIRST, 0, lambda head: head.update(campaign="0" * 64)),
-    "campaign.json: another length": text("campaign.json", lambda old: old.replace('"measurements": [', '"measurements": [ ')),
+    "campaign.json: another layout": text("campaign.json", lambda old: old.replace('"robot":', '"robot" :')),
     "campaign.json: another name": text("campaign.json", lambda old: old.replace("DeltaLab", "DeltaLub")),
     "campaign.json: cut short": text("campaign.json", lambda old: old[:-20]),
 }  # fmt: skip
@@ -200,7 +205,7 @@ UNUSABLE = {
     "a leg is there twice",
     "a parameter more",
     "campaign.json: cut short",
-    "campaign.json: another length",
+    "campaign.json: another layout",
 }
 
 
