@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 from pathlib import Path
 
-if not __package__:  # the folder was run, wherever it was copied
+if not __package__:  # the folder was run, wherever it was copied: what lies beside it is none of our business
     folder = Path(__file__).resolve().parent
-    sys.path[0] = str(folder.parent)
-    __package__ = folder.name
-    __import__(__package__)
+    del sys.path[0]
+    spec = importlib.util.spec_from_file_location("checker", folder / "__init__.py")
+    assert spec is not None
+    assert spec.loader is not None
+    sys.modules["checker"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(sys.modules["checker"])
+    __package__ = "checker"
 
 from .command import main
 

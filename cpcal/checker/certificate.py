@@ -5,6 +5,7 @@ docs/certificate-format.md is the specification; Refused says what is wrong, and
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction as F
 from pathlib import Path
@@ -136,7 +137,7 @@ class _Check:
 
     def _root(self, value: dict[str, Any], size: int) -> None:
         self.root = Box(self.lines.vector(value["lo"], size), self.lines.vector(value["hi"], size))
-        if self.root.is_empty:
+        if any(a > b for a, b in zip(self.root.lo, self.root.hi, strict=True)):
             raise self.lines.refused("the box of the problem is empty")
 
     # the claims ---------------------------------------------------------------------------------------------------
@@ -275,10 +276,11 @@ class _Check:
             return box
         if value < self.claims.cap:
             raise self.lines.refused("a cap is below that of the claims")
-        return self._kept(name, box.replaced(o, hi=min(box.hi[o], value)))
+        return self._kept(name, box.replaced(o, hi=min(box.hi[o], value)), [o])
 
-    def _kept(self, name: int, box: Box) -> Box | None:
-        if box.is_empty:
+    def _kept(self, name: int, box: Box, changed: Iterable[int]) -> Box | None:
+        """The box in the place of the old one, or None, and closed, if a changed bound makes it empty."""
+        if any(box.lo[i] > box.hi[i] for i in changed):
             del self.open[name]
             return None
         self.open[name] = box
@@ -294,7 +296,7 @@ class _Check:
                 lo[i] = max(lo[i], bound)
             else:
                 hi[i] = min(hi[i], bound)
-        self._kept(name, Box(tuple(lo), tuple(hi)))
+        self._kept(name, Box(tuple(lo), tuple(hi)), {i for i, *_ in proofs})
 
     def _split(self, name: Any, unknown: Any, at: Any, into: Any) -> None:
         lines, box = self.lines, self._box(name)

@@ -38,7 +38,7 @@ class Polynomial:
         bits, others = self.bits, other.bits
         if bits + others > _MOST_BITS:
             raise TooLarge(f"a coefficient has more than {_MOST_BITS} bits")
-        self.spend(len(a) * len(b) * (1 + (bits * others >> 20)))
+        self.spend(10 + len(a) * len(b) * (1 + (bits * others >> 20)))
         out: dict[int, int] = {}
         known = out.get
         for m, c in a.items():
@@ -47,6 +47,22 @@ class Polynomial:
             if len(out) > _MOST_TERMS:
                 raise TooLarge(f"a polynomial has more than {_MOST_TERMS} terms")
         return Polynomial(out, self.exponent + other.exponent, self.spend)
+
+    def squared(self) -> Polynomial:
+        """The same as `self * self`, in half the work."""
+        terms = list(self.terms.items())
+        if 2 * (bits := self.bits) > _MOST_BITS:
+            raise TooLarge(f"a coefficient has more than {_MOST_BITS} bits")
+        self.spend(10 + len(terms) ** 2 // 2 * (1 + (bits * bits >> 20)))
+        out: dict[int, int] = {}
+        for k, (m, c) in enumerate(terms):
+            out[2 * m] = out.get(2 * m, 0) + c * c
+            double = 2 * c
+            for n, d in terms[:k]:
+                out[m + n] = out.get(m + n, 0) + double * d
+            if len(out) > _MOST_TERMS:
+                raise TooLarge(f"a polynomial has more than {_MOST_TERMS} terms")
+        return Polynomial(out, 2 * self.exponent, self.spend)
 
     def times(self, factor: int, power: int = 0) -> Polynomial:
         """factor * 2 ** power times it."""
@@ -71,7 +87,7 @@ def combined(parts: Iterable[tuple[int, Polynomial]], spend: Callable[[int], Non
         shift = p.exponent - lowest
         if factor.bit_length() + shift > _MOST_BITS:
             raise TooLarge(f"a coefficient has more than {_MOST_BITS} bits")
-        spend(len(p.terms) // 4)
+        spend(5 + len(p.terms) // 4)
         multiple = factor << shift
         for m, c in p.terms.items():
             out[m] = out.get(m, 0) + multiple * c

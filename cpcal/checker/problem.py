@@ -20,10 +20,6 @@ class Box:
     lo: tuple[F, ...]
     hi: tuple[F, ...]
 
-    @property
-    def is_empty(self) -> bool:
-        return any(a > b for a, b in zip(self.lo, self.hi, strict=True))
-
     def replaced(self, i: int, *, lo: F | None = None, hi: F | None = None) -> Box:
         """With other bounds on x_i."""
         low = self.lo if lo is None else (*self.lo[:i], lo, *self.lo[i + 1 :])
@@ -105,11 +101,11 @@ class Constraint:
         if side == "length":
             return self.also[0]
         if side == "upper" and high is not None:
-            return body - (high if factor is None else factor * high * high)
+            return body - (high if factor is None else factor * high.squared())
         if side == "lower" and low is not None:
             if factor is None:
                 return low - body
-            row = factor * low * low - body
+            row = factor * low.squared() - body
             beyond = F(0) if self.sure else max(F(0), -least(low, mask))
             return row - constant(-least(factor.times(-1), mask) * beyond**2, body.spend) if beyond else row
         if side == "sign" and high is not None and factor is not None:

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 from .refusal import Refused, Unusable
 
 LONGEST_LINE = 4 << 20  # bytes
-WORK = 20_000_000  # see docs/certificate-format.md, "Limits"
+WORK = 10_000_000  # see docs/certificate-format.md, "Limits"
 _HIGHEST_POWER = 1100
 _DYADIC = re.compile(r"(-?)0x([0-9a-f]{1,64})(?:\.([0-9a-f]{1,64}))?p([-+][0-9]{1,4})")
 _DECIMAL = re.compile(r"-?[0-9]{1,30}(?:\.[0-9]{1,30})?(?:e[-+]?[0-9]{1,3})?")

@@ -142,7 +142,7 @@ def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
     assert entry.certificate is None
     assert entry.not_certified == "with uncertain readings 'own', a user-defined model, has no certificate"
     assert entry.word(0.05) == "refuted, unchecked"
-    assert [path.name for path in tmp_path.iterdir()] == ["plain-leg1.cert.jsonl"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["campaign.json", "plain-leg1.cert.jsonl"]
     assert any("leg 1 (unchecked)" in sentence for sentence in comparison_sentences(comparison))
 
 
@@ -245,7 +245,7 @@ def test_the_command(exact, tmp_path):
         for cell in comparison_row(comparison, entry):
             assert cell in page
     names = {path.name for path in (tmp_path / "run").iterdir()}
-    assert names == {"compare.json", "compare.html", "plain-leg1.cert.jsonl", "gain-leg1.cert.jsonl"}
+    assert names == {"campaign.json", "compare.json", "compare.html", "plain-leg1.cert.jsonl", "gain-leg1.cert.jsonl"}
     assert CliRunner().invoke(app, ["verify", str(tmp_path / "run")]).exit_code == 0
     bad = CliRunner().invoke(app, [*words, "--models", "plain,gian,plain"])
     assert bad.exit_code == 2
