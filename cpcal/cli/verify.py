@@ -75,6 +75,9 @@ def _run(run: Path) -> bool:
         for name, accepted in ((leg.certificate, leg.accepted), (f"leg{leg.leg}.support.cert.jsonl", leg.support)):
             if accepted is not None and name is not None:
                 _tell(name, accepted)
+    if not any(leg.accepted or leg.refused for leg in legs):
+        what = "holds no leg that is certified"
+        raise InputError([Problem(str(run), what, "certify again, without a time limit that ends it too early")])
     return all(leg.refused is None for leg in legs)
 
 
