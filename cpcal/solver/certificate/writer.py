@@ -1,14 +1,14 @@
-"""A contractor whose every step is proved by the checker's own rule before it counts.
+"""Proposed steps, proved by the checker's own rule before they count for a certificate.
 
-Another contractor proposes bounds with weights; they are shortened, and `Rule` says in exact arithmetic what they
-prove. The search goes on from the boxes that were proved, so what is written is what the checker will see.
+A contractor proposes bounds with weights; they are shortened, and `Rule` says in exact arithmetic what they prove. The
+search goes on from the boxes that were proved, so what is written is what the checker will see.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction as F
 from typing import Any
 
@@ -18,38 +18,22 @@ from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.rule import Row, Rule, Weights
 from cpcal.solver.certificate.readings import free, row_of
 from cpcal.solver.certificate.statement import Statement, number
-from cpcal.solver.contract import Contraction, Contractor, Step, StepWeights
+from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk
 from cpcal.solver.interval import Box
-
-Record = Callable[[dict[str, Any]], None]
+from cpcal.solver.search import Proof
 
 _BITS = (10, 14, 18, 24, 32, 53)  # of the largest weight: the first that prove nearly as much as was proposed
 _LOSS = 0.02  # of the width that was proposed, given away for shorter numbers
+_NEARLY = 0.9  # of a proved width: a proposed one below that was not proved
 
 
-class Certifying:
-    """Does what `parts` propose, one after the other, as far as the rule proves it; tells `record` of each step.
+class WeightProver:
+    """Proves what a contractor proposes on a box, as far as the rule goes. Steps without weights count for nothing."""
 
-    Steps without weights count for nothing.
-    """
+    def __init__(self, statement: Statement) -> None:
+        self._statement = statement
 
-    idempotent = False
-
-    def __init__(self, parts: Sequence[Contractor], statement: Statement, record: Record) -> None:
-        self._parts, self._statement, self._record = parts, statement, record
-
-    def contract(self, box: Box) -> Contraction:
-        steps: tuple[Step, ...] = ()
-        point, programs = None, 0
-        for part in self._parts:
-            done = self._proved(part.contract(box), box)
-            box, steps, programs = done.box, steps + done.steps, programs + done.programs
-            point = point if done.point is None else done.point
-            if box.is_empty:
-                break
-        return Contraction(box, steps, point, programs)
-
-    def _proved(self, proposed: Contraction, box: Box) -> Contraction:
+    def __call__(self, box: Box, proposed: Contraction) -> Proof:
         table = _Table(self._statement, ExactBox(_fractions(box.lo), _fractions(box.hi)))
         o = self._statement.problem.objective
         cap = None if o is None else number(float(box.hi[o]))
@@ -62,8 +46,8 @@ class Certifying:
                 excluding = _excluding(table, step.weights)
                 if excluding is not None:
                     (weights,), rows = table.encoded([excluding])
-                    self._record({"exclude": 0, "cap": cap, "rows": rows, "weights": weights})
-                    return Contraction(Box.empty(box.names), (*steps, step), None, proposed.programs)
+                    exclude = {"exclude": 0, "cap": cap, "rows": rows, "weights": weights}
+                    return Proof(Box.empty(box.names), (*steps, step), exclude, True)
                 continue
             i = box.index(step.variable)
             found, bound = _bound(table, i, step, _LOSS * _width(proposed.box, i))
@@ -71,11 +55,12 @@ class Certifying:
                 (lo if step.side == "lo" else hi)[i] = bound
                 bounds.append((i, step.side, number(bound), found))
                 steps.append(step)
+        left, record = box.with_bounds(lo, hi), None
         if bounds:
             texts, rows = table.encoded([found for *_, found in bounds])
             entries = [[*entry[:3], text] for entry, text in zip(bounds, texts, strict=True)]
-            self._record({"pass": 0, "cap": cap, "rows": rows, "bounds": entries})
-        return Contraction(box.with_bounds(lo, hi), tuple(steps), proposed.point, proposed.programs)
+            record = {"pass": 0, "cap": cap, "rows": rows, "bounds": entries}
+        return Proof(left, tuple(steps), record, _complete(left, proposed.box))
 
 
 class _Table:
@@ -149,6 +134,13 @@ def _bound(table: _Table, i: int, step: Step, loss: float) -> tuple[Weights, flo
         if abs(proved - F(step.bound)) <= F(loss):
             break
     return weights, brief(proved, step.side == "lo", loss)
+
+
+def _complete(proved: Box, proposed: Box) -> bool:
+    """Whether what was proved is hardly wider than what was proposed."""
+    if proposed.is_empty:
+        return proved.is_empty
+    return not shrunk(proved.width, proposed.width, _NEARLY)
 
 
 def whole(values: Sequence[float], bits: int) -> tuple[list[int], int]:
