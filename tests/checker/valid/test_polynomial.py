@@ -158,8 +158,8 @@ def test_rows_are_not_positive_at_solutions(seed: int, root: bool) -> None:
     if high is not None and rng.random() < 0.7:
         high[()] = high.get((), F(0)) + 20
     parts = (None if given is None else tuple(given.items()) for given in (low, high))
-    c = Stated("c", root, tuple(p.items()), *parts)
-    problem, x = Problem(("a", "b", "c", "d"), None, 1, (0,), SIDES, [c].__getitem__), Unknowns(box_of(rng), free)
+    stated = Stated("c", root, tuple(p.items()), *parts)
+    problem, x = Problem(("a", "b", "c", "d"), None, 1, (0,), SIDES, [stated].__getitem__), Unknowns(box_of(rng), free)
     for _ in range(25):
         u = unit(rng)
         at = inside(x, u)

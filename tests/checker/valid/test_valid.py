@@ -264,7 +264,8 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
         assert statement.sha256 == files.sha256
         assert statement.problem.count == len(files) == 7
         for k in range(7):
-            ours = statement.problem.item(k).measurement
+            item: Any = statement.problem.item(k)
+            ours = item.measurement
             assert ours == files.measurement(k, leg)
             assert any(ours.radii[:3]) == (factor > 0 or overrides) or overrides
     if overrides:
