@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check clean
+.PHONY: demo test check docs clean
 
 # `make demo`: the paper's whole study on a simulated DeltaLab platform; says where the report is.
 demo: .venv/.installed
@@ -17,6 +17,11 @@ check: .venv/.installed-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# `make docs`: the documentation as a site in build/docs; runs the examples of its gallery.
+docs: .venv/.installed-docs
+	MPLBACKEND=agg $(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet --conf-dir docs . build/docs
+	@echo "build/docs/docs/index.html"
+
 .venv/bin/python:
 	$(PYTHON) -m venv .venv
 
@@ -28,5 +33,9 @@ check: .venv/.installed-dev
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	touch $@ .venv/.installed
 
+.venv/.installed-docs: .venv/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	touch $@ .venv/.installed
+
 clean:
-	rm -rf .venv demo dist build
+	rm -rf .venv demo dist build docs/gallery

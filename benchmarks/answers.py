@@ -3,9 +3,9 @@
     python -m benchmarks.answers write FILE            with the program as it is here
     python -m benchmarks.answers compare OLD NEW       exit status 1 when an answer differs
 
-Answers are brackets, proved points, enclosures and supports of legs, and what their certificates claim. Times and the names
-of fields may differ between revisions; the public functions used here may not. The least-squares start depends on the last
-bits of the linear algebra library: write both files on one machine.
+Answers are brackets, proved points, enclosures and supports of legs, and what their certificates claim. Times and the
+names of fields may differ between revisions; the public functions used here may not. The least-squares start depends
+on the last bits of the linear algebra library: write both files on one machine.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from benchmarks import chart, compare, tables
+from benchmarks import problems as problems_
 from benchmarks.methods import PEERS, method
 from benchmarks.records import ANSWERED, Results, Run, load, save
 from benchmarks.runner import execute
@@ -39,6 +40,7 @@ def list_() -> None:
     for kind, meaning in KINDS.items():
         print(f"  {kind:10} {meaning}")
     print("\nproblems, named by what they are: see benchmarks/problems.py")
+    print(f"  of other packages: {', '.join(plugins.found(problems_.GROUP)) or 'none'}")
     print("\nmethods")
     print(f"  {'contractors joined by commas':29} cpcal; registered: {', '.join(plugins.found())}")
     for name in PEERS:
@@ -113,10 +115,14 @@ def page(
 
 @app.command("compare")
 def compare_(old: Path, new: Path) -> None:
-    """Compare two files of results. Exit status 1 when a status, or cpcal's nodes or programs, differ."""
-    found = compare.differences(load(old), load(new))
+    """Compare two files of results.
+
+    Exit status 1 when a result is missing, or a status or cpcal's nodes differ, or, with the same versions of the
+    libraries, its programs.
+    """
+    found = compare.compared(load(old), load(new))
     print(compare.report(found))
-    raise typer.Exit(int(any(d.changes for d in found)))
+    raise typer.Exit(int(not found.passed))
 
 
 @app.command()

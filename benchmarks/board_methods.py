@@ -27,15 +27,13 @@ import numpy.typing as npt
 
 from benchmarks.board_render import Board, render_board
 from cpcal.robot import Pose, quaternion_from_rotation_vector, transformed
+from cpcal.solver.arrays import Floats, Indices
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene, render
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 
 SIDE = 292.0  # mm: what the dots of our target span, edge to edge, of a plate of 300 mm
 _LEAST_CORNERS = 6
@@ -52,7 +50,7 @@ class Failed(Exception):
 class Found:
     """Of one image: pixels (n, 2), which of the method's points (n,) they are, the pose of the target in the camera."""
 
-    pixels: Array
+    pixels: Floats
     numbers: Indices
     pose: Pose
 
@@ -73,11 +71,11 @@ class Method(Protocol):
 
     def draw(self, camera: Camera, pose: Pose, scene: Scene, seed: int) -> Image: ...
 
-    def measure(self, image: Image, camera: Camera, shift: Array) -> Found:
+    def measure(self, image: Image, camera: Camera, shift: Floats) -> Found:
         """Pixels as found less the shift (2,) of the method's origin, and the pose from those. Raises Failed."""
         ...
 
-    def exact(self, camera: Camera, pose: Pose) -> Array:
+    def exact(self, camera: Camera, pose: Pose) -> Floats:
         """Where the method's points (n, 2) are seen, pixels."""
         ...
 
@@ -97,7 +95,7 @@ class Dots:
     def draw(self, camera: Camera, pose: Pose, scene: Scene, seed: int) -> Image:
         return render(self.target, camera, pose, scene, seed=seed)
 
-    def measure(self, image: Image, camera: Camera, shift: Array) -> Found:
+    def measure(self, image: Image, camera: Camera, shift: Floats) -> Found:
         if shift.any():
             raise ValueError("the origin of our pixels is where it should be")
         try:
@@ -107,31 +105,31 @@ class Dots:
         mine = found.identification
         return Found(found.dots.centers[mine.found], np.asarray(mine.numbers), found.pose)
 
-    def exact(self, camera: Camera, pose: Pose) -> Array:
+    def exact(self, camera: Camera, pose: Pose) -> Floats:
         return predicted_centers(self.target, camera, pose)
 
 
 class _OpenCVBoard:
     """A board of cells whose corners OpenCV finds."""
 
-    def __init__(self, name: str, drawing: str, board: Board, points: Array) -> None:
+    def __init__(self, name: str, drawing: str, board: Board, points: Floats) -> None:
         self.name, self.drawing, self.board, self.points = name, drawing, board, points
         self.count = len(points)
 
     def draw(self, camera: Camera, pose: Pose, scene: Scene, seed: int) -> Image:
         return render_board(self.board, camera, pose, scene, seed=seed)
 
-    def measure(self, image: Image, camera: Camera, shift: Array) -> Found:
+    def measure(self, image: Image, camera: Camera, shift: Floats) -> Found:
         pixels, numbers = self.corners(image)
         pixels = pixels - shift
         if len(numbers) < _LEAST_CORNERS:
             raise Failed(f"{len(numbers)} corners")
         return Found(pixels, numbers, least_squares_pose(self.points[numbers], pixels, camera))
 
-    def exact(self, camera: Camera, pose: Pose) -> Array:
+    def exact(self, camera: Camera, pose: Pose) -> Floats:
         return camera.project(transformed(pose, self.points))
 
-    def corners(self, image: Image) -> tuple[Array, Indices]:
+    def corners(self, image: Image) -> tuple[Floats, Indices]:
         """Pixels (n, 2) of the points of the given numbers (n,)."""
         raise NotImplementedError
 
@@ -154,7 +152,7 @@ class Charuco(_OpenCVBoard):
         refining.perspectiveRemovePixelPerCell = 8
         self._detector = aruco.CharucoDetector(printed, charuco, refining)
 
-    def corners(self, image: Image) -> tuple[Array, Indices]:
+    def corners(self, image: Image) -> tuple[Floats, Indices]:
         corners, numbers, _, _ = self._detector.detectBoard(image)
         if numbers is None:
             return np.zeros((0, 2)), np.zeros(0, dtype=np.intp)
@@ -179,7 +177,7 @@ class AprilTags(_OpenCVBoard):
             refining.relativeCornerRefinmentWinSize = 1.0
         self._detector = aruco.ArucoDetector(markers, refining)
 
-    def corners(self, image: Image) -> tuple[Array, Indices]:
+    def corners(self, image: Image) -> tuple[Floats, Indices]:
         corners, numbers, _ = self._detector.detectMarkers(image)
         known = [(c, self._first[n]) for c, n in zip(corners, _numbers(numbers), strict=True) if n in self._first]
         if not known:
@@ -189,7 +187,7 @@ class AprilTags(_OpenCVBoard):
         return pixels, (firsts[:, None] + np.arange(4)).ravel()
 
 
-def least_squares_pose(points: Array, pixels: Array, camera: Camera) -> Pose:
+def least_squares_pose(points: Floats, pixels: Floats, camera: Camera) -> Pose:
     """The pose of points (n, 3) mm that were seen at pixels (n, 2), outliers among them screened. Raises Failed."""
     cv2 = opencv()
     matrix = np.array([[camera.focal[0], 0.0, camera.center[0]], [0.0, camera.focal[1], camera.center[1]], [0, 0, 1]])

@@ -17,11 +17,10 @@ import numpy.typing as npt
 from numpy.polynomial import chebyshev
 
 from cpcal.robot import Pose, transformed
+from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene, exposed
-
-Array = npt.NDArray[np.float64]
 
 FINE = 4  # fine pixels in a pixel, each way
 _REACH = 5.0  # of the blur, in its standard deviations
@@ -39,7 +38,7 @@ class Board:
     cells: npt.NDArray[np.bool_]
     cell: float
 
-    def on_plate(self, corners: npt.ArrayLike) -> Array:
+    def on_plate(self, corners: npt.ArrayLike) -> Floats:
         """Points (n, 3) mm of the target frame for (n, >= 2) in cells right and down from the upper left corner."""
         at = np.asarray(corners, dtype=np.float64)
         rows, columns = self.cells.shape
@@ -69,7 +68,7 @@ def bright_share(board: Board, camera: Camera, pose: Pose, blur: float) -> npt.N
     return image
 
 
-def cells_at(board: Board, camera: Camera, pose: Pose, pixels: npt.ArrayLike) -> Array:
+def cells_at(board: Board, camera: Camera, pose: Pose, pixels: npt.ArrayLike) -> Floats:
     """Where on the board pixels (..., 2) look: cells (..., 2) right and down from its upper left corner."""
     rays = camera.normalised(pixels)
     rotation = pose.rotation
@@ -110,21 +109,21 @@ def _fine_share(board: Board, camera: Camera, pose: Pose, low: Any, high: Any) -
     return out
 
 
-def _coefficients() -> Array:
+def _coefficients() -> Floats:
     """(nodes, nodes): from values at the nodes to the coefficients of the Chebyshev polynomial through them."""
-    inverse: Array = np.linalg.inv(chebyshev.chebvander(chebyshev.chebpts1(_NODES), _NODES - 1)).astype(np.float64)
+    inverse: Floats = np.linalg.inv(chebyshev.chebvander(chebyshev.chebpts1(_NODES), _NODES - 1)).astype(np.float64)
     return inverse
 
 
-def _carried(count: int) -> Array:
+def _carried(count: int) -> Floats:
     """(count, nodes): from values at the nodes to those at the middles of `count` equal parts of [-1, 1]."""
     middles = (2.0 * np.arange(count) + 1.0) / count - 1.0
-    carried: Array = chebyshev.chebvander(middles, _NODES - 1) @ _coefficients()
+    carried: Floats = chebyshev.chebvander(middles, _NODES - 1) @ _coefficients()
     return carried
 
 
 def _sides(
-    at_nodes: Array, down: Array, right: Array, count: int
+    at_nodes: Floats, down: Floats, right: Floats, count: int
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32]]:
     """For places across `count` cells: the share of the fine pixel beyond the nearest border, and that border."""
     derived = chebyshev.chebvander(chebyshev.chebpts1(_NODES), _NODES - 2) @ chebyshev.chebder(_coefficients())

@@ -29,7 +29,6 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.board_methods import AprilTags, Charuco, Dots, Failed, Method
 from benchmarks.isolation import ONE_THREAD
@@ -43,12 +42,11 @@ from cpcal.robot import (
     rotation_vector,
     transformed,
 )
+from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene
 from cpcal.vision.target import DELTALAB_TARGET
-
-Array = npt.NDArray[np.float64]
 
 PLATE = 300.0  # mm
 WRONG = (5.0, 1.0)  # mm, degrees
@@ -125,9 +123,9 @@ class _Tally:
 
     def __init__(self, method: Method, camera: Camera) -> None:
         self.method, self.camera = method, camera
-        self.pixels: list[Array] = []
-        self.moved: list[Array] = []  # position, mm
-        self.turned: list[Array] = []  # rotation vector, degrees
+        self.pixels: list[Floats] = []
+        self.moved: list[Floats] = []  # position, mm
+        self.turned: list[Floats] = []  # rotation vector, degrees
         self.seconds: list[float] = []
         self.reasons: Counter[str] = Counter()
         self.shift = origin(method, camera)
@@ -170,7 +168,7 @@ class _Tally:
         )
 
 
-def origin(method: Method, camera: Camera) -> Array:
+def origin(method: Method, camera: Camera) -> Floats:
     """By how many pixels (2,), to the nearest half, the method's origin is off. (This warms it up, too.)"""
     turn = quaternion_product(quaternion_from_rotation_vector([0.1, 0.1, 0.2]), FACING)
     pose = Pose(np.array([0.0, 0.0, 600.0]), turn)
@@ -179,7 +177,7 @@ def origin(method: Method, camera: Camera) -> Array:
     return np.asarray(0.5 * np.rint(2.0 * mean) + 0.0)  # no negative zero
 
 
-def _rms(values: Array) -> float:
+def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")
 
 

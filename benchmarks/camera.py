@@ -23,16 +23,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.vision_scenes import facing_poses, one
 from cpcal.robot import Pose
+from cpcal.solver.arrays import Floats
 from cpcal.vision.calibration import Calibration, TargetView, calibrate_camera
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target
-
-Array = npt.NDArray[np.float64]
 
 _POINT = 1e-3  # mm: the radius of a dot without a size
 
@@ -63,14 +61,14 @@ def simulated_views(
     return views, poses
 
 
-def normalised_errors(found: Calibration, camera: Camera) -> tuple[Array, Array]:
+def normalised_errors(found: Calibration, camera: Camera) -> tuple[Floats, Floats]:
     """(9,) errors by their standard errors, and freed from their correlations."""
     error = found.camera.numbers - camera.numbers
     factor = np.linalg.cholesky(found.covariance)
     return error / found.standard_errors, np.linalg.solve(factor, error)
 
 
-def aligned(dots: Array, stated: Array) -> Array:
+def aligned(dots: Floats, stated: Floats) -> Floats:
     """Dots (n, 2) shifted, turned and scaled onto the stated ones, by least squares."""
     z, w = dots @ [1.0, 1.0j], stated @ [1.0, 1.0j]
     z = z - z.mean()

@@ -19,18 +19,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
+from cpcal.solver.arrays import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import Dots, observe_dots
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene, contours, render
 from cpcal.vision.target import DELTALAB_TARGET, Target
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 CONDITIONS = [(blur, noise) for blur in (0.5, 0.8, 1.2) for noise in (1.0, 2.0, 4.0)]
 
@@ -47,7 +44,7 @@ def random_pose(rng: np.random.Generator) -> Pose:
     return Pose(np.array([*aside, distance]), quaternion_product(tilted, facing))
 
 
-def true_centers(target: Target, camera: Camera, pose: Pose) -> Array:
+def true_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
     """The centres (n, 2) of the conics through the dots' exact contours, pixels."""
     points = contours(target, camera, pose)
     middle = points.mean(axis=1, keepdims=True)
@@ -64,9 +61,9 @@ class Errors:
     """pixels (m, 2) errors of the dots found; normalised (m, 2) in standard deviations; bound (m,) pixels; missing:
     dots in sight that were not found; false: found where there is none; seconds."""
 
-    pixels: Array
-    normalised: Array
-    bound: Array
+    pixels: Floats
+    normalised: Floats
+    bound: Floats
     missing: int
     false: int
     seconds: float
@@ -115,7 +112,7 @@ def studied(images: int, blur: float, noise: float) -> dict[str, float]:
     }
 
 
-def grid_indices(centers: Array) -> Indices:
+def grid_indices(centers: Floats) -> Ints:
     """Column and row (n, 2) of dots on a nearly regular upright grid, walking from neighbour to neighbour; -1 where the
     walk does not come."""
     tree = cKDTree(centers)
@@ -140,7 +137,7 @@ def grid_indices(centers: Array) -> Indices:
     return index
 
 
-def grid_residuals(centers: Array, index: Indices, degree: int) -> Array:
+def grid_residuals(centers: Floats, index: Ints, degree: int) -> Floats:
     """The residuals (n, 2) of centres to the polynomials of a degree of their column and row, by least squares."""
     half = 0.5 * index.max(axis=0)
     x, y = (index / half - 1.0).T

@@ -15,23 +15,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from kinhec import io, motions, plans, solvers
 from kinhec.generator import generate_sequence
 
 from cpcal.calibration import calibrate_frames
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 
 @dataclass(frozen=True)
 class Sequence:
     """A_i X = Y B_i: measured poses A, B (N, 4, 4) in m, and the true X (4, 4)."""
 
-    a: Array
-    b: Array
-    x: Array
+    a: Floats
+    b: Floats
+    x: Floats
     eye_in_hand: bool
 
     def key_frames(self) -> Sequence:
@@ -50,7 +48,7 @@ def noise_track(tier: str, numbers: list[int] | None = None) -> Iterator[Sequenc
         yield Sequence(a, b, sequence.X, sequence.eye_in_hand)
 
 
-def in_mm(transforms: Array) -> Pose:
+def in_mm(transforms: Floats) -> Pose:
     """Matrices (N, 4, 4) in m as poses in mm."""
     return Pose(1000.0 * transforms[:, :3, 3], quaternion_from_matrix(transforms[:, :3, :3]))
 
@@ -67,7 +65,7 @@ def errors(sequence: Sequence, method: str, refine: bool) -> tuple[float, float]
     return compared(matrix, sequence)
 
 
-def compared(x: Array, sequence: Sequence) -> tuple[float, float]:
+def compared(x: Floats, sequence: Sequence) -> tuple[float, float]:
     """mm and degrees between an X (4, 4) in m and the true one."""
     turn = x[:3, :3].T @ sequence.x[:3, :3]
     angle = np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))

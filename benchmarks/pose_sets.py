@@ -22,15 +22,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, transformed
+from cpcal.solver.arrays import Floats
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera, distortion_jacobian
 from cpcal.vision.pose_sets import PixelBoxes, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET, Target
-
-Array = npt.NDArray[np.float64]
 
 COLUMNS = ("x", "y", "z", "rx", "ry", "rz")
 _INSIDE = 1.0 - 1e-9  # errors end short of the box, for the projection itself is rounded
@@ -47,7 +45,7 @@ def drawn_pose(rng: np.random.Generator) -> Pose:
     return Pose(position, normalised(quaternion_product(quaternion_from_rotation_vector(tilt), upright)))
 
 
-def pixels_and_slopes(target: Target, camera: Camera, pose: Pose) -> tuple[Array, Array]:
+def pixels_and_slopes(target: Target, camera: Camera, pose: Pose) -> tuple[Floats, Floats]:
     """Projections (n, 2) and their derivatives (n, 2, 6) by position (mm) and rotation vector (rad, camera frame)."""
     points = transformed(pose, target.points)
     depth = points[:, 2]
@@ -63,7 +61,7 @@ def pixels_and_slopes(target: Target, camera: Camera, pose: Pose) -> tuple[Array
     return camera.project(points), lens @ by_point @ by_pose
 
 
-def errors(kind: str, slopes: Array, half_width: float, rng: np.random.Generator) -> Array:
+def errors(kind: str, slopes: Floats, half_width: float, rng: np.random.Generator) -> Floats:
     """Displacements (m, 2) within the box."""
     size = _INSIDE * half_width
     if kind == "exact":
@@ -71,7 +69,7 @@ def errors(kind: str, slopes: Array, half_width: float, rng: np.random.Generator
     if kind == "uniform":
         return rng.uniform(-size, size, slopes.shape[:2])
     scale = np.sqrt((slopes**2).sum(axis=(0, 1)))
-    pushed: Array = size * np.sign(slopes @ (rng.standard_normal(6) / scale))
+    pushed: Floats = size * np.sign(slopes @ (rng.standard_normal(6) / scale))
     return pushed
 
 

@@ -3,6 +3,7 @@
     leg5-e10-n704-d100     leg 5, joint error 10 mm, 704 measurements, box of half-width 100 mm, exact readings
     leg5-e10-n704-d100-u   the same with the readings' uncertainty (3 standard deviations)
     cable-a-linear         anchor anywhere within 4 m; needs `--data`
+    FAMILY:ARGUMENTS       of another package, by the entry point `cpcal.benchmark_problems`
 
 Everything follows from the name, so that a process of its own can make the problem again.
 """
@@ -17,17 +18,17 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 import cpcal
 from cpcal.calibration import least_squares
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
+from cpcal.solver import plugins
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 
-Floats = npt.NDArray[np.float64]
-
+GROUP = "cpcal.benchmark_problems"
 SEED = 1
 POSES = 64
 CABLES = tuple(f"cable-{cable}-{model}" for model in ("linear", "quadratic") for cable in "abcd")
@@ -136,12 +137,18 @@ class Cable:
 
 
 def problem(name: str, data: Path | None = None) -> Problem:
-    """The problem of that name. Raises ValueError; for a cable without `data`, FileNotFoundError."""
+    """The problem of that name. Raises ValueError, PluginError; for a cable without `data`, FileNotFoundError."""
     leg = Leg.named(name)
     if leg is not None:
         return leg
+    family, _, arguments = name.partition(":")
+    if family in plugins.found(GROUP):
+        provided: Problem = plugins.load_member("problem", family, GROUP)(arguments, data)
+        return provided
     if name not in CABLES:
-        raise ValueError(f"no problem is called {name!r}; legs are named like leg1-e1-n64-d100, cables {CABLES[0]}")
+        others = "".join(f", {other}:..." for other in plugins.found(GROUP))
+        known = f"legs are named like leg1-e1-n64-d100, cables {CABLES[0]}{others}"
+        raise ValueError(f"no problem is called {name!r}; {known}")
     if data is None or not (data / "hangprinter" / "samples.csv").is_file():
         raise FileNotFoundError("needs --data with the folder that holds hangprinter/samples.csv")
     return Cable(name, data)

@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from benchmarks.vision_scenes import facing_poses, found_dots, one
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.identify import Unidentified, identify
 from cpcal.vision.measure import NotMeasured, measure_pose
@@ -31,8 +32,6 @@ from cpcal.vision.opencv import opencv
 from cpcal.vision.pose import PoseEstimate
 from cpcal.vision.render import Scene, render
 from cpcal.vision.target import DELTALAB_TARGET
-
-Array = npt.NDArray[np.float64]
 
 MOST = 10  # false and missing dots
 KINDS = ("none", "anywhere", "missing on the rows", "false on the rows", "both on the rows")
@@ -82,7 +81,7 @@ def identified(lists: int, seed: int) -> dict[str, dict[str, Any]]:
     return result
 
 
-def pose_error(true: Pose, estimate: PoseEstimate) -> Array:
+def pose_error(true: Pose, estimate: PoseEstimate) -> Floats:
     """(6,): true minus estimated position (mm), and the rotation vector (rad) from the estimate to the truth."""
     turn = quaternion_product(true.quaternion, quaternion_conjugate(estimate.pose.quaternion))
     return np.concatenate([true.position - estimate.pose.position, rotation_vector(turn)])

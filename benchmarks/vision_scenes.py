@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
+from cpcal.solver.arrays import Floats, Ints
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predicted_centers
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 FACING = np.array([0.0, 1.0, 0.0, 0.0])  # x right, y up on the target: half a turn about the camera's x
 
@@ -41,7 +38,7 @@ def found_dots(
     missing: int = 0,
     false: int = 0,
     on_rows: bool = False,
-) -> tuple[Array, Ints]:
+) -> tuple[Floats, Ints]:
     """Centres (m, 2) in random order, and which dot of the target each is (-1: none).
 
     Dots out of the image are left out, then `missing` more; `false` dots are strewn over the image, or on the rows
@@ -61,9 +58,9 @@ def found_dots(
     return points[order] + noise * rng.standard_normal((len(points), 2)), labels[order]
 
 
-def _strewn(rng: np.random.Generator, target: Target, camera: Camera, pose: Pose, count: int, on_rows: bool) -> Array:
+def _strewn(rng: np.random.Generator, target: Target, camera: Camera, pose: Pose, count: int, on_rows: bool) -> Floats:
     """False dots; those on rows are exact images of places on the target, clear of its dots."""
-    places: list[Array] = []
+    places: list[Floats] = []
     while len(places) < count:
         if on_rows:
             line = target.dots[list(target.lines[rng.integers(len(target.lines))])]

@@ -13,10 +13,9 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network.polynomial import Monomial
-
-Floats = npt.NDArray[np.float64]
 
 # Where the parabola of a square is touched from below; its ends and the column bound w >= 0 do the rest.
 _TANGENTS = (-1.0, -0.5, 0.5, 1.0)

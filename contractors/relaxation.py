@@ -10,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.monomials import Shift, column_bounds, product_rows
+from cpcal.solver.arrays import Floats, Indices
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import PolynomialSystem
-
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 
 
 def _up(count: int) -> float:

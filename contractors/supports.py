@@ -11,9 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
-
-Floats = npt.NDArray[np.float64]
 
 
 class Directions:

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.methods.hull import widths
 from benchmarks.methods.method import HULL_GAP, Question, Work
@@ -25,8 +24,7 @@ from benchmarks.problems import Leg
 from benchmarks.records import Answer
 from benchmarks.tasks import Unsupported
 from cpcal.robot import rotation_matrix
-
-Floats = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 A, B, OFFSET, Q = range(3), range(3, 6), 6, 7  # columns: a, b, l, q, then the products
 AB = {(i, j): 8 + 3 * i + j for i in range(3) for j in range(3)}

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy import optimize
 
 from benchmarks.problems import Leg
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import Glop
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize import fit
-
-Floats = npt.NDArray[np.float64]
 
 _ROOM = 1e-9  # of eps, for the rounding of a proof
 _BACK = (0.0, 1e-9, 1e-7, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy import optimize
 
 from benchmarks.methods.method import Question, Work
 from benchmarks.records import Answer
 from benchmarks.tasks import Unsupported
 from cpcal.robot import rotation_matrix
-
-Floats = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 
 class LeastSquares:

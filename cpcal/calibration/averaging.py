@@ -18,11 +18,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.equations import Floats
 from cpcal.calibration.statistics import Deviations, campaign_deviations, mean_rotations
 from cpcal.calibration.tolerance import Method, half_widths
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Campaign, Uncertainty
+from cpcal.solver.arrays import Floats
 
 Of = Literal["single", "mean"]
 

@@ -12,10 +12,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.equations import Floats
 from cpcal.errors import InputError, Problem
-
-Integers = npt.NDArray[np.int64]
+from cpcal.solver.arrays import Floats, Ints
 
 _REPLICATES = 499
 _NULL_SIZE = 1000  # sqrt(n) dip has nearly its limiting law from here on
@@ -64,7 +62,7 @@ def dip_p_value(sample: npt.ArrayLike) -> float:
     return float((1 + np.sum(null >= seen * (1 - 1e-12))) / (1 + len(null)))
 
 
-def _modal_interval(under: Integers, over: Integers, gap: Floats, low: int) -> tuple[int, int]:
+def _modal_interval(under: Ints, over: Ints, gap: Floats, low: int) -> tuple[int, int]:
     """The knots of minorant and majorant that enclose the place where the two are furthest apart."""
     at_under, at_over = gap[under - low], gap[over - low]
     if at_under.max() >= at_over.max():
@@ -74,7 +72,7 @@ def _modal_interval(under: Integers, over: Integers, gap: Floats, low: int) -> t
     return int(under[np.searchsorted(under, right, side="right") - 1]), right
 
 
-def _convex(x: Floats, y: Floats) -> Integers:
+def _convex(x: Floats, y: Floats) -> Ints:
     """Indices of the vertices of the greatest convex minorant of the points (x, y), x increasing (monotone chain)."""
     xs, ys = x.tolist(), y.tolist()
     kept: list[int] = []

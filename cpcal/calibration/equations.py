@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.robot import Campaign, rotation_matrix
+from cpcal.solver.arrays import Floats
 
-Floats = npt.NDArray[np.float64]
 Form = Literal["f", "g"]
 
 _SHORTEST = 1e-300  # mm: the norm of a leg of length zero, where g has no derivative, instead of a division by zero

@@ -17,12 +17,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from cpcal.calibration.equations import Floats, Form, LegEquations, weighted_jacobian
+from cpcal.calibration.equations import Form, LegEquations, weighted_jacobian
 from cpcal.calibration.estimate import Estimate, Fit
 from cpcal.calibration.losses import LOSSES, Loss, robust_scale
 from cpcal.calibration.weights import Noise, Weights, whitening
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Campaign
+from cpcal.solver.arrays import Floats
 
 __all__ = ["Fit", "fit"]
 

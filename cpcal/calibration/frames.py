@@ -23,8 +23,7 @@ from cpcal.calibration.pose_pairs import Pairs, Spreads, motion_spreads, pose_pa
 from cpcal.calibration.refine import Refined, refined, residuals
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose, Robot, inverse, transformed
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 METHODS: dict[str, Callable[[Pairs], tuple[Pose, Pose]]] = {"shah": shah, "andreff": andreff}
 
@@ -46,12 +45,12 @@ class _Fitted:
     remarks            sentences on what makes the result doubtful; empty when nothing does
     """
 
-    position_residual: Array
-    rotation_residual: Array
-    sigma_position: Array
-    sigma_rotation: Array
+    position_residual: Floats
+    rotation_residual: Floats
+    sigma_position: Floats
+    sigma_rotation: Floats
     unit_weight: float
-    covariance: Array
+    covariance: Floats
     spread: float
     remarks: tuple[str, ...]
 
@@ -72,7 +71,7 @@ class FrameCalibration(_Fitted):
     method: str
 
     @property
-    def standard_deviations(self) -> Array:
+    def standard_deviations(self) -> Floats:
         """(12,) mm and rad, in the order of `covariance`."""
         return np.sqrt(np.diagonal(self.covariance))
 
@@ -167,7 +166,7 @@ def redefined(robot: Robot, camera_in_base: Pose, target_in_mobile: Pose) -> Rob
     return Robot(robot.name, base, transformed(inverse(target_in_mobile), robot.mobile), robot.offset)
 
 
-def _smaller_spread(pairs: Pairs, spreads: Callable[[Array], Spreads], names: tuple[str, str]) -> tuple[str, Spreads]:
+def _smaller_spread(pairs: Pairs, spreads: Callable[[Floats], Spreads], names: tuple[str, str]) -> tuple[str, Spreads]:
     """That of A or of B (without noise they are the same) and its name; InputError where one is degenerate."""
     found = [(name, spreads(pose.rotation)) for name, pose in zip(names, (pairs.a, pairs.b), strict=True)]
     for name, spread in found:
@@ -199,7 +198,7 @@ def _standard_deviations(value: npt.ArrayLike) -> bool:
     return array.shape in ((), (3,)) and bool(((array > 0.0) & np.isfinite(array)).all())
 
 
-def _remarks(name: str, spread: Spreads, turn: Array) -> tuple[str, ...]:
+def _remarks(name: str, spread: Spreads, turn: Floats) -> tuple[str, ...]:
     """What the rotation residuals (N, 3) say; InputError when they are as large as the rotations themselves."""
     rms = float(np.sqrt(np.mean(np.sum(turn**2, axis=1))))
     least = float(spread.values[0])
@@ -222,6 +221,6 @@ def _in_mm(pose: Pose, unit: float) -> Pose:
     return Pose(pose.position * unit, pose.quaternion)
 
 
-def _covariance_in_mm(covariance: Array, unit: float) -> Array:
+def _covariance_in_mm(covariance: Floats, unit: float) -> Floats:
     scale = np.tile(np.repeat([unit, 1.0], 3), len(covariance) // 6)
     return np.asarray(covariance * np.outer(scale, scale))

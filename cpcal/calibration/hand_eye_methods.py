@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from cpcal.calibration.pose_pairs import Pairs
 from cpcal.robot import Pose, compose, inverse, quaternion_from_matrix
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 _MOTIONS_MAX = 5_000  # pairs of poses that Andreff's method uses
 
@@ -64,7 +63,7 @@ def andreff_hand_eye(a: Pose, b: Pose) -> Pose:
     return Pose(_solved(still.reshape(-1, 3), rest), quaternion_from_matrix(rotation))
 
 
-def _solved(matrix: Array, right: Array) -> Array:
+def _solved(matrix: Floats, right: Floats) -> Floats:
     """The least-squares solution."""
     return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0], dtype=np.float64)
 
@@ -78,7 +77,7 @@ def relative_pairs(count: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.int
     return first, second
 
 
-def nearest_rotation(matrix: Array) -> Array:
+def nearest_rotation(matrix: Floats) -> Floats:
     """The rotation (3, 3) nearest to a matrix in the Frobenius norm."""
     u, _, v = np.linalg.svd(matrix)
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v)
@@ -90,7 +89,7 @@ def _relative(pose: Pose, first: npt.NDArray[np.intp], second: npt.NDArray[np.in
     return compose(back, Pose(pose.position[second], pose.quaternion[second]))
 
 
-def _translations(pairs: Pairs, x: Array, z: Array) -> tuple[Pose, Pose]:
+def _translations(pairs: Pairs, x: Floats, z: Floats) -> tuple[Pose, Pose]:
     """Both motions, given their rotations: t_X - R_A t_Z = t_A - R_X t_B by least squares."""
     count = len(pairs)
     matrix = np.concatenate([np.tile(np.eye(3), (count, 1)), -pairs.a.rotation.reshape(-1, 3)], axis=1)

@@ -19,8 +19,8 @@ import numpy.typing as npt
 from cpcal.calibration.equations import Form, LegEquations
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose, Robot
+from cpcal.solver.arrays import Floats
 
-Array = npt.NDArray[np.float64]
 Equation = Literal["implicit", "shifted"]
 
 _FORMS: dict[str, Form] = {"implicit": "f", "shifted": "g"}  # as fits call them
@@ -28,7 +28,7 @@ _FORMS: dict[str, Form] = {"implicit": "f", "shifted": "g"}  # as fits call them
 
 def leg_jacobian(
     parameters: npt.ArrayLike, pose: Pose, length: npt.ArrayLike | None = None, *, equation: Equation = "shifted"
-) -> Array:
+) -> Floats:
     """dg/dx ("shifted") or df/dx ("implicit") of one leg, (N, 7), columns a_x a_y a_z b_x b_y b_z l.
 
     parameters  (7,) mm; pose N poses; length (N,) mm, the readings, which only df/dl depends on (None: those with
@@ -51,7 +51,7 @@ def leg_jacobian(
     return equations.by_parameters(x[None])[:, 0]
 
 
-def robot_jacobian(robot: Robot, pose: Pose, *, equation: Equation = "shifted") -> Array:
+def robot_jacobian(robot: Robot, pose: Pose, *, equation: Equation = "shifted") -> Floats:
     """The Jacobians of all n legs, (n, N, 7), for readings with which the equations hold.
 
     The legs share no parameter: the Jacobian of the whole robot is block diagonal, with these blocks.

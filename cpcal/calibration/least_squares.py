@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.calibration.fit import fit
 from cpcal.robot import Campaign
-
-Floats = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 _TOLERANCE = 1e-8  # scipy's own; a box of X0 is centred here, so closer adds nothing
 

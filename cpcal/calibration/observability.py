@@ -18,8 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +30,9 @@ class Observability:
     weakest          (n, p): the change of the parameters, of norm 1 in scaled units, that the equations notice least
     """
 
-    singular_values: Array
+    singular_values: Floats
     rows: int
-    weakest: Array
+    weakest: Floats
 
     @property
     def product(self) -> float:
@@ -54,7 +53,7 @@ class Observability:
         return float(_noise_amplification(self.singular_values))
 
 
-def observability(jacobian: Array, scale: npt.ArrayLike | None = None) -> Observability:
+def observability(jacobian: Floats, scale: npt.ArrayLike | None = None) -> Observability:
     """The indices of a Jacobian (m, p), or of the block diagonal one of n legs (n, m, p).
 
     scale  (p,) or (n, p): the step of each parameter that counts as 1, e.g. its expected error, or `column_scale`.
@@ -75,7 +74,7 @@ def observability(jacobian: Array, scale: npt.ArrayLike | None = None) -> Observ
     return Observability(np.sort(values.ravel())[::-1], rows, weakest)
 
 
-def column_scale(jacobian: Array) -> Array:
+def column_scale(jacobian: Floats) -> Floats:
     """1 / rms of every column, (p,) or (n, p): scaled by it all columns have the same size. 1 for zero columns.
 
     Equal columns are within sqrt(p) of the scale with the smallest condition number (van der Sluis 1969).
@@ -84,7 +83,7 @@ def column_scale(jacobian: Array) -> Array:
     return np.asarray(1.0 / np.where(rms > 0.0, rms, 1.0))
 
 
-def scaled_blocks(jacobian: Array, scale: npt.ArrayLike | None) -> Array:
+def scaled_blocks(jacobian: Floats, scale: npt.ArrayLike | None) -> Floats:
     """(n, m, p), columns times their scale."""
     array = np.asarray(jacobian, dtype=np.float64)
     remedy = "give a finite array of shape (poses, parameters) or (legs, poses, parameters), see robot_jacobian"
@@ -98,22 +97,22 @@ def scaled_blocks(jacobian: Array, scale: npt.ArrayLike | None) -> Array:
     return np.asarray(blocks * (factor if factor.ndim == 1 else factor[:, None, :]))
 
 
-def _product(values: Array) -> Array:
+def _product(values: Floats) -> Floats:
     """Geometric mean over the last axis."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.exp(np.mean(np.log(values), axis=-1)))
 
 
-def _noise_amplification(values: Array) -> Array:
+def _noise_amplification(values: Floats) -> Floats:
     """sigma_p^2 / sigma_1 of descending values along the last axis."""
     return np.asarray(values[..., -1] ** 2 / np.maximum(values[..., 0], np.finfo(np.float64).tiny))
 
 
-def _inverse_condition(values: Array) -> Array:
+def _inverse_condition(values: Floats) -> Floats:
     return np.asarray(values[..., -1] / np.maximum(values[..., 0], np.finfo(np.float64).tiny))
 
 
-def _smallest(values: Array) -> Array:
+def _smallest(values: Floats) -> Floats:
     return np.asarray(values[..., -1])
 
 

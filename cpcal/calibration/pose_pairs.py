@@ -13,12 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose, normalised
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 LEAST_SPREAD = 1e-6  # rad: below it the data are degenerate to rounding
 _LISTED = 20  # unusable poses that a message lists
@@ -61,8 +59,8 @@ def pose_pairs(a: Pose, b: Pose, least: int, names: tuple[str, str]) -> Pairs:
 class Spreads:
     """How far rotations move three orthogonal directions, rad, ascending; `axis` (3,) is the one moved least."""
 
-    values: Array
-    axis: Array
+    values: Floats
+    axis: Floats
 
     def demand(self, name: str, least: float = LEAST_SPREAD) -> float:
         """The smallest spread; InputError that says what is missing when it is at most `least` rad."""
@@ -81,20 +79,20 @@ class Spreads:
         raise InputError([Problem(name, what, remedy)])
 
 
-def pose_spreads(rotations: Array) -> Spreads:
+def pose_spreads(rotations: Floats) -> Spreads:
     """Of the directions R_i v about their mean, for poses (N, 3, 3); the axis is in the poses' reference frame."""
     left, size, _ = np.linalg.svd(rotations.mean(axis=0))
     return Spreads(np.sqrt(2.0 * np.maximum(0.0, 1.0 - size)), _signed(left[:, 0]))
 
 
-def motion_spreads(rotations: Array) -> Spreads:
+def motion_spreads(rotations: Floats) -> Spreads:
     """Of the directions R_i v from v itself, for motions (N, 3, 3)."""
     moved = np.eye(3) - rotations
     square, axes = np.linalg.eigh(np.einsum("kij,kil->jl", moved, moved) / len(rotations))
     return Spreads(np.sqrt(np.maximum(0.0, square)), _signed(axes[:, 0]))
 
 
-def _signed(axis: Array) -> Array:
+def _signed(axis: Floats) -> Floats:
     """The one of an axis' two unit vectors whose largest component is positive."""
     return np.asarray(axis * np.sign(axis[np.argmax(np.abs(axis))])) + 0.0
 

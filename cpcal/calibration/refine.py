@@ -19,8 +19,7 @@ from scipy.optimize import least_squares
 
 from cpcal.calibration.pose_pairs import Pairs
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_vector
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 _TELL_AXES = 10  # pairs from which on the axes have standard deviations of their own
 _FLOOR = 1e-13  # of standard deviations, for data without noise
@@ -36,13 +35,13 @@ class Refined:
 
     x: Pose
     z: Pose
-    sigma_position: Array
-    sigma_rotation: Array
+    sigma_position: Floats
+    sigma_rotation: Floats
     unit_weight: float
-    covariance: Array
+    covariance: Floats
 
 
-def residuals(pairs: Pairs, x: Pose, z: Pose) -> tuple[Array, Array]:
+def residuals(pairs: Pairs, x: Pose, z: Pose) -> tuple[Floats, Floats]:
     """Position (N, 3) and rotation (N, 3) rad of the text above."""
     told = compose(inverse(x), compose(pairs.a, z))
     return pairs.b.position - told.position, rotation_vector(compose(pairs.b, inverse(told)).quaternion)
@@ -72,7 +71,7 @@ def refined(
         if move:
             x, z = _moved_to_minimum(pairs, x, z, sigma, tied)
         values, jacobian = _values(pairs, x, z, sigma), _columns(pairs, x, z, sigma, tied)
-        cofactor: Array = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
+        cofactor: Floats = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
         used, found = sigma, np.maximum(sigma * _sizes(values, jacobian, cofactor, pooled), _FLOOR)
         sigma = np.where(np.isnan(given), found, given)
         if np.allclose(sigma, used, rtol=_SETTLED, atol=0.0):
@@ -82,11 +81,11 @@ def refined(
     return Refined(x, z, used[:3], used[3:], float(weight), weight**2 * cofactor)
 
 
-def _three(sigma: npt.ArrayLike | None) -> Array:
+def _three(sigma: npt.ArrayLike | None) -> Floats:
     return np.broadcast_to(np.asarray(np.nan if sigma is None else sigma, dtype=np.float64), 3)
 
 
-def _sizes(values: Array, jacobian: Array, cofactor: Array, pooled: bool) -> Array:
+def _sizes(values: Floats, jacobian: Floats, cofactor: Floats, pooled: bool) -> Floats:
     """Size (6,) of the weighted residuals of each component, per degree of freedom; `pooled` over three axes.
 
     Residuals are smaller than errors because they were minimised: element i by its leverage, its share of the fit.
@@ -99,20 +98,20 @@ def _sizes(values: Array, jacobian: Array, cofactor: Array, pooled: bool) -> Arr
     return np.asarray(np.sqrt(square / np.maximum(freedom, 1e-3)), dtype=np.float64)
 
 
-def _moved_to_minimum(pairs: Pairs, x: Pose, z: Pose, sigma: Array, tied: bool) -> tuple[Pose, Pose]:
+def _moved_to_minimum(pairs: Pairs, x: Pose, z: Pose, sigma: Floats, tied: bool) -> tuple[Pose, Pose]:
     """Levenberg-Marquardt on the vector of steps away from x and z."""
     size = 6 if tied else 12
 
-    def at(step: Array) -> tuple[Pose, Pose]:
+    def at(step: Floats) -> tuple[Pose, Pose]:
         return (_moved(x, step[:6]),) * 2 if tied else (_moved(x, step[:6]), _moved(z, step[6:]))
 
-    def slopes(step: Array) -> Array:
+    def slopes(step: Floats) -> Floats:
         columns = _columns(pairs, *at(step), sigma, tied)
         for k in range(3, size, 6):  # exp(w + dw) = exp(J dw) exp(w)
             columns[:, k : k + 3] = columns[:, k : k + 3] @ left_jacobian(step[k : k + 3])
         return columns
 
-    def values(step: Array) -> Array:
+    def values(step: Floats) -> Floats:
         return _values(pairs, *at(step), sigma)
 
     start = np.zeros(size)
@@ -120,24 +119,24 @@ def _moved_to_minimum(pairs: Pairs, x: Pose, z: Pose, sigma: Array, tied: bool) 
     return at(found.x)
 
 
-def _values(pairs: Pairs, x: Pose, z: Pose, sigma: Array) -> Array:
+def _values(pairs: Pairs, x: Pose, z: Pose, sigma: Floats) -> Floats:
     """Weighted residuals (6 N,)."""
     return np.asarray((np.concatenate(residuals(pairs, x, z), axis=1) / sigma).ravel())
 
 
-def _columns(pairs: Pairs, x: Pose, z: Pose, sigma: Array, tied: bool) -> Array:
+def _columns(pairs: Pairs, x: Pose, z: Pose, sigma: Floats, tied: bool) -> Floats:
     """Their derivative (6 N, 12), or (6 N, 6) where Z is X."""
     jacobian = _jacobian(pairs, x, z) / sigma[:, None]
     columns = jacobian[:, :, :6] + jacobian[:, :, 6:] if tied else jacobian
     return np.asarray(columns.reshape(6 * len(pairs), -1))
 
 
-def _moved(pose: Pose, step: Array) -> Pose:
+def _moved(pose: Pose, step: Floats) -> Pose:
     turn = quaternion_from_rotation_vector(step[3:])
     return Pose(pose.position + step[:3], quaternion_product(turn, pose.quaternion))
 
 
-def _jacobian(pairs: Pairs, x: Pose, z: Pose) -> Array:
+def _jacobian(pairs: Pairs, x: Pose, z: Pose) -> Floats:
     """Derivative (N, 6, 12) of (position, rotation) by the unknowns, at x and z."""
     error = residuals(pairs, x, z)[1]
     back, turned = x.rotation.T, x.rotation.T @ pairs.a.rotation
@@ -152,7 +151,7 @@ def _jacobian(pairs: Pairs, x: Pose, z: Pose) -> Array:
     return jacobian
 
 
-def cross_matrix(vector: npt.ArrayLike) -> Array:
+def cross_matrix(vector: npt.ArrayLike) -> Floats:
     """The matrix of v -> vector x v, (..., 3) -> (..., 3, 3)."""
     v = np.asarray(vector, dtype=np.float64)
     zero = np.zeros(v.shape[:-1])
@@ -161,7 +160,7 @@ def cross_matrix(vector: npt.ArrayLike) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def left_jacobian(vector: npt.ArrayLike) -> Array:
+def left_jacobian(vector: npt.ArrayLike) -> Floats:
     """J with exp(v + dv) = exp(J dv) exp(v) to first order, (..., 3) rad -> (..., 3, 3): the closed form
 
     J = I + (1 - cos t) / t^2 [v] + (t - sin t) / t^3 [v]^2 for t = |v|.

@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.calibration.equations import Floats, LegEquations, weighted_jacobian
+from cpcal.calibration.equations import LegEquations, weighted_jacobian
 from cpcal.calibration.weights import Noise
 from cpcal.robot import quaternion_from_rotation_vector, rotation_matrix
+from cpcal.solver.arrays import Floats
 
 
 def noise_share(

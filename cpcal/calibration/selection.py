@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from cpcal.calibration.observability import INDICES, Observability, observability, scaled_blocks
 from cpcal.errors import InputError, Problem
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 _GAIN = 1e-9  # the relative improvement that counts as one
 _SEED = 1e-9  # of the mean information: makes the greedy start's matrices regular before they are so by themselves
@@ -29,7 +28,7 @@ class Selection:
 
 
 def select_poses(
-    jacobian: Array, count: int, *, index: str = "product", scale: npt.ArrayLike | None = None
+    jacobian: Floats, count: int, *, index: str = "product", scale: npt.ArrayLike | None = None
 ) -> Selection:
     """`count` of N candidate poses with a large observability index: a local optimum, not proved to be the best.
 
@@ -64,7 +63,7 @@ def select_poses(
 class _Search:
     """Sets of poses as lists of numbers; `outer` (N, n, p, p) is what each adds to the information."""
 
-    def __init__(self, outer: Array, index: str) -> None:
+    def __init__(self, outer: Floats, index: str) -> None:
         self._outer, self._index = outer, INDICES[index]
 
     def greedy(self, count: int) -> list[int]:
@@ -107,10 +106,10 @@ class _Search:
         worst = int(np.argmax(self._without(chosen)))
         return chosen[:worst] + chosen[worst + 1 :]
 
-    def _without(self, chosen: list[int]) -> Array:
+    def _without(self, chosen: list[int]) -> Floats:
         return self._values(self._outer[chosen].sum(axis=0) - self._outer[chosen])
 
-    def _values(self, information: Array) -> Array:
+    def _values(self, information: Floats) -> Floats:
         """The index of information matrices (K, n, p, p), (K,)."""
         values = np.sqrt(np.maximum(0.0, np.linalg.eigvalsh(information))).reshape(len(information), -1)
         return self._index(-np.sort(-values, axis=1))

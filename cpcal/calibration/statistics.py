@@ -15,12 +15,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.equations import Floats
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Campaign, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.solver.arrays import Floats, Ints
 from cpcal.values import frozen_array
-
-Integers = npt.NDArray[np.int64]
 
 POSE_CHANNELS = ("x", "y", "z", "rx", "ry", "rz")  # mm and rad
 
@@ -37,13 +35,13 @@ class Deviations:
     """
 
     names: tuple[str, ...]
-    group: Integers
+    group: Ints
     row_names: tuple[str, ...]
     channels: tuple[str, ...]
     values: Floats
 
     @cached_property
-    def repeats(self) -> Integers:
+    def repeats(self) -> Ints:
         """(K,) readings of each configuration."""
         return np.bincount(self.group, minlength=len(self.names)).astype(np.int64)
 
@@ -119,7 +117,7 @@ def campaign_deviations(campaign: Campaign) -> Deviations:
     return deviations(campaign.pose, table, channels, campaign.measurement_ids)
 
 
-def mean_rotations(quaternion: Floats, group: Integers, count: int) -> Floats:
+def mean_rotations(quaternion: Floats, group: Ints, count: int) -> Floats:
     """(count, 4) unit quaternions, scalar >= 0: of each group, that with the least sum of squared chords to all.
 
     The main eigenvector of sum q q' (Markley, Cheng, Crassidis and Oshman 2007), for which q and -q are the same.
@@ -130,7 +128,7 @@ def mean_rotations(quaternion: Floats, group: Integers, count: int) -> Floats:
     return np.asarray(np.where(mean[:, :1] < 0, -mean, mean))
 
 
-def _grouped(configuration: Sequence[Hashable]) -> tuple[Integers, tuple[str, ...]]:
+def _grouped(configuration: Sequence[Hashable]) -> tuple[Ints, tuple[str, ...]]:
     """The number of each row's configuration, and the configurations' names; InputError if none is repeated."""
     number: dict[Hashable, int] = {}
     group = np.array([number.setdefault(name, len(number)) for name in configuration], dtype=np.int64)
@@ -141,7 +139,7 @@ def _grouped(configuration: Sequence[Hashable]) -> tuple[Integers, tuple[str, ..
     return group, tuple(str(name) for name in number)
 
 
-def _means(table: Floats, group: Integers, count: int) -> Floats:
+def _means(table: Floats, group: Ints, count: int) -> Floats:
     """(count, C) means of each group's rows."""
     total = np.zeros((count, table.shape[1]))
     np.add.at(total, group, table)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.calibration.averaging import averaged
 from cpcal.calibration.distribution import ChannelStatistics, describe
@@ -23,9 +22,7 @@ from cpcal.calibration.statistics import campaign_deviations
 from cpcal.calibration.validation import Validation, validate
 from cpcal.calibration.weights import Noise
 from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, central_pose, forward_kinematics, forward_poses
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
+from cpcal.solver.arrays import Bools, Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +90,7 @@ def as_campaign(table: PoseTable, robot: Robot) -> Campaign:
     )
 
 
-def forward(parameters: Floats, lengths: Floats, guess: Pose) -> tuple[Floats, Floats, Flags]:
+def forward(parameters: Floats, lengths: Floats, guess: Pose) -> tuple[Floats, Floats, Bools]:
     """Forward kinematics of any parameters (n, 7), as `validate` asks for it."""
     found = forward_poses(Robot.from_parameters("", parameters), lengths, guess)
     return found.pose.position, found.pose.quaternion, found.converged

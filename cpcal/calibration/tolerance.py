@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from cpcal.calibration.equations import Floats
 from cpcal.calibration.statistics import Deviations
 from cpcal.errors import InputError, Problem
+from cpcal.solver.arrays import Floats
 
 Method = Literal["sigma", "extreme", "tolerance"]
 

@@ -13,16 +13,14 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.equations import Floats
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Campaign, Pose, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.solver.arrays import Bools, Floats
 from cpcal.values import frozen_array
-
-Flags = npt.NDArray[np.bool_]
 
 # forward(parameters (n, 7), lengths (N, n), guess): position (N, 3) mm, quaternion (N, 4), converged (N,). The guess
 # holds the N measured poses: the solution wanted is that of their assembly branch.
-Forward = Callable[[Floats, Floats, Pose], tuple[Floats, Floats, Flags]]
+Forward = Callable[[Floats, Floats, Pose], tuple[Floats, Floats, Bools]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +29,7 @@ class PoseErrors:
 
     position: Floats
     orientation: Floats
-    converged: Flags
+    converged: Bools
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Validation:
     after: PoseErrors
 
     @property
-    def compared(self) -> Flags:
+    def compared(self) -> Bools:
         """(N,) which poses converged with both."""
         return np.asarray(self.before.converged & self.after.converged)
 

@@ -18,9 +18,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.equations import Floats, LegEquations
+from cpcal.calibration.equations import LegEquations
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Campaign
+from cpcal.solver.arrays import Floats
 from cpcal.values import frozen_array
 
 Weights = Literal["none", "legs", "joint"]

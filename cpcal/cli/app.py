@@ -8,8 +8,8 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from cpcal.cli.status import STATUS_HELP, VERIFY_STATUS_HELP, Status
-from cpcal.errors import CpcalError, printable
+from cpcal.cli.leaving import leaving, refuse_empty
+from cpcal.cli.status import STATUS_HELP, VERIFY_STATUS_HELP
 from cpcal.version import __version__
 
 
@@ -36,8 +36,7 @@ VERBS = {
 
 
 class _Verbs(TyperGroup):
-    """Imports a verb when it is asked for. Turns errors that a user can mend into one message and status 2, and Ctrl-C
-    into status 130."""
+    """Imports a verb when it is asked for. Whatever is raised leaves as one message and a status: see `leaving`."""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
@@ -51,16 +50,14 @@ class _Verbs(TyperGroup):
         alone.command(cmd_name, epilog=verb.epilog)(getattr(import_module(verb.module), verb.function))
         return typer.main.get_command(alone)
 
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        with leaving():
+            refuse_empty(args)
+            return super().make_context(info_name, args, parent, **extra)
+
     def invoke(self, ctx: Any) -> Any:
-        try:
+        with leaving():
             return super().invoke(ctx)
-        except CpcalError as error:
-            lines = [printable(line) for line in str(error).split("\n")]
-            typer.echo("cpcal: " + "\n".join(lines), err=True)
-            raise typer.Exit(Status.UNUSABLE) from None
-        except KeyboardInterrupt:
-            typer.echo("cpcal: interrupted", err=True)
-            raise typer.Exit(Status.INTERRUPTED) from None
 
 
 app = typer.Typer(
@@ -87,8 +84,3 @@ def _cpcal(
     ] = False,
 ) -> None:
     """Certified calibration of parallel robots: how small the model error can be, proved from both sides."""
-
-
-def main() -> None:
-    """Entry point of the command `cpcal`."""
-    app(prog_name="cpcal")

@@ -15,6 +15,7 @@ from rich.text import Text
 from cpcal.calibration import RECORD_NAME, CalibrationRecord, StudyCalibration, calibrate_study, recorded, save_record
 from cpcal.cli.folders import CAMPAIGN, VALIDATION, check_writable, unwritable
 from cpcal.cli.show import terminal
+from cpcal.cli.suspected import warn
 from cpcal.errors import InputError, Problem, printable
 from cpcal.files import load_study, save_campaign
 from cpcal.report import study_tables
@@ -52,6 +53,7 @@ def calibrate(
     measured = load_study(study)
     found = calibrate_study(measured, method=method.value, factor=factor)
     record = recorded(measured, found, factor=factor)
+    warn(found.campaign)
     write_calibration(found, record, output)
     show_record(terminal(), record)
     typer.echo(printable(f"Campaign to certify: {output / CAMPAIGN}. Everything above: {output / RECORD_NAME}"))

@@ -10,7 +10,7 @@ import typer
 
 from cpcal.cli.folders import check_writable
 from cpcal.cli.run import Question, answer, publish, status_of
-from cpcal.files import load_campaign
+from cpcal.cli.suspected import read_campaign
 
 
 class Center(StrEnum):
@@ -86,7 +86,7 @@ def certify(
         method=method.value,
         model=model,
     )
-    measured = load_campaign(campaign)
+    measured = read_campaign(campaign)
     result = answer(measured, question, run, quiet=as_json)
     publish(measured, result, run, as_json=as_json)
     raise typer.Exit(status_of(result))

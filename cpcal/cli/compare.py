@@ -16,8 +16,8 @@ from cpcal.cli.certify import Engine, numbers_of
 from cpcal.cli.folders import check_writable, unwritable
 from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
+from cpcal.cli.suspected import read_campaign
 from cpcal.errors import printable
-from cpcal.files import load_campaign
 from cpcal.numbers import nearest
 from cpcal.report.comparison import (
     COMPARISON_PAGE,
@@ -63,7 +63,7 @@ def compare_models(
             errors.print(f"{entry.subject}, {entry.model}: {nearest(entry.seconds, 1)} s")
 
     found = compare(
-        load_campaign(campaign),
+        read_campaign(campaign),
         names,
         tolerance=tolerance,
         legs=None if legs is None else numbers_of(legs),

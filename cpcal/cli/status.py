@@ -9,13 +9,14 @@ class Status(IntEnum):
     ANSWERED = 0
     UNKNOWN = 1
     UNUSABLE = 2
+    INTERNAL = 3
     INTERRUPTED = 130
 
 
 STATUS_HELP = (
     "Exit status: **0** every leg answered (“refuted” is an answer), **1** some leg unknown (a limit was "
-    "reached), **2** unusable input (one message lists every problem), **130** interrupted by Ctrl-C, with "
-    "what was proved until then written and printed."
+    "reached), **2** unusable input (one message lists every problem), **3** an internal error (please report it), "
+    "**130** interrupted by Ctrl-C, with what was proved until then written and printed."
 )
 
 VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
 import os
 import shutil
@@ -17,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
+from cpcal.files.cells import csv_table
 
 if TYPE_CHECKING:
     from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty
@@ -97,18 +96,16 @@ def csv_bytes(campaign: Campaign) -> bytes:
     differs = radii != stated
     used = np.flatnonzero(differs.any(axis=0))
     header = reading_columns(campaign.legs) + [override_columns(campaign.legs)[column] for column in used]
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
-    cells: Iterable[list[str]] = ([] for _ in range(len(values)))
+    own: Iterable[list[float | None]] = ([] for _ in range(len(values)))
     if len(used):
-        cells = (
-            [repr(value) if own else "" for value, own in zip(row, owns, strict=True)]
-            for row, owns in zip(radii[:, used].tolist(), differs[:, used].tolist(), strict=True)
+        own = (
+            [value if differ else None for value, differ in zip(row, rows, strict=True)]
+            for row, rows in zip(radii[:, used].tolist(), differs[:, used].tolist(), strict=True)
         )
-    rows = zip(campaign.pose, campaign.run, values.tolist(), cells, strict=True)
-    writer.writerows([pose, run, *map(repr, numbers), *extra] for pose, run, numbers, extra in rows)
-    return buffer.getvalue().encode()
+    names = zip(campaign.pose, campaign.run, strict=True)
+    return csv_table(
+        header, ((ids, [*row, *extra]) for ids, row, extra in zip(names, values.tolist(), own, strict=True))
+    )
 
 
 def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:

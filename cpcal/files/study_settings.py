@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.errors import Problems, shown
 from cpcal.files.campaign_settings import SettingsReader
@@ -15,8 +14,7 @@ from cpcal.files.toml_reader import Table
 from cpcal.robot import Mechanisms, Pose, Robot, Truth
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.mechanisms import FIELDS, wrong_value
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 _SECTIONS = ("robot", "provenance", "truth")
 _TRUTH_KEYS = ("seed", "parameters", "camera", "target", "mechanisms")
@@ -100,7 +98,7 @@ class _StudyReader(SettingsReader):
         whole = legs is not None and len(read) == len(FIELDS) and len(self.problems) == before
         return Mechanisms(**read) if whole else None  # type: ignore[arg-type]
 
-    def field(self, name: str, width: int | None, values: Table, legs: int | None) -> Array | float:
+    def field(self, name: str, width: int | None, values: Table, legs: int | None) -> Floats | float:
         """One value of the mechanisms: a number, one number a leg, or one row a leg."""
         path, before = ("truth", "mechanisms", name), len(self.problems)
         read: object

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from cpcal.files.campaign_writer import (
     vector,
     write_folder,
 )
+from cpcal.files.cells import csv_table
 from cpcal.robot import Pose, PoseTable, Study, Truth
 from cpcal.robot.mechanisms import FIELDS
 
@@ -72,10 +71,5 @@ def table_bytes(table: PoseTable) -> bytes:
     header = reading_columns(table.legs)
     if table.image is not None:
         header.insert(2, "image")
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
     values = np.concatenate([table.position, table.quaternion, table.length], axis=1).tolist()
-    rows = zip(zip(*names, strict=True), values, strict=True)
-    writer.writerows([*ids, *map(repr, numbers)] for ids, numbers in rows)
-    return buffer.getvalue().encode()
+    return csv_table(header, zip(zip(*names, strict=True), values, strict=True))

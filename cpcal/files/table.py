@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from cpcal.errors import Problem, Problems, shown
 from cpcal.files.campaign_writer import override_columns, reading_columns
+from cpcal.files.cells import unguarded
 from cpcal.names import IDENTIFIER_REMEDY, is_identifier
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.robot import LARGEST
@@ -217,7 +218,7 @@ class _Rows:
         return names
 
     def name(self, line: int, cell: str, column: str) -> str:
-        text = cell.strip()
+        text = unguarded(cell.strip())
         if not is_identifier(text):
             self.wrong(
                 line, f"{shown(text)} cannot be the name of a{'n' * (column == 'image')} {column}", IDENTIFIER_REMEDY

@@ -15,11 +15,10 @@ import numpy.typing as npt
 
 from cpcal.legs.models import PLAIN, LegModel, Measured, built_in
 from cpcal.robot import Campaign, rotation_matrix
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr
 from cpcal.solver.network.expression import as_expr
-
-Floats = npt.NDArray[np.float64]
 
 
 def leg_box(center: npt.ArrayLike, delta: float, model: LegModel = PLAIN) -> Box:

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from cpcal.report.svg import BAND, DOT, EDGE, GRID, MASS, ROOM, SUPPORT, figure_svg
-
-Floats = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 MOST_POINTS = 500  # more measurements are drawn as an envelope
 _BINS = 250

@@ -7,8 +7,7 @@ import numpy.typing as npt
 
 from cpcal.legs import PLAIN, LegModel, reading_sensitivities
 from cpcal.robot import Campaign, rotation_matrix
-
-Floats = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 
 def reading_sensitivity(campaign: Campaign, leg: int, parameters: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:

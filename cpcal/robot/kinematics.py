@@ -14,9 +14,8 @@ import numpy.typing as npt
 from cpcal.errors import CpcalError
 from cpcal.robot.robot import Robot
 from cpcal.robot.rotation import normalised, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
+from cpcal.solver.arrays import Floats
 from cpcal.values import ByValue
-
-Array = npt.NDArray[np.float64]
 
 _ITERATIONS = 40  # of Newton, at each step of the continuation
 _REFINEMENTS = 2  # how often a failed continuation is tried again, with four times as many steps
@@ -41,27 +40,27 @@ class Pose(ByValue):
     position (..., 3) mm; quaternion (..., 4), scalar first.
     """
 
-    position: Array
-    quaternion: Array
+    position: Floats
+    quaternion: Floats
 
     @property
-    def rotation(self) -> Array:
+    def rotation(self) -> Floats:
         """(..., 3, 3)."""
         return rotation_matrix(self.quaternion)
 
 
-def leg_vectors(robot: Robot, pose: Pose) -> Array:
+def leg_vectors(robot: Robot, pose: Pose) -> Floats:
     """P + R b - a for every pose and leg, (..., n, 3) mm, in the base frame."""
     turned = np.einsum("...ij,nj->...ni", pose.rotation, robot.mobile)
     return np.asarray(pose.position[..., None, :] + turned - robot.base)
 
 
-def inverse_kinematics(robot: Robot, pose: Pose) -> Array:
+def inverse_kinematics(robot: Robot, pose: Pose) -> Floats:
     """The readings L = ||P + R b - a|| - l, (..., n) mm (the paper, eq. 1)."""
     return np.asarray(np.linalg.norm(leg_vectors(robot, pose), axis=-1) - robot.offset)
 
 
-def pose_jacobian(robot: Robot, pose: Pose) -> Array:
+def pose_jacobian(robot: Robot, pose: Pose) -> Floats:
     """Derivative of the readings by (P, rotation vector in the base frame), (..., n, 6): mm/mm, mm/rad."""
     vectors = leg_vectors(robot, pose)
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
@@ -94,7 +93,7 @@ class ForwardPoses:
 
     pose: Pose
     converged: npt.NDArray[np.bool_]
-    residual: Array
+    residual: Floats
 
 
 def forward_kinematics(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> Pose:
@@ -138,7 +137,7 @@ def forward_poses(robot: Robot, readings: npt.ArrayLike, guess: Pose) -> Forward
     return ForwardPoses(pose, converged.reshape(target.shape[:-1]), inverse_kinematics(robot, pose) - target)
 
 
-def _continued(robot: Robot, target: Array, start: Pose) -> tuple[Pose, npt.NDArray[np.bool_]]:
+def _continued(robot: Robot, target: Floats, start: Pose) -> tuple[Pose, npt.NDArray[np.bool_]]:
     """Continuation of every row (K, n), and which arrived; those that fail are tried with four times as many steps."""
     position, quaternion = start.position.copy(), start.quaternion.copy()
     origin = inverse_kinematics(robot, start)
@@ -160,7 +159,7 @@ def _continued(robot: Robot, target: Array, start: Pose) -> tuple[Pose, npt.NDAr
     return Pose(position, quaternion), converged
 
 
-def _led(robot: Robot, origin: Array, target: Array, pose: Pose, steps: int) -> tuple[Pose, npt.NDArray[np.int64]]:
+def _led(robot: Robot, origin: Floats, target: Floats, pose: Pose, steps: int) -> tuple[Pose, npt.NDArray[np.int64]]:
     """The poses of the rows that could be led from origin to target, and which; others are dropped early."""
     rows = np.arange(len(target))
     for step in range(1, steps + 1):
@@ -174,7 +173,7 @@ def _led(robot: Robot, origin: Array, target: Array, pose: Pose, steps: int) -> 
     return pose, rows
 
 
-def _newton(robot: Robot, readings: Array, pose: Pose) -> tuple[Pose, npt.NDArray[np.bool_]]:
+def _newton(robot: Robot, readings: Floats, pose: Pose) -> tuple[Pose, npt.NDArray[np.bool_]]:
     """Damped Newton (Gauss-Newton for more than six legs) on every row; the poses, and which converged."""
     lengths = np.abs(readings + robot.offset)
     accuracy = _ACCURACY * (1.0 + np.max(lengths, axis=-1))

@@ -14,9 +14,8 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot.robot import LARGEST, good_numbers
+from cpcal.solver.arrays import Floats
 from cpcal.values import Value, frozen_array
-
-Array = npt.NDArray[np.float64]
 
 # The values of one leg: how many numbers, and what is asked of them. None: one number for the whole robot.
 FIELDS: dict[str, int | None] = {
@@ -35,7 +34,7 @@ FIELDS: dict[str, int | None] = {
 _UNIT = 1e-6  # tolerance on the norm of an axis
 
 
-def joint_phases(legs: int, stream: np.random.Generator) -> Array:
+def joint_phases(legs: int, stream: np.random.Generator) -> Floats:
     """Two random phases a leg, (n, 2) rad, for `joint_effect`."""
     return stream.uniform(0.0, 2.0 * np.pi, (legs, 2))
 
@@ -65,17 +64,17 @@ class Mechanisms(Value):
     less, or a backlash, sag, friction or joint error is negative.
     """
 
-    base_axis: Array
-    base_offset: Array
-    mobile_axis: Array
-    mobile_offset: Array
-    backlash: Array
+    base_axis: Floats
+    base_offset: Floats
+    mobile_axis: Floats
+    mobile_offset: Floats
+    backlash: Floats
     friction: float
-    sag: Array
-    gain: Array
+    sag: Floats
+    gain: Floats
     reference: float
-    joint_error: Array
-    joint_phase: Array
+    joint_error: Floats
+    joint_phase: Floats
 
     def __post_init__(self) -> None:
         for name, width in FIELDS.items():

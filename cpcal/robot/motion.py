@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import normalised, quaternion_conjugate, quaternion_product
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 
 def compose(left: Pose, right: Pose) -> Pose:
@@ -26,7 +25,7 @@ def inverse(pose: Pose) -> Pose:
     return Pose(-turned, normalised(quaternion_conjugate(pose.quaternion)))
 
 
-def transformed(pose: Pose, points: npt.ArrayLike) -> Array:
+def transformed(pose: Pose, points: npt.ArrayLike) -> Floats:
     """P + R x for points (..., n, 3) mm: coordinates in the pose's own frame become those in its reference."""
     turned = np.einsum("...ij,...nj->...ni", pose.rotation, np.asarray(points, dtype=np.float64))
     return np.asarray(pose.position[..., None, :] + turned)

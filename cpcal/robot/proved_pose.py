@@ -19,11 +19,10 @@ import numpy.typing as npt
 from cpcal.errors import InputError, Problem
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.robot import Robot
+from cpcal.solver.arrays import Floats
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr
-
-Array = npt.NDArray[np.float64]
 
 LEGS = 6  # as many equations as unknowns: what the Newton test needs
 
@@ -40,7 +39,7 @@ class ProvedPose:
 
     box: Box
     region: Box
-    quaternion: Array
+    quaternion: Floats
 
     @property
     def pose(self) -> Pose:
@@ -51,12 +50,12 @@ class ProvedPose:
         return Pose(middle[:3], turned / np.linalg.norm(turned))
 
     @property
-    def position_radius(self) -> Array:
+    def position_radius(self) -> Floats:
         """(3,) mm: the box's half-widths."""
         return self.box.rad[:3]
 
     @property
-    def rotation_radius(self) -> Array:
+    def rotation_radius(self) -> Floats:
         """(3,) rad: half-widths of 2 s."""
         return 2.0 * self.box.rad[3:]
 
@@ -80,7 +79,7 @@ def prove_pose(
     return None if found is None else ProvedPose(found.box, found.region, quaternion)
 
 
-def pose_network(robot: Robot, readings: Array, quaternion: Array) -> ConstraintNetwork:
+def pose_network(robot: Robot, readings: Floats, quaternion: Floats) -> ConstraintNetwork:
     """The equations ||P + R(1, s) R(q) b - a||^2 = (L + l)^2 in the unknowns P (mm) and s, one for each leg."""
     net = ConstraintNetwork()
     position, s = net.variable("P", 3), net.variable("s", 3)
@@ -92,7 +91,7 @@ def pose_network(robot: Robot, readings: Array, quaternion: Array) -> Constraint
     return net
 
 
-def _turned(q: Expr, points: Array) -> Expr:
+def _turned(q: Expr, points: Floats) -> Expr:
     """R(q) b, rational and so enclosed, for points (n, 3): ((w^2 - r.r) b + 2 (r.b) r + 2 w (r x b)) / |q|^2."""
     w, r = q[0], q[1:]
     along = (r[None, :] * points).sum(-1)[:, None] * r[None, :]
@@ -100,13 +99,13 @@ def _turned(q: Expr, points: Array) -> Expr:
     return numerator / sqr(q).sum()
 
 
-def _cross(x: Expr, y: Expr | Array) -> Expr:
+def _cross(x: Expr, y: Expr | Floats) -> Expr:
     """Cross product of rows, (1, 3) or (n, 3)."""
     forth, back = [1, 2, 0], [2, 0, 1]
     return x[:, forth] * y[:, back] - x[:, back] * y[:, forth]
 
 
-def _checked(robot: Robot, readings: npt.ArrayLike, near: Pose) -> Array:
+def _checked(robot: Robot, readings: npt.ArrayLike, near: Pose) -> Floats:
     length = np.asarray(readings, dtype=np.float64)
     if robot.legs != LEGS or length.shape != (LEGS,):
         what = f"are {length.shape} for {robot.legs} legs"

@@ -10,15 +10,13 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem, shown
 from cpcal.names import NAME_REMEDY, is_name
+from cpcal.solver.arrays import Floats
 from cpcal.values import Value, frozen_array
-
-Array = npt.NDArray[np.float64]
-
 
 LARGEST = 1e12  # mm: no robot is larger, and no square of such a number overflows
 
 
-def good_numbers(values: Array) -> npt.NDArray[np.bool_]:
+def good_numbers(values: Floats) -> npt.NDArray[np.bool_]:
     """Which numbers are finite and of a size that makes sense in mm."""
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(values) <= LARGEST)
@@ -36,9 +34,9 @@ class Robot(Value):
     """
 
     name: str
-    base: Array
-    mobile: Array
-    offset: Array
+    base: Floats
+    mobile: Floats
+    offset: Floats
 
     def __post_init__(self) -> None:
         problems = []
@@ -57,7 +55,7 @@ class Robot(Value):
         found = []
         legs = self.base.shape[0] if self.base.ndim else 0
         for field, shape in (("base", (legs, 3)), ("mobile", (legs, 3)), ("offset", (legs,))):
-            array: Array = getattr(self, field)
+            array: Floats = getattr(self, field)
             if array.shape != shape or legs == 0:
                 remedy = "give base (n, 3), mobile (n, 3) and offset (n,) for the same n >= 1 legs"
                 found.append(Problem(f"robot {field}", f"has the shape {array.shape}", remedy))
@@ -74,7 +72,7 @@ class Robot(Value):
         return int(self.offset.shape[0])
 
     @property
-    def parameters(self) -> Array:
+    def parameters(self) -> Floats:
         """(n, 7) mm: one row `a_x a_y a_z b_x b_y b_z l` a leg, as in the paper's tables."""
         return np.concatenate([self.base, self.mobile, self.offset[:, None]], axis=1)
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 
-def rotation_matrix(quaternion: npt.ArrayLike) -> Array:
+def rotation_matrix(quaternion: npt.ArrayLike) -> Floats:
     """R(q), (..., 4) -> (..., 3, 3): the rotation of any non-zero quaternion, without a square root."""
     q = np.asarray(quaternion, dtype=np.float64)
     # plain floats are several times faster for one quaternion, and give the same bits
@@ -29,7 +29,7 @@ def rotation_matrix(quaternion: npt.ArrayLike) -> Array:
     return np.asarray(matrix / norm_squared[..., None, None])
 
 
-def quaternion_product(left: npt.ArrayLike, right: npt.ArrayLike) -> Array:
+def quaternion_product(left: npt.ArrayLike, right: npt.ArrayLike) -> Floats:
     """The Hamilton product, (..., 4) x (..., 4) -> (..., 4): R(left * right) = R(left) R(right)."""
     p, q = np.asarray(left, dtype=np.float64), np.asarray(right, dtype=np.float64)
     scalar = p[..., 0] * q[..., 0] - np.sum(p[..., 1:] * q[..., 1:], axis=-1)
@@ -37,20 +37,20 @@ def quaternion_product(left: npt.ArrayLike, right: npt.ArrayLike) -> Array:
     return np.concatenate([scalar[..., None], vector], axis=-1)
 
 
-def quaternion_conjugate(quaternion: npt.ArrayLike) -> Array:
+def quaternion_conjugate(quaternion: npt.ArrayLike) -> Floats:
     """(w, -x, -y, -z), (..., 4) -> (..., 4): the inverse rotation."""
     q = np.asarray(quaternion, dtype=np.float64)
     return np.concatenate([q[..., :1], -q[..., 1:]], axis=-1)
 
 
-def normalised(quaternion: npt.ArrayLike) -> Array:
+def normalised(quaternion: npt.ArrayLike) -> Floats:
     """The unit quaternion of the same rotation with a scalar part >= 0, (..., 4) -> (..., 4)."""
     q = np.asarray(quaternion, dtype=np.float64)
     sign = np.where(q[..., :1] < 0, -1.0, 1.0)
     return np.asarray(q * sign / np.linalg.norm(q, axis=-1, keepdims=True))
 
 
-def small_rotation(vector: npt.ArrayLike) -> Array:
+def small_rotation(vector: npt.ArrayLike) -> Floats:
     """The quaternion (1, s) with 2 s = vector, not normalised, (..., 3) -> (..., 4).
 
     This is how the reading sets write a rotation error (DESIGN section 1): its inverse is exactly (1, -s),
@@ -60,21 +60,21 @@ def small_rotation(vector: npt.ArrayLike) -> Array:
     return np.concatenate([np.ones((*s.shape[:-1], 1)), s], axis=-1)
 
 
-def quaternion_from_rotation_vector(vector: npt.ArrayLike) -> Array:
+def quaternion_from_rotation_vector(vector: npt.ArrayLike) -> Floats:
     """The unit quaternion that turns by |vector| rad about it, (..., 3) -> (..., 4)."""
     v = np.asarray(vector, dtype=np.float64)
     half = 0.5 * np.linalg.norm(v, axis=-1, keepdims=True)
     return np.concatenate([np.cos(half), 0.5 * v * np.sinc(half / np.pi)], axis=-1)
 
 
-def rotation_vector(quaternion: npt.ArrayLike) -> Array:
+def rotation_vector(quaternion: npt.ArrayLike) -> Floats:
     """The rotation vector, rad, of norm at most pi, (..., 4) -> (..., 3)."""
     q = normalised(quaternion)
     half = np.arctan2(np.linalg.norm(q[..., 1:], axis=-1, keepdims=True), q[..., :1])
     return np.asarray(2.0 * q[..., 1:] / np.sinc(half / np.pi))
 
 
-def quaternion_from_matrix(matrix: npt.ArrayLike) -> Array:
+def quaternion_from_matrix(matrix: npt.ArrayLike) -> Floats:
     """The unit quaternion (scalar part >= 0) of a rotation matrix, (..., 3, 3) -> (..., 4).
 
     Each of the four rows below is a multiple of the quaternion; that with the largest pivot is accurate.

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem, Problems, shown
 from cpcal.names import IDENTIFIER_REMEDY, is_identifier
@@ -22,9 +21,8 @@ from cpcal.robot.kinematics import Pose
 from cpcal.robot.mechanisms import Mechanisms
 from cpcal.robot.motion import compose, inverse
 from cpcal.robot.robot import LARGEST, Robot, good_numbers
+from cpcal.solver.arrays import Floats
 from cpcal.values import Value, frozen_array, frozen_mapping
-
-Array = npt.NDArray[np.float64]
 
 _ARRAYS = ("position", "quaternion", "length")
 
@@ -43,9 +41,9 @@ class PoseTable(Value):
 
     pose: tuple[str, ...]
     run: tuple[str, ...]
-    position: Array
-    quaternion: Array
-    length: Array
+    position: Floats
+    quaternion: Floats
+    length: Floats
     image: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:

@@ -9,9 +9,8 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot.robot import LARGEST, good_numbers
+from cpcal.solver.arrays import Floats
 from cpcal.values import Value, frozen_array
-
-Array = npt.NDArray[np.float64]
 
 KINDS = ("position", "rotation", "length")
 EXACT_OR_NOT = (
@@ -34,9 +33,9 @@ class Uncertainty(Value):
     InputError when a shape is wrong or a number is negative or not finite.
     """
 
-    position: Array
-    rotation: Array
-    length: Array
+    position: Floats
+    rotation: Floats
+    length: Floats
     factor: float | None = None
 
     def __post_init__(self) -> None:
@@ -58,7 +57,7 @@ class Uncertainty(Value):
             raise InputError(problems)
 
     @property
-    def half_widths(self) -> Array:
+    def half_widths(self) -> Floats:
         """(6 + n,): of position, rotation and leg readings, one after the other."""
         values = np.concatenate([self.position, self.rotation, self.length])
         with np.errstate(over="ignore"):

@@ -27,8 +27,7 @@ from cpcal.robot import (
     quaternion_product,
 )
 from cpcal.simulate.campaigns import joint_effect
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 _ITERATIONS = 50  # of Newton
 _ACCURACY = 1e-13  # of a pose's equations, relative to the leg lengths: a few roundings
@@ -39,7 +38,7 @@ _ROUNDS = 10  # of clearance sides and poses in turn
 
 
 def assembled_with(
-    robot: Robot, mechanisms: Mechanisms, readings: Array, ideal: Pose, approach: npt.ArrayLike = 1.0
+    robot: Robot, mechanisms: Mechanisms, readings: Floats, ideal: Pose, approach: npt.ArrayLike = 1.0
 ) -> Pose:
     """The poses (K) of a robot with these mechanisms whose sensors read `readings`, (K, 6) mm.
 
@@ -62,7 +61,7 @@ def assembled_with(
     return pose
 
 
-def clearance_sides(robot: Robot, mechanisms: Mechanisms, pose: Pose, approach: npt.ArrayLike = 1.0) -> Array:
+def clearance_sides(robot: Robot, mechanisms: Mechanisms, pose: Pose, approach: npt.ArrayLike = 1.0) -> Floats:
     """+1 where a leg is drawn out of its clearance (tension), -1 where it is pushed into it, (K, n).
 
     Statics of the platform alone, whose weight acts at the mean of its joint centres along -z of the base frame: the
@@ -77,7 +76,7 @@ def clearance_sides(robot: Robot, mechanisms: Mechanisms, pose: Pose, approach: 
     return np.where(force + mechanisms.friction * np.asarray(approach) >= 0.0, -1.0, 1.0)
 
 
-def leg_gaps(robot: Robot, mechanisms: Mechanisms, readings: Array, pose: Pose, side: Array) -> Array:
+def leg_gaps(robot: Robot, mechanisms: Mechanisms, readings: Floats, pose: Pose, side: Floats) -> Floats:
     """What each leg's equation misses, (..., n) mm: the length that the reading means, less that of the pose."""
     lower, upper = _joint_centres(robot, mechanisms, pose)
     leg = upper - lower
@@ -90,7 +89,7 @@ def leg_gaps(robot: Robot, mechanisms: Mechanisms, readings: Array, pose: Pose, 
     return np.asarray(stretched - sag + 0.5 * side * mechanisms.backlash - length)
 
 
-def _joint_centres(robot: Robot, mechanisms: Mechanisms, pose: Pose) -> tuple[Array, Array]:
+def _joint_centres(robot: Robot, mechanisms: Mechanisms, pose: Pose) -> tuple[Floats, Floats]:
     """The two ends A and C of each leg, (..., n, 3) mm each, in the base frame.
 
     The lower end depends on the leg's direction, hence on the upper end, and the other way round: alternately.
@@ -110,7 +109,7 @@ def _joint_centres(robot: Robot, mechanisms: Mechanisms, pose: Pose) -> tuple[Ar
     return lower, upper
 
 
-def _lower_end(mechanisms: Mechanisms, leg: Array) -> Array:
+def _lower_end(mechanisms: Mechanisms, leg: Floats) -> Floats:
     """From a to the end of the leg, given the leg's other end from a, (..., n, 3) mm, base frame.
 
     The second axis of the joint stands at right angles to the first axis e and to the leg, so that e, the common
@@ -121,7 +120,7 @@ def _lower_end(mechanisms: Mechanisms, leg: Array) -> Array:
     return np.asarray(mechanisms.base_offset[:, None] * across / np.linalg.norm(across, axis=-1, keepdims=True))
 
 
-def _upper_end(mechanisms: Mechanisms, leg: Array) -> Array:
+def _upper_end(mechanisms: Mechanisms, leg: Floats) -> Floats:
     """From b to the end of the leg, given the leg's other end D from b, (..., n, 3) mm, mobile frame.
 
     With e the first axis, (r, t) the directions of D across e and at right angles to both, and offsets (h, d, g):
@@ -145,11 +144,11 @@ def _upper_end(mechanisms: Mechanisms, leg: Array) -> Array:
     return np.asarray(h * normal + d * second + g * to_line)
 
 
-def _turned(rotation: Array, vectors: Array) -> Array:
+def _turned(rotation: Floats, vectors: Floats) -> Floats:
     return np.asarray((rotation @ vectors[..., None])[..., 0])
 
 
-def _newton(robot: Robot, mechanisms: Mechanisms, readings: Array, pose: Pose, side: Array) -> Pose:
+def _newton(robot: Robot, mechanisms: Mechanisms, readings: Floats, pose: Pose, side: Floats) -> Pose:
     """Newton's method, damped, with difference quotients; rows that solve their equations are left alone."""
     position, quaternion = pose.position.copy(), pose.quaternion.copy()
     size = float(np.max(np.abs(readings + robot.offset), initial=1.0))
@@ -182,20 +181,20 @@ def _newton(robot: Robot, mechanisms: Mechanisms, readings: Array, pose: Pose, s
 def _slopes(
     robot: Robot,
     mechanisms: Mechanisms,
-    readings: Array,
+    readings: Floats,
     pose: Pose,
-    side: Array,
-    gap: Array,
+    side: Floats,
+    gap: Floats,
     increment: float,
     arm: float,
-) -> Array:
+) -> Floats:
     """Derivative of the gaps by (P, arm * rotation vector), (K, n, 6), by forward differences in one call."""
     shifts = increment * np.eye(6)[:, None]
     beside = leg_gaps(robot, mechanisms, readings, _moved(pose, shifts, arm), side)
     return np.moveaxis((beside - gap) / increment, 0, -1)
 
 
-def _moved(pose: Pose, step: Array, arm: float) -> Pose:
+def _moved(pose: Pose, step: Floats, arm: float) -> Pose:
     """The pose moved by step[..., :3] mm and turned by the rotation vector step[..., 3:] / arm."""
     turn = quaternion_from_rotation_vector(step[..., 3:] / arm)
     turned = quaternion_product(*np.broadcast_arrays(turn, pose.quaternion))

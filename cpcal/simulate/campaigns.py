@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.errors import InputError
 from cpcal.robot import (
@@ -40,8 +39,7 @@ from cpcal.robot import (
 )
 from cpcal.robot.mechanisms import joint_phases
 from cpcal.simulate.option_checks import OptionChecks
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 STROKE = (0.0, 140.0)  # mm, readings of a DeltaLab leg: 345 to 485 mm long (the paper, section 2.2)
 LENGTH_SIGMA = (0.0077, 0.0127, 0.0117, 0.0102, 0.0118, 0.0190)  # mm (the paper, Table 2)
@@ -59,9 +57,9 @@ MEASUREMENTS_MAX = 10_000_000
 class _Sensors:
     """Standard deviations: position (3,) mm, rotation (3,) rad, length (6,) mm."""
 
-    position: Array
-    rotation: Array
-    length: Array
+    position: Floats
+    rotation: Floats
+    length: Floats
 
 
 def simulate(
@@ -145,7 +143,7 @@ def true_robot(campaign: Campaign) -> Robot | None:
 
 def configurations(
     stroke: tuple[float, float], stream: np.random.Generator, *, random_poses: int, extremal: bool
-) -> tuple[list[str], Array]:
+) -> tuple[list[str], Floats]:
     """Pose ids (K) and the readings, (K, 6) mm, that command them."""
     low, high = stroke
     bits = np.arange(64)[:, None] >> np.arange(6) & 1
@@ -156,7 +154,7 @@ def configurations(
     return names, np.concatenate([corners, drawn]) if extremal else drawn
 
 
-def assembled(robot: Robot, readings: Array, stroke: tuple[float, float]) -> Pose:
+def assembled(robot: Robot, readings: Floats, stroke: tuple[float, float]) -> Pose:
     """The poses (K) with these readings (K, 6), all on the assembly branch of the upright mid-stroke pose.
 
     Each is continued from that pose along a straight line in the readings. See `check_branch`.
@@ -182,7 +180,7 @@ def check_branch(robot: Robot, poses: Pose, centre: Pose) -> None:
         raise KinematicsError(f"{message}: lessen the deviation or the stroke", tuple(map(int, lost)))
 
 
-def joint_effect(robot: Robot, poses: Pose, phases: Array) -> Array:
+def joint_effect(robot: Robot, poses: Pose, phases: Floats) -> Floats:
     """A smooth effect in [-1, 1] of the joints' angles on each leg's reading, (..., n).
 
     With t_x, t_y the angles of the leg about the base joint and t'_x, t'_y those about the mobile joint (rad,
@@ -200,12 +198,12 @@ def joint_effect(robot: Robot, poses: Pose, phases: Array) -> Array:
 
 def _measured(
     poses: Pose,
-    lengths: Array,
+    lengths: Floats,
     sensors: _Sensors,
     runs: int,
     truncate: float | None,
     stream: np.random.Generator,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Floats, Floats, Floats]:
     """Noisy positions (K runs, 3), quaternions (K runs, 4), readings (K runs, n); a pose's runs together."""
     count = len(lengths) * runs
     position = np.repeat(poses.position, runs, axis=0)
@@ -220,7 +218,7 @@ def _measured(
     )
 
 
-def standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncate: float | None) -> Array:
+def standard_noise(stream: np.random.Generator, shape: tuple[int, int], truncate: float | None) -> Floats:
     """Independent standard normal numbers, those beyond +-truncate drawn again."""
     draw = stream.standard_normal(shape)
     while truncate is not None:

@@ -23,7 +23,6 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.robot import (
     DELTALAB,
@@ -55,8 +54,8 @@ from cpcal.simulate.campaigns import (
     streams,
 )
 from cpcal.simulate.option_checks import OptionChecks
+from cpcal.solver.arrays import Floats
 
-Array = npt.NDArray[np.float64]
 Stream = np.random.Generator
 
 MEAN_OF = 10  # images of a run, of which a row without images is the mean (the paper, section 2.3.2)
@@ -139,7 +138,7 @@ def simulate_study(
     )
 
 
-def true_poses(truth: Truth, readings: Array, stroke: tuple[float, float], runs: int, approach: Stream) -> Pose:
+def true_poses(truth: Truth, readings: Floats, stroke: tuple[float, float], runs: int, approach: Stream) -> Pose:
     """The mobile frame in the base frame for readings (K, 6), `runs` times each: (K runs).
 
     Each leg comes to its length extending or retracting, at random in every run.
@@ -159,7 +158,7 @@ def _recorded(
     truth: Truth,
     ids: list[tuple[str, str]],
     poses: Pose,
-    readings: Array,
+    readings: Floats,
     images: int,
     noise: tuple[float, float],
     truncate: float | None,
@@ -196,7 +195,7 @@ def _target(stream: Stream) -> Pose:
     return Pose(position, normalised(_loosely_upright(stream, math.radians(2.0))))
 
 
-def _loosely_upright(stream: Stream, tilt: float) -> Array:
+def _loosely_upright(stream: Stream, tilt: float) -> Floats:
     """A quaternion: any turn about z, then a tilt with a standard deviation of `tilt` rad about x and about y."""
     turn = quaternion_from_rotation_vector([0.0, 0.0, stream.uniform(-np.pi, np.pi)])
     return quaternion_product(quaternion_from_rotation_vector([*stream.normal(0.0, tilt, 2), 0.0]), turn)

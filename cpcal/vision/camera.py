@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
+from cpcal.solver.arrays import Floats
 from cpcal.values import frozen_array
-
-Array = npt.NDArray[np.float64]
 
 CAMERA_NUMBERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
@@ -36,9 +35,9 @@ class Camera:
 
     width: int
     height: int
-    focal: Array
-    center: Array
-    distortion: Array
+    focal: Floats
+    center: Floats
+    distortion: Floats
 
     def __post_init__(self) -> None:
         for name, size in (("focal", 2), ("center", 2), ("distortion", 5)):
@@ -50,24 +49,24 @@ class Camera:
             raise InputError([Problem("camera", "has no positive size or focal length", "give them in pixels")])
 
     @property
-    def numbers(self) -> Array:
+    def numbers(self) -> Floats:
         """(9,) in the order of CAMERA_NUMBERS."""
         return np.concatenate([self.focal, self.center, self.distortion])
 
-    def with_numbers(self, numbers: Array) -> Camera:
+    def with_numbers(self, numbers: Floats) -> Camera:
         """The same image size, other numbers (9,). Raises InputError when they make no camera."""
         return Camera(self.width, self.height, numbers[:2], numbers[2:4], numbers[4:])
 
-    def project(self, points: npt.ArrayLike) -> Array:
+    def project(self, points: npt.ArrayLike) -> Floats:
         """Pixels (..., 2) of points (..., 3) mm in the camera frame, Z > 0."""
         p = np.asarray(points, dtype=np.float64)
         return self.pixels(p[..., :2] / p[..., 2:])
 
-    def pixels(self, normalised: npt.ArrayLike) -> Array:
+    def pixels(self, normalised: npt.ArrayLike) -> Floats:
         """Pixels (..., 2) of the directions (x, y, 1), given as (..., 2)."""
         return np.asarray(self.center + self.focal * distorted(normalised, self.distortion))
 
-    def normalised(self, pixels: npt.ArrayLike) -> Array:
+    def normalised(self, pixels: npt.ArrayLike) -> Floats:
         """The directions (..., 2) that pixels (..., 2) show, by Newton's method; nan where there is none nearby."""
         wanted = (np.asarray(pixels, dtype=np.float64) - self.center) / self.focal
         u, v = np.ascontiguousarray(np.moveaxis(wanted, -1, 0))
@@ -98,20 +97,20 @@ class Camera:
         return hash((self.width, self.height, *self.focal))
 
 
-def distorted(normalised: npt.ArrayLike, distortion: Array) -> Array:
+def distorted(normalised: npt.ArrayLike, distortion: Floats) -> Floats:
     """d(x, y), (..., 2) -> (..., 2)."""
     p = np.asarray(normalised, dtype=np.float64)
     return np.stack(_bent(p[..., 0], p[..., 1], distortion.tolist()), axis=-1)
 
 
-def distortion_jacobian(normalised: npt.ArrayLike, distortion: Array) -> Array:
+def distortion_jacobian(normalised: npt.ArrayLike, distortion: Floats) -> Floats:
     """The derivatives of d by (x, y), (..., 2) -> (..., 2, 2)."""
     p = np.asarray(normalised, dtype=np.float64)
     xx, cross, yy = _slopes(p[..., 0], p[..., 1], distortion.tolist())
     return np.stack([np.stack([xx, cross], axis=-1), np.stack([cross, yy], axis=-1)], axis=-2)
 
 
-def _bent(x: Array, y: Array, distortion: list[float]) -> tuple[Array, Array]:
+def _bent(x: Floats, y: Floats, distortion: list[float]) -> tuple[Floats, Floats]:
     """The two components of d."""
     k1, k2, p1, p2, k3 = distortion
     r2 = x * x + y * y
@@ -121,7 +120,7 @@ def _bent(x: Array, y: Array, distortion: list[float]) -> tuple[Array, Array]:
     return dx, dy
 
 
-def _slopes(x: Array, y: Array, distortion: list[float]) -> tuple[Array, Array, Array]:
+def _slopes(x: Floats, y: Floats, distortion: list[float]) -> tuple[Floats, Floats, Floats]:
     """The derivatives of the first component by x, of it by y (and of the other by x), of the other by y."""
     k1, k2, p1, p2, k3 = distortion
     r2 = x * x + y * y

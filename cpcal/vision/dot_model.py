@@ -23,14 +23,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.robot import Pose
+from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.lens import Jet, jet, jets_by_coefficient
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,19 +41,19 @@ class Prediction:
     by_dots    (..., n, 2, 2) of each dot by its own x, y on the target (mm); None when not asked for
     """
 
-    centers: Array
-    by_pose: Array
-    by_camera: Array | None = None
-    by_dots: Array | None = None
+    centers: Floats
+    by_pose: Floats
+    by_camera: Floats | None = None
+    by_dots: Floats | None = None
 
 
-def predicted_centers(target: Target, camera: Camera, pose: Pose) -> Array:
+def predicted_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
     """Centres (..., n, 2) of the conics through the dots' contours, pixels, for poses of the target in the camera frame
     with any leading axes; nan where a dot is not wholly before the camera."""
     return centers_of(target.dots, target.radius, camera, pose)
 
 
-def centers_of(dots: Array, radius: float, camera: Camera, pose: Pose) -> Array:
+def centers_of(dots: Floats, radius: float, camera: Camera, pose: Pose) -> Floats:
     """`predicted_centers` for dots (n, 2) mm of a given radius."""
     points, normal = _placed(dots, pose)
     center, shape = _ellipse(_dual(points, normal, radius))
@@ -64,7 +62,7 @@ def centers_of(dots: Array, radius: float, camera: Camera, pose: Pose) -> Array:
 
 
 def predict(
-    dots: Array, radius: float, camera: Camera, pose: Pose, *, by_camera: bool = False, by_dots: bool = False
+    dots: Floats, radius: float, camera: Camera, pose: Pose, *, by_camera: bool = False, by_dots: bool = False
 ) -> Prediction:
     """The centres of dots (n, 2) mm with their derivatives by the pose and, on request, by camera and dots."""
     points, normal = _placed(dots, pose)
@@ -86,14 +84,14 @@ def predict(
     )
 
 
-def _placed(dots: Array, pose: Pose) -> tuple[Array, Array]:
+def _placed(dots: Floats, pose: Pose) -> tuple[Floats, Floats]:
     """Dots' centres (..., n, 3) and the plate's normal (..., 1, 3) in the camera frame."""
     turn = pose.rotation
     points = dots @ np.swapaxes(turn[..., :, :2], -1, -2) + pose.position[..., None, :]
     return points, np.asarray(turn[..., None, :, 2])
 
 
-def _dual(points: Array, normal: Array, radius: float) -> Array:
+def _dual(points: Floats, normal: Floats, radius: float) -> Floats:
     """The dual conics D (..., n, 3, 3); nan for a dot that reaches behind the camera."""
     square = radius * radius
     dual = square * (np.eye(3) - _outer(normal, normal)) - _outer(points, points)
@@ -101,23 +99,23 @@ def _dual(points: Array, normal: Array, radius: float) -> Array:
     return np.where(hidden[..., None, None], np.nan, dual)
 
 
-def _ellipse(dual: Array) -> tuple[Array, Array]:
+def _ellipse(dual: Floats) -> tuple[Floats, Floats]:
     center = np.asarray(dual[..., :2, 2] / dual[..., 2:, 2])
     return center, _outer(center, center) - dual[..., :2, :2] / dual[..., 2:, 2:]
 
 
-def _outer(left: Array, right: Array) -> Array:
+def _outer(left: Floats, right: Floats) -> Floats:
     return left[..., :, None] * right[..., None, :]
 
 
-def _crossed(left: Array, right: Array) -> Array:
+def _crossed(left: Floats, right: Floats) -> Floats:
     """The vector product, several times faster than numpy's."""
     a, b, c = left[..., 0], left[..., 1], left[..., 2]
     x, y, z = right[..., 0], right[..., 1], right[..., 2]
     return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
 
 
-def _by_dual(dual: Array, lens: Jet, shape: Array, growth: tuple[Array, Array]) -> Array:
+def _by_dual(dual: Floats, lens: Jet, shape: Floats, growth: tuple[Floats, Floats]) -> Floats:
     """M (..., n, 2, 3, 3), symmetric: the distorted centre moves by M : dD when the dual conic moves by dD.
 
     With D = [[B, a], [a', w]]: c = a / w and S = c c' - B / w, so dc = (da - c dw) / w and
@@ -136,7 +134,7 @@ def _by_dual(dual: Array, lens: Jet, shape: Array, growth: tuple[Array, Array]) 
     return out
 
 
-def _growth(lens: Jet) -> tuple[Array, Array]:
+def _growth(lens: Jet) -> tuple[Floats, Floats]:
     """J^-1 (..., 2, 2) and g = grad log det J (..., 2)."""
     j = lens.first
     adjugate = np.stack([np.stack([j[..., 1, 1], -j[..., 0, 1]], -1), np.stack([-j[..., 1, 0], j[..., 0, 0]], -1)], -2)
@@ -145,7 +143,7 @@ def _growth(lens: Jet) -> tuple[Array, Array]:
     return inverse, np.einsum("...ba,...abc->...c", inverse, lens.second)
 
 
-def _bent(lens: Jet, shape: Array, growth: Array) -> Array:
+def _bent(lens: Jet, shape: Floats, growth: Floats) -> Floats:
     """The distorted centre (..., 2): d + (H : S + 2 J S g) / 8."""
     second = (lens.second * shape[..., None, :, :]).sum(axis=(-1, -2))
     first = lens.first @ (shape @ growth[..., None])
@@ -159,7 +157,7 @@ def _along_axes(lens: Jet) -> Jet:
     )
 
 
-def _bent_direction(lens: Jet, shape: Array, moved: Jet, growing: tuple[Array, Array]) -> Array:
+def _bent_direction(lens: Jet, shape: Floats, moved: Jet, growing: tuple[Floats, Floats]) -> Floats:
     """How the distorted centre moves as the jet does in m ways, (..., m, 2); the shape stays.
 
     The change of g = tr J^-1 dJ is tr J^-1 dH - tr J^-1 dJ J^-1 H.
@@ -176,8 +174,8 @@ def _bent_direction(lens: Jet, shape: Array, moved: Jet, growing: tuple[Array, A
 
 
 def _by_camera(
-    center: Array, camera: Camera, lens: Jet, bent: Array, shape: Array, growth: tuple[Array, Array]
-) -> Array:
+    center: Floats, camera: Camera, lens: Jet, bent: Floats, shape: Floats, growth: tuple[Floats, Floats]
+) -> Floats:
     """(..., n, 2, 9) by fx, fy, cx, cy, k1, k2, p1, p2, k3."""
     out = np.zeros((*bent.shape, 9))
     for axis in range(2):

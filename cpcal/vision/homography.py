@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
 from cpcal.vision.median import median
 
-Array = npt.NDArray[np.float64]
 
-
-def mapped(homography: Array, points: Array) -> Array:
+def mapped(homography: Floats, points: Floats) -> Floats:
     """Points (..., n, 2) through H (..., 3, 3); nan where they go beyond the horizon (third coordinate <= 0)."""
     turned = points @ np.swapaxes(homography[..., :2], -1, -2) + homography[..., None, :, 2]
     depth = turned[..., 2:]
     return np.asarray(turned[..., :2] / np.where(depth > 0.0, depth, np.nan))
 
 
-def fitted(points: Array, images: Array) -> Array:
+def fitted(points: Floats, images: Floats) -> Floats:
     """The H (3, 3) that takes points (n, 2) to images (n, 2), n >= 4, by the normalised direct linear transform.
 
     Its sign makes the third coordinates of most points positive, and H has the norm 1.
@@ -35,7 +33,7 @@ def fitted(points: Array, images: Array) -> Array:
     return np.asarray(homography * (np.sign(median(np.sign(depth))) or 1.0) / np.linalg.norm(homography))
 
 
-def _normalised(points: Array) -> tuple[Array, Array]:
+def _normalised(points: Floats) -> tuple[Floats, Floats]:
     """Points about their mean at a mean distance of sqrt 2, and the matrix (3, 3) that does it."""
     mean = points.mean(axis=0)
     scale = np.sqrt(2.0 / max(((points - mean) ** 2).sum(axis=1).mean(), 1e-300))
@@ -43,13 +41,13 @@ def _normalised(points: Array) -> tuple[Array, Array]:
     return (points - mean) * scale, matrix
 
 
-def orientation(homography: Array, points: Array) -> Array:
+def orientation(homography: Floats, points: Floats) -> Floats:
     """The sign (n,) of the area that H gives to a small positive area at each of the points (n, 2)."""
     depth = points @ homography[2, :2] + homography[2, 2]
     return np.asarray(np.sign(np.linalg.det(homography) * depth))
 
 
-def line_maps(places: Array, images: Array) -> Array:
+def line_maps(places: Floats, images: Floats) -> Floats:
     """The 1-D homographies (..., 3) a, b, c that take three places (..., 3) to their images (..., 3).
 
     s goes to (a s + b) / (1 + c (s - s_0)) with s_0 the first place, where the denominator is 1.
@@ -65,7 +63,7 @@ def line_maps(places: Array, images: Array) -> Array:
     return np.stack([a + c * t0, t0 - (a + c * t0) * places[..., 0], c], axis=-1)
 
 
-def on_line(maps: Array, origin: Array, places: Array) -> Array:
+def on_line(maps: Floats, origin: Floats, places: Floats) -> Floats:
     """The images (..., k) of places (..., k) under 1-D homographies (..., 3) with their s_0 (...)."""
     a, b, c = (maps[..., i, None] for i in range(3))
     depth = 1.0 + c * (places - origin[..., None])

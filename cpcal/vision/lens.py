@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 _DEGREE = 7
 _POWERS = [(a, b) for a in range(_DEGREE + 1) for b in range(_DEGREE + 1 - a)]  # of x and y in each monomial
@@ -47,7 +46,7 @@ def _derivative(polynomial: Polynomial, orders: tuple[int, int]) -> Polynomial:
     return polynomial
 
 
-def _table() -> Array:
+def _table() -> Floats:
     """(monomials, derivatives, 2 components, 6 fields)."""
     table = np.zeros((len(_POWERS), len(_ORDERS), 2, 6))
     for k, field in enumerate(_fields()):
@@ -69,31 +68,31 @@ class Jet:
     value (..., 2), first (..., 2, 2), second (..., 2, 2, 2), third (..., 2, 2, 2, 2)
     """
 
-    value: Array
-    first: Array
-    second: Array
-    third: Array
+    value: Floats
+    first: Floats
+    second: Floats
+    third: Floats
 
 
-def jet(normalised: Array, distortion: Array) -> Jet:
+def jet(normalised: Floats, distortion: Floats) -> Jet:
     """The lens of `distortion` (k1, k2, p1, p2, k3) at points (..., 2)."""
     table = _TABLE @ np.concatenate([[1.0], distortion])
     return _jet(_monomials(normalised), table)
 
 
-def jets_by_coefficient(normalised: Array) -> Jet:
+def jets_by_coefficient(normalised: Floats) -> Jet:
     """The derivatives of `jet` by k1, k2, p1, p2, k3: the same fields with an axis of 5 after those of the points."""
     table = np.moveaxis(_TABLE[..., 1:], -1, 1)
     return _jet(_monomials(normalised), table)
 
 
-def _monomials(normalised: Array) -> Array:
+def _monomials(normalised: Floats) -> Floats:
     powers = np.ones((_DEGREE + 1, *normalised.shape))
     np.multiply.accumulate(np.broadcast_to(normalised, (_DEGREE, *normalised.shape)), axis=0, out=powers[1:])
     return np.moveaxis(powers[_OF_X, ..., 0] * powers[_OF_Y, ..., 1], 0, -1)
 
 
-def _jet(monomials: Array, table: Array) -> Jet:
+def _jet(monomials: Floats, table: Floats) -> Jet:
     """table (monomials, ..., derivatives, 2)."""
     product = monomials @ table.reshape(len(_POWERS), -1)
     all_of_it = product.reshape(*monomials.shape[:-1], *table.shape[1:])

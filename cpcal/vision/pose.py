@@ -16,16 +16,13 @@ from scipy.special import chdtrc
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose, normalised
+from cpcal.solver.arrays import Bools, Floats, Ints
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
 from cpcal.vision.median import median
 from cpcal.vision.pose_fit import Fit, NoPose, fit, plain_model, same_pose, turned_over
 from cpcal.vision.target import Target
 from cpcal.vision.two_by_two import determinants
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 FEWEST = 6  # dots
 AMBIGUOUS = 30.0  # a second pose whose chi-square is no more than this above the first's is as credible (exp(15) to 1)
@@ -53,8 +50,8 @@ class PoseEstimate:
     """
 
     pose: Pose
-    covariance: Array
-    residuals: Array
+    covariance: Floats
+    residuals: Floats
     outliers: Bools
     rms: float
     chi_square: float
@@ -79,7 +76,7 @@ def estimate_pose(
         raise NoPose("the camera cannot see some of the dots where they are: its distortion has no inverse there")
     dots = target.dots[which]
     _check_spread(dots)
-    factors: Array = np.asarray(np.linalg.cholesky(spread), dtype=np.float64)
+    factors: Floats = np.asarray(np.linalg.cholesky(spread), dtype=np.float64)
     plain, start = plain_model(
         dots, rays, float(camera.focal.mean() / np.sqrt(median(spread[:, [0, 1], [0, 1]].ravel())))
     )
@@ -126,7 +123,7 @@ def _rival(first: Fit, second: Fit, final: Fit, pixels: _Pixels, used: Bools, sc
 
 def _checked(
     centers: npt.ArrayLike, covariance: npt.ArrayLike, numbers: npt.ArrayLike, target: Target
-) -> tuple[Array, Array, Ints]:
+) -> tuple[Floats, Floats, Ints]:
     seen, spread = np.asarray(centers, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
     which = np.asarray(numbers, dtype=np.int64)
     if which.ndim != 1 or seen.shape != (len(which), 2) or spread.shape != (len(which), 2, 2):
@@ -143,7 +140,7 @@ def _checked(
     return seen, spread, which
 
 
-def _check_spread(dots: Array) -> None:
+def _check_spread(dots: Floats) -> None:
     spread = np.linalg.svd(dots - dots.mean(axis=0), compute_uv=False)
     if spread[1] < _SLIM * spread[0]:
         raise NoPose("the dots lie on a line or nearly so")
@@ -156,13 +153,13 @@ class _Pixels:
     factors (m, 2, 2), lower triangular: their squares are the covariances
     """
 
-    dots: Array
-    seen: Array
-    factors: Array
+    dots: Floats
+    seen: Floats
+    factors: Floats
     radius: float
     camera: Camera
 
-    def __call__(self, pose: Pose, slope: bool) -> tuple[Array, Array | None]:
+    def __call__(self, pose: Pose, slope: bool) -> tuple[Floats, Floats | None]:
         if not slope:
             centers = centers_of(self.dots, self.radius, self.camera, pose)
             return self._whitened((self.seen - centers)[..., None]).ravel(), None
@@ -170,7 +167,7 @@ class _Pixels:
         residuals = self._whitened((self.seen - predicted.centers)[..., None])
         return residuals.ravel(), self._whitened(predicted.by_pose).reshape(-1, 6)
 
-    def _whitened(self, pixels: Array) -> Array:
+    def _whitened(self, pixels: Floats) -> Floats:
         """The factors' inverses times (m, 2, k)."""
         out = np.empty_like(pixels)
         out[:, 0] = pixels[:, 0] / self.factors[:, 0, 0, None]
@@ -181,7 +178,7 @@ class _Pixels:
         return _Pixels(self.dots[used], self.seen[used], self.factors[used], self.radius, self.camera)
 
 
-def _screened(model: _Pixels, pose: Pose) -> tuple[Bools, Fit, Array]:
+def _screened(model: _Pixels, pose: Pose) -> tuple[Bools, Fit, Floats]:
     """The fit without dots that are too far off, and the residuals of all (m, 2), pixels.
 
     Too far is beyond the level that one good dot exceeds in a hundred images; where the residuals are larger than the

@@ -7,13 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.errors import CpcalError
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_from_matrix, quaternion_product, rotation_vector
+from cpcal.solver.arrays import Floats
 
-Array = npt.NDArray[np.float64]
-Model = Callable[[Pose, bool], tuple[Array, Array | None]]  # residuals (k,) and, on request, minus their slopes (k, 6)
+# residuals (k,) and, on request, minus their slopes (k, 6)
+Model = Callable[[Pose, bool], tuple[Floats, Floats | None]]
 
 _STEPS = 200  # most fits need five, those of a small distant target a hundred
 _SMALL = 1e-3  # standard deviations: a step that ends the fit
@@ -30,8 +30,8 @@ class NoPose(CpcalError):
 class Fit:
     pose: Pose
     chi_square: float
-    normal: Array  # (6, 6), the inverse of the covariance
-    residuals: Array  # in standard deviations
+    normal: Floats  # (6, 6), the inverse of the covariance
+    residuals: Floats  # in standard deviations
 
 
 def fit(model: Model, pose: Pose) -> Fit:
@@ -46,7 +46,7 @@ def fit(model: Model, pose: Pose) -> Fit:
         normal = slope.T @ slope
         damped = normal + damping * np.diag(np.diag(normal)) if damping > 0.0 else normal
         try:
-            step: Array = np.asarray(np.linalg.solve(damped, slope.T @ residuals))
+            step: Floats = np.asarray(np.linalg.solve(damped, slope.T @ residuals))
         except np.linalg.LinAlgError:
             raise NoPose("the dots do not determine the pose") from None
         moved = moved_by(pose, step)
@@ -64,11 +64,11 @@ def fit(model: Model, pose: Pose) -> Fit:
     raise NoPose(f"the fit has not ended after {_STEPS} steps")
 
 
-def _largest(values: Array) -> float:
+def _largest(values: Floats) -> float:
     return float(max(map(abs, values.tolist())))
 
 
-def moved_by(pose: Pose, step: Array) -> Pose:
+def moved_by(pose: Pose, step: Floats) -> Pose:
     """position + step[:3] and R(step[3:]) R; in plain floats, because this is done a dozen times an image."""
     x, y, z = step[3:].tolist()
     angle = math.sqrt(x * x + y * y + z * z)
@@ -93,7 +93,7 @@ def same_pose(pose: Pose, other: Fit) -> bool:
     return bool(step @ other.normal @ step < 1.0)
 
 
-def plain_model(dots: Array, rays: Array, sharpness: float) -> tuple[Model, Pose]:
+def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[Model, Pose]:
     """The pinhole model of points, and the pose whose plane has the homography of the dots' directions.
 
     A dot (x, y) seen in the direction (u, v, 1) says X - u Z = 0 and Y - v Z = 0, linear in the nine numbers
@@ -119,9 +119,9 @@ def plain_model(dots: Array, rays: Array, sharpness: float) -> tuple[Model, Pose
 class _Equations:
     """Residuals of the pinhole model: matrix (9, 9) times h = (r_1, r_2, t), and minus their derivatives (9, 6)."""
 
-    matrix: Array
+    matrix: Floats
 
-    def __call__(self, pose: Pose, slope: bool) -> tuple[Array, Array | None]:
+    def __call__(self, pose: Pose, slope: bool) -> tuple[Floats, Floats | None]:
         turn = pose.rotation
         residuals = self.matrix @ -np.concatenate([turn[:, 0], turn[:, 1], pose.position])
         (x, u, _), (y, v, _), (z, w, _) = turn.tolist()
@@ -130,7 +130,7 @@ class _Equations:
         return residuals, self.matrix @ moved
 
 
-def turned_over(pose: Pose, dots: Array) -> Pose:
+def turned_over(pose: Pose, dots: Floats) -> Pose:
     """The plane's other pose: depths along the line of sight to the dots' middle change their sign."""
     middle = np.append(dots.mean(axis=0), 0.0)
     center = pose.position + pose.rotation @ middle

@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.robot import Pose, transformed
+from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv
 from cpcal.vision.target import Target
 
-Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 _FINE = 4  # fine pixels in a pixel, each way
@@ -85,7 +85,7 @@ def exposed(share: npt.NDArray[np.float32], scene: Scene, *, bright: bool = True
     return image
 
 
-def contours(target: Target, camera: Camera, pose: Pose) -> Array:
+def contours(target: Target, camera: Camera, pose: Pose) -> Floats:
     """The images (n, 256, 2) of the dots' circles, pixels, counted along the circle; nan behind the camera."""
     angle = np.linspace(0.0, 2.0 * np.pi, _CONTOUR, endpoint=False)
     circle = target.radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
@@ -121,7 +121,7 @@ def _covered(
     return image
 
 
-def _fine_share(edge: Array, size: int) -> npt.NDArray[np.float32]:
+def _fine_share(edge: Floats, size: int) -> npt.NDArray[np.float32]:
     """The share of each fine pixel inside convex contours (m, points, 2), in pixels of patches: (m, fine, fine)."""
     out = np.empty((len(edge), size * _FINE, size * _FINE), dtype=np.float32)
     sides = np.arange(size * _FINE + 1) / _FINE - 0.5  # a patch's first pixel reaches from -0.5 to 0.5
@@ -137,7 +137,7 @@ def _fine_share(edge: Array, size: int) -> npt.NDArray[np.float32]:
     return out
 
 
-def _sides(points: Array, at: Array) -> tuple[Array, Array]:
+def _sides(points: Floats, at: Floats) -> tuple[Floats, Floats]:
     """Where a convex contour begins and ends on the lines y = at; an empty run where they miss it."""
     points = np.roll(points, -int(points[:, 1].argmin()), axis=0)
     closed = np.concatenate([points, points[:1]])

@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem, shown
+from cpcal.solver.arrays import Floats
 from cpcal.values import frozen_array
-
-Array = npt.NDArray[np.float64]
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
 MOST_LINES = 20  # identifying rows
@@ -37,7 +36,7 @@ class Target:
     """
 
     name: str
-    dots: Array
+    dots: Floats
     radius: float
     lines: tuple[tuple[int, ...], ...]
     bright: bool = True
@@ -52,7 +51,7 @@ class Target:
             raise InputError(problems)
 
     @staticmethod
-    def problems_of(dots: Array, radius: float, lines: tuple[tuple[int, ...], ...]) -> list[Problem]:
+    def problems_of(dots: Floats, radius: float, lines: tuple[tuple[int, ...], ...]) -> list[Problem]:
         """What keeps finite dots (n, 2) from being a target."""
         out: list[Problem] = []
         if not SMALLEST <= radius <= LARGEST:
@@ -81,7 +80,7 @@ class Target:
         return out
 
     @property
-    def points(self) -> Array:
+    def points(self) -> Floats:
         """The centres (n, 3) mm in the target frame."""
         return np.concatenate([self.dots, np.zeros((len(self.dots), 1))], axis=1)
 
@@ -96,14 +95,14 @@ class Target:
         return hash((self.name, len(self.dots), self.radius))
 
 
-def _overlapping(dots: Array, radius: float) -> Iterator[tuple[int, int]]:
+def _overlapping(dots: Floats, radius: float) -> Iterator[tuple[int, int]]:
     """Pairs of dots that are not farther apart than a diameter."""
     for i, dot in enumerate(dots[:-1]):
         near = np.linalg.norm(dots[i + 1 :] - dot, axis=1) <= 2.0 * radius
         yield from ((i, int(j)) for j in i + 1 + np.flatnonzero(near))
 
 
-def off_line(points: Array) -> float:
+def off_line(points: Floats) -> float:
     """The largest distance of points (n, 2) to the line through the first and the last."""
     along = points[-1] - points[0]
     length = float(np.linalg.norm(along))

@@ -23,10 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
+from cpcal.solver.arrays import Floats, Indices
 from cpcal.vision.target import Target, two_diagonals
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 
 _ROWS = (7, 6)  # dots
 _CHAINS = 200  # searches side by side, each from a start of its own
@@ -39,7 +37,7 @@ class Separation:
     """How well a target's rows are recognised, see the module: `least` of all, mm, and that of each signature (2k,)."""
 
     least: float
-    signatures: Array
+    signatures: Floats
 
 
 def separation(target: Target) -> Separation:
@@ -104,7 +102,7 @@ def design_target(
 class _Criterion:
     """The least separation of each signature of rows (chains, dots), whose places are given one row after the other."""
 
-    def __init__(self, rows: tuple[int, ...], grid: Array) -> None:
+    def __init__(self, rows: tuple[int, ...], grid: Floats) -> None:
         """`grid`: the coordinates (g, 4) of sequences of grid dots."""
         signatures: list[list[int]] = []
         others: list[list[int]] = []
@@ -118,7 +116,7 @@ class _Criterion:
         self.fours: Indices = np.array(signatures + others, dtype=np.intp)
         self.grid = _log_cross_ratio(grid)
 
-    def __call__(self, places: Array) -> Array:
+    def __call__(self, places: Floats) -> Floats:
         """(chains, dots) mm -> (chains, signatures) mm."""
         value, variance = _log_cross_ratio(places[:, self.fours])
         chains = len(places)
@@ -134,10 +132,10 @@ class _Criterion:
 class _Search:
     """Chains of places that move when that does not make their criterion worse."""
 
-    def __init__(self, criterion: _Criterion, places: Array, distance: float, rng: np.random.Generator) -> None:
+    def __init__(self, criterion: _Criterion, places: Floats, distance: float, rng: np.random.Generator) -> None:
         self.criterion, self.places, self.distance, self.rng = criterion, places, distance, rng
 
-    def best(self) -> Array:
+    def best(self) -> Floats:
         """(dots,) mm, each row from its first dot to its last."""
         at = self.start()
         score = self.score(at)
@@ -147,12 +145,12 @@ class _Search:
             new_score = self.score(new)
             better = new_score >= score
             at[better], score[better] = new[better], new_score[better]
-        found: Array = at[score.argmax()]
+        found: Floats = at[score.argmax()]
         return found
 
-    def start(self) -> Array:
+    def start(self) -> Floats:
         """A feasible start for each chain."""
-        found: list[Array] = []
+        found: list[Floats] = []
         for _ in range(200):
             drawn = self.sorted(self.rng.choice(self.places, (20 * _CHAINS, sum(_ROWS))))
             found += list(drawn[self.allowed(drawn)])
@@ -161,7 +159,7 @@ class _Search:
         what = f"has no room for rows of {_ROWS[0]} and {_ROWS[1]} dots"
         raise InputError([Problem("target", what, "give a larger side, smaller dots or a smaller least gap")])
 
-    def moved(self, at: Array, longest: float) -> Array:
+    def moved(self, at: Floats, longest: float) -> Floats:
         """Some dots of each chain shifted, to the nearest places there are."""
         step = self.rng.normal(size=at.shape) * longest * self.rng.random((len(at), 1)) ** 2
         share = self.rng.choice([1.0, 2.0, 4.0, 13.0], (len(at), 1)) / at.shape[1]
@@ -170,24 +168,24 @@ class _Search:
         low, high = self.places[right - 1], self.places[right]
         return self.sorted(np.where(new - low < high - new, low, high))
 
-    def sorted(self, at: Array) -> Array:
+    def sorted(self, at: Floats) -> Floats:
         return np.concatenate([np.sort(at[:, : _ROWS[0]]), np.sort(at[:, _ROWS[0] :])], axis=1)
 
-    def score(self, at: Array) -> Array:
+    def score(self, at: Floats) -> Floats:
         """The criterion (chains,), -1 where dots are too near each other."""
         allowed = self.allowed(at)
         out = np.full(len(at), -1.0)
         out[allowed] = self.criterion(at[allowed]).min(axis=1)
         return out
 
-    def allowed(self, at: Array) -> npt.NDArray[np.bool_]:
+    def allowed(self, at: Floats) -> npt.NDArray[np.bool_]:
         first, second = at[:, : _ROWS[0]], at[:, _ROWS[0] :]
         near = np.minimum(np.diff(first).min(axis=1), np.diff(second).min(axis=1))
         across = np.sqrt(np.min(first**2, axis=1) + np.min(second**2, axis=1))  # the diagonals meet at a right angle
         return np.asarray(np.minimum(near, across) >= self.distance - 1e-9)
 
 
-def _places(grid: Array, side: float, step: float, distance: float, off_rows: float) -> Array:
+def _places(grid: Floats, side: float, step: float, distance: float, off_rows: float) -> Floats:
     """Multiples of `step` along a diagonal inside the square, far enough from the grid's dots and rows."""
     count = int(0.5 * side * np.sqrt(2.0) / step)
     places = np.arange(-count, count + 1) * step
@@ -206,7 +204,7 @@ def _places(grid: Array, side: float, step: float, distance: float, off_rows: fl
     return np.asarray(places[out])
 
 
-def _grid_sequences(grid: Array) -> Array:
+def _grid_sequences(grid: Floats) -> Floats:
     """The coordinates (g, 4) of fours of neighbours, or nearly so, on the grid's lines; each pattern of gaps once."""
     lines = []
     for direction in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, -1.0)):
@@ -226,13 +224,13 @@ def _fours(count: int) -> list[tuple[int, ...]]:
     ]
 
 
-def _along(points: Array) -> Array:
+def _along(points: Floats) -> Floats:
     """The coordinates (n,) of collinear points (n, 2) from the first one towards the last."""
     direction = points[-1] - points[0]
     return np.asarray((points - points[0]) @ (direction / np.linalg.norm(direction)))
 
 
-def _log_cross_ratio(places: Array) -> tuple[Array, Array]:
+def _log_cross_ratio(places: Floats) -> tuple[Floats, Floats]:
     """log of the cross-ratio of rising coordinates (..., 4), and the squared length of its gradient, (...) each."""
     a, b, c, d = np.moveaxis(places, -1, 0)
     ac, bd, bc, ad = 1.0 / (c - a), 1.0 / (d - b), 1.0 / (c - b), 1.0 / (d - a)

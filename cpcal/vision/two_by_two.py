@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 
-def determinants(matrices: Array) -> Array:
+def determinants(matrices: Floats) -> Floats:
     """(..., 2, 2) -> (...)."""
     return np.asarray(matrices[..., 0, 0] * matrices[..., 1, 1] - matrices[..., 0, 1] * matrices[..., 1, 0])
 
 
-def eigenvalues(matrices: Array) -> Array:
+def eigenvalues(matrices: Floats) -> Floats:
     """(..., 2, 2) -> (..., 2), rising; exact to rounding of the larger one. That of a nan is nan."""
     xx, xy, yy = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 1]
     half, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
@@ -23,7 +22,7 @@ def eigenvalues(matrices: Array) -> Array:
     return out
 
 
-def inverses(matrices: Array) -> Array:
+def inverses(matrices: Floats) -> Floats:
     """(..., 2, 2) -> (..., 2, 2), of regular ones."""
     out = np.empty_like(matrices)
     out[..., 0, 0], out[..., 1, 1] = matrices[..., 1, 1], matrices[..., 0, 0]

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.app import app, selected
-from benchmarks.compare import differences, expectation, report
+from benchmarks.compare import LIBRARIES, compared, expectation, report
 from benchmarks.machine import machine
 from benchmarks.records import ANSWERED, FAILED, SKIPPED, TIMEOUT, Results, Run, load, save
 
@@ -55,10 +55,40 @@ def test_medians_and_failures() -> None:
 def test_a_comparison_flags_nodes_and_statuses_of_what_both_hold() -> None:
     moved = replace(RUNS[0], cpu=0.4, figures={**RUNS[0].figures, "nodes": 3})
     faster = replace(RUNS[-1], status=ANSWERED)
-    found = differences(results(RUNS[0], *RUNS[3:]), results(moved, faster, RUNS[4]))
-    assert [d.changes for d in found] == [["nodes 1 became 3"], ["timeout became answered"]]
-    assert found[0].ratio == pytest.approx(2.0)
-    assert "2 compared, 2 changed, CPU time 2.00 times the old" in report(found)
+    found = compared(results(RUNS[0], *RUNS[4:]), results(moved, faster, RUNS[4]))
+    assert [d.changes for d in found.pairs] == [["nodes 1 became 3"], ["timeout became answered"]]
+    assert found.pairs[0].ratio == pytest.approx(2.0)
+    assert not found.passed
+    assert "2 compared, 2 changed, 0 missing, CPU time 2.00 times the old" in report(found)
+
+
+def test_a_result_that_is_missing_or_was_not_asked_fails_the_comparison() -> None:
+    old, lacking = results(RUNS[0], RUNS[1]), results(RUNS[0])
+    skipped = results(RUNS[0], replace(RUNS[1], status=SKIPPED))
+    for new in (lacking, skipped):
+        found = compared(old, new)
+        assert found.missing == (RUNS[1].key,)
+        assert not found.passed
+        assert "1 missing" in report(found)
+    assert compared(lacking, old).passed  # more results are no failure
+
+
+def test_programs_may_change_with_the_libraries_and_nodes_may_not() -> None:
+    versions = dict.fromkeys(LIBRARIES, "1.0")
+    old = replace(results(RUNS[0]), machine=versions)
+    more = replace(RUNS[0], figures={**RUNS[0].figures, "programs": 61.0})
+    for machine_, passed in ((versions, False), (versions | {"scipy": "1.1"}, True), ({}, True)):
+        found = compared(old, replace(results(more), machine=machine_))
+        assert found.passed is passed
+        assert "programs 60 became 61" in report(found)
+    nodes = replace(RUNS[0], figures={**RUNS[0].figures, "nodes": 2.0})
+    assert not compared(old, replace(results(nodes), machine={})).passed
+
+
+def test_a_comparison_says_where_each_side_was_made() -> None:
+    sides = [replace(results(RUNS[0]), machine={"processor": name, "numpy": name}) for name in ("this", "that")]
+    text = report(compared(*sides))
+    assert "old: 2026-01-31, this, numpy this\nnew: 2026-01-31, that, numpy that\n" in text
 
 
 def test_an_expectation_holds_nodes_and_no_times(tmp_path: Path) -> None:
@@ -66,7 +96,8 @@ def test_an_expectation_holds_nodes_and_no_times(tmp_path: Path) -> None:
     kept = load(tmp_path / "e.json")
     assert [run.key[2] for run in kept.runs] == ["lifted"]
     assert math.isnan(kept.runs[0].cpu)
-    assert not differences(kept, results())[0].changes
+    assert not compared(kept, results()).pairs[0].changes
+    assert kept.machine == results().machine
 
 
 def test_commands_make_pages_and_compare(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from pathlib import Path
 
 import pytest
 
@@ -110,3 +111,16 @@ def test_the_tolerance_asked_about_is_on_the_safe_side_of_the_bracket() -> None:
     assert Task.named("refute-0.9").eps(1.0, 2.0) == 0.9
     assert Task.named("hull-1.1").eps(1.0, 2.0) == 2.2
     assert math.isclose(Task.named("sweep-10").eps(1.0, 2.0), 2.2)
+
+
+def test_a_family_of_problems_is_found_by_its_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    metadata = tmp_path / "shapes-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: shapes\nVersion: 1.0\n", encoding="utf-8")
+    points = "[cpcal.benchmark_problems]\ncircle = shapes:circle\n"
+    (metadata / "entry_points.txt").write_text(points, encoding="utf-8")
+    (tmp_path / "shapes.py").write_text("def circle(arguments, data): return (arguments, data)\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert problem("circle:2-x", tmp_path) == ("2-x", tmp_path)
+    with pytest.raises(ValueError, match=r"no problem is called 'square'; .*circle:\.\.\."):
+        problem("square")

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from cpcal import Campaign, InputError, LegResult, PluginError, Robot, Verdict, certify, simulate
 from cpcal.legs import residuals
 from cpcal.robot import rotation_matrix
 from cpcal.simulate import true_robot
-
-Floats = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 
 def without_sets(campaign: Campaign) -> Campaign:

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from benchmarks.vision_scenes import facing_poses, one
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
+from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import centers_of, predict, predicted_centers
 from cpcal.vision.render import contours
 from cpcal.vision.target import DELTALAB_TARGET
 
-Array = npt.NDArray[np.float64]
 DOTS, RADIUS = DELTALAB_TARGET.dots, DELTALAB_TARGET.radius
 
 
-def conic_centers(contour: Array) -> Array:
+def conic_centers(contour: Floats) -> Floats:
     """Centres of the algebraic least-squares conics through (n, points, 2), in coordinates where each is a circle."""
     mean = contour.mean(axis=1, keepdims=True)
     moved = contour - mean
@@ -47,17 +46,17 @@ def test_without_distortion_it_is_exact() -> None:
     assert np.abs(predicted_centers(DELTALAB_TARGET, straight, pose) - wanted).max() < 1e-9
 
 
-def moved(pose: Pose, by: Array) -> Pose:
+def moved(pose: Pose, by: Floats) -> Pose:
     turn = quaternion_from_rotation_vector(by[3:])
     return Pose(pose.position + by[:3], quaternion_product(turn, pose.quaternion))
 
 
-def lens(numbers: Array) -> Camera:
+def lens(numbers: Floats) -> Camera:
     return Camera(1024, 768, numbers[:2], numbers[2:4], numbers[4:])
 
 
 @pytest.mark.parametrize("distortion", [DELTALAB_CAMERA.distortion, np.array([-0.25, 0.11, 2e-3, -3e-3, 0.05])])
-def test_the_derivatives_are_exact(distortion: Array) -> None:
+def test_the_derivatives_are_exact(distortion: Floats) -> None:
     rng = np.random.default_rng(2)
     camera = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, distortion)
     numbers = np.concatenate([camera.focal, camera.center, camera.distortion])

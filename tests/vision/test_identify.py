@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from benchmarks.vision_accuracy import KINDS, spoiled
 from benchmarks.vision_scenes import facing_poses, found_dots, one
+from cpcal.solver.arrays import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import centers_of, predicted_centers
 from cpcal.vision.identify import Identification, Unidentified, identify
@@ -15,14 +15,12 @@ from cpcal.vision.identify.identify import ACCIDENTS, MARGIN
 from cpcal.vision.identify.symmetry import self_maps
 from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 SMALL = two_diagonals(
     "small", (-70.0, -55.0, -20.0, 15.0, 50.0, 70.0), (-70.0, 5.0, 30.0, 55.0, 70.0), 110.0, 20.0, 4.0
 )
 
 
-def lists(target: Target, count: int, seed: int, kind: str = "none", noise: float = 0.02) -> list[tuple[Array, Ints]]:
+def lists(target: Target, count: int, seed: int, kind: str = "none", noise: float = 0.02) -> list[tuple[Floats, Ints]]:
     rng = np.random.default_rng(seed)
     poses = facing_poses(rng, count)
     scale = np.abs(target.dots).max() / np.abs(DELTALAB_TARGET.dots).max()
@@ -32,7 +30,7 @@ def lists(target: Target, count: int, seed: int, kind: str = "none", noise: floa
     ]
 
 
-def checked(centers: Array, labels: Ints, target: Target, camera: Camera | None = DELTALAB_CAMERA) -> Identification:
+def checked(centers: Floats, labels: Ints, target: Target, camera: Camera | None = DELTALAB_CAMERA) -> Identification:
     found = identify(centers, target, camera, size=(1024, 768))
     assert np.array_equal(labels[found.found], found.numbers)
     return found
@@ -82,7 +80,7 @@ def test_the_lens_may_be_unknown() -> None:
             assert len(found.found) > 0.9 * (labels >= 0).sum()
 
 
-def reason(centers: Array, target: Target = DELTALAB_TARGET) -> str:
+def reason(centers: Floats, target: Target = DELTALAB_TARGET) -> str:
     with pytest.raises(Unidentified) as refusal:
         identify(centers, target, DELTALAB_CAMERA)
     return str(refusal.value)

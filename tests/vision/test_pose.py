@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from benchmarks.vision_accuracy import pose_error
 from benchmarks.vision_scenes import FACING, facing_poses, one
 from cpcal.errors import InputError
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
+from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.pose import PoseEstimate, estimate_pose
 from cpcal.vision.pose_fit import NoPose
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
-Array = npt.NDArray[np.float64]
 ALL = np.arange(len(DELTALAB_TARGET.dots))
 
 
-def estimated(centers: Array, sigma: float, numbers: Array = ALL, camera: Camera = DELTALAB_CAMERA) -> PoseEstimate:
+def estimated(centers: Floats, sigma: float, numbers: Floats = ALL, camera: Camera = DELTALAB_CAMERA) -> PoseEstimate:
     return estimate_pose(centers, sigma**2 * np.tile(np.eye(2), (len(centers), 1, 1)), numbers, DELTALAB_TARGET, camera)
 
 

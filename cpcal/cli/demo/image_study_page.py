@@ -8,6 +8,8 @@ from pathlib import PurePosixPath
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
+
 from cpcal.cli.detect import by_reason
 from cpcal.cli.demo.image_study import Photographed
 from cpcal.report.images import ImagesFound, Picture, picture
@@ -18,7 +20,6 @@ from cpcal.vision.files.detection import POSITION, QUATERNION, SIGMA, values_of
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.overlay import overlay
 
-Array = npt.NDArray[np.float64]
 
 PAPER_PACE = 14_784 / (3 * 3600.0)  # images a second
 _PICTURES, _WIDTH = 6, 480
@@ -81,7 +82,7 @@ def _errors(done: Photographed) -> TextTable:
     return TextTable(head, tuple(rows))
 
 
-def _pose_errors(values: Array, table: PoseTable, rows: list[int]) -> Array:
+def _pose_errors(values: Floats, table: PoseTable, rows: list[int]) -> Floats:
     """(m, 6): mm, and rad of the rotation vector in the camera frame."""
     turn = quaternion_product(values[:, QUATERNION], quaternion_conjugate(table.quaternion[rows]))
     return np.concatenate([values[:, POSITION] - table.position[rows], rotation_vector(turn)], axis=1)

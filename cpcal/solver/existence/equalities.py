@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.solver.arrays import Bools, Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
 from cpcal.solver.network.dag import leaves
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.point import Point
-
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -18,14 +18,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import qr
 
+from cpcal.solver.arrays import Indices
 from cpcal.solver.existence.equalities import Linearization
 from cpcal.solver.interval import Arithmetic, IntervalArray
-
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 
 # (engine, linearised equations (m of them), unknowns (m,), box (n,)) -> box (n,); None: no inverse
 Operator = Callable[[Arithmetic, Linearization, Indices, IntervalArray], IntervalArray | None]

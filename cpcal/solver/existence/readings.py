@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
 from cpcal.solver.network.dag import leaves
 from cpcal.solver.network.rows import Extremes
-
-Floats = npt.NDArray[np.float64]
 
 
 class ReadingConstraint:

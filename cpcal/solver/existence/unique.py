@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.errors import ModelError
+from cpcal.solver.arrays import Floats
 from cpcal.solver.existence.equalities import Equalities
 from cpcal.solver.existence.inside import Inside
 from cpcal.solver.existence.operators import Operator, hansen_sengupta, inside, krawczyk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
-
-Floats = npt.NDArray[np.float64]
 
 _POLISH = 12  # Newton steps in floating point before anything is proved
 _AROUND = 4  # inflations of a box

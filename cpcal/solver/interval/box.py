@@ -222,24 +222,6 @@ class Box:
         longest = max(map(len, self.names))
         return "\n".join(f"{name:<{longest}} in {self[name]}" for name in self.names)
 
-    def to_json(self) -> dict[str, Any]:
-        """Bounds as `float.hex` text; `"empty": true` in their place for the empty box."""
-        if self.is_empty:
-            return {"names": list(self.names), "empty": True}
-        lo, hi = ([float(bound).hex() for bound in bounds] for bounds in (self.lo, self.hi))
-        return {"names": list(self.names), "lo": lo, "hi": hi}
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Box:
-        """The inverse of `to_json`."""
-        try:
-            if data.get("empty") is True:
-                return cls.empty(data["names"])
-            lo, hi = (np.array([float.fromhex(text) for text in data[key]]) for key in ("lo", "hi"))
-            return cls(data["names"], lo, hi)
-        except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
-            raise ModelError(f"not a box: {error!r}; give names, lo, hi, or names, empty: true") from error
-
 
 def checked_name(name: object) -> str:
     """The name of a variable, which is printed as it is: visible characters, no space at its ends. ModelError."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 from numbers import Rational
-from typing import Any, ClassVar, NoReturn
+from typing import ClassVar, NoReturn
 
 import numpy as np
 
@@ -63,11 +63,6 @@ class Interval:
     def empty(cls) -> Interval:
         """The interval without points; its bounds are NaN."""
         return cls._raw(math.nan, math.nan)
-
-    @classmethod
-    def entire(cls) -> Interval:
-        """All real numbers."""
-        return cls._raw(-math.inf, math.inf)
 
     @property
     def is_empty(self) -> bool:
@@ -199,21 +194,6 @@ class Interval:
         lo = str(self.lo) if math.isinf(self.lo) else rounded_down(self.lo, decimals)
         hi = str(self.hi) if math.isinf(self.hi) else rounded_up(self.hi, decimals)
         return f"[{lo}, {hi}]"
-
-    def to_json(self) -> list[str] | str:
-        """Bounds as `float.hex` text, or "empty"."""
-        return "empty" if self.is_empty else [self.lo.hex(), self.hi.hex()]
-
-    @classmethod
-    def from_json(cls, data: Any) -> Interval:
-        """The inverse of `to_json`."""
-        if data == "empty":
-            return cls.empty()
-        try:
-            lo, hi = map(float.fromhex, data)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise ModelError(f"{data!r} is no interval: give two hexadecimal floats, or 'empty'") from error
-        return cls(lo, hi)
 
 
 def _interval(array: IntervalArray) -> Interval:

@@ -10,11 +10,9 @@ whatever the solver that proposed y did. With c = 0 a positive value proves that
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray
-
-Floats = npt.NDArray[np.float64]
 
 
 def lower_bound(

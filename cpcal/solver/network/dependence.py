@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 
+from cpcal.solver.arrays import Indices
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.sweep import Tape
-
-Integers = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -21,7 +19,7 @@ class Owners:
     `exclusive` is False when some component enters two elements: then one value of it must serve both.
     """
 
-    element: dict[int, Integers]
+    element: dict[int, Indices]
     exclusive: bool
 
 
@@ -62,7 +60,7 @@ def _dependence(tape: Tape, first: dict[int, int], count: int) -> list[sparse.cs
     return out
 
 
-def _reaches(node: Expr, arg: Expr) -> tuple[Integers, Integers]:
+def _reaches(node: Expr, arg: Expr) -> tuple[Indices, Indices]:
     """Pairs (element of the node, element of its argument that it is computed from)."""
     positions = np.arange(_size(arg)).reshape(arg.shape)
     if node.op == "index":

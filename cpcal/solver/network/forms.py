@@ -15,9 +15,9 @@ from functools import reduce
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.errors import ModelError
+from cpcal.solver.arrays import Bools, Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
@@ -26,8 +26,6 @@ from cpcal.solver.network.reverse import Partials, Reverse
 from cpcal.solver.network.slopes import Pair, slope
 from cpcal.solver.network.sweep import Slots, Tape
 
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 FormName = Literal["natural", "centred", "slope", "tightest"]
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network.dependence import owners
 from cpcal.solver.network.expression import Expr
@@ -16,7 +17,6 @@ from cpcal.solver.network.point import Point
 from cpcal.solver.network.rewrite import one_sided_rows
 from cpcal.solver.network.sweep import Slots, Tape
 
-Floats = npt.NDArray[np.float64]
 Readings = dict[int, IntervalArray]
 
 

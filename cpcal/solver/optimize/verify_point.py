@@ -7,22 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.arrays import Bools, Floats
 from cpcal.solver.existence import ReadingConstraint, reads, upper_ends
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Tape, one_sided_rows
 from cpcal.solver.network.monotone import DecisiveReadings
 from cpcal.solver.network.rewrite import ReadingSets, Row
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
-
 
 @dataclass(frozen=True)
 class PointVerdicts:
     """For each element (along the constraints' leading axis, N of them): proved to hold, proved to fail, or neither."""
 
-    holds: Flags
-    fails: Flags
+    holds: Bools
+    fails: Bools
 
 
 def verify_point(network: ConstraintNetwork, point: npt.ArrayLike, engine: Arithmetic) -> PointVerdicts:
@@ -51,7 +49,7 @@ def verify_point(network: ConstraintNetwork, point: npt.ArrayLike, engine: Arith
 
 def _holds(
     network: ConstraintNetwork, constraint: Constraint, engine: Arithmetic, box: IntervalArray, x: Floats
-) -> tuple[Flags, Flags]:
+) -> tuple[Bools, Bools]:
     """Elements that hold for some reading, and those that hold for all."""
     tape = Tape(network, [constraint.body - constraint.upper, constraint.lower - constraint.body])
     slots = tape.forward(engine, box)
@@ -82,7 +80,7 @@ def _over_readings(
     return np.broadcast_to(lowest.ravel(), (int(np.prod(row.expr.shape)),))
 
 
-def _by_row(flags: Flags, constraint: Constraint, count: int, *, every: bool) -> Flags:
+def _by_row(flags: Bools, constraint: Constraint, count: int, *, every: bool) -> Bools:
     """For each of `count` rows, whether every (or any) element of the constraint there has its flag set."""
     if not constraint.body.shape:
         return np.full(count, flags[0])

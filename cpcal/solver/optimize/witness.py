@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
 from cpcal.solver.existence import ReadingConstraint, highest, reads
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Tape
-
-Floats = npt.NDArray[np.float64]
 
 _TRIES = 60
 

@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
-
-Floats = npt.NDArray[np.float64]
 
 
 def bisect(box: Box, component: int) -> tuple[Box, ...]:

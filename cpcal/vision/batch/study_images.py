@@ -21,8 +21,6 @@ from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene, render
 from cpcal.vision.target import Target
 
-Array = npt.NDArray[np.float64]
-
 MEAN = "mean"  # the name of an image that is the mean of a run's others
 _AIM = (0.0, 0.0, 350.0)  # mm, base frame: where the DeltaLab platform is, in the middle of its strokes
 

@@ -18,10 +18,9 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product
+from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
-
-Array = npt.NDArray[np.float64]
 
 _DAMPING = 1e-4  # at first, of the diagonal
 _DAMPING_MAX = 1e12
@@ -33,8 +32,8 @@ _NEARLY_SETTLED = 1e-3  # with a loss, whose scale is to change anyway
 class Found:
     """What was found: centers (v, n, 2) px of each target dot in each view; weight (v, n, 2, 2) px^-2, 0: not used."""
 
-    centers: Array
-    weight: Array
+    centers: Floats
+    weight: Floats
 
     @property
     def used(self) -> npt.NDArray[np.bool_]:
@@ -53,17 +52,17 @@ class State:
 
     camera: Camera
     poses: Pose
-    dots: Array
+    dots: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Free:
     """Which of the shared parameters move: `basis` (9 + 2n, k), whose columns are steps of camera and dots."""
 
-    basis: Array
+    basis: Floats
 
     @classmethod
-    def of(cls, camera: npt.NDArray[np.bool_], dots: Array, moving: npt.NDArray[np.bool_]) -> Free:
+    def of(cls, camera: npt.NDArray[np.bool_], dots: Floats, moving: npt.NDArray[np.bool_]) -> Free:
         """`camera` (9,) which of its numbers move; `moving` (n,) which dots do."""
         intrinsic = np.eye(9)[:, camera]
         basis = np.zeros((9 + 2 * len(dots), 0))
@@ -82,13 +81,13 @@ class Normal:
     """The normal equations at a state."""
 
     cost: float
-    shared: Array  # A (s, s)
-    shared_side: Array  # a (s,)
-    mixed: Array  # B (v, 6, s)
-    poses: Array  # C (v, 6, 6)
-    poses_side: Array  # c (v, 6)
+    shared: Floats  # A (s, s)
+    shared_side: Floats  # a (s,)
+    mixed: Floats  # B (v, 6, s)
+    poses: Floats  # C (v, 6, 6)
+    poses_side: Floats  # c (v, 6)
 
-    def reduced(self, free: Free, damping: float = 0.0) -> tuple[Array, Array]:
+    def reduced(self, free: Free, damping: float = 0.0) -> tuple[Floats, Floats]:
         """S (k, k) and its right side (k,), on the parameters that move."""
         damped = self.poses + damping * self.poses * np.eye(6)
         solved = np.linalg.solve(damped, np.concatenate([self.mixed, self.poses_side[..., None]], axis=2))
@@ -126,13 +125,13 @@ def adjusted(
     return state, False
 
 
-def residuals(state: State, found: Found, radius: float) -> Array:
+def residuals(state: State, found: Found, radius: float) -> Floats:
     """Found minus predicted, (v, n, 2) px; nan where a dot is not used."""
     off = found.centers - centers_of(state.dots, radius, state.camera, state.poses)
     return np.where(found.used[..., None], off, np.nan)
 
 
-def squares(off: Array, weight: Array) -> Array:
+def squares(off: Floats, weight: Floats) -> Floats:
     """r' weight r (v, n) of residuals (v, n, 2); nan stays nan."""
     return np.asarray(np.einsum("vni,vnij,vnj->vn", off, weight, off))
 
@@ -182,7 +181,7 @@ def _cost(state: State, found: Found, radius: float, loss: float | None) -> floa
     return _total(squares(np.where(found.used[..., None], off, 0.0), found.weight), loss)
 
 
-def _total(square: Array, loss: float | None) -> float:
+def _total(square: Floats, loss: float | None) -> float:
     return float(square.sum() if loss is None else loss**2 * np.log1p(square / loss**2).sum())
 
 
@@ -202,7 +201,7 @@ def _moved(state: State, normal: Normal, free: Free, damping: float) -> State | 
     return State(camera, poses, state.dots + step[9:].reshape(-1, 2))
 
 
-def _similarities(dots: Array) -> Array:
+def _similarities(dots: Floats) -> Floats:
     """Steps (2n, 4) of dots (n, 2) that shift, turn or scale them all."""
     x, y = dots[:, 0] - dots[:, 0].mean(), dots[:, 1] - dots[:, 1].mean()
     one, zero = np.ones_like(x), np.zeros_like(x)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from cpcal.errors import CpcalError, InputError, Problem
 from cpcal.robot import Pose
+from cpcal.solver.arrays import Floats
 from cpcal.vision.calibration.adjustment import Found, State
 from cpcal.vision.calibration.camera_fit import DOTS_MIN, Fit, covariance, excess, robust_fit
 from cpcal.vision.calibration.start import first_camera, first_pose, homography_rms
@@ -18,8 +19,6 @@ from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.files.camera_file import CameraRecord
 from cpcal.vision.homography import fitted
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
 
 _VIEWS_MIN = 3
 _HOMOGRAPHY_LIMIT = 0.02  # of the image's longer side: no lens bends a plane's dots so much, they are mistaken
@@ -38,8 +37,8 @@ class TargetView(NamedTuple):
     name        for messages
     """
 
-    centers: Array
-    covariance: Array
+    centers: Floats
+    covariance: Floats
     numbers: npt.NDArray[np.intp]
     name: str = ""
 
@@ -60,7 +59,7 @@ class CalibratedView:
     name: str
     reason: str
     pose: Pose | None
-    residuals: Array
+    residuals: Floats
 
     @property
     def used(self) -> npt.NDArray[np.bool_]:
@@ -87,15 +86,15 @@ class Calibration:
     """
 
     camera: Camera
-    covariance: Array
+    covariance: Floats
     rms: float
     scale: float
     views: tuple[CalibratedView, ...]
     target: Target
-    dot_errors: Array
+    dot_errors: Floats
 
     @property
-    def standard_errors(self) -> Array:
+    def standard_errors(self) -> Floats:
         """(9,) of fx, fy, cx, cy (pixels), k1, k2, p1, p2, k3."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
@@ -113,7 +112,7 @@ class Calibration:
 
 
 def calibrate_camera(
-    views: Sequence[TargetView | tuple[Array, Array, npt.NDArray[np.intp]]],
+    views: Sequence[TargetView | tuple[Floats, Floats, npt.NDArray[np.intp]]],
     target: Target,
     size: tuple[int, int],
     *,
@@ -156,7 +155,7 @@ def calibrate_camera(
     )
 
 
-def _named(row: int, view: TargetView | tuple[Array, Array, npt.NDArray[np.intp]]) -> TargetView:
+def _named(row: int, view: TargetView | tuple[Floats, Floats, npt.NDArray[np.intp]]) -> TargetView:
     centers, covariance, numbers, *name = view
     floats = [np.asarray(values, dtype=np.float64) for values in (centers, covariance)]
     return TargetView(floats[0], floats[1], np.asarray(numbers), str(name[0]) if name and name[0] else f"view {row}")
@@ -235,7 +234,7 @@ def _enough(count: int, reasons: dict[int, str], views: list[TargetView]) -> Non
     raise NotCalibratedError(f"{what}; at least {_VIEWS_MIN} and half of those given are needed{said}")
 
 
-def _determined(camera: Camera, spread: Array) -> None:
+def _determined(camera: Camera, spread: Floats) -> None:
     errors = np.sqrt(np.diag(spread)[:4])
     largest = float((errors / np.repeat(camera.focal.mean(), 4)).max())
     if not largest <= _ERROR_MAX:
@@ -257,5 +256,5 @@ def _results(views: list[TargetView], fit: Fit, reasons: dict[int, str]) -> tupl
     return tuple(out)
 
 
-def _rms(residuals: Array) -> float:
+def _rms(residuals: Floats) -> float:
     return float(np.sqrt(np.nanmean(residuals**2))) if np.isfinite(residuals).any() else float("nan")

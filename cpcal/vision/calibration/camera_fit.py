@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.robot import Pose
+from cpcal.solver.arrays import Floats
 from cpcal.vision.calibration.adjustment import Found, Free, State, adjusted, normal_equations, residuals, squares
-
-Array = npt.NDArray[np.float64]
 
 DOTS_MIN = 8  # in a view
 SIGHTINGS_MIN = 3  # of a dot that is refined
@@ -35,18 +34,18 @@ class Fit:
     rows: npt.NDArray[np.intp]
     found: Found
     state: State
-    dots: Array  # (n, 2) mm, as stated
+    dots: Floats  # (n, 2) mm, as stated
     radius: float
     free_camera: npt.NDArray[np.bool_]
     refine: bool
     settled: bool = False
     plain: bool = False  # whether by least squares, and of all dots that are used
 
-    def residuals(self) -> Array:
+    def residuals(self) -> Floats:
         """(v, n, 2) pixels, nan where a dot is not used."""
         return residuals(self.state, self.found, self.radius)
 
-    def normalised(self) -> Array:
+    def normalised(self) -> Floats:
         """The residuals' lengths (v, n) in stated standard deviations."""
         return np.sqrt(squares(self.residuals(), self.found.weight))
 
@@ -92,7 +91,7 @@ def robust_fit(fit: Fit) -> tuple[Fit, list[int]]:
     return fit, sorted(set(everything.tolist()) - set(fit.rows.tolist()))
 
 
-def covariance(fit: Fit) -> Array | None:
+def covariance(fit: Fit) -> Floats | None:
     """Of camera and dots (9 + 2n, 9 + 2n), by the stated covariances; None where the views leave it open."""
     free = fit.free()
     normal = normal_equations(fit.state, fit.found, fit.radius)
@@ -129,7 +128,7 @@ def _robustly(fit: Fit) -> Fit:
     return fit
 
 
-def _scale(length: Array) -> float:
+def _scale(length: Floats) -> float:
     """The robust standard deviation of residuals, as a multiple of those stated."""
     return max(float(np.nanmedian(length)) / _MEDIAN, _SCALE_MIN)
 

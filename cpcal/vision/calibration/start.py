@@ -7,24 +7,22 @@ the image, r1.r2 = 0 and |r1| = |r2| are two linear equations a view in (1 / fx^
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.robot import Pose, quaternion_from_matrix
+from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.homography import mapped
-
-Array = npt.NDArray[np.float64]
 
 _FOCAL_RANGE = (0.2, 20.0)  # of the image's longer side: else the equations say nothing
 
 
-def homography_rms(matrix: Array, dots: Array, centers: Array) -> float:
+def homography_rms(matrix: Floats, dots: Floats, centers: Floats) -> float:
     """How far, in pixels per axis, a homography (3, 3) is from taking dots (m, 2) to centers (m, 2)."""
     off = mapped(matrix, dots) - centers
     return float(np.sqrt(np.mean(off**2))) if np.isfinite(off).all() else np.inf
 
 
-def first_camera(homographies: Array, size: tuple[int, int]) -> Camera:
+def first_camera(homographies: Floats, size: tuple[int, int]) -> Camera:
     """A pinhole camera without distortion for images of `size` (width, height), from homographies (v, 3, 3)."""
     width, height = size
     center = np.array([0.5 * (width - 1), 0.5 * (height - 1)])
@@ -38,7 +36,7 @@ def first_camera(homographies: Array, size: tuple[int, int]) -> Camera:
     return Camera(width, height, unit * np.resize(focal, 2), center, np.zeros(5))
 
 
-def first_pose(matrix: Array, camera: Camera) -> Pose:
+def first_pose(matrix: Floats, camera: Camera) -> Pose:
     """The pose of the target in the frame of a camera without distortion, from its homography."""
     k = np.array([[camera.focal[0], 0, camera.center[0]], [0, camera.focal[1], camera.center[1]], [0, 0, 1.0]])
     columns = np.linalg.solve(k, matrix)
@@ -49,7 +47,7 @@ def first_pose(matrix: Array, camera: Camera) -> Pose:
     return Pose(columns[:, 2], quaternion_from_matrix(np.stack([x, y, np.cross(x, y)], axis=1)))
 
 
-def _focal(left: Array, right: Array) -> tuple[float, ...] | None:
+def _focal(left: Floats, right: Floats) -> tuple[float, ...] | None:
     inverse_squares = np.linalg.lstsq(left, right, rcond=None)[0]
     if not (inverse_squares > 0.0).all():
         return None

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
 from cpcal.vision.dots.edge_model import PARAMETERS, depths, monomials, normal_equations
 from cpcal.vision.dots.grey import Grey
 from cpcal.vision.two_by_two import determinants, eigenvalues, inverses
 
-Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
 
 OUTSIDE = 3.0  # pixels beyond the edge that take part
@@ -48,14 +48,14 @@ class Edges:
     variance    (n,) of the grey levels that took part
     """
 
-    center: Array
-    conic: Array
-    covariance: Array
-    back: Array
-    contrast: Array
-    blur: Array
-    noise: Array
-    variance: Array
+    center: Floats
+    conic: Floats
+    covariance: Floats
+    back: Floats
+    contrast: Floats
+    blur: Floats
+    noise: Floats
+    variance: Floats
 
     def kept(self, members: npt.NDArray[Any]) -> Edges:
         return Edges(*(getattr(self, field.name)[members] for field in fields(self)))
@@ -68,7 +68,7 @@ class Edges:
         return Edges(*arrays)
 
     @cached_property
-    def axes(self) -> Array:
+    def axes(self) -> Floats:
         """(n, 2) semi-axes, pixels, the longer first."""
         conic = np.where(np.isfinite(self.conic), self.conic, np.eye(2))
         axes = 1.0 / np.sqrt(np.maximum(eigenvalues(conic), 1e-12))
@@ -76,18 +76,18 @@ class Edges:
         return axes
 
     @property
-    def fullness(self) -> Array:
+    def fullness(self) -> Floats:
         """(n,) the share of the contrast that a dot's middle reaches, for circles."""
         return np.asarray(1.0 - np.exp(-0.5 * self.axes.prod(axis=1) / self.blur**2))
 
     @property
-    def extent(self) -> Array:
+    def extent(self) -> Floats:
         """(n, 2) half the sides of the upright box around the ellipse, pixels."""
         xx, xy, yy = self.conic[:, 0, 0], self.conic[:, 0, 1], self.conic[:, 1, 1]
         return np.sqrt(np.stack([yy, xx], axis=1) / (xx * yy - xy * xy)[:, None])
 
 
-def fitted_edges(grey: Grey, center: Array, spread: Array, room: Array, light: Array) -> Edges:
+def fitted_edges(grey: Grey, center: Floats, spread: Floats, room: Floats, light: Floats) -> Edges:
     """The blurred ellipses next to those of `center` (n, 2) and second moments `spread` (n, 2, 2), pixels; `room` (n,)
     pixels beyond the edge are the dot's own; `light` (n, 2) the share by which it grows per pixel, nan where each dot
     has to tell itself. Where the fit fails the numbers are nan."""
@@ -99,7 +99,7 @@ def fitted_edges(grey: Grey, center: Array, spread: Array, room: Array, light: A
     return Edges(out[:, :2], conic, covariance, *out[:, [5, 6, 7, 11, 12]].T)
 
 
-def _parts(long: Array) -> list[npt.NDArray[np.int64]]:
+def _parts(long: Floats) -> list[npt.NDArray[np.int64]]:
     """The dots of one go each: of about one size, and not too many."""
     order = np.argsort(long, kind="stable")
     parts = []
@@ -112,7 +112,7 @@ def _parts(long: Array) -> list[npt.NDArray[np.int64]]:
     return parts
 
 
-def _stencil(axes: Array) -> npt.NDArray[np.int64]:
+def _stencil(axes: Floats) -> npt.NDArray[np.int64]:
     """The pixels (k, 2) relative to the centre's that some of these ellipses need; every third one comes first."""
     far, near = axes[:, 1].max() + OUTSIDE + 0.7, axes[:, 0].min() - INSIDE - 0.7
     ticks = np.arange(-int(far) - 1, int(far) + 2)
@@ -128,7 +128,7 @@ class _Fit:
     dot's first centre."""
 
     def __init__(
-        self, grey: Grey, stencil: npt.NDArray[np.int64], center: Array, spread: Array, room: Array, light: Array
+        self, grey: Grey, stencil: npt.NDArray[np.int64], center: Floats, spread: Floats, room: Floats, light: Floats
     ) -> None:
         self.at = np.rint(center).astype(np.int64)
         self.level, inside = _levels(grey, self.at, stencil)
@@ -165,7 +165,7 @@ class _Fit:
         count = np.maximum(weight.sum(axis=1), 1.0)
         self.variance = np.einsum("nk,nk->n", off, off) / count - (off.sum(axis=1) / count) ** 2
 
-    def run(self) -> Array:
+    def run(self) -> Floats:
         for _ in range(_ROUGH_STEPS):
             moved, *_ = self._step(self.rough)
             if not (moved > _ROUGH).any():
@@ -177,7 +177,7 @@ class _Fit:
         self.alive &= moved <= _FINE
         return self._result(normal, squares)
 
-    def _step(self, count: int) -> tuple[Array, Array, Array]:
+    def _step(self, count: int) -> tuple[Floats, Floats, Floats]:
         """A Gauss-Newton step on the first `count` pixels: how far (n,) pixels the centres of those alive moved, the
         normal matrix, and the sum (n,) of squared residuals after the step, to first order."""
         table, level, weight = self.table[:, :count], self.level[:, :count], self.weight[:, :count]
@@ -188,7 +188,7 @@ class _Fit:
         moved = np.where(self.alive, np.abs(step[:, :2]).max(axis=1) * self.unit, 0.0)
         return moved, normal, squares - (right * step).sum(axis=1)
 
-    def _take(self, step: Array) -> None:
+    def _take(self, step: Floats) -> None:
         limit = _LIMIT[: self.used]
         self.p[:, : self.used] += np.where(self.alive[:, None], np.clip(step, -limit, limit), 0.0)
         p = self.p
@@ -197,7 +197,7 @@ class _Fit:
         self.alive &= sound
         p[~self.alive] = [0, 0, 1, 0, 1, 0, 0, 0, 0, 0]
 
-    def _result(self, normal: Array, squares: Array) -> Array:
+    def _result(self, normal: Floats, squares: Floats) -> Floats:
         count = self.weight.sum(axis=1, dtype=np.float64)
         variance = np.maximum(squares, 0.0) / np.maximum(count - self.used, 1.0)
         self.alive &= count > 2 * PARAMETERS
@@ -233,11 +233,11 @@ def _levels(
     return grey.ravel()[index].astype(np.float32), inside
 
 
-def _column(values: Array) -> Single:
+def _column(values: Floats) -> Single:
     return values[:, None].astype(np.float32)
 
 
-def _scaled(normal: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+def _scaled(normal: Floats) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
     """Normal matrices with a unit diagonal, the scale, and where they are regular."""
     scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
     unit = normal / (scale[:, :, None] * scale[:, None, :])
@@ -247,7 +247,7 @@ def _scaled(normal: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
     return unit, scale, fine
 
 
-def _inverse(normal: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _inverse(normal: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """The inverse matrices' first two columns (n, m, 2), and where they are regular."""
     unit, scale, fine = _scaled(normal)
     first = np.broadcast_to(np.eye(unit.shape[1])[:, :2], (*unit.shape[:2], 2))
@@ -255,7 +255,7 @@ def _inverse(normal: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
     return columns / (scale[:, :, None] * scale[:, None, :2]), fine
 
 
-def _solved(normal: Array, right: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _solved(normal: Floats, right: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
     unit, scale, fine = _scaled(normal)
     step = np.linalg.solve(unit, (right / scale)[..., None])[..., 0] / scale
     fine &= np.isfinite(step).all(axis=1)

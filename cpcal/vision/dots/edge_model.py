@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
+
 Single = npt.NDArray[np.float32]
 
 PARAMETERS = 10
@@ -29,7 +30,7 @@ _HIGHER = [*_POWERS, (3, 0), (2, 1), (1, 2), (0, 3), (4, 0), (3, 1), (2, 2), (1,
 _PRODUCT = np.array([[_HIGHER.index((a + c, b + d)) for c, d in _POWERS] for a, b in _POWERS])
 
 
-def monomials(x: Array, y: Array) -> Single:
+def monomials(x: Floats, y: Floats) -> Single:
     """The table (15, k) of the monomials up to the fourth degree of pixels (k,)."""
     xs, ys = ([np.ones_like(x)] for _ in "xy")
     for _ in range(4):
@@ -38,14 +39,14 @@ def monomials(x: Array, y: Array) -> Single:
     return np.stack([xs[a] * ys[b] for a, b in _HIGHER]).astype(np.float32)
 
 
-def depths(parameters: Array, table: Single) -> Single:
+def depths(parameters: Floats, table: Single) -> Single:
     """The signed distances (n, k) of pixels inside the ellipses, to first order (exact for circles)."""
     return _depths(parameters, table)[0]
 
 
 def normal_equations(
-    parameters: Array, table: Single, level: Single, weight: Single, used: int
-) -> tuple[Array, Array, Array]:
+    parameters: Floats, table: Single, level: Single, weight: Single, used: int
+) -> tuple[Floats, Floats, Floats]:
     """Of the first `used` parameters: the normal matrices (n, used, used), right sides (n, used) and the sums (n,) of
     squared residuals, for grey levels (n, k) of weight 0 or 1, themselves 0 where the weight is."""
     p = parameters.astype(np.float32)
@@ -71,7 +72,7 @@ def normal_equations(
 
 
 def _assembled(
-    parameters: Array,
+    parameters: Floats,
     table: Single,
     by_form: Single,
     others: list[Single],
@@ -79,7 +80,7 @@ def _assembled(
     light: Single,
     residual: Single,
     used: int,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Floats, Floats, Floats]:
     n, plain = len(parameters), len(others)
     forms = _form_derivatives(parameters)
     normal, right = np.empty((n, used, used)), np.empty((n, used))
@@ -106,11 +107,11 @@ def _assembled(
 
 
 def _add_light(
-    parameters: Array,
+    parameters: Floats,
     table: Single,
-    normal: Array,
-    right: Array,
-    forms: Array,
+    normal: Floats,
+    right: Floats,
+    forms: Floats,
     by_form: Single,
     others: list[Single],
     plain: Single,
@@ -130,11 +131,11 @@ def _add_light(
     normal[:, :8, 8:] = normal[:, 8:, :8].transpose(0, 2, 1)
 
 
-def _dot(one: Single, other: Single) -> Array:
+def _dot(one: Single, other: Single) -> Floats:
     return np.asarray(np.einsum("nk,nk->n", one, other), dtype=np.float64)
 
 
-def _depths(p: Array, table: Single) -> tuple[Single, Single]:
+def _depths(p: Floats, table: Single) -> tuple[Single, Single]:
     """The distance inside and 1 / the quadratic form's half gradient."""
     xx, xy, yy = p[:, 2], p[:, 3], p[:, 4]
     root = _form(p, xx, xy, yy) @ table[:6]
@@ -148,20 +149,20 @@ def _depths(p: Array, table: Single) -> tuple[Single, Single]:
     return depth, slope
 
 
-def _form(p: Array, xx: Array, xy: Array, yy: Array) -> Single:
+def _form(p: Floats, xx: Floats, xy: Floats, yy: Floats) -> Single:
     """The coefficients (n, 6) of a quadratic form of the pixels' place relative to the centre."""
     x, y = p[:, 0], p[:, 1]
     u, v = xx * x + xy * y, xy * x + yy * y
     return np.array([u * x + v * y, -2.0 * u, -2.0 * v, xx, 2.0 * xy, yy], dtype=np.float32).T
 
 
-def _light(p: Array) -> Single:
+def _light(p: Floats) -> Single:
     """The coefficients (n, 3) of the light relative to that at the centre."""
     constant = 1.0 - (p[:, 8:] * p[:, :2]).sum(axis=1)
     return np.array([constant, p[:, 8], p[:, 9]], dtype=np.float32).T
 
 
-def _form_derivatives(p: Array) -> Array:
+def _form_derivatives(p: Floats) -> Floats:
     """The derivatives (n, 5, 6) of the quadratic form's coefficients by the centre and the conic."""
     x, y, xx, xy, yy = p[:, :5].T
     out = np.zeros((len(p), 5, 6))

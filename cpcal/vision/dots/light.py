@@ -7,14 +7,12 @@ dot the light would cost half of the centre's accuracy; light is smooth, so that
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
 from cpcal.vision.dots.grey import Grey
 from cpcal.vision.dots.segmentation import Spots
 from cpcal.vision.median import median
 from cpcal.vision.two_by_two import inverses
-
-Array = npt.NDArray[np.float64]
 
 _MOST_DEGREE = 4
 _EACH = 6  # dots for each coefficient
@@ -25,7 +23,7 @@ _AROUND = np.stack([np.cos(_TURNS), np.sin(_TURNS)], axis=1)
 _CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
 
 
-def light_gradient(grey: Grey, found: Spots, gap: Array) -> Array:
+def light_gradient(grey: Grey, found: Spots, gap: Floats) -> Floats:
     """By which share the light grows per pixel to the right and down, at each dot: (n, 2); nan with too few dots.
     `gap` (n,) pixels lie between a dot and its neighbours.
 
@@ -40,7 +38,7 @@ def light_gradient(grey: Grey, found: Spots, gap: Array) -> Array:
     half = 0.5 * np.array(grey.shape[::-1])
     values, to_right, to_bottom = _terms(found.center / half - 1.0, degree)
     good = np.ones(len(level), dtype=bool)
-    coefficients: Array = np.zeros(values.shape[1])
+    coefficients: Floats = np.zeros(values.shape[1])
     for _ in range(2):
         some = values[good]
         normal = some.T @ some
@@ -52,7 +50,7 @@ def light_gradient(grey: Grey, found: Spots, gap: Array) -> Array:
     return np.asarray(slope / (np.maximum(values @ coefficients, 1.0)[:, None] * half))
 
 
-def _levels(grey: Grey, found: Spots, gap: Array) -> Array:
+def _levels(grey: Grey, found: Spots, gap: Floats) -> Floats:
     """Grey levels (n,) of the bright surface: in the middle of bright dots, beside dark ones."""
     if found.bright:
         points = found.center[:, None, :] + _CORNERS
@@ -65,7 +63,7 @@ def _levels(grey: Grey, found: Spots, gap: Array) -> Array:
     return np.asarray(grey[at[..., 1], at[..., 0]].mean(axis=1))
 
 
-def _terms(at: Array, degree: int) -> tuple[Array, Array, Array]:
+def _terms(at: Floats, degree: int) -> tuple[Floats, Floats, Floats]:
     """The monomials of x and y up to a degree and their derivatives, each (n, terms)."""
     i, j = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]).T
     powers = np.ones((degree + 1, *at.shape))

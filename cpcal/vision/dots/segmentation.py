@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats
 from cpcal.vision.dots.grey import noise_level
 from cpcal.vision.median import median
 from cpcal.vision.opencv import opencv
 from cpcal.vision.two_by_two import determinants, eigenvalues
 
-Array = npt.NDArray[np.float64]
 Grey8 = npt.NDArray[np.uint8]
 
 _WIDEST = 61  # neighbourhood in the half image, for dots of at most 45 pixels radius in the whole one
@@ -42,15 +42,15 @@ class Spots:
     """center (n, 2) pixels; spread (n, 2, 2) the second moments of the ellipse, a quarter of its squared semi-axes,
     px^2; bright: than around them."""
 
-    center: Array
-    spread: Array
+    center: Floats
+    spread: Floats
     bright: bool
 
     def __len__(self) -> int:
         return len(self.center)
 
     @cached_property
-    def radius(self) -> Array:
+    def radius(self) -> Floats:
         """(n,) of the circle of the same area, pixels."""
         return 2.0 * determinants(self.spread) ** 0.25
 
@@ -166,13 +166,13 @@ def _too_many(mask: Grey8) -> bool:
     return int(np.count_nonzero(corners)) > _MOST_SPOTS
 
 
-def _boxes(outlines: list[npt.NDArray[np.int32]]) -> tuple[Array, Array]:
+def _boxes(outlines: list[npt.NDArray[np.int32]]) -> tuple[Floats, Floats]:
     points = np.concatenate(outlines)[:, 0, :]
     first = np.cumsum([0] + [len(outline) for outline in outlines[:-1]])
     return np.minimum.reduceat(points, first), np.maximum.reduceat(points, first)
 
 
-def _moments(outlines: list[npt.NDArray[np.int32]]) -> tuple[Array, Array, Array]:
+def _moments(outlines: list[npt.NDArray[np.int32]]) -> tuple[Floats, Floats, Floats]:
     """Area (n,), centroid (n, 2) and second moments (n, 2, 2) of polygons by Green's formula; holes have negative
     areas."""
     size = np.array([len(outline) for outline in outlines])

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem, Problems, shown
+from cpcal.files.cells import guarded, unguarded
 
 POSITION, QUATERNION, SIGMA = slice(0, 3), slice(3, 7), slice(7, 13)
 NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "sx", "sy", "sz", "srx", "sry", "srz", "rms")
@@ -53,7 +54,7 @@ def detections_bytes(detections: Iterable[Detection]) -> bytes:
     writer.writerow(COLUMNS)
     for d in sorted(detections, key=lambda d: d.file):
         numbers = [repr(v) for v in d.values] if d.found else [""] * len(NUMBERS)
-        writer.writerow([d.file, str(d.dots), *numbers, d.reason])
+        writer.writerow([guarded(d.file), str(d.dots), *numbers, guarded(d.reason)])
     return buffer.getvalue().encode("utf-8", "surrogateescape")
 
 
@@ -84,6 +85,10 @@ def _row(row: Sequence[str]) -> Detection | None:
     file, dots, *cells, reason = row
     try:
         values = tuple(float(c) for c in cells) if not reason else ()
-        return Detection(file, reason, int(dots), values) if all(map(math.isfinite, values)) else None
+        return (
+            Detection(unguarded(file), unguarded(reason), int(dots), values)
+            if all(map(math.isfinite, values))
+            else None
+        )
     except ValueError:
         return None

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.vision.camera import Camera
-
-Array = npt.NDArray[np.float64]
 
 _FOCAL = (0.05, 1000.0)  # of the image's longer side: from a fisheye to a telescope
 _ASPECT = 4.0  # of fx and fy

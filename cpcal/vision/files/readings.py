@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem, Problems
+from cpcal.files.cells import csv_table
 from cpcal.files.documents import open_regular
 from cpcal.files.table import read_table
 from cpcal.robot import PoseTable
@@ -25,11 +24,8 @@ def readings_of(table: PoseTable) -> Readings:
 
 def readings_bytes(readings: Readings) -> bytes:
     """The table pose,run,L1,...,Ln in mm; floats by repr, so that they are read back bit for bit."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(_columns(len(next(iter(readings.values()), ()))))
-    writer.writerows([*key, *map(repr, row.tolist())] for key, row in readings.items())
-    return buffer.getvalue().encode()
+    header = _columns(len(next(iter(readings.values()), ())))
+    return csv_table(header, ((key, row.tolist()) for key, row in readings.items()))
 
 
 def load_readings(path: Path) -> Readings:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import bdtrc
 
+from cpcal.solver.arrays import Bools, Floats, Ints
 from cpcal.vision.homography import fitted, mapped, orientation
 from cpcal.vision.identify import one_row
 from cpcal.vision.identify.runs import RowMatches, collinear, match_rows
@@ -17,10 +17,6 @@ from cpcal.vision.identify.symmetry import self_maps
 from cpcal.vision.identify.views import View
 from cpcal.vision.median import median
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 _PER_EFFORT = 30  # hypotheses followed
 _CROSSING = 0.3  # of the spacing: how far apart two rows may see their crossing point
@@ -38,7 +34,7 @@ class Hypothesis:
     found one, and found dots without one of the target
     """
 
-    homography: Array
+    homography: Floats
     found: Ints
     numbers: Ints
     in_view: Bools
@@ -120,7 +116,7 @@ def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis
     return judged(view, target, homography)
 
 
-def pairs(view: View, predicted: Array, reach: float) -> tuple[Ints, Ints]:
+def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
     """Found dots and predicted ones (n, 2) that are each other's nearest, within `reach`."""
     dx = view.points[:, 0] - predicted[:, None, 0]
     dy = view.points[:, 1] - predicted[:, None, 1]
@@ -133,7 +129,7 @@ def pairs(view: View, predicted: Array, reach: float) -> tuple[Ints, Ints]:
     return nearest[numbers], numbers
 
 
-def judged(view: View, target: Target, homography: Array) -> Hypothesis:
+def judged(view: View, target: Target, homography: Floats) -> Hypothesis:
     predicted = mapped(homography, target.dots)
     found, numbers = pairs(view, predicted, view.reach)
     in_view = view.in_view(predicted, target.radius * _scale(homography, target.dots))
@@ -143,7 +139,7 @@ def judged(view: View, target: Target, homography: Array) -> Hypothesis:
     return Hypothesis(homography, found, numbers, in_view, errors, mirrored)
 
 
-def _scale(homography: Array, points: Array) -> Array:
+def _scale(homography: Floats, points: Floats) -> Floats:
     """How much H enlarges lengths at each of the points (..., 2), in the mean over all ways."""
     depth = points @ homography[2, :2] + homography[2, 2]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -179,7 +175,7 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
     return min(int(errors[best]), margin), bool(maps.mirrored[close[best]])
 
 
-def _errors(view: View, target: Target, fit: Hypothesis, predicted: Array) -> int:
+def _errors(view: View, target: Target, fit: Hypothesis, predicted: Floats) -> int:
     found, numbers = pairs(view, predicted, view.reach)
     radius = target.radius * median(_scale(fit.homography, target.dots))
     in_view = view.in_view(predicted, np.full(len(predicted), radius))

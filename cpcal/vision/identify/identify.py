@@ -23,13 +23,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import CpcalError
+from cpcal.solver.arrays import Floats, Ints
 from cpcal.vision.camera import Camera
 from cpcal.vision.identify.hypotheses import Hypothesis, accidents, best_rival, hypotheses
 from cpcal.vision.identify.views import View, guesses, seen_by
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 ACCIDENTS = 1e-9  # expected number of hypotheses as good by chance
 MARGIN = 4  # errors by which every rival must be worse
@@ -59,7 +57,7 @@ class Identification:
 
     found: Ints
     numbers: Ints
-    homography: Array
+    homography: Floats
     false: Ints
     missing: Ints
     accidents: float

@@ -7,13 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.arrays import Floats, Ints
 from cpcal.vision.homography import mapped
 from cpcal.vision.identify.runs import RowMatches
 from cpcal.vision.identify.views import View
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 FEWEST = 5  # dots of the row
 CHOICES = 6  # nearest neighbours of a dot of the row that are tried, in the image and on the target
@@ -57,18 +55,18 @@ def _of_match(view: View, target: Target, numbers: Ints, found: Ints) -> Iterato
         yield nearest, around[hits[k]]
 
 
-def _beside(points: Array, on_row: Ints, anchor: int) -> Ints:
+def _beside(points: Floats, on_row: Ints, anchor: int) -> Ints:
     away = np.linalg.norm(points - points[anchor], axis=1)
     away[on_row] = np.inf
     order = np.argsort(away)[:CHOICES]
     return np.asarray(order[np.isfinite(away[order])])
 
 
-def _repeated(points: Array, count: int) -> Array:
+def _repeated(points: Floats, count: int) -> Floats:
     return np.broadcast_to(points, (count, *points.shape))
 
 
-def _through_four(places: Array, images: Array) -> Array:
+def _through_four(places: Floats, images: Floats) -> Floats:
     """The homographies (m, 3, 3) that take four places (m, 4, 2) to four images; nan where three are in line."""
     rows = np.zeros((len(places), 4, 2, 8))
     rows[..., 0, 0:2] = rows[..., 1, 3:5] = places
@@ -84,7 +82,7 @@ def _through_four(places: Array, images: Array) -> Array:
     return out.reshape(-1, 3, 3)
 
 
-def _hit(view: View, homography: Array, dots: Array) -> npt.NDArray[np.bool_]:
+def _hit(view: View, homography: Floats, dots: Floats) -> npt.NDArray[np.bool_]:
     """Which of the dots (n, 2) are predicted near a found one."""
     difference = view.points - mapped(homography, dots)[:, None]
     square = (difference * difference).sum(axis=2)

@@ -16,13 +16,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.arrays import Bools, Floats, Ints
 from cpcal.values import frozen_array
 from cpcal.vision.homography import line_maps, on_line
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 _SAMPLE = [0, 1, 3]  # of four matched dots, those that fix the 1-D homography; the fourth agrees by its cross-ratio
 _KEPT = 60  # matches of each row
@@ -35,10 +32,10 @@ class Lines:
     origin, direction (L, 2); members (L, m) numbers of found dots, -1 at the end; at (L, m) their t, nan at the end
     """
 
-    origin: Array
-    direction: Array
+    origin: Floats
+    direction: Floats
     members: Ints
-    at: Array
+    at: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +48,18 @@ class RowMatches:
 
     dots: Ints
     count: Ints
-    maps: Array
-    start: Array
+    maps: Floats
+    start: Floats
     line: Ints
     lines: Lines
 
-    def place(self, s: float) -> Array:
+    def place(self, s: float) -> Floats:
         """Where each match sees the place s (mm along the row): (M, 2)."""
         t = on_line(self.maps, self.start, np.full((len(self.line), 1), s))
         return np.asarray(self.lines.origin[self.line] + t * self.lines.direction[self.line])
 
 
-def collinear(points: Array, tolerance: float, neighbours: int) -> Lines:
+def collinear(points: Floats, tolerance: float, neighbours: int) -> Lines:
     """Lines through pairs of near neighbours with at least four of the points (n, 2) within `tolerance`."""
     mean = points.mean(axis=0)
     centred = (points - mean).astype(np.float32)  # to choose dots, seven digits are enough
@@ -83,7 +80,7 @@ def collinear(points: Array, tolerance: float, neighbours: int) -> Lines:
     return _ordered(points, inside[first], origin[first], direction[first])
 
 
-def _near_pairs(points: Array, neighbours: int) -> tuple[Ints, Ints]:
+def _near_pairs(points: Floats, neighbours: int) -> tuple[Ints, Ints]:
     n = len(points)
     if neighbours >= n - 1:
         upper = np.triu_indices(n, 1)
@@ -94,7 +91,7 @@ def _near_pairs(points: Array, neighbours: int) -> tuple[Ints, Ints]:
     return i, j
 
 
-def _squared_distances(points: Array, others: Array) -> Array:
+def _squared_distances(points: Floats, others: Floats) -> Floats:
     dx = points[:, None, 0] - others[None, :, 0]
     dy = points[:, None, 1] - others[None, :, 1]
     return np.asarray(dx * dx + dy * dy)
@@ -111,7 +108,7 @@ def _across(points: npt.NDArray[Any], origin: npt.NDArray[Any], direction: npt.N
 
 
 @lru_cache(maxsize=64)
-def _column_weights(count: int) -> Array:
+def _column_weights(count: int) -> Floats:
     """Random numbers whose sums tell sets of columns apart."""
     return frozen_array(np.random.default_rng(0).uniform(1.0, 2.0, count))
 
@@ -123,7 +120,7 @@ def _distinct_rows(inside: Bools) -> Ints:
     return np.asarray(first[inside[first].sum(axis=1) >= 4])
 
 
-def _fitted_lines(points: Array, inside: Bools) -> tuple[Array, Array]:
+def _fitted_lines(points: Floats, inside: Bools) -> tuple[Floats, Floats]:
     """Least-squares lines through the points of each distinct row of at least four: origins and unit directions."""
     mean = points.mean(axis=0)
     x, y = (points - mean).T
@@ -138,7 +135,7 @@ def _fitted_lines(points: Array, inside: Bools) -> tuple[Array, Array]:
     return np.stack([x, y], axis=1) + mean, np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def _ordered(points: Array, inside: Bools, origin: Array, direction: Array) -> Lines:
+def _ordered(points: Floats, inside: Bools, origin: Floats, direction: Floats) -> Lines:
     at = np.where(inside, _along(points, origin, direction), np.inf)
     longest = int(inside.sum(axis=1).max(initial=4))
     order = np.argsort(at, axis=1)[:, :longest]
@@ -151,14 +148,14 @@ def _ordered(points: Array, inside: Bools, origin: Array, direction: Array) -> L
 class _Quads:
     """Four dots of each row of the target: by cross-ratio, both ways along the row."""
 
-    ratio: Array  # (Q,) rising
+    ratio: Floats  # (Q,) rising
     row: Ints  # (Q,)
     dots: Ints  # (Q, 4) positions in the row, rising or falling
-    amplified: Array  # (Q, k) how errors of the three sampled dots grow at each dot of the longest row
+    amplified: Floats  # (Q, k) how errors of the three sampled dots grow at each dot of the longest row
 
 
 @lru_cache(maxsize=64)
-def row_places(target: Target, row: int) -> Array:
+def row_places(target: Target, row: int) -> Floats:
     """The places (k,) mm of a row's dots along it, from its first."""
     dots = target.dots[list(target.lines[row])]
     along = dots[-1] - dots[0]
@@ -187,7 +184,7 @@ def _target_quads(target: Target, span: int) -> _Quads:
     return _Quads(np.array(ratio)[order], np.array(rows)[order], np.array(dots)[order], np.array(amplified)[order])
 
 
-def _cross_ratios(a: Array, b: Array, c: Array, d: Array) -> Array:
+def _cross_ratios(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
     return np.asarray(((c - a) * (d - b)) / ((c - b) * (d - a)))
 
 

@@ -14,10 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from cpcal.solver.arrays import Floats, Ints
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _BASES = 12  # dots whose neighbourhoods are laid onto all others
 _NEIGHBOURS = 5
@@ -32,8 +30,8 @@ class SelfMaps:
     matrix (m, 2, 2), shift (m, 2); image (m, n): the dot that S lays dot i on, or -1; mirrored (m,)
     """
 
-    matrix: Array
-    shift: Array
+    matrix: Floats
+    shift: Floats
     image: Ints
     mirrored: npt.NDArray[np.bool_]
 
@@ -64,7 +62,7 @@ def self_maps(target: Target, tolerance: float = 0.25) -> SelfMaps:
     return SelfMaps(matrix[best], shift[best], image[best], np.linalg.det(matrix[best]) < 0.0)
 
 
-def _frames(dots: Array, tree: cKDTree) -> Ints:
+def _frames(dots: Floats, tree: cKDTree) -> Ints:
     """A dot and two neighbours not in line with it: (f, 3)."""
     count = min(_NEIGHBOURS + 1, len(dots))
     near = np.asarray(tree.query(dots, k=count)[1], dtype=np.int64)[:, 1:]
@@ -75,11 +73,11 @@ def _frames(dots: Array, tree: cKDTree) -> Ints:
     return np.asarray(frames[np.abs(np.linalg.det(edges)) > 0.3 * lengths[:, 0] * lengths[:, 1]])
 
 
-def _matrices(dots: Array, frames: Ints) -> Array:
+def _matrices(dots: Floats, frames: Ints) -> Floats:
     return np.stack([dots[frames[:, 1]] - dots[frames[:, 0]], dots[frames[:, 2]] - dots[frames[:, 0]]], axis=2)
 
 
-def _images(tree: cKDTree, points: Array, matrix: Array, shift: Array, reach: float) -> Ints:
+def _images(tree: cKDTree, points: Floats, matrix: Floats, shift: Floats, reach: float) -> Ints:
     """Which dot each map lays each point on, (m, points), -1 for none."""
     moved = np.einsum("mij,nj->mni", matrix, points) + shift[:, None, :]
     away, nearest = tree.query(moved.reshape(-1, 2), distance_upper_bound=reach)

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.solver.arrays import Bools, Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.median import median
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 _EXACT = 0.015  # of the spacing: how far a dot may be off when the camera is known
 _GUESSED = (0.02, 0.06)  # the same along a line and in the plane when the distortion is guessed
@@ -30,13 +27,13 @@ class View:
     camera     when known; otherwise dots are expected in the rectangle around the points
     """
 
-    points: Array
+    points: Floats
     spacing: float
     fine: float
     reach: float
     camera: Camera | None = None
 
-    def in_view(self, predicted: Array, margin: Array) -> Bools:
+    def in_view(self, predicted: Floats, margin: Floats) -> Bools:
         """Which predicted points (..., 2) would be seen whole, `margin` (...) their radius."""
         low, high = self.points.min(axis=0), self.points.max(axis=0)
         if self.camera is not None:
@@ -58,7 +55,7 @@ class View:
 
 
 @lru_cache(maxsize=8)
-def _seen_rectangle(camera: Camera) -> tuple[Array, Array]:
+def _seen_rectangle(camera: Camera) -> tuple[Floats, Floats]:
     """The rectangle around all directions that the image shows."""
     x, y = np.linspace(-0.5, camera.width - 0.5, 9), np.linspace(-0.5, camera.height - 0.5, 9)
     border = [np.stack([x, np.full(9, end)], axis=1) for end in (y[0], y[-1])]
@@ -67,7 +64,7 @@ def _seen_rectangle(camera: Camera) -> tuple[Array, Array]:
     return np.nanmin(rays, axis=0), np.nanmax(rays, axis=0)
 
 
-def seen_by(camera: Camera, pixels: Array, tolerance: float | None) -> View:
+def seen_by(camera: Camera, pixels: Floats, tolerance: float | None) -> View:
     """The directions of pixels (n, 2); one that the camera cannot show stays nan."""
     rays = camera.normalised(pixels)
     spacing = _spacing(rays[np.isfinite(rays).all(axis=1)])
@@ -75,7 +72,7 @@ def seen_by(camera: Camera, pixels: Array, tolerance: float | None) -> View:
     return View(rays, spacing, reach, reach, camera)
 
 
-def guesses(pixels: Array, size: tuple[int, int] | None, tolerance: float | None) -> Iterator[View]:
+def guesses(pixels: Floats, size: tuple[int, int] | None, tolerance: float | None) -> Iterator[View]:
     """Pixels (n, 2) freed from a guessed radial distortion about the middle of the image (or of the dots)."""
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     middle = 0.5 * (low + high) if size is None else 0.5 * (np.array(size, dtype=np.float64) - 1.0)
@@ -84,7 +81,7 @@ def guesses(pixels: Array, size: tuple[int, int] | None, tolerance: float | None
         yield bent_back(pixels, middle, bend / radius**2, tolerance)
 
 
-def bent_back(pixels: Array, middle: Array, bend: float, tolerance: float | None = None) -> View:
+def bent_back(pixels: Floats, middle: Floats, bend: float, tolerance: float | None = None) -> View:
     """middle + (pixels - middle) (1 + bend r^2)."""
     arm = pixels - middle
     points = middle + arm * (1.0 + bend * (arm * arm).sum(axis=1, keepdims=True))
@@ -93,7 +90,7 @@ def bent_back(pixels: Array, middle: Array, bend: float, tolerance: float | None
     return View(points, spacing, fine * spacing, reach * spacing)
 
 
-def _spacing(points: Array) -> float:
+def _spacing(points: Floats) -> float:
     if len(points) < 2:
         return 0.0
     x, y = points.T

@@ -9,14 +9,12 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose, transformed
+from cpcal.solver.arrays import Floats, Indices
 from cpcal.solver.interval import IntervalArray
 from cpcal.values import frozen_array
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 
 WIDENING = 5e-4  # pixels
 
@@ -32,8 +30,8 @@ class PixelBoxes:
     """
 
     numbers: Indices
-    lo: Array
-    hi: Array
+    lo: Floats
+    hi: Floats
 
     def __post_init__(self) -> None:
         numbers = np.array(self.numbers, dtype=np.intp)

@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose, normalised, quaternion_conjugate, quaternion_product
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.model import Network
 from cpcal.values import frozen_array
@@ -42,8 +43,6 @@ from cpcal.vision.pose_sets.enclosed import (
 )
 from cpcal.vision.pose_sets.enclosed import quaternion_product as enclosed_product
 from cpcal.vision.pose_sets.proved_homography import Motions
-
-Array = npt.NDArray[np.float64]
 
 NAMES = ("W[0]", "W[1]", "W[2]", "s[0]", "s[1]", "s[2]")
 _PAIRS = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)])
@@ -89,7 +88,7 @@ class Frames:
     def __hash__(self) -> int:
         return hash((*self.camera.position, *self.target.position))
 
-    def in_mobile(self, points: Array) -> IntervalArray:
+    def in_mobile(self, points: Floats) -> IntervalArray:
         """Points (m, 3) of the target frame in the mobile frame."""
         return ENGINE.add(exact(self.target.position), times(rotation(self.target.quaternion), exact(points)))
 
@@ -158,9 +157,9 @@ class PoseRows:
     Every pose in the box that they were made for, with dot k in its pixel box, satisfies rows 4 k to 4 k + 3.
     """
 
-    linear: Array
-    bilinear: Array
-    constant: Array
+    linear: Floats
+    bilinear: Floats
+    constant: Floats
 
     def network(self, box: Box) -> Network:
         """All (W, s) in a box that satisfy the rows."""
@@ -172,7 +171,7 @@ class PoseRows:
         network.add(moved + bent + self.constant <= 0.0)
         return network
 
-    def right_side(self, box: Box) -> Array:
+    def right_side(self, box: Box) -> Floats:
         """Numbers with `linear @ x <= right side` for every x of the box that satisfies the rows: linear ones alone."""
         e, s = ENGINE, box.array[3:]
         products = joined([e.sqr(s), e.mul(s[_PAIRS[3:, 0]], s[_PAIRS[3:, 1]])])
@@ -193,7 +192,7 @@ class PoseRows:
         return np.asarray((lowest > self.right_side(box)).reshape(-1, 4).any(axis=1))
 
 
-def pose_rows(planes: Array, points: IntervalArray, frames: Frames, center: Pose, box: Box) -> PoseRows:
+def pose_rows(planes: Floats, points: IntervalArray, frames: Frames, center: Pose, box: Box) -> PoseRows:
     """The rows of pyramids `planes` (m, 4, 3) through which dots `points` (m, 3) of the mobile frame are seen.
 
     They hold for the poses of a box of (W, s) about the centre.

@@ -21,10 +21,10 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose
+from cpcal.solver.arrays import Floats
 from cpcal.solver.contract import Verdict
 from cpcal.values import frozen_array
 from cpcal.vision.camera import Camera
@@ -40,7 +40,6 @@ from cpcal.vision.target import Target
 
 __all__ = ["Frames", "PixelBoxes", "PoseSet", "enclose_pose"]
 
-Array = npt.NDArray[np.float64]
 
 CONTRACTORS = ("lifted",)
 
@@ -63,8 +62,8 @@ class PoseSet:
 
     verdict: Verdict
     pose: Pose | None
-    position_radius: Array | None
-    rotation_radius: Array | None
+    position_radius: Floats | None
+    rotation_radius: Floats | None
     frames: Frames
     outliers: int = 0
     refuted: tuple[int, ...] = ()

@@ -23,11 +23,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.camera import Camera, distortion_jacobian
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner, stacked
-
-Array = npt.NDArray[np.float64]
 
 _MARGIN = 0.1  # of the field beyond the image's border, as a share of the distance from the axis
 _RAYS, _STEPS = 97, 400
@@ -47,9 +46,9 @@ class Pyramids:
     lo, hi  (m, 2) bounds of its direction (X / Z, Y / Z)
     """
 
-    planes: Array
-    lo: Array
-    hi: Array
+    planes: Floats
+    lo: Floats
+    hi: Floats
 
 
 @lru_cache(maxsize=8)
@@ -70,7 +69,7 @@ def field_of_view(camera: Camera) -> IntervalArray:
     return IntervalArray(lo[within], hi[within])
 
 
-def _rim(camera: Camera) -> tuple[Array, Array]:
+def _rim(camera: Camera) -> tuple[Floats, Floats]:
     """Angles from -pi to pi, and how far the field reaches there from the axis: radii in normalised coordinates."""
     angle = np.linspace(-np.pi, np.pi, _RAYS)
     radius = np.linspace(0.0, _WIDEST, _STEPS)
@@ -82,7 +81,7 @@ def _rim(camera: Camera) -> tuple[Array, Array]:
     return angle, (1.0 + _MARGIN) * radius[np.minimum(last, _STEPS - 1)]
 
 
-def pyramids(camera: Camera, lo: Array, hi: Array) -> Pyramids:
+def pyramids(camera: Camera, lo: Floats, hi: Floats) -> Pyramids:
     """The pyramids of pixel boxes lo, hi (m, 2).
 
     Raises InputError for a box that nothing in the field of view is shown in.
@@ -177,7 +176,7 @@ def _column(matrices: IntervalArray, k: int) -> IntervalArray:
     return matrices[:, None, :, k]
 
 
-def _inverse(matrices: Array) -> Array:
+def _inverse(matrices: Floats) -> Floats:
     """Of (m, 2, 2); any matrix is allowed in Newton's operator, so a singular one is replaced by zero."""
     a, b, c, d = (matrices[:, i, j] for i in (0, 1) for j in (0, 1))
     determinant = a * d - b * c

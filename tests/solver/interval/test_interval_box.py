@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 import math
 import pickle
 from collections.abc import Callable
@@ -182,45 +181,13 @@ def test_equality_goes_by_names_and_bounds() -> None:
 @given(box=BOXES)
 def test_round_trips(box: Box) -> None:
     environment = {"Box": Box, "inf": math.inf}
-    text = json.dumps(box.to_json(), allow_nan=False)
     for same in (
-        Box.from_json(json.loads(text)),
         pickle.loads(pickle.dumps(box)),
         eval(repr(box), environment),
     ):
         assert same == box
         assert hash(same) == hash(box)
         assert same.is_empty == box.is_empty
-
-
-def test_json_is_hexadecimal() -> None:
-    box = Box(["x", "y"], [0.5, -math.inf], [1, math.inf])
-    assert box.to_json() == {
-        "names": ["x", "y"],
-        "lo": ["0x1.0000000000000p-1", "-inf"],
-        "hi": ["0x1.0000000000000p+0", "inf"],
-    }
-    assert Box.empty(["x"]).to_json() == {"names": ["x"], "empty": True}
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
-        None,
-        [],
-        {},
-        {"names": ["x"], "lo": ["0x1p+0"]},
-        {"names": ["x"], "lo": ["0x1p+1"], "hi": ["0x1p+0"]},
-        {"names": ["x", "x"], "lo": ["0", "0"], "hi": ["1", "1"]},
-        {"names": ["x"], "lo": [0.0], "hi": ["1"]},
-        {"names": ["x"], "lo": ["zero"], "hi": ["1"]},
-        {"names": [], "empty": True},
-        {"empty": True},
-    ],
-)
-def test_bad_json_is_refused(data: object) -> None:
-    with pytest.raises(ModelError):
-        Box.from_json(data)  # type: ignore[arg-type]
 
 
 def test_text_of_few_and_many_variables() -> None:

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cpcal
 from cpcal.errors import ModelError
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import (
     CentredForm,
@@ -32,7 +32,6 @@ from cpcal.solver.network.point import Point
 from cpcal.solver.network.reverse import Reverse
 from cpcal.solver.network.slopes import Pair, slope
 
-Floats = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
 FORMS: list[FormName] = ["natural", "centred", "slope", "tightest"]
 

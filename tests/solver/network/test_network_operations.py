@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, maximum, minimum, norm, sqr, sqrt
 from cpcal.solver.network.operations import TABLE
 from cpcal.solver.network.point import Point
 
-Floats = npt.NDArray[np.float64]
 ENGINES = ["float64", "arb"]
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -7,11 +7,11 @@ from fractions import Fraction
 from math import prod
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Box, Interval, IntervalArray, get_arithmetic
 from cpcal.solver.network import (
     ConstraintNetwork,
@@ -27,7 +27,6 @@ from cpcal.solver.network import (
 from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.monotone import DecisiveReadings
 
-Floats = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
 ENGINES = ["float64", "arb"]
 

@@ -1,0 +1,34 @@
+"""
+The smallest model error of each leg
+====================================
+
+The joints of a simulated platform move by up to 1 mm in a way that the seven parameters of a leg cannot describe. How
+large is the model error then, at least? :func:`cpcal.certify` brackets it by proofs from both sides.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import cpcal
+from cpcal.legs import residuals
+
+campaign = cpcal.simulate(seed=1, joint_error=1.0, factor=0.0)
+result = cpcal.certify(campaign, delta=100.0)
+for leg in result.legs:
+    print(f"leg {leg.leg}: {leg.eps_lo:.6f} <= eps* <= {leg.eps_hi:.6f} mm. {leg.status}")
+
+# %%
+# The proved point of leg 1 satisfies every equation to within ``eps_hi``. Some measurements reach that bound: no
+# other parameters within 100 mm do better, because these measurements (the support) contradict each other below it.
+
+leg = result.legs[0]
+residual = residuals(campaign, leg.leg, leg.point)  # ||P + R b - a|| - (L + l)
+support = np.isin(campaign.measurement_ids, leg.support)
+
+figure, axes = plt.subplots(figsize=(8, 3.5), layout="constrained")
+axes.axhspan(-leg.eps_hi, leg.eps_hi, color="#e3ecf7", label="within eps_hi")
+axes.plot(np.flatnonzero(~support), residual[~support], "o", color="#2b6cb0", markersize=4, label="measurement")
+axes.plot(np.flatnonzero(support), residual[support], "o", color="#c53030", markersize=5, label="support")
+axes.set(xlabel="measurement", ylabel="residual [mm]", title="Leg 1: the proved point")
+figure.legend(loc="outside lower center", ncols=3)
+plt.show()

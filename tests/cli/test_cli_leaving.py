@@ -1,0 +1,108 @@
+"""However the program ends, it says one sentence and has the exit status that belongs to it."""
+
+import dataclasses
+import os
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.cli import app
+from cpcal.cli.app import VERBS
+
+# Something happens the moment a module is imported; runners may start us with SIGINT ignored.
+_AT_IMPORT = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            sys.meta_path.remove(self)
+            {happens}
+
+sys.meta_path.insert(0, Finder())
+from cpcal.__main__ import main
+main()
+"""
+
+
+def run(code, *arguments, stdout=subprocess.PIPE, **more):
+    environment = {k: v for k, v in os.environ.items() if k != "CPCAL_TRACEBACK"} | more
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=60,
+        env=environment,
+    )
+
+
+@pytest.mark.parametrize(
+    ("verb", "module"),
+    [(verb, module) for verb in ("plugins", "--help") for module in ("cpcal.cli.app", "typer", "cpcal.cli.plugins")]
+    + [("plugins", "cpcal.solver.plugins")],
+)
+def test_ctrl_c_while_starting_up_is_130_without_a_traceback(verb, module):
+    done = run(_AT_IMPORT.format(module=module, happens="os.kill(os.getpid(), signal.SIGINT)"), verb)
+    assert (done.returncode, done.stderr) == (130, "cpcal: interrupted\n")
+
+
+@pytest.mark.parametrize("module", ["cpcal.cli.app", "cpcal.cli.plugins"])
+def test_an_internal_error_is_3_and_asks_for_a_report(module):
+    happens = "raise RuntimeError('bad\\nLeg 1: proved\\x1b[2J')"
+    done = run(_AT_IMPORT.format(module=module, happens=happens), "plugins")
+    assert done.returncode == 3
+    assert done.stderr.startswith("cpcal: internal error, please report it")
+    assert "RuntimeError" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert "\x1b" not in done.stderr
+
+
+def test_a_traceback_is_there_for_who_asks():
+    code = _AT_IMPORT.format(module="cpcal.cli.plugins", happens="raise RuntimeError('bad')")
+    done = run(code, "plugins", CPCAL_TRACEBACK="1")
+    assert done.returncode == 3
+    assert "Traceback" in done.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+@pytest.mark.parametrize(
+    "arguments", [["plugins"], ["--version"], ["--help"], ["simulate", "deltalab", "-o", "/dev/full"]]
+)
+def test_a_full_disk_is_said_and_is_2(arguments):
+    with open("/dev/full", "w") as full:
+        done = run("from cpcal.__main__ import main; main()", *arguments, stdout=full)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert "No space left" in done.stderr or "cannot be a folder" in done.stderr
+
+
+@pytest.mark.parametrize("verb", sorted(VERBS))
+@pytest.mark.parametrize("empty", [["-o", ""], ["--output="], ["-o", "  "], [""]])
+def test_an_empty_name_is_refused_by_every_verb(verb, empty):
+    done = CliRunner().invoke(app, [verb, "x", *empty])
+    assert done.exit_code == 2
+    assert "is empty" in done.stderr
+
+
+def test_a_folder_of_a_strange_name_forges_no_line(tmp_path):
+    done = CliRunner().invoke(app, ["simulate", "deltalab", "-o", str(tmp_path / "x\nLeg 1: proved")])
+    assert done.exit_code == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 1
+
+
+@pytest.mark.parametrize("verb", [["certify", "--eps", "0"], ["compare", "--models", "plain"]])
+def test_a_campaign_in_metres_is_warned_of_before_the_work(tmp_path, verb):
+    campaign = cpcal.simulate(seed=1)
+    metres = dataclasses.replace(campaign, position=campaign.position / 1e3)
+    cpcal.save_campaign(metres, tmp_path / "c")
+    name, *options = verb
+    limits = ["--legs", "1", "--time-limit", "0.01"]
+    done = CliRunner().invoke(app, [name, str(tmp_path / "c"), "-o", str(tmp_path / "r"), *options, *limits])
+    assert done.exit_code in (0, 1)
+    assert "cpcal: warning: " in done.stderr
+    assert "positions are in metres, not mm" in done.stderr

@@ -1,0 +1,30 @@
+"""What the pages must keep up with."""
+
+import re
+from pathlib import Path
+
+import cpcal
+
+ROOT = Path(__file__).parent.parent
+
+
+def test_the_reference_lists_every_public_name():
+    listed = re.findall(r"^\.\. auto\w+:: cpcal\.(\w+)$", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.M)
+    assert sorted(listed) == sorted(set(cpcal.__all__) - {"__version__"})
+
+
+def test_every_page_is_in_the_site():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").splitlines()
+    pages = {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"}
+    assert pages <= set(index)
+
+
+def test_the_files_that_contributors_are_sent_to_are_there():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    named = re.findall(r"`((?:cpcal|contractors|tests|docs|benchmarks)/[\w./-]*)`", text)
+    assert len(named) > 15
+    assert not [name for name in named if "NAME" not in name and not (ROOT / name).exists()]
+
+
+def test_the_citation_names_this_version():
+    assert f"\nversion: {cpcal.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
