@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.arrays import Floats
+from cpcal.solver.arrays import Floats
 from cpcal.legs import LegModel, ModelResiduals
 from cpcal.results.determination import Determination
 from cpcal.robot import Campaign
@@ -22,7 +22,7 @@ def determination(campaign: Campaign, leg: int, x: Floats, model: LegModel) -> D
     columns = jacobian / np.where(scale > 0.0, scale, 1.0) / np.sqrt(len(jacobian))
     _, values, right = np.linalg.svd(columns)
     seen = np.zeros(len(right), dtype=bool)
-    seen[: len(values)] = values > _SEEN * values[0]
+    seen[: len(values)] = values > _SEEN
     hidden = np.linalg.norm(right[~seen], axis=0)
     names = tuple(name for name, share in zip(model.parameters, hidden, strict=True) if share > _SHARE)
     return Determination(measurements=len(jacobian), of=len(right), rank=int(seen.sum()), undetermined=names)
