@@ -11,7 +11,8 @@ import numpy.typing as npt
 from cpcal.errors import CpcalError
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
-from cpcal.vision.dots import Dots, observe_dots
+from cpcal.vision.dots import Dots, populations, refitted
+from cpcal.vision.identify import FEWEST as FEWEST_DOTS
 from cpcal.vision.identify import Identification, Unidentified, identify
 from cpcal.vision.pose import PoseEstimate, estimate_pose
 from cpcal.vision.pose_fit import NoPose
@@ -76,28 +77,54 @@ def measure_pose(
     Raises NotMeasured with the reason for an image without a reliable pose, and InputError for what is no image.
     """
     _check_size(np.asarray(image), camera)
-    marks = [perf_counter()]
-    dots = observe_dots(image, bright=target.bright)
-    marks.append(perf_counter())
-    try:
-        identification = identify(dots.centers, target, camera)
-    except Unidentified as reason:
-        raise NotMeasured(f"not identified: {reason}") from reason
-    marks.append(perf_counter())
+    clock = _Clock()
+    dots, identification = _identified(image, target, camera, clock)
     if len(identification.found) < FEWEST:
         raise NotMeasured(f"{len(identification.found)} dots of the target are too few: at least {FEWEST} are needed")
     mine = identification.found
+    dots = refitted(image, dots, mine)
+    clock.add("dots")
     try:
         estimate = estimate_pose(dots.centers[mine], dots.covariance[mine], identification.numbers, target, camera)
     except NoPose as reason:
         raise NotMeasured(f"no pose: {reason}") from reason
-    marks.append(perf_counter())
+    clock.add("pose")
     if estimate.rms > residual:
         raise NotMeasured(
             f"the residuals are {estimate.rms:.3f} pixels (rms), more than {residual:g}: "
             "the camera or the target is not as stated"
         )
-    return Measured(dots, identification, estimate, dict(zip(_STAGES, np.diff(marks).tolist(), strict=True)))
+    return Measured(dots, identification, estimate, clock.seconds)
+
+
+def _identified(
+    image: npt.NDArray[np.generic], target: Target, camera: Camera, clock: _Clock
+) -> tuple[Dots, Identification]:
+    """The first population of dots that is the target. Raises NotMeasured for what is said of the largest."""
+    reason, most = f"0 dots are too few: at least {FEWEST_DOTS} are needed", -1
+    for dots in populations(image, bright=target.bright):
+        clock.add("dots")
+        try:
+            return dots, identify(dots.centers, target, camera)
+        except Unidentified as refusal:
+            if len(dots) > most:
+                reason, most = str(refusal), len(dots)
+        finally:
+            clock.add("identification")
+    raise NotMeasured(f"not identified: {reason}")
+
+
+class _Clock:
+    """Seconds by stage."""
+
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(_STAGES, 0.0)
+        self.last = perf_counter()
+
+    def add(self, stage: str) -> None:
+        now = perf_counter()
+        self.seconds[stage] += now - self.last
+        self.last = now
 
 
 def _check_size(image: npt.NDArray[np.generic], camera: Camera) -> None:

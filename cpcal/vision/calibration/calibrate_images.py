@@ -21,7 +21,7 @@ from cpcal.vision.calibration.calibrate_camera import (
     calibrate_camera,
 )
 from cpcal.vision.camera import Camera
-from cpcal.vision.dots import Dots, observe_dots
+from cpcal.vision.dots import Dots, observe_dots, refitted
 from cpcal.vision.files.image_file import UnreadableImageError, read_image
 from cpcal.vision.identify import Unidentified, identify
 from cpcal.vision.target import Target
@@ -58,8 +58,9 @@ def calibrate_from_images(
     camera.
     """
     seen = _of_one_size([_seen(image, target, f"image {i}") for i, image in enumerate(images, start=1)])
+    rough = _Job(seen, target, fixed).rough()
+    seen = [_refitted(image, one, target, rough.camera) for image, one in zip(images, seen, strict=True)]
     job = _Job(seen, target, fixed)
-    rough = job.rough()
     first = job.calibrated(job.identified(range(len(seen)), rough.camera), refine_dots)
     return job.calibrated(job.identified(range(len(seen)), first.camera), refine_dots)
 
@@ -68,13 +69,28 @@ def _seen(image: str | os.PathLike[str] | npt.NDArray[Any], target: Target, name
     try:
         if isinstance(image, (str, os.PathLike)):
             name = printable(image)
-            image = read_image(Path(image))
-        dots = observe_dots(image, bright=target.bright)
+        pixels = _pixels(image)
+        dots = observe_dots(pixels, bright=target.bright)
     except UnreadableImageError as error:
         return _Seen(name, str(error))
     except InputError as error:
         return _Seen(name, "; ".join(problem.what for problem in error.problems))
-    return _Seen(name, size=(image.shape[1], image.shape[0]), dots=dots)
+    return _Seen(name, size=(pixels.shape[1], pixels.shape[0]), dots=dots)
+
+
+def _pixels(image: str | os.PathLike[str] | npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return read_image(Path(image)) if isinstance(image, (str, os.PathLike)) else image
+
+
+def _refitted(image: str | os.PathLike[str] | npt.NDArray[Any], seen: _Seen, target: Target, camera: Camera) -> _Seen:
+    """With the target's dots under their own light (see `refitted`), where they are identified."""
+    if seen.reason or seen.dots is None:
+        return seen
+    try:
+        pairs = identify(seen.dots.centers, target, camera)
+        return replace(seen, dots=refitted(_pixels(image), seen.dots, pairs.found))
+    except (Unidentified, UnreadableImageError):
+        return seen
 
 
 def _of_one_size(seen: list[_Seen]) -> list[_Seen]:

@@ -7,7 +7,8 @@ ellipse explains their grey levels), their size and their contrast, both compare
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ _NOISE = 8.0  # contrast that a dot's middle reaches at least, in standard devia
 _CLEAR = 6.0  # blurs between the edge of a dot and the border: the whole edge and as much of the plate beside it
 _STRANGE = 1.5  # residuals, relative to the usual ones, that ask for light of the dot's own
 _BETTER = 0.95  # residuals with it relative to those without
+_SAME_LIGHT = 2e-5  # its growth per pixel: less than that moves a dot by less than 1e-4 pixels
 _ROOM = 0.6  # share of the gap to its neighbours that belongs to a dot
 _COMPARED = 100  # ordinary dots that are fitted both ways
 _LEAST_ROOM = 1.0  # pixels around a dot that do at least
@@ -52,6 +54,9 @@ class Dots:
                 where a hundredth of their variance is left
     axes        (n, 2) semi-axes, pixels, the longer first
     bright      whether the dots are brighter than around them
+    spots       where they were looked for, to fit them again
+    gap         (n,) pixels between them and the next spots
+    light       (n, 2) the share per pixel by which the light of all spots grows
     """
 
     centers: Array
@@ -59,9 +64,12 @@ class Dots:
     quality: Array
     axes: Array
     bright: bool
+    spots: Spots
+    gap: Array
+    light: Array
 
     def __post_init__(self) -> None:
-        for name in ("centers", "covariance", "quality", "axes"):
+        for name in ("centers", "covariance", "quality", "axes", "gap", "light"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
 
     def __len__(self) -> int:
@@ -79,34 +87,67 @@ def observe_dots(image: object, *, bright: bool | None = None) -> Dots:
     `bright` states whether they are brighter than around them; None finds out. Raises InputError when `image` is none;
     an image without dots has none.
     """
-    grey = grey_levels(image)
-    eight = eight_bits(grey)
-    found = [_observed(grey, spots(eight, survey)) for survey in surveys(eight, bright)]
+    found = populations(image, bright=bright)
     return max(found, key=lambda dots: float(dots.quality.sum()), default=_none(bool(bright)))
 
 
-def _observed(grey: Grey, found: Spots) -> Dots:
-    """The dots among spots."""
+def populations(image: object, *, bright: bool | None = None) -> Iterator[Dots]:
+    """The dots of an image of each kind and size that they may be of, the likelier first, one by one as they are asked
+    for. What they have in common cannot tell a target's dots from a background's specks; identification can."""
+    grey = grey_levels(image)
+    eight = eight_bits(grey)
+    for survey in surveys(eight, bright):
+        yield _observed(grey, spots(eight, survey), survey.radius)
+
+
+def refitted(image: object, dots: Dots, members: npt.NDArray[Any]) -> Dots:
+    """The dots with those `members` fitted again under the light that they alone tell; the others stay.
+
+    The light of a background's spots is not that of the plate, and would shift all dots of the target together. Where
+    it makes no difference all stay. Raises InputError when `image` is none.
+    """
+    grey = grey_levels(image)
+    spots, gap = dots.spots.kept(members), dots.gap[members]
+    light = light_gradient(grey, spots, gap)
+    change = np.abs(light - dots.light[members])
+    if not len(members) or np.isnan(light).any() or (change < _SAME_LIGHT).all():
+        return dots
+    edges = _fitted(grey, spots, gap, light)
+    fine = members[~np.isnan(edges.noise)]
+    edges = edges.kept(~np.isnan(edges.noise))
+    centers, covariance = dots.centers.copy(), dots.covariance.copy()
+    quality, axes = dots.quality.copy(), dots.axes.copy()
+    centers[fine], axes[fine] = edges.center, edges.axes
+    covariance[fine] = edges.covariance + FLOOR**2 * np.eye(2)
+    quality[fine] = _quality(edges, noise_level(grey))
+    return replace(dots, centers=centers, covariance=covariance, quality=quality, axes=axes)
+
+
+def _observed(grey: Grey, found: Spots, usual: float) -> Dots:
+    """The dots among spots, of about the `usual` radius."""
     if not len(found):
         return _none(found.bright)
-    edges = _fitted(grey, found)
+    gap = _gap(found)
+    light = light_gradient(grey, found, gap)
+    edges = _fitted(grey, found, gap, light)
     noise = noise_level(grey)
     quality = _quality(edges, noise)
     keep = np.flatnonzero(_dot_like(found, edges, quality, noise, grey.shape))
-    keep = keep[_alike(edges, keep)]
+    keep = keep[_alike(edges, keep, usual)]
     covariance = edges.covariance[keep] + FLOOR**2 * np.eye(2)
-    return Dots(edges.center[keep], covariance, quality[keep], edges.axes[keep], found.bright)
+    told = edges.center[keep], covariance, quality[keep], edges.axes[keep], found.bright
+    return Dots(*told, found.kept(keep), gap[keep], light[keep])
 
 
 def _none(bright: bool) -> Dots:
-    return Dots(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros((0, 2)), bright)
+    pairs, matrices, numbers = np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0)
+    return Dots(pairs, matrices, numbers, pairs, bright, Spots(pairs, matrices, bright), numbers, pairs)
 
 
-def _fitted(grey: Grey, found: Spots) -> Edges:
-    """The fits of all spots under the light of all; where that leaves strange residuals (a smudge, a shadow), under
-    light of their own if that explains more."""
-    gap = _gap(found)
-    room, light = np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE), light_gradient(grey, found, gap)
+def _fitted(grey: Grey, found: Spots, gap: Array, light: Array) -> Edges:
+    """The fits of spots under the light of all; where that leaves strange residuals (a smudge, a shadow), under light
+    of their own if that explains more."""
+    room = np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE)
     edges = fitted_edges(grey, found.center, found.spread, room, light)
     fitted = ~np.isnan(edges.noise)
     if np.isnan(light).any() or not fitted.any():
@@ -164,12 +205,11 @@ def _dot_like(
     return np.asarray(keep)
 
 
-def _alike(edges: Edges, members: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Which (m,) of the members have about the usual size and contrast."""
+def _alike(edges: Edges, members: npt.NDArray[Any], usual: float) -> npt.NDArray[np.bool_]:
+    """Which (m,) of the members have about the usual radius, and contrast."""
     if not len(members):
         return np.zeros(0, dtype=bool)
     size = np.sqrt(edges.axes[members].prod(axis=1))
     contrast = np.abs(edges.contrast[members])
-    usual = median(size)
     alike = (size < _RATIO * usual) & (_RATIO * size > usual) & (contrast > _CONTRAST * median(contrast))
     return np.asarray(alike)

@@ -31,6 +31,9 @@ _CONTRAST = 0.2  # of the usual contrast that it must stand out by
 _LEAST = 4.0  # grey levels of 256 that it must stand out by
 _SLIMMEST = 0.2  # ratio of the axes of a spot
 _ELLIPTIC = 0.85  # least ratio of a spot's area to that of the ellipse of the same second moments
+_ONE_SIZE = 1.8  # ratio of the largest to the smallest radius of an image's dots
+_NEXT_SIZE = 1.25  # ratio between these and other spots that are looked at by themselves
+_SIZES, _MANY = 3, 12  # so many sizes at most, of so many spots at least
 _LARGEST = 60.0  # pixels of radius
 _ALIKE = 2.5  # ratio of a spot's size to the usual one, or its inverse
 _SMALLEST = 8  # pixels, sides of an image with dots
@@ -70,8 +73,9 @@ class Survey:
 
 
 def surveys(image: Grey8, bright: bool | None = None) -> list[Survey]:
-    """First looks at an image's dots, the likelier first, of both kinds only where both are likely; none without dots.
-    `bright` states the kind."""
+    """First looks at an image's dots, the likelier first: of both kinds only where both are likely, and of each size
+    that many spots have, because specks of a background may outnumber the dots. None without spots. `bright` states
+    the kind."""
     if min(image.shape) < _SMALLEST:
         return []
     cv2 = opencv()
@@ -79,15 +83,35 @@ def surveys(image: Grey8, bright: bool | None = None) -> list[Survey]:
     least = max(_NOISE * noise_level(half), _LEAST)
     kinds = (True, False) if bright is None else (bright,)
     mean = cv2.blur(half, (_WIDEST, _WIDEST))
-    looks = [_doubled(_standing_out(_excess(half, mean, kind), least, kind)) for kind in kinds]
-    most = max(looks, key=len)
-    if len(most) < _ENOUGH or median(most.radius) < _SMALL:
+    looks = [_by_size(_doubled(_standing_out(_excess(half, mean, kind), least, kind))) for kind in kinds]
+    most = max(looks, key=_first_number)
+    if _first_number(most) < _ENOUGH or median(most[0].radius) < _SMALL:
         least = max(_NOISE * noise_level(image), _LEAST)
         near = _mean(image, half, _NARROW)
-        looks += [_standing_out(_excess(image, near, kind), least, kind) for kind in kinds]
-    best = [max((found for found in looks if found.bright == kind), key=len) for kind in kinds]
-    best.sort(key=len, reverse=True)
-    return [_survey(image, half, mean, found) for found in best if len(found) > _LIKELY * len(best[0])]
+        looks += [_by_size(_standing_out(_excess(image, near, kind), least, kind)) for kind in kinds]
+    best = [max(looks[k :: len(kinds)], key=_first_number) for k in range(len(kinds))]
+    best.sort(key=_first_number, reverse=True)
+    likely = [sizes for sizes in best if _first_number(sizes) > _LIKELY * _first_number(best[0])]
+    return [_survey(image, half, mean, found) for sizes in likely for found in sizes]
+
+
+def _first_number(sizes: list[Spots]) -> int:
+    return len(sizes[0]) if sizes else 0
+
+
+def _by_size(found: Spots) -> list[Spots]:
+    """Spots of about one size each, those that cover most of the image first; the others only if they are many."""
+    out: list[Spots] = []
+    while len(found) and len(out) < _SIZES and (not out or len(found) >= _MANY):
+        rising = np.sort(found.radius)
+        number = np.searchsorted(rising, _ONE_SIZE * rising, side="right") - np.arange(len(rising))
+        least = float(rising[np.argmax(number * rising**2)])
+        radius = found.radius
+        own = found.kept((radius >= least) & (radius <= _ONE_SIZE * least))
+        if not out or len(own) >= _MANY:
+            out.append(own)
+        found = found.kept((radius < least / _NEXT_SIZE) | (radius > _NEXT_SIZE * _ONE_SIZE * least))
+    return out
 
 
 def _mean(image: Grey8, half: Grey8, side: float) -> Grey8:
@@ -113,7 +137,7 @@ def _survey(image: Grey8, half: Grey8, mean: Grey8, found: Spots) -> Survey:
 def spots(image: Grey8, survey: Survey) -> Spots:
     """The candidates for dots in an image, all brighter or all darker than around them, clear of its border."""
     mean = _mean(image, _halved(image), _NEIGHBOURHOOD * survey.radius)
-    return _standing_out(_excess(image, mean, survey.bright, out=mean), survey.contrast, survey.bright)
+    return _standing_out(_excess(image, mean, survey.bright, out=mean), survey.contrast, survey.bright, survey.radius)
 
 
 def _halved(image: Grey8) -> Grey8:
@@ -133,9 +157,9 @@ def _excess(image: Grey8, mean: Grey8, bright: bool, out: Grey8 | None = None) -
     return excess
 
 
-def _standing_out(excess: Grey8, least: float, bright: bool) -> Spots:
-    """The elliptic regions of about one size that are at least `least` brighter (or darker) than around: of an excess
-    that is used up, because fresh memory would take longer than the threshold."""
+def _standing_out(excess: Grey8, least: float, bright: bool, usual: float | None = None) -> Spots:
+    """The elliptic regions of about the `usual` radius (left out: of any) that are at least `least` brighter
+    (or darker) than around: of an excess that is used up, because fresh memory would take longer than the threshold."""
     cv2 = opencv()
     mask = cv2.threshold(excess, least, 255.0, cv2.THRESH_BINARY, dst=excess)[1]
     if _too_many(mask):
@@ -155,7 +179,7 @@ def _standing_out(excess: Grey8, least: float, bright: bool) -> Spots:
     clear = (low > 0).all(axis=1) & (high < [mask.shape[1] - 1, mask.shape[0] - 1]).all(axis=1)
     keep = (area > 0.0) & elliptic & clear & (slim > _SLIMMEST)
     found = Spots(center[keep], spread[keep], bright)
-    return _alike(found.kept(found.radius < _LARGEST))
+    return _alike(found.kept(found.radius < _LARGEST), usual)
 
 
 def _too_many(mask: Grey8) -> bool:
@@ -204,10 +228,9 @@ def _moments(outlines: list[npt.NDArray[np.int32]]) -> tuple[Floats, Floats, Flo
     return area, start + np.stack([x, y], axis=-1), moments
 
 
-def _alike(found: Spots) -> Spots:
-    """Those whose radius is within a ratio of the median."""
-    if not len(found):
+def _alike(found: Spots, usual: float | None) -> Spots:
+    """Those whose radius is within a ratio of the usual one."""
+    if usual is None:
         return found
     radius = found.radius
-    usual = median(radius)
     return found.kept((radius < _ALIKE * usual) & (_ALIKE * radius > usual))

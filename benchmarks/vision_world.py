@@ -1,0 +1,268 @@
+"""Images of a target in the world, by a renderer that shares no code with cpcal's: what detection is measured with.
+
+Every pixel is looked through at `FINE` x `FINE` places: the ray's point on the plate is found by the camera's inverse
+and a homography, and where it is near a dot's edge the covered share follows from its distance. Around the plate is a
+background of any kind, before it a shadow or an occluder; then come the optics (defocus, motion), the sensor (noise,
+gamma) and the file (8 bits, JPEG). Camera and target are values; how a camera bends rays is written here once more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from benchmarks.vision_backgrounds import background
+from cpcal.robot import Pose
+from cpcal.vision.camera import Camera
+from cpcal.vision.opencv import opencv
+from cpcal.vision.target import Target
+
+Array = npt.NDArray[np.float64]
+Single = npt.NDArray[np.float32]
+
+cv2: Any = opencv()
+
+FINE = 2  # places in a pixel, each way
+_STEPS = 12  # of the fixed point iteration that unbends rays
+_MARGIN = 16.0  # mm of plate around the outermost dots
+_TICKS = 27.0 * (np.arange(11.0) - 5.0)
+FOREIGN = Target("a regular grid", np.stack(np.meshgrid(_TICKS, _TICKS), axis=-1).reshape(-1, 2), 6.0, ())
+
+
+@dataclass(frozen=True)
+class World:
+    """What is seen beside the target, and how. Lengths in pixels, grey levels of 256.
+
+    background  "dark", "discs", "checkerboard", "text", "texture", "photograph"; `level` is how bright it is, as a
+                factor, and `amount` how much of it (discs, words)
+    second      a second plate beside the first: "same", "mirrored" or "foreign" (a regular grid), `dim` as bright
+    blur        standard deviation of the optics; defocus: radius of a disc; motion: length of a line
+    noise       standard deviation; shot: variance for each grey level of signal
+    gradient    share by which light grows across the image, x and y; shadow: depth of a soft edge, `softness` wide
+    occluded    share of the plate's side that something covers
+    bent        mm by which the plate's middle stands out of its plane
+    """
+
+    background: str = "dark"
+    amount: int = 0
+    level: float = 1.0
+    second: str = ""
+    dim: float = 1.0
+    bright: float = 200.0
+    dark: float = 30.0
+    blur: float = 0.8
+    defocus: float = 0.0
+    motion: float = 0.0
+    noise: float = 2.0
+    shot: float = 0.0
+    gamma: float = 1.0
+    jpeg: int = 0
+    gradient: tuple[float, float] = (0.0, 0.0)
+    shadow: float = 0.0
+    softness: float = 40.0
+    occluded: float = 0.0
+    bent: float = 0.0
+
+
+def photographed(
+    target: Target, camera: Camera, pose: Pose, world: World, rng: np.random.Generator
+) -> npt.NDArray[np.uint8]:
+    """The image (height, width) of the target at `pose` in a world."""
+    size = camera.height * FINE, camera.width * FINE
+    grey = background(size, world.background, world.amount, FINE, world.dark, world.bright, rng)
+    grey *= np.float32(world.level)
+    if world.second:
+        plate = FOREIGN if world.second == "foreign" else target
+        _lay(grey, plate, camera, _beside(pose, target, world.second == "mirrored"), world, world.dim, bend=0.0)
+    _lay(grey, target, camera, pose, world, 1.0, bend=world.bent)
+    if world.occluded:
+        _cover(grey, target, camera, pose, world, rng)
+    grey *= _light(camera, world, rng)
+    return _exposed(_optics(grey, world, rng), world, rng)
+
+
+def true_centers(target: Target, camera: Camera, pose: Pose) -> Array:
+    """The centroids (n, 2) of the dots' images, pixels: of polygons of 360 points on each circle."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
+    rim = target.dots[:, None, :] + target.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    p = rim @ pose.rotation[:, :2].T + pose.position
+    at = camera.center + camera.focal * bent(p[..., 0] / p[..., 2], p[..., 1] / p[..., 2], camera.distortion)
+    start = at.mean(axis=1, keepdims=True)
+    (x, y), (x1, y1) = np.moveaxis(at - start, -1, 0), np.moveaxis(np.roll(at, -1, axis=1) - start, -1, 0)
+    cross = x * y1 - x1 * y
+    moments = np.stack([((x + x1) * cross).sum(axis=1), ((y + y1) * cross).sum(axis=1)], axis=-1)
+    return np.asarray(start[:, 0] + moments / (3.0 * cross.sum(axis=1, keepdims=True)))
+
+
+def bent(x: Array, y: Array, distortion: Array) -> Array:
+    """Where the lens shows the directions x, y: (..., 2)."""
+    k1, k2, p1, p2, k3 = distortion
+    r2 = x**2 + y**2
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    dx = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
+    dy = y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
+    return np.stack([dx, dy], axis=-1)
+
+
+@lru_cache(maxsize=2)
+def _rays(camera: Camera) -> tuple[Single, Single]:
+    """The directions (height FINE, width FINE) that the fine places see."""
+    u = (np.arange(camera.width * FINE) + 0.5) / FINE - 0.5
+    v = (np.arange(camera.height * FINE) + 0.5) / FINE - 0.5
+    x0 = np.broadcast_to((u - camera.center[0]) / camera.focal[0], (len(v), len(u)))
+    y0 = np.broadcast_to(((v - camera.center[1]) / camera.focal[1])[:, None], (len(v), len(u)))
+    x, y = x0.copy(), y0.copy()
+    for _ in range(_STEPS):
+        seen = bent(x, y, camera.distortion)
+        x += x0 - seen[..., 0]
+        y += y0 - seen[..., 1]
+    return x.astype(np.float32), y.astype(np.float32)
+
+
+def _on_plate(camera: Camera, pose: Pose | _Mirrored, bend: float, half: float) -> tuple[Single, Single, Single, Array]:
+    """The plate's coordinates u, v (mm) of every fine place, the depth factor w, and the homography."""
+    x, y = _rays(camera)
+    turn = pose.rotation
+    h = np.linalg.inv(np.stack([turn[:, 0], turn[:, 1], pose.position], axis=1))
+    a = h.astype(np.float32)
+    w = a[2, 0] * x + a[2, 1] * y + a[2, 2]
+    u = (a[0, 0] * x + a[0, 1] * y + a[0, 2]) / w
+    v = (a[1, 0] * x + a[1, 1] * y + a[1, 2]) / w
+    if bend:  # the ray meets the plate at its height above the plane
+        height = np.float32(bend) * (1 - np.clip((u * u + v * v) / np.float32(half * half), 0, 1))
+        sight = np.stack([x, y, np.ones_like(x)], axis=-1) @ turn.astype(np.float32)
+        u, v = u + height * sight[..., 0] / sight[..., 2], v + height * sight[..., 1] / sight[..., 2]
+    return u, v, w, h
+
+
+def _lay(
+    grey: Single, target: Target, camera: Camera, pose: Pose | _Mirrored, world: World, light: float, bend: float
+) -> None:
+    """Put the plate into the image of fine places."""
+    half = float(np.abs(target.dots).max()) + _MARGIN
+    u, v, w, h = _on_plate(camera, pose, bend, half)
+    plate = np.flatnonzero(((np.abs(u) < half) & (np.abs(v) < half) & (w > 0)).ravel())
+    share = _covered(target, u.ravel()[plate], v.ravel()[plate], w.ravel()[plate], h, camera, half)
+    inside, outside = (world.bright, world.dark) if target.bright else (world.dark, world.bright)
+    grey.ravel()[plate] = light * (outside + (inside - outside) * share)
+
+
+def _covered(target: Target, u: Single, v: Single, w: Single, h: Array, camera: Camera, half: float) -> Single:
+    """Which share of each fine place a dot covers, by its distance from the nearest dot's edge."""
+    dot = _nearest(target, half)[np.rint(v + half).astype(np.int64), np.rint(u + half).astype(np.int64)]
+    du, dv = u - target.dots[dot, 0].astype(np.float32), v - target.dots[dot, 1].astype(np.float32)
+    r = np.hypot(du, dv)
+    share: Single = (r < target.radius).astype(np.float32)
+    step = 2.0 * pose_scale(h, camera)
+    edge = np.flatnonzero(np.abs(r - target.radius) < step)
+    along = np.stack([du[edge] / r[edge], dv[edge] / r[edge]], axis=-1)
+    u, v, w, inside = u[edge], v[edge], w[edge], target.radius - r[edge]
+    per_x = np.stack([(h[0, 0] - u * h[2, 0]) / w, (h[1, 0] - v * h[2, 0]) / w], axis=-1) / (camera.focal[0] * FINE)
+    per_y = np.stack([(h[0, 1] - u * h[2, 1]) / w, (h[1, 1] - v * h[2, 1]) / w], axis=-1) / (camera.focal[1] * FINE)
+    gx, gy = np.abs((along * per_x).sum(axis=-1)), np.abs((along * per_y).sum(axis=-1))
+    share[edge] = np.clip(0.5 + inside / (gx + gy), 0.0, 1.0)  # the width of a square seen from the edge
+    return share
+
+
+@lru_cache(maxsize=4)
+def _nearest(target: Target, half: float) -> npt.NDArray[np.int64]:
+    """The number of the dot next to each whole mm of the plate."""
+    ticks = np.arange(-half, half + 1.0)
+    cells = np.stack(np.meshgrid(ticks, ticks), axis=-1)
+    return np.asarray(cKDTree(target.dots).query(cells)[1], dtype=np.int64)
+
+
+def pose_scale(h: Array, camera: Camera) -> float:
+    """At most so many mm are in a fine place, roughly."""
+    return 3.0 * float(np.sqrt(abs(np.linalg.det(h))) / abs(h[2, 2]) ** 1.5) / (float(camera.focal.min()) * FINE)
+
+
+def _beside(pose: Pose, target: Target, mirrored: bool) -> Pose | _Mirrored:
+    """A second plate to the right of the first, farther away, so that both are in sight."""
+    size = float(np.abs(target.dots).max()) + _MARGIN
+    moved = Pose(pose.position + np.array([2.3 * size, 0.0, 250.0]), pose.quaternion)
+    return _Mirrored(moved) if mirrored else moved
+
+
+@dataclass(frozen=True)
+class _Mirrored:
+    """A pose in a mirror: the plate's x axis is turned over."""
+
+    pose: Pose
+
+    @property
+    def position(self) -> Array:
+        return self.pose.position
+
+    @property
+    def rotation(self) -> Array:
+        return np.asarray(self.pose.rotation * [-1.0, 1.0, 1.0])
+
+
+def _cover(grey: Single, target: Target, camera: Camera, pose: Pose, world: World, rng: np.random.Generator) -> None:
+    """A bar of middling grey, as of a cable or an arm, over a part of the plate in some direction."""
+    half = float(np.abs(target.dots).max()) + _MARGIN
+    u, v, _, _ = _on_plate(camera, pose, 0.0, half)
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    across = u * np.float32(np.cos(angle)) + v * np.float32(np.sin(angle))
+    at = rng.uniform(-0.6, 0.6) * half
+    grey[np.abs(across - np.float32(at)) < world.occluded * half] = 0.4 * world.bright
+
+
+def _light(camera: Camera, world: World, rng: np.random.Generator) -> Single | float:
+    if not (any(world.gradient) or world.shadow):
+        return 1.0
+    height, width = camera.height * FINE, camera.width * FINE
+    x = np.linspace(-0.5, 0.5, width, dtype=np.float32)
+    y = np.linspace(-0.5, 0.5, height, dtype=np.float32)[:, None]
+    light = 1.0 + np.float32(world.gradient[0]) * x + np.float32(world.gradient[1]) * y
+    if world.shadow:
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        across = (x * camera.width * np.cos(angle) + y * camera.height * np.sin(angle)).astype(np.float32)
+        edge = np.clip((across - rng.uniform(-100.0, 100.0)) / world.softness, -0.5, 0.5) + 0.5
+        light = light * (1.0 - np.float32(world.shadow) * edge * edge * (3.0 - 2.0 * edge))
+    return np.asarray(light, dtype=np.float32)
+
+
+def _optics(grey: Single, world: World, rng: np.random.Generator) -> Single:
+    """Blur, on fine places; then the mean of each pixel's."""
+    if world.blur:
+        grey = cv2.GaussianBlur(grey, (0, 0), world.blur * FINE)
+    if world.defocus:
+        reach = int(np.ceil(world.defocus * FINE))
+        ticks = np.arange(-reach, reach + 1)
+        disc = np.clip(world.defocus * FINE + 0.5 - np.hypot(ticks, ticks[:, None]), 0.0, 1.0)
+        grey = cv2.filter2D(grey, -1, (disc / disc.sum()).astype(np.float32))
+    if world.motion:
+        grey = cv2.filter2D(grey, -1, _line(world.motion * FINE, rng.uniform(0.0, np.pi)))
+    height, width = grey.shape
+    return np.asarray(grey.reshape(height // FINE, FINE, width // FINE, FINE).mean(axis=(1, 3)))
+
+
+def _line(length: float, angle: float) -> Single:
+    reach = int(np.ceil(0.5 * length)) + 1
+    out = np.zeros((2 * reach + 1, 2 * reach + 1), dtype=np.float32)
+    for t in np.linspace(-0.5 * length, 0.5 * length, 201):
+        x, y = reach + t * np.cos(angle), reach + t * np.sin(angle)
+        i, j = int(y), int(x)
+        for k, m, share in ((0, 0, (1 - y + i) * (1 - x + j)), (0, 1, (1 - y + i) * (x - j)),
+                            (1, 0, (y - i) * (1 - x + j)), (1, 1, (y - i) * (x - j))):  # fmt: skip
+            out[i + k, j + m] += share
+    return np.asarray(out / out.sum())
+
+
+def _exposed(grey: Any, world: World, rng: np.random.Generator) -> npt.NDArray[np.uint8]:
+    variance = world.noise**2 + world.shot * np.maximum(grey, 0.0)
+    grey = grey + np.sqrt(variance) * rng.standard_normal(grey.shape)
+    if world.gamma != 1.0:
+        grey = 255.0 * (np.clip(grey, 0.0, 255.0) / 255.0) ** (1.0 / world.gamma)
+    image: npt.NDArray[np.uint8] = np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+    if world.jpeg:
+        coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, world.jpeg])[1]
+        image = np.asarray(cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
+    return image
