@@ -6,6 +6,7 @@ beside the record has them. Nothing of it is proved.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,6 +88,14 @@ class Parameters:
     converged: bool
     sentence: str
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for what is not seven finite numbers a leg, each with its error."""
+        rows = (*self.values, *self.standard_errors)
+        if len(self.values) != len(self.standard_errors) or any(len(row) != 7 for row in rows):
+            raise ValueError("a fit is not seven numbers a leg, each with its standard error")
+        if not all(math.isfinite(value) for row in self.values for value in row):
+            raise ValueError("a fit is not finite")
+
     @property
     def array(self) -> npt.NDArray[np.float64]:
         """(n, 7) mm."""
@@ -102,6 +111,12 @@ class Errors:
     orientation_before: Numbers
     position_after: Numbers
     orientation_after: Numbers
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for columns that differ in length."""
+        columns = (self.position_before, self.orientation_before, self.position_after, self.orientation_after)
+        if any(len(column) != len(self.names) for column in columns):
+            raise ValueError("a validation has not one error for each name")
 
     @property
     def validation(self) -> Validation:
@@ -134,6 +149,14 @@ class CalibrationRecord:
     x_c_sigma: Parameters
     validation: Errors
     validation_sigma: Errors
+
+    def __post_init__(self) -> None:
+        """Raises ValueError when the parts are not of the same number of legs."""
+        legs = len(self.drawing)
+        if not legs or any(len(row) != 7 for row in self.drawing):
+            raise ValueError("the drawing is not seven numbers a leg")
+        if any(len(fit.values) != legs for fit in (self.x_c, self.x_c_sigma)):
+            raise ValueError(f"a fit (x_c, x_c_sigma) is not of the drawing's {legs} legs")
 
     def in_drawing(self, fit: Parameters) -> npt.NDArray[np.float64]:
         """A fit's parameters (n, 7), mm, moved rigidly to the drawing's frames by the frames that were found."""

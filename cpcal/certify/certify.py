@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+from cpcal.atomic import unwritable
 from cpcal.certify.leg import certify_leg
 from cpcal.certify.model import chosen_model
-from cpcal.certify.question import Progress, Question, check
+from cpcal.certify.question import Progress, Question, absent_legs
 from cpcal.errors import InputError, Problem
+from cpcal.files.run_folder import RUN, answers_into
 from cpcal.legs import LegModel
-from cpcal.results import LegResult, ModelNote, Result
+from cpcal.results import CampaignNote, LegResult, ModelNote, Options, Result
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.contract import Limits
-from cpcal.solver.interval import get_arithmetic
 from cpcal.version import __version__
 
 
@@ -30,6 +32,7 @@ def certify(
     contractors: Sequence[str] = ("lifted",),
     arithmetic: str = "float64",
     eps: float | None = None,
+    tolerance: float | None = None,
     support: str = "few",
     method: str = "bound",
     certificates: str | os.PathLike[str] | None = None,
@@ -43,11 +46,13 @@ def certify(
     x ranges over all parameters within `delta` mm of the center: "fit" (least squares), "plain" (of the plain model) or
     "nominal". `legs` counts from 1 (default: all). `gap` is relative, `time_limit` in seconds per leg. With `eps` (mm)
     the question is instead whether S(eps) is empty. `progress` is called with (leg, Bracket) as the brackets shrink.
+    `tolerance` (mm) is kept with the result: the error that the robot may have.
 
     `support` "irreducible" leaves out of each leg's support every measurement that the proof can do without; "few" does
-    not try. `certificates` names a folder for `legN.cert.jsonl`, which prove the answers to `cpcal verify` (and
-    `legN.support.cert.jsonl`, that an irreducible support alone proves eps_lo): then every step is proved once more
-    in exact arithmetic before it counts, and only contractors that give weights take part, if there is one (lifted).
+    not try; with "none" no support is sought. `certificates` names a folder for `legN.cert.jsonl`, which prove the
+    answers to `cpcal verify` (and `legN.support.cert.jsonl`, that an irreducible support alone proves eps_lo): then
+    every step is proved once more in exact arithmetic before it counts, and only contractors that give weights take
+    part, if there is one (lifted). They replace those of an earlier run, and its answers, when all legs are done.
 
     `method` "bound" is branch and bound on eps; "timeout" is the script of the paper's section 5.2.1, which asks a
     solver made of the contractors for points at one eps after the other, and needs a `time_limit`.
@@ -58,66 +63,69 @@ def certify(
 
     Ctrl-C ends it with what is proved so far. Raises InputError, PluginError.
     """
-    corrected, wrong = chosen_model(campaign, model, half_widths)
-    check(campaign, legs, delta, center, gap, time_limit, eps, support, method, wrong)
-    plugins.check_names(contractors)
-    limits = Limits(seconds=time_limit, gap=gap)
-    folder = None if certificates is None else emptied(Path(certificates), "leg*.cert.jsonl")
-    engine = get_arithmetic(arithmetic)
-    question = Question(
-        campaign, delta, center, tuple(contractors), engine, eps, limits, support, method, folder, progress, corrected
+    options, corrected = checked_options(
+        campaign,
+        legs=legs,
+        delta=delta,
+        center=center,
+        gap=gap,
+        time_limit=time_limit,
+        contractors=contractors,
+        arithmetic=arithmetic,
+        eps=eps,
+        tolerance=tolerance,
+        support=support,
+        method=method,
+        model=model,
+        half_widths=half_widths or {},
     )
-    return answered(question, legs or range(1, campaign.legs + 1))
+    question = Question(campaign=campaign, options=options, model=corrected, progress=progress)
+    if certificates is None:
+        return answered(question)
+    with answers_into(certificates, RUN) as draft:
+        return answered(replace(question, certificates=draft))
 
 
-def answered(question: Question, legs: Sequence[int]) -> Result:
+def checked_options(campaign: Campaign, others: Sequence[Problem] = (), **given: Any) -> tuple[Options, LegModel]:
+    """Options that this campaign can be asked about, and their leg model.
+
+    Raises InputError with every problem at once, `others` among them; PluginError for a contractor that is not there.
+    """
+    model, wrong = chosen_model(campaign, given.get("model"), given.get("half_widths"))
+    problems = [*others, *wrong, *absent_legs(campaign, given.get("legs"))]
+    if isinstance(given.get("model"), LegModel):
+        given["model"] = model.name
+    try:
+        options = Options(**given)
+    except InputError as error:
+        raise InputError([*problems, *error.problems]) from None
+    if problems:
+        raise InputError(problems)
+    plugins.check_names(options.contractors)
+    return options, model
+
+
+def answered(question: Question) -> Result:
     """The legs one after the other. Raises InputError when a certificate cannot be written."""
     campaign, model = question.campaign, question.model
     done: list[LegResult] = []
     interrupted = False
-    for leg in legs:
+    for leg in question.options.legs or range(1, campaign.legs + 1):
         try:
             found, interrupted = certify_leg(question, leg)
         except KeyboardInterrupt:
             interrupted = True
             break
         except OSError as error:
-            raise _unwritable(question.certificates, error) from None
+            raise unwritable(question.certificates or Path(), error) from None
         done.append(found)
         if interrupted:
             break
     return Result(
-        campaign.robot.name,
-        campaign.sha256,
-        len(campaign),
-        model.parameters,
-        question.delta,
-        question.center,
-        question.limits.gap,
-        question.eps,
-        question.contractors,
-        question.engine.name,
-        __version__,
-        tuple(done),
-        interrupted,
-        question.method,
-        question.limits.seconds,
-        question.support,
-        ModelNote(model.name, model.summary, model.extra),
+        campaign=CampaignNote(campaign.sha256, campaign.robot.name, len(campaign)),
+        options=question.options,
+        model=ModelNote(model.name, model.summary, model.extra),
+        version=__version__,
+        interrupted=interrupted,
+        legs=tuple(done),
     )
-
-
-def emptied(folder: Path, pattern: str) -> Path:
-    """A folder for certificates, made if missing, without those of an earlier run. Raises InputError."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for old in folder.glob(pattern):
-            old.unlink()
-    except OSError as error:
-        raise _unwritable(folder, error) from None
-    return folder
-
-
-def _unwritable(folder: Path | None, error: OSError) -> InputError:
-    remedy = "choose a folder that can be written to"
-    return InputError([Problem(str(folder), f"cannot be written: {error.strerror or error}", remedy)])

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from dataclasses import replace
+from typing import Any
 
-import numpy as np
-
-from cpcal.certify.certify import answered, emptied
+from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.model import chosen_model
-from cpcal.certify.question import Question, check
+from cpcal.certify.question import Question
 from cpcal.errors import Problem
+from cpcal.files.run_folder import COMPARED as FOLDER
+from cpcal.files.run_folder import answers_into
 from cpcal.legs import LegModel
 from cpcal.results import Comparison, Entry, LegResult
 from cpcal.robot import Campaign
-from cpcal.solver import plugins
-from cpcal.solver.contract import Limits
-from cpcal.solver.interval import get_arithmetic
 
 COMPARED = ("plain", "gain", "linear")
 _CENTERS = ("plain", "nominal")  # the same for all models, whatever their own fits
@@ -47,30 +45,71 @@ def compare(
     `gain-leg1.cert.jsonl`, and `progress` is called with every entry. Ctrl-C ends it with what is proved so far.
     Raises InputError with every problem, PluginError.
     """
+    question, chosen = comparison_question(
+        campaign,
+        models,
+        half_widths,
+        tolerance=tolerance,
+        legs=legs,
+        delta=delta,
+        center=center,
+        gap=gap,
+        time_limit=time_limit,
+        contractors=contractors,
+        arithmetic=arithmetic,
+    )
+    if certificates is None:
+        return compared(question, chosen, progress)
+    with answers_into(certificates, FOLDER) as draft:
+        return compared(replace(question, certificates=draft), chosen, progress)
+
+
+def comparison_question(
+    campaign: Campaign,
+    models: Sequence[str | LegModel],
+    half_widths: Mapping[str, Mapping[str, float]] | None = None,
+    *,
+    center: str = "plain",
+    **given: Any,
+) -> tuple[Question, list[LegModel]]:
+    """What is asked with each of the models, and these. Raises InputError with every problem, PluginError."""
     chosen, wrong = _chosen(campaign, models, half_widths or {})
-    if tolerance is not None and not (np.isfinite(tolerance) and tolerance >= 0.0):
-        wrong.append(Problem("tolerance", f"{tolerance} is no tolerance", "give a number of mm, 0 or more"))
     if center not in _CENTERS:
         wrong.append(Problem("center", f"{center!r} is not common to all models", f"use {' or '.join(_CENTERS)}"))
-    check(campaign, legs, delta, "plain", gap, time_limit, None, "few", "bound", wrong)
-    plugins.check_names(contractors)
-    engine, limits = get_arithmetic(arithmetic), Limits(seconds=time_limit, gap=gap)
-    folder = None if certificates is None else emptied(Path(certificates), "*.cert.jsonl")
+    options, _ = checked_options(
+        campaign,
+        wrong,
+        center=center if center in _CENTERS else "plain",
+        support="none",
+        model="plain",
+        **given,
+    )
+    return Question(campaign=campaign, options=options), chosen
+
+
+def compared(question: Question, models: Sequence[LegModel], progress: Callable[[Entry], None] | None) -> Comparison:
+    """All models of a leg, then the next leg; `question` is asked with one model after the other."""
+    campaign, options = question.campaign, question.options
     entries: list[Entry] = []
     interrupted = False
-    pairs = [(leg, model) for leg in legs or range(1, campaign.legs + 1) for model in chosen]
-    for leg, model in pairs:
-        names, prefix = tuple(contractors), f"{model.name}-"
-        asked = (campaign, delta, center, names, engine, None, limits, "none", "bound", folder, None, model, prefix)
-        result = answered(Question(*asked), [leg])
+    for leg, model in ((leg, model) for leg in options.legs or range(1, campaign.legs + 1) for model in models):
+        asked = replace(options, legs=(leg,), model=model.name)
+        result = answered(replace(question, options=asked, model=model, prefix=f"{model.name}-"))
         entries += [_entry(found, model) for found in result.legs]
         if progress is not None and result.legs:
             progress(entries[-1])
         interrupted = result.interrupted
         if interrupted:
             break
-    summaries = {model.name: model.summary for model in chosen}
-    return Comparison(campaign.robot.name, tolerance, summaries, tuple(entries), campaign.sha256, interrupted)
+    return Comparison(
+        title=campaign.robot.name,
+        tolerance=options.tolerance,
+        models={model.name: model.summary for model in models},
+        entries=tuple(entries),
+        campaign_sha256=campaign.sha256,
+        options=options,
+        interrupted=interrupted,
+    )
 
 
 def _chosen(
@@ -94,5 +133,15 @@ def _chosen(
 
 
 def _entry(found: LegResult, model: LegModel) -> Entry:
-    numbers = (found.eps_lo, found.eps_hi, found.enclosure, found.certificate, found.status, found.seconds)
-    return Entry(f"leg {found.leg}", model.name, *numbers)
+    return Entry(
+        subject=f"leg {found.leg}",
+        model=model.name,
+        eps_lo=found.eps_lo,
+        eps_hi=found.eps_hi,
+        enclosure=found.enclosure,
+        certificate=found.certificate,
+        status=found.status,
+        seconds=found.seconds,
+        determination=found.determination,
+        not_certified=found.not_certified,
+    )

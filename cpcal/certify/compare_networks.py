@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from cpcal.certify.certify import emptied
 from cpcal.errors import InputError, Problem
+from cpcal.files.run_folder import COMPARED, answers_into
 from cpcal.results import Comparison, Entry
 from cpcal.solver.certificate.exact_network import NotStated
 from cpcal.solver.contract import Limits
@@ -40,28 +42,37 @@ def compare_networks(
     form, have none: they stay unchecked. Raises InputError, and what `Network.minimize` raises.
     """
     _check(cases, tolerance)
-    folder = None if certificates is None else emptied(Path(certificates), "*.cert.jsonl")
+    with ExitStack() as keep:
+        folder = None if certificates is None else keep.enter_context(answers_into(certificates, COMPARED))
+        ask = partial(Network.minimize, contractors=contractors, arithmetic=arithmetic, limits=limits)
+        entries, interrupted = _compared(cases, ask, folder, progress)
+    models = dict.fromkeys((m for models in cases.values() for m in models), "a network of one's own")
+    return Comparison(title=title, tolerance=tolerance, models=models, entries=entries, interrupted=interrupted)
+
+
+def _compared(
+    cases: Mapping[str, Mapping[str, Model]],
+    ask: Callable[..., Minimum],
+    folder: Path | None,
+    progress: Callable[[Entry], None] | None,
+) -> tuple[tuple[Entry, ...], bool]:
+    """The entries, and whether the user interrupted them."""
     entries: list[Entry] = []
     interrupted = False
     for subject, model, (net, eps) in ((s, m, case) for s, models in cases.items() for m, case in models.items()):
         path = None if folder is None else folder / f"{subject}-{model}.cert.jsonl"
-
-        def minimum(file: Path | None, net: Network = net, eps: Expr = eps) -> Minimum:
-            return net.minimize(eps, contractors=contractors, arithmetic=arithmetic, limits=limits, certificate=file)
-
         try:
-            found = minimum(path)
+            found = ask(net, eps, certificate=path)
         except NotStated:
             path = None
-            found = minimum(None)
+            found = ask(net, eps)
         entries.append(_entry(subject, model, found, net.component(eps), path))
         if progress is not None:
             progress(entries[-1])
         interrupted = found.interrupted
         if interrupted:
             break
-    models = dict.fromkeys((m for models in cases.values() for m in models), "a network of one's own")
-    return Comparison(title, tolerance, models, tuple(entries), None, interrupted)
+    return tuple(entries), interrupted
 
 
 def _entry(subject: str, model: str, found: Minimum, objective: str, path: Path | None) -> Entry:
@@ -70,7 +81,16 @@ def _entry(subject: str, model: str, found: Minimum, objective: str, path: Path 
     names = tuple(box.names[k] for k in keep)
     enclosure = Box.empty(names) if box.is_empty else Box(names, box.lo[keep], box.hi[keep])
     certificate = None if path is None else path.name
-    return Entry(subject, model, found.lo, found.hi, enclosure, certificate, found.status, found.seconds)
+    return Entry(
+        subject=subject,
+        model=model,
+        eps_lo=found.lo,
+        eps_hi=found.hi,
+        enclosure=enclosure,
+        certificate=certificate,
+        status=found.status,
+        seconds=found.seconds,
+    )
 
 
 def _check(cases: Mapping[str, Mapping[str, Model]], tolerance: float | None) -> None:

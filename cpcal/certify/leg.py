@@ -8,12 +8,13 @@ import numpy as np
 
 from cpcal.calibration import solves_exactly
 from cpcal.certify.bracket import Answered, by_bound, prove_support
+from cpcal.certify.determination import determination
 from cpcal.certify.point import verified_rows
 from cpcal.certify.question import Floats, Question
 from cpcal.certify.timeout_method import by_timeout
 from cpcal.legs import PLAIN, built_in, exactly_read
 from cpcal.numbers import stated
-from cpcal.results import LegResult, VerifiedPoint
+from cpcal.results import Determination, LegResult, VerifiedPoint
 from cpcal.solver.contract import Verdict
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize import Bracket, Minimum, irreducible, minimize, run
@@ -27,13 +28,13 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     """The result of one leg, and whether the user interrupted it."""
     middle = question.middle(leg)
     network = question.network(leg, middle)
-    start = np.append(middle, 0.0 if question.eps is None else question.eps)
+    start = np.append(middle, question.options.eps or 0.0)
 
     def tell(bracket: Bracket) -> None:
         if question.progress is not None:
             question.progress(leg, bracket)
 
-    answer = by_bound if question.method == "bound" else by_timeout
+    answer = by_bound if question.options.method == "bound" else by_timeout
     found = answer(question, leg, network, start, tell)
     few = _support(question, leg, network, start, found.minimum)
     return _leg_result(question, leg, middle, found, few), found.minimum.interrupted
@@ -42,7 +43,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
 def _support(
     question: Question, leg: int, network: ConstraintNetwork, start: Floats, found: Minimum
 ) -> tuple[int, ...]:
-    if question.support == "none":
+    if question.options.support == "none":
         return ()
     gap, short = question.limits.gap, replace(question.limits, nodes=_SUPPORT_NODES)
 
@@ -52,7 +53,7 @@ def _support(
         return run(minimize(net, "eps", contractor, engine=engine, limits=short, start=start, enclose=False), None)
 
     few = find_support(network, "eps", found, gap, alone)
-    if question.support == "irreducible" and few:
+    if question.options.support == "irreducible" and few:
         few = irreducible(network, found, few, gap, alone)
         if question.certificates is not None:
             best = start if found.witness is None else found.witness.point
@@ -63,42 +64,56 @@ def _support(
 def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, few: tuple[int, ...]) -> LegResult:
     found = answer.minimum
     ids, enclosure = question.campaign.measurement_ids, found.enclosure
-    eps = question.eps or 0.0
+    eps = question.options.eps or 0.0
     good, bad = verified_rows(question.campaign, leg, middle, eps, question.engine, question.model)
     names = question.model.parameters
     return LegResult(
-        leg,
-        found.verdict,
-        _sentence(question, leg, found) + _unchecked(question, leg, answer),
-        found.lo,
-        found.hi,
-        None if found.witness is None else tuple(float(v) for v in found.witness.point[:-1]),
-        tuple(float(v) for v in middle),
-        type(enclosure)(names, enclosure.lo[:-1], enclosure.hi[:-1]),
-        found.floor,
-        tuple(ids[k] for k in few),
-        found.nodes,
-        found.programs,
-        found.seconds,
-        answer.certificate,
-        trials=answer.trials,
+        leg=leg,
+        verdict=found.verdict,
+        status=_sentence(question, leg, found),
+        eps_lo=float(found.lo),
+        eps_hi=float(found.hi),
+        point=None if found.witness is None else tuple(float(v) for v in found.witness.point[:-1]),
+        center=tuple(float(v) for v in middle),
+        enclosure=type(enclosure)(names, enclosure.lo[:-1], enclosure.hi[:-1]),
+        floor=float(found.floor),
+        support=tuple(ids[k] for k in few),
+        nodes=found.nodes,
+        programs=found.programs,
+        seconds=found.seconds,
+        certified=answer.certificate is not None,
+        certificate=answer.certificate,
+        not_certified=_not_certified(question, leg, answer),
         verified=VerifiedPoint(eps, len(good), len(bad), len(question.campaign)),
+        determination=_determination(question, leg, middle, found),
+        trials=answer.trials,
     )
 
 
-def _unchecked(question: Question, leg: int, answer: Answered) -> str:
-    """Said where a certificate was asked for, and the model has none with such readings."""
-    if question.certificates is None or answer.certificate is not None or built_in(question.model):
+def _determination(question: Question, leg: int, middle: Floats, found: Minimum) -> Determination | None:
+    """At the proved point, or the middle of the box; None for a box that is a point."""
+    if question.options.delta == 0.0:
+        return None
+    at = middle if found.witness is None else found.witness.point[:-1]
+    return determination(question.campaign, leg, at, question.model)
+
+
+def _not_certified(question: Question, leg: int, answer: Answered) -> str:
+    """Why there is no certificate; empty where there is one."""
+    if answer.certificate is not None:
         return ""
-    if exactly_read(question.campaign, leg):
-        return " No certificate was written: unchecked."
-    name = question.model.name
-    return f" Unchecked: with uncertain readings {name!r}, a model of one's own, has no certificate."
+    if question.certificates is None:
+        return "no certificate was asked for"
+    if answer.minimum.interrupted:
+        return "the search was interrupted"
+    if not built_in(question.model) and not exactly_read(question.campaign, leg):
+        return f"with uncertain readings {question.model.name!r}, a user-defined model, has no certificate"
+    return "nothing was proved that a certificate could claim"
 
 
 def _sentence(question: Question, leg: int, found: Minimum) -> str:
-    if question.eps is not None:
-        eps = stated(question.eps)
+    if question.options.eps is not None:
+        eps = stated(question.options.eps)
         return {
             Verdict.PROVED: f"Some x in the box satisfies all equations to within {eps} mm for some readings: proved.",
             Verdict.REFUTED: f"No x in the box, with legs longer than {eps} mm, satisfies all equations "
@@ -108,5 +123,5 @@ def _sentence(question: Question, leg: int, found: Minimum) -> str:
     if found.witness is not None and found.hi == 0.0:
         plain, x = question.model.name == PLAIN.name, found.witness.point[:-1]
         how = "proved in exact arithmetic" if plain and solves_exactly(question.campaign, leg, x) else "proved"
-        return f"The model is not refuted: some x satisfies every equation exactly for some readings: {how}."
+        return f"Some x in the box satisfies every equation exactly for some readings: {how}."
     return found.status

@@ -53,7 +53,7 @@ def with_projections(campaign: Campaign, result: Result, model: LegModel | None 
 
 
 def projections(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> Projections | None:
-    """Of all x within `result.delta` of the leg's center that satisfy its equations to within `projection_eps`.
+    """Of all x within `result.options.delta` of the leg's center that satisfy its equations to within `projection_eps`.
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. None where there is no such tolerance or no x,
     where none of the result's contractors offers `supports`, or where all is known too well, or too badly, to be drawn.
@@ -62,9 +62,9 @@ def projections(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
     if eps is None:
         return None
     engine = get_arithmetic(ARITHMETIC)
-    box = leg_box(leg.center, result.delta, model)
+    box = leg_box(leg.center, result.options.delta, model)
     network = leg_network(campaign, leg.leg, box, engine=engine, eps=(eps, eps), model=model)
-    for name in result.contractors:
+    for name in result.options.contractors:
         contractor = plugins.load(name)(network, objective=None, arithmetic=ARITHMETIC)
         if isinstance(contractor, Supporting):
             box = _contracted(contractor, network.domain)
@@ -75,8 +75,8 @@ def projections(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
 
 def projection_eps(result: Result, leg: LegResult) -> float | None:
     """The eps asked for; else eps_hi, with a margin if the bracket is closed: S(eps_hi) is then (nearly) a point."""
-    if result.eps is not None:
-        return None if leg.verdict is Verdict.REFUTED else result.eps
+    if result.options.eps is not None:
+        return None if leg.verdict is Verdict.REFUTED else result.options.eps
     if not math.isfinite(leg.eps_hi):
         return None
     return MARGIN * leg.eps_hi if leg.verdict is Verdict.PROVED else leg.eps_hi

@@ -63,11 +63,11 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
     """The two campaigns and, last, the record: an older one never stands beside campaigns that are not its own."""
     try:
         (folder / RECORD_NAME).unlink(missing_ok=True)
-        save_campaign(found.campaign, folder / CAMPAIGN)
-        save_campaign(found.check, folder / VALIDATION)
-        save_record(record, folder)
     except OSError as error:
         raise unwritable(folder, error) from None
+    save_campaign(found.campaign, folder / CAMPAIGN)
+    save_campaign(found.check, folder / VALIDATION)
+    save_record(record, folder)
 
 
 def show_record(console: Console, record: CalibrationRecord) -> None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cpcal.cli.folders import check_writable
-from cpcal.cli.run import Question, answer, publish, status_of
+from cpcal.cli.folders import check_target, output_path
+from cpcal.cli.grouped import grouped
+from cpcal.cli.run import certified_into, status_of
 from cpcal.cli.suspected import read_campaign
+from cpcal.files.run_folder import RUN
 
 
 class Center(StrEnum):
@@ -32,8 +35,60 @@ class Method(StrEnum):
 class Support(StrEnum):
     FEW = "few"
     IRREDUCIBLE = "irreducible"
+    NONE = "none"
 
 
+@dataclass(frozen=True)
+class CertifyFlags:
+    """The options of the command line that are options of `cpcal.certify`."""
+
+    legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None
+    delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0
+    center: Annotated[Center, typer.Option(help="Middle of that box: a least-squares fit, or nominal.")] = Center.FIT
+    gap: Annotated[float, typer.Option(help="Relative width at which the bracket counts as closed.")] = 1e-6
+    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg, at most.")] = None
+    contractors: Annotated[str, typer.Option(metavar="A,B", help="See `cpcal plugins`.")] = "lifted"
+    arithmetic: Annotated[Engine, typer.Option(help="Rigorous arithmetic.")] = Engine.FLOAT64
+    eps: Annotated[
+        float | None, typer.Option(metavar="MM", help="Ask instead whether any parameters reach this eps.")
+    ] = None
+    tolerance: Annotated[
+        float | None, typer.Option(metavar="MM", help="Pass or fail: may the model be off by this much?")
+    ] = None
+    support: Annotated[
+        Support, typer.Option(help="Few measurements that prove the bound alone, or none that could be left out.")
+    ] = Support.FEW
+    method: Annotated[
+        Method, typer.Option(help="Branch and bound on eps, or the paper's script; that needs a time limit.")
+    ] = Method.BOUND
+    model: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),
+    ] = None
+    half_width: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=X", help="Of an extra parameter of the model; repeat for others.")
+    ] = None
+
+    def given(self) -> dict[str, object]:
+        """The keyword arguments of `cpcal.certify`. Raises BadParameter."""
+        return {
+            "legs": None if self.legs is None else numbers_of(self.legs),
+            "delta": self.delta,
+            "center": self.center.value,
+            "gap": self.gap,
+            "time_limit": self.time_limit,
+            "contractors": names_of(self.contractors),
+            "arithmetic": self.arithmetic.value,
+            "eps": self.eps,
+            "tolerance": self.tolerance,
+            "support": self.support.value,
+            "method": self.method.value,
+            "model": self.model,
+            "half_widths": half_widths_of(self.half_width or []),
+        }
+
+
+@grouped(CertifyFlags)
 def certify(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
     run: Annotated[
@@ -42,54 +97,28 @@ def certify(
             "--output",
             "-o",
             metavar="RUN",
-            help="Folder for result.json, report.html and certificates; replaced there.",
+            parser=output_path,
+            help="Folder for result.json, campaign.json, report.html and certificates; replaced there.",
         ),
     ],
-    legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None,
-    delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0,
-    center: Annotated[Center, typer.Option(help="Middle of that box: a least-squares fit, or nominal.")] = Center.FIT,
-    gap: Annotated[float, typer.Option(help="Relative width at which the bracket counts as closed.")] = 1e-6,
-    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg, at most.")] = None,
-    contractors: Annotated[str, typer.Option(metavar="A,B", help="See `cpcal plugins`.")] = "lifted",
-    arithmetic: Annotated[Engine, typer.Option(help="Rigorous arithmetic.")] = Engine.FLOAT64,
-    eps: Annotated[
-        float | None, typer.Option(metavar="MM", help="Ask instead whether any parameters reach this eps.")
-    ] = None,
-    support: Annotated[
-        Support, typer.Option(help="Few measurements that prove the bound alone, or none that could be left out.")
-    ] = Support.FEW,
-    method: Annotated[
-        Method, typer.Option(help="Branch and bound on eps, or the paper's script; that needs a time limit.")
-    ] = Method.BOUND,
-    model: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),
-    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json and nothing else.")] = False,
+    *,
+    options: CertifyFlags,
 ) -> None:
     """Bracket, leg by leg, the smallest model error eps of a CAMPAIGN, by proofs from both sides.
 
     A leg's parameters reach eps when for every measurement THERE EXISTS a reading in its set at which the leg
     equation is off by at most eps (mm). With --eps the question is whether any parameters in the box do.
     """
-    check_writable(run)
-    question = Question(
-        legs=None if legs is None else numbers_of(legs),
-        delta=delta,
-        center=center.value,
-        gap=gap,
-        time_limit=time_limit,
-        contractors=tuple(name.strip() for name in contractors.split(",") if name.strip()),
-        arithmetic=arithmetic.value,
-        eps=eps,
-        support=support.value,
-        method=method.value,
-        model=model,
-    )
-    measured = read_campaign(campaign)
-    result = answer(measured, question, run, quiet=as_json)
-    publish(measured, result, run, as_json=as_json)
+    given = options.given()
+    check_target(run, RUN, campaign)
+    result = certified_into(run, read_campaign(campaign), given, as_json=as_json)
     raise typer.Exit(status_of(result))
+
+
+def names_of(text: str) -> tuple[str, ...]:
+    """Names with commas between them."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def numbers_of(text: str) -> tuple[int, ...]:
@@ -97,5 +126,18 @@ def numbers_of(text: str) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in text.split(","))
     except ValueError:
-        message = f"{text!r} is no list of legs: give numbers with commas between them, such as 1,3"
+        message = f"{text!r:.60} is no list of legs: give numbers with commas between them, such as 1,3"
         raise typer.BadParameter(message, param_hint="--legs") from None
+
+
+def half_widths_of(texts: list[str]) -> dict[str, float]:
+    """The values of --half-width. Raises BadParameter."""
+    out = {}
+    for text in texts:
+        name, _, number = text.partition("=")
+        try:
+            out[name.strip()] = float(number)
+        except ValueError:
+            message = f"{text!r:.60} is no half-width: give a name and a number, such as s=0.01"
+            raise typer.BadParameter(message, param_hint="--half-width") from None
+    return out

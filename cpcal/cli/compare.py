@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,13 +11,17 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from cpcal.certify import COMPARED, compare
-from cpcal.cli.certify import Engine, numbers_of
-from cpcal.cli.folders import check_writable, unwritable
-from cpcal.cli.show import terminal
+from cpcal.certify import COMPARED
+from cpcal.certify.compare import compared, comparison_question
+from cpcal.cli.certify import Engine, names_of, numbers_of
+from cpcal.cli.folders import check_target, output_path
+from cpcal.cli.grouped import grouped
+from cpcal.cli.show import STYLES, terminal
 from cpcal.cli.status import Status
 from cpcal.cli.suspected import read_campaign
-from cpcal.errors import printable
+from cpcal.errors import InputError, printable
+from cpcal.files.run_folder import COMPARED as FOLDER
+from cpcal.files.run_folder import answers_into
 from cpcal.numbers import nearest
 from cpcal.report.comparison import (
     COMPARISON_PAGE,
@@ -27,72 +31,97 @@ from cpcal.report.comparison import (
     said,
     write_comparison,
 )
-from cpcal.results import Comparison, Entry, save_comparison
-from cpcal.solver.contract import Verdict
-
-_STYLES = {Verdict.PROVED: "bold green", Verdict.REFUTED: "bold red", Verdict.UNKNOWN: "bold yellow"}
+from cpcal.results import Comparison, Entry, Explained, comparison_text, save_comparison
+from cpcal.robot import Campaign
 
 
+@dataclass(frozen=True)
+class CompareFlags:
+    """The options of the command line that are options of `cpcal.compare`."""
+
+    models: Annotated[str, typer.Option(metavar="A,B", help="Leg models.")] = ",".join(COMPARED)
+    tolerance: Annotated[float | None, typer.Option(metavar="MM", help="Say which models are refuted at it.")] = None
+    legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None
+    delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of (a, b, l).")] = 100.0
+    gap: Annotated[float, typer.Option(help="Relative width at which a bracket counts as closed.")] = 1e-6
+    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg and model, at most.")] = None
+    arithmetic: Annotated[Engine, typer.Option(help="Rigorous arithmetic.")] = Engine.FLOAT64
+
+
+@grouped(CompareFlags)
 def compare_models(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
     folder: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", metavar="DIR", help="Folder for compare.json, compare.html, certificates; replaced there."
+            "--output",
+            "-o",
+            metavar="DIR",
+            parser=output_path,
+            help="Folder for compare.json, compare.html, campaign.json and certificates; replaced there.",
         ),
     ],
-    models: Annotated[str, typer.Option(metavar="A,B", help="Leg models.")] = ",".join(COMPARED),
-    tolerance: Annotated[float | None, typer.Option(metavar="MM", help="Say which models are refuted at it.")] = None,
-    legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None,
-    delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of (a, b, l).")] = 100.0,
-    gap: Annotated[float, typer.Option(help="Relative width at which a bracket counts as closed.")] = 1e-6,
-    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg and model, at most.")] = None,
-    arithmetic: Annotated[Engine, typer.Option(help="Rigorous arithmetic.")] = Engine.FLOAT64,
     as_json: Annotated[bool, typer.Option("--json", help="Print compare.json and nothing else.")] = False,
+    *,
+    options: CompareFlags,
 ) -> None:
     """Bracket the smallest model error eps of every leg of a CAMPAIGN under each of several leg models.
 
     With --tolerance it says which models the measurements refute at that many mm, and which certificate proves it.
     """
-    check_writable(folder)
-    names = [name.strip() for name in models.split(",") if name.strip()]
-    console, errors = terminal(), terminal(stderr=True)
+    legs = None if options.legs is None else numbers_of(options.legs)
+    check_target(folder, FOLDER, campaign)
+    found, failure = _written(read_campaign(campaign), options, legs, folder, quiet=as_json)
+    if as_json:
+        typer.echo(comparison_text(found), nl=False)
+    else:
+        _show(found)
+    if failure is not None:
+        raise failure
+    if not as_json:
+        terminal().print(f"Page: {folder / COMPARISON_PAGE}", soft_wrap=True)
+    raise typer.Exit(_status(found))
+
+
+def _written(
+    campaign: Campaign, options: CompareFlags, legs: tuple[int, ...] | None, folder: Path, *, quiet: bool
+) -> tuple[Comparison, InputError | None]:
+    """What was found, and why it could not be written."""
+    question, models = comparison_question(
+        campaign,
+        names_of(options.models),
+        tolerance=options.tolerance,
+        legs=legs,
+        delta=options.delta,
+        gap=options.gap,
+        time_limit=options.time_limit,
+        arithmetic=options.arithmetic.value,
+    )
+    errors = terminal(stderr=True)
 
     def tell(entry: Entry) -> None:
-        if errors.is_terminal and not as_json:
+        if errors.is_terminal and not quiet:
             errors.print(f"{entry.subject}, {entry.model}: {nearest(entry.seconds, 1)} s")
 
-    found = compare(
-        read_campaign(campaign),
-        names,
-        tolerance=tolerance,
-        legs=None if legs is None else numbers_of(legs),
-        delta=delta,
-        gap=gap,
-        time_limit=time_limit,
-        arithmetic=arithmetic.value,
-        certificates=folder,
-        progress=tell,
-    )
-    failure: OSError | None = None
+    found: Comparison | None = None
     try:
-        (folder / COMPARISON_PAGE).unlink(missing_ok=True)
-        save_comparison(found, folder)
-        write_comparison(found, folder)
-    except OSError as error:
-        failure = error
-    if as_json:
-        typer.echo(json.dumps(found.to_json(), indent=1, allow_nan=False))
-    else:
-        console.print(_table(found))
-        for sentence in comparison_sentences(found):
-            console.print(printable(sentence), soft_wrap=not console.is_terminal)
-        console.print(Text(said(found), style="italic"), soft_wrap=not console.is_terminal)
-    if failure is not None:
-        raise unwritable(folder, failure)
-    if not as_json:
-        console.print(f"Page: {folder / COMPARISON_PAGE}", soft_wrap=True)
-    raise typer.Exit(_status(found))
+        with answers_into(folder, FOLDER) as draft:
+            found = compared(replace(question, certificates=draft), models, tell)
+            save_comparison(found, draft)
+            write_comparison(found, draft)
+    except InputError as error:
+        if found is None:
+            raise
+        return found, error
+    return found, None
+
+
+def _show(found: Comparison) -> None:
+    console = terminal()
+    console.print(_table(found))
+    for sentence in comparison_sentences(found):
+        console.print(printable(sentence), soft_wrap=not console.is_terminal)
+    console.print(Text(said(found), style="italic"), soft_wrap=not console.is_terminal)
 
 
 def _table(found: Comparison) -> Table:
@@ -103,7 +132,7 @@ def _table(found: Comparison) -> Table:
     for entry in found.entries:
         cells = [Text(printable(cell)) for cell in comparison_row(found, entry)]
         if found.tolerance is not None:
-            cells[4].stylize(_STYLES[entry.verdict(found.tolerance)])
+            cells[4].stylize(STYLES[entry.leg_verdict(found.tolerance).kind])
         if len(entry.enclosure.names) > 8:
             cells[6] = Text(f"{len(entry.enclosure.names) - 7}, see the page", style="dim")
         table.add_row(*cells)
@@ -111,9 +140,11 @@ def _table(found: Comparison) -> Table:
 
 
 def _status(found: Comparison) -> Status:
-    """As of `certify`; without a tolerance every bracket is an answer."""
+    """Without a tolerance every bracket is an answer; with one, each leg needs a model that passes."""
     if found.interrupted:
         return Status.INTERRUPTED
-    at = found.tolerance
-    unknown = at is not None and any(e.verdict(at) is Verdict.UNKNOWN for e in found.entries)
-    return Status.UNKNOWN if unknown else Status.ANSWERED
+    at, subjects = found.tolerance, {entry.subject for entry in found.entries}
+    if at is None:
+        return Status.ANSWERED
+    passed = {entry.subject for entry in found.entries if isinstance(entry.leg_verdict(at), Explained)}
+    return Status.ANSWERED if passed == subjects else Status.UNKNOWN

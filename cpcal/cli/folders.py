@@ -5,7 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import typer
+
+from cpcal.atomic import unwritable
 from cpcal.errors import InputError, Problem
+from cpcal.files.run_folder import Kind, check_replaceable
+
+__all__ = ["check_new", "check_target", "check_writable", "made", "output_path", "unwritable"]
 
 # What stands in the folder of a study beside calibration.json, as `cpcal calibrate` and `cpcal demo` leave it.
 STUDY, CAMPAIGN, VALIDATION, FITS, RUN, SCRIPT = "study", "campaign", "validation", "fits", "run", "script"
@@ -37,14 +43,24 @@ def check_writable(folder: Path) -> None:
         raise InputError([Problem(str(folder), f"cannot be written: no permission in {ancestor}", _CHOOSE)])
 
 
+def output_path(text: str) -> Path:
+    """The value of an option that names what to write. Raises BadParameter."""
+    if not text.strip() or "\0" in text:
+        raise typer.BadParameter("an empty name is no place to write to: name a file or folder")
+    return Path(text)
+
+
+def check_target(folder: Path, kind: Kind, campaign: Path | None = None) -> None:
+    """InputError when answers about a campaign cannot be written to `folder`, or must not."""
+    check_writable(folder)
+    if campaign is not None and folder.exists() and campaign.exists() and folder.samefile(campaign):
+        raise InputError([Problem(str(folder), "is the campaign itself", "choose another folder for the answers")])
+    check_replaceable(folder, kind)
+
+
 def made(folder: Path) -> None:
     """Make the folder if need be. Raises InputError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise unwritable(folder, error) from None
-
-
-def unwritable(folder: Path, error: OSError) -> InputError:
-    """What to raise when writing failed after all (a full disk)."""
-    return InputError([Problem(str(folder), f"cannot be written: {error.strerror or error}", _CHOOSE)])

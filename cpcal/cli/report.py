@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from cpcal.cli.folders import CAMPAIGN, check_writable, unwritable
+from cpcal.atomic import write_file
+from cpcal.cli.folders import CAMPAIGN, check_writable
 from cpcal.cli.show import terminal
 from cpcal.cli.study_page import holds_study, study_found
 from cpcal.errors import InputError, Problem
@@ -16,7 +17,6 @@ from cpcal.files import load_campaign
 from cpcal.report import REPORT_NAME
 from cpcal.report.page import render
 from cpcal.report.study import render_study
-from cpcal.report.template import written
 from cpcal.results import load_result
 
 
@@ -42,10 +42,7 @@ def report(
         raise InputError([Problem(str(file), "is a folder", "name a file, such as report.html")])
     check_writable(file.parent)
     page = _study(run, campaign) if holds_study(run) else _run(run, campaign)
-    try:
-        written(page, file)
-    except OSError as error:
-        raise unwritable(file.parent, error) from None
+    write_file(file, page)
     terminal().print(f"Report: {file}", soft_wrap=True)
 
 

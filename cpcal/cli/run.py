@@ -2,99 +2,73 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import typer
 
-from cpcal.certify import certify
+from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.projections import with_projections
-from cpcal.cli.folders import unwritable
+from cpcal.certify.question import Question
 from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result, terminal
 from cpcal.cli.status import Status
+from cpcal.errors import InputError
+from cpcal.files.run_folder import RUN, answers_into
 from cpcal.report import REPORT_NAME, write_report
-from cpcal.results import Result, save_result
+from cpcal.results import Explained, Result, result_text, save_result, verdict_of
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 
 
-@dataclass(frozen=True)
-class Question:
-    """The options of `cpcal.certify`, with its meanings and defaults."""
+def certified_into(run: Path, campaign: Campaign, given: Mapping[str, Any], *, as_json: bool) -> Result:
+    """Certify with the keyword arguments `given` of `cpcal.certify`; write the run, print the answer.
 
-    legs: Sequence[int] | None = None
-    delta: float = 100.0
-    center: str = "fit"
-    gap: float = 1e-6
-    time_limit: float | None = None
-    contractors: Sequence[str] = ("lifted",)
-    arithmetic: str = "float64"
-    eps: float | None = None
-    support: str = "few"
-    method: str = "bound"
-    model: str | None = None
-
-
-def answer(campaign: Campaign, question: Question, run: Path, *, quiet: bool) -> Result:
-    """Certify, with certificates in the folder `run`, and add what the report draws.
-
-    Progress goes to stderr unless `quiet` or no terminal is there.
+    What is printed is never lost to a disk that is full: the InputError comes afterwards.
     """
-    legs = list(question.legs or range(1, campaign.legs + 1))
-    watching = nullcontext() if quiet else watch(legs, question.gap, terminal(stderr=True))
-    with watching as progress:
-        result = certify(
-            campaign,
-            legs=question.legs,
-            delta=question.delta,
-            center=question.center,
-            gap=question.gap,
-            time_limit=question.time_limit,
-            contractors=question.contractors,
-            arithmetic=question.arithmetic,
-            eps=question.eps,
-            support=question.support,
-            method=question.method,
-            certificates=run,
-            progress=progress,
-            model=question.model,
-        )
-    return with_projections(campaign, result)
-
-
-def publish(campaign: Campaign, result: Result, run: Path, *, as_json: bool) -> None:
-    """Write `result.json` and the page into the folder `run`, print the answer. What is printed is never lost
-    to a disk that is full: the InputError comes afterwards."""
-    failure: OSError | None = None
+    options, model = checked_options(campaign, **given)
+    question = Question(campaign=campaign, options=options, model=model)
+    result: Result | None = None
+    failure: InputError | None = None
     try:
-        _write(campaign, result, run)
-    except OSError as error:
+        with answers_into(run, RUN) as draft:
+            result = _watched(question, draft, quiet=as_json)
+            save_result(result, draft)
+            write_report(campaign, result, draft)
+    except InputError as error:
+        if result is None:
+            raise
         failure = error
     if as_json:
-        typer.echo(json.dumps(result.to_json(), indent=1, allow_nan=False))
+        typer.echo(result_text(result), nl=False)
     else:
         console = terminal()
         show_result(console, result, campaign.legs)
         if failure is None:
             console.print(f"Report: {run / REPORT_NAME}", soft_wrap=True)
     if failure is not None:
-        raise unwritable(run, failure)
+        raise failure
+    return result
 
 
-def _write(campaign: Campaign, result: Result, run: Path) -> None:
-    """The page of an earlier run goes first: no page ever stands beside a result that is not its own."""
-    (run / REPORT_NAME).unlink(missing_ok=True)
-    save_result(result, run)
-    write_report(campaign, result, run)
+def _watched(question: Question, draft: Path, *, quiet: bool) -> Result:
+    """The answers, with what the report draws. Progress goes to stderr unless `quiet` or no terminal is there."""
+    legs = list(question.options.legs or range(1, question.campaign.legs + 1))
+    watching = nullcontext() if quiet else watch(legs, question.options.gap, terminal(stderr=True))
+    with watching as progress:
+        result = answered(replace(question, certificates=draft, progress=progress))
+    return with_projections(question.campaign, result, question.model)
 
 
 def status_of(result: Result) -> Status:
     """The exit status that tells of a result."""
     if result.interrupted:
         return Status.INTERRUPTED
-    unknown = any(leg.verdict is Verdict.UNKNOWN for leg in result.legs)
-    return Status.UNKNOWN if unknown else Status.ANSWERED
+    if result.options.tolerance is None:
+        good = all(leg.verdict is not Verdict.UNKNOWN for leg in result.legs)
+    else:
+        good = all(isinstance(verdict_of(result, leg), Explained) for leg in result.legs)
+    return Status.ANSWERED if good else Status.UNKNOWN

@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
-import uuid
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.atomic import write_folder
 from cpcal.files.cells import csv_table
 
 if TYPE_CHECKING:
@@ -115,50 +113,6 @@ def save_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
     taken away first and put back last: an interruption leaves a folder that is refused, never a mixture.
     """
     write_folder(Path(path), {CSV_NAME: csv_bytes(campaign), TOML_NAME: toml_bytes(campaign)}, head=TOML_NAME)
-
-
-def write_folder(folder: Path, contents: dict[str, bytes], *, head: str) -> None:
-    """Write files into a folder as `save_campaign` does; `head` is the one without which the others are refused."""
-    draft = folder.absolute().parent / f".{folder.absolute().name}.{uuid.uuid4().hex}.tmp"
-    try:
-        draft.parent.mkdir(parents=True, exist_ok=True)
-        draft.mkdir()
-        for name, content in contents.items():
-            _write(draft / name, content)
-        if folder.exists():
-            (folder / head).unlink(missing_ok=True)
-            for name in sorted(contents, key=lambda name: name == head):
-                os.replace(draft / name, folder / name)
-        else:
-            os.rename(draft, folder)
-    except OSError as error:
-        what = f"cannot be written: {error.strerror or error}"
-        raise InputError([Problem(str(folder), what, "choose a folder that can be written to")]) from error
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write one file: it appears complete or not at all, and what was there is replaced at the end.
-
-    Raises InputError when it cannot be written.
-    """
-    draft = path.absolute().with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
-    try:
-        _write(draft, content)
-        os.replace(draft, path)
-    except OSError as error:
-        what = f"cannot be written: {error.strerror or error}"
-        raise InputError([Problem(str(path), what, "choose a file that can be written to")]) from error
-    finally:
-        draft.unlink(missing_ok=True)
-
-
-def _write(path: Path, content: bytes) -> None:
-    with path.open("xb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def quoted(text: str) -> str:

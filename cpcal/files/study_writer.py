@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cpcal.atomic import write_folder
 from cpcal.files.campaign_writer import (
     matrix,
     provenance_lines,
@@ -14,7 +15,6 @@ from cpcal.files.campaign_writer import (
     reading_columns,
     robot_lines,
     vector,
-    write_folder,
 )
 from cpcal.files.cells import csv_table
 from cpcal.robot import Pose, PoseTable, Study, Truth

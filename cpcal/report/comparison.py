@@ -8,18 +8,17 @@ from typing import Any
 
 from markupsafe import Markup
 
+from cpcal.atomic import write_file
 from cpcal.errors import printable
 from cpcal.numbers import bracket_text, short, stated
 from cpcal.report.dots import comparison_svg, legend
 from cpcal.report.origin import versions
-from cpcal.report.template import rendered, written
+from cpcal.report.template import rendered
 from cpcal.report.words import LONGER, QUANTIFIER
-from cpcal.results import Comparison, Entry
+from cpcal.results import Comparison, Entry, Undetermined
 from cpcal.solver.contract import Verdict
 
 COMPARISON_PAGE = "compare.html"
-
-_STYLES = {Verdict.PROVED: "proved", Verdict.REFUTED: "refuted", Verdict.UNKNOWN: "unknown"}
 
 
 def comparison_header(comparison: Comparison) -> tuple[str, ...]:
@@ -79,20 +78,23 @@ def comparison_sentences(comparison: Comparison) -> list[str]:
             text = f"{model} is refuted at {at} for none of {len(entries)}."
         if open_ones:
             text += f" Not known for {', '.join(e.subject for e in open_ones)}."
+        poor = [e for e in entries if isinstance(e.leg_verdict(tolerance), Undetermined)]
+        if poor:
+            text += f" Undetermined for {', '.join(e.subject for e in poor)}: the measurements leave parameters open."
         out.append(text)
     return out
 
 
 def write_comparison(comparison: Comparison, folder: str | os.PathLike[str]) -> Path:
     """Write `compare.html` into the folder; its path. The same comparison gives the same bytes."""
-    return written(rendered("compare.html.j2", _context(comparison)), Path(folder) / COMPARISON_PAGE)
+    return write_file(Path(folder) / COMPARISON_PAGE, rendered("compare.html.j2", _context(comparison)))
 
 
 def _context(comparison: Comparison) -> dict[str, Any]:
     tolerance = comparison.tolerance
     rows = []
     for entry in comparison.entries:
-        style = "" if tolerance is None else _STYLES[entry.verdict(tolerance)]
+        style = "" if tolerance is None else entry.leg_verdict(tolerance).kind
         rows.append({"cells": comparison_row(comparison, entry), "style": style})
     return {
         "title": printable(comparison.title),

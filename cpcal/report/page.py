@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from cpcal.atomic import write_file
 from cpcal.errors import InputError, PluginError
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, model_residuals
 from cpcal.numbers import about, bracket_text, nearest, rounded_down, rounded_up, stated
@@ -20,9 +21,9 @@ from cpcal.report.pairs import pairs
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
 from cpcal.report.sensitivity import reading_sensitivity
 from cpcal.report.table import result_table
-from cpcal.report.template import rendered, written
-from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
-from cpcal.results import LegResult, Result, model_of
+from cpcal.report.template import rendered
+from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs, summary
+from cpcal.results import LegResult, Result, model_of, verdict_of
 from cpcal.robot import Campaign
 from cpcal.solver.optimize import Answer, Trial
 
@@ -44,10 +45,10 @@ def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str],
 
     The same campaign and result give the same bytes. Bounds are printed rounded to the side on which they
     stay proved; every answer is for SOME reading in the set of each measurement. Raises InputError when the
-    result is of another campaign, OSError when the file cannot be written. `model`: the result's leg model, where no
+    result is of another campaign, or when the file cannot be written. `model`: the result's leg model, where no
     installed package provides it; without it the page says which figures it lacks.
     """
-    return written(render(campaign, result, model=model), file)
+    return write_file(file, render(campaign, result, model=model))
 
 
 def render(
@@ -68,7 +69,9 @@ def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict
         "robot": campaign.robot.name,
         "count": len(campaign),
         "result": result,
-        "asked": None if result.eps is None else stated(result.eps),
+        "tolerance": None if result.options.tolerance is None else stated(result.options.tolerance),
+        "summary": summary(result),
+        "asked": None if result.options.eps is None else stated(result.options.eps),
         "interrupted": missing_legs(result, campaign.legs),
         "table": table,
         "legs": [_leg(campaign, result, leg, model) for leg in result.legs],
@@ -79,7 +82,7 @@ def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict
         "assumptions": assumptions(campaign, result),
         "provenance": campaign.provenance,
         "versions": versions(),
-        "command": command(campaign, result),
+        "command": command(result),
     }
 
 
@@ -99,7 +102,7 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | N
     names = leg.support[:_MOST_NAMES]
     return {
         "number": leg.leg,
-        "verdict": leg.verdict.value,
+        "verdict": verdict_of(result, leg),
         "sentence": leg_sentence(result, leg),
         "center": center_sentence(result, leg),
         "trials": [_trial(leg, trial) for trial in leg.trials],
@@ -141,7 +144,7 @@ def _bars(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
         campaign.robot.parameters[leg.leg - 1],
         leg.enclosure.lo[:7],
         leg.enclosure.hi[:7],
-        np.array(leg.center[:7]) if result.center == "fit" else None,
+        np.array(leg.center[:7]) if result.options.center == "fit" else None,
     )
     label = f"Leg {leg.leg}: enclosure of each parameter, relative to its nominal value"
     return {

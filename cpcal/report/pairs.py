@@ -23,7 +23,7 @@ def pairs(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] 
     return {
         "svgs": [Markup(_svg(leg.leg, k, panel)) for k, panel in enumerate(panels)],  # made by us
         "eps": bracket_text(eps, eps)[0],  # rounded down: what holds to within eps holds to within less
-        "margin": about(eps / leg.eps_hi) if result.eps is None and 0.0 < leg.eps_hi < eps else None,
+        "margin": about(eps / leg.eps_hi) if result.options.eps is None and 0.0 < leg.eps_hi < eps else None,
         "proved_point": leg.point is not None,
         "fit": any(in_view(panel, panel.fit) for panel in panels),
         "nominal": any(in_view(panel, panel.nominal) for panel in panels),
@@ -34,7 +34,7 @@ def _panels(campaign: Campaign, result: Result, leg: LegResult) -> list[Panel]:
     assert leg.projections is not None
     box = leg.projections.box
     point = None if leg.point is None else np.array(leg.point[:7])
-    fit = np.array(leg.center[:7]) if result.center == "fit" else None
+    fit = np.array(leg.center[:7]) if result.options.center == "fit" else None
     nominal = campaign.robot.parameters[leg.leg - 1]
     origin = box.mid[:7] if point is None else point
     panels = []

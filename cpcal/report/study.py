@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from cpcal.atomic import write_file
 from cpcal.calibration import CalibrationRecord
 from cpcal.calibration.record import Channel, Errors
 from cpcal.certify.fits import CertifiedFits
@@ -20,7 +21,6 @@ from cpcal.report.images import ImagesFound
 from cpcal.report.page import render
 from cpcal.report.study_figures import histogram_svg, validation_svg
 from cpcal.report.study_tables import SYMBOLS, TextTable
-from cpcal.report.template import written
 from cpcal.results import Result
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
@@ -45,8 +45,8 @@ class StudyFound:
 
 
 def write_study_page(found: StudyFound, file: str | os.PathLike[str]) -> Path:
-    """Write the page to `file`, all or nothing; its path. Raises InputError (parts of different campaigns), OSError."""
-    return written(render_study(found), file)
+    """Write the page to `file`, all or nothing; its path. Raises InputError: parts of different campaigns, too."""
+    return write_file(file, render_study(found))
 
 
 def render_study(found: StudyFound) -> str:
@@ -88,9 +88,9 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "loose": _loose(found.result),
         "exact": _exact_sentence(found.result),
         "images": found.images,
-        "script_seconds": stated(found.script.time_limit or 0.0),
+        "script_seconds": stated(found.script.options.time_limit or 0.0),
         "factor": stated(record.factor),
-        "delta": stated(found.result.delta),
+        "delta": stated(found.result.options.delta),
     }
 
 
@@ -168,7 +168,7 @@ def _exact_sentence(result: Result) -> str:
     none = [str(leg.leg) for leg in result.legs if leg.eps_lo > 0.0]
     some = [str(leg.leg) for leg in result.legs if leg.not_refuted]
     rest = [str(leg.leg) for leg in result.legs if not leg.not_refuted and leg.eps_lo <= 0.0]
-    said, delta = [], stated(result.delta)
+    said, delta = [], stated(result.options.delta)
     if none:
         said.append(f"proved: no parameters within ±{delta} mm satisfy all equations exactly (leg {', '.join(none)})")
     if some:

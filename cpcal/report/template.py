@@ -1,9 +1,7 @@
-"""How pages are made of templates and written: text escaped and cleaned, files all or nothing."""
+"""How pages are made of templates: text escaped and cleaned."""
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -22,18 +20,6 @@ def rendered(template: str, context: dict[str, Any]) -> str:
         lstrip_blocks=True,
     )
     return environment.get_template(template).render(context) + "\n"
-
-
-def written(page: str, file: str | os.PathLike[str]) -> Path:
-    """Write a page to `file`, all or nothing, in a folder that is made if missing; its path."""
-    target = Path(file)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_name(f".{target.name}.partial")
-    try:
-        partial.write_text(page, encoding="utf-8")
-        return partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _visible(text: str) -> str:

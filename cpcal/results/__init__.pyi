@@ -1,39 +1,61 @@
-from .comparison import (
-    COMPARISON_NAME,
-    Comparison,
-    Entry,
-    load_comparison,
-    save_comparison,
+from .comparison import COMPARISON_NAME, Comparison, Entry, comparison_text, load_comparison, save_comparison
+from .determination import Determination
+from .leg_verdict import (
+    Bounded,
+    Explained,
+    LegVerdict,
+    Undecided,
+    Undetermined,
+    Unexplained,
+    verdict_of,
+    verdict_on,
 )
-from .projection import (
-    Projection,
-    Projections,
-)
+from .options import ARITHMETICS, CENTERS, METHODS, SUPPORTS, Options
+from .projection import Projection, Projections
 from .result import (
+    RESULT_NAME,
+    CampaignNote,
     LegResult,
     ModelNote,
     Result,
     load_result,
     model_of,
+    result_text,
     save_result,
 )
-from .verified_point import (
-    VerifiedPoint,
-)
+from .verified_point import VerifiedPoint
 
 __all__ = [
+    "ARITHMETICS",
+    "CENTERS",
     "COMPARISON_NAME",
+    "METHODS",
+    "RESULT_NAME",
+    "SUPPORTS",
+    "Bounded",
+    "CampaignNote",
     "Comparison",
+    "Determination",
     "Entry",
+    "Explained",
     "LegResult",
+    "LegVerdict",
     "ModelNote",
+    "Options",
     "Projection",
     "Projections",
     "Result",
+    "Undecided",
+    "Undetermined",
+    "Unexplained",
     "VerifiedPoint",
+    "comparison_text",
     "load_comparison",
     "load_result",
     "model_of",
+    "result_text",
     "save_comparison",
     "save_result",
+    "verdict_of",
+    "verdict_on",
 ]

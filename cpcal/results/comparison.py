@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from cpcal.errors import InputError, Problem
+from cpcal.files.codec import load, save, text_of
+from cpcal.results.determination import Determination
+from cpcal.results.leg_verdict import Bracket, LegVerdict, Undecided, Undetermined, Unexplained, verdict_on
+from cpcal.results.options import Options
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 
-FORMAT = "cpcal-comparison/1"
+FORMAT = "cpcal-comparison/2"
 COMPARISON_NAME = "compare.json"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Entry:
     """One model of one subject (a leg, a cable): proved, its smallest eps lies in [eps_lo, eps_hi].
 
@@ -34,6 +36,13 @@ class Entry:
     certificate: str | None
     status: str
     seconds: float
+    determination: Determination | None = None
+    not_certified: str = ""  # why there is no certificate
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a bracket that is none."""
+        if math.isnan(self.eps_lo) or math.isnan(self.eps_hi):
+            raise ValueError("eps_lo or eps_hi is no number")
 
     def verdict(self, tolerance: float) -> Verdict:
         """Of "some parameters satisfy all equations to within the tolerance"."""
@@ -41,62 +50,41 @@ class Entry:
             return Verdict.REFUTED
         return Verdict.PROVED if self.eps_hi <= tolerance else Verdict.UNKNOWN
 
+    def leg_verdict(self, tolerance: float) -> LegVerdict:
+        """The same as of a leg: a pass only where the measurements suffice to test the model."""
+        return verdict_on(Bracket(self.eps_lo, self.eps_hi), tolerance, determination=self.determination)
+
     def word(self, tolerance: float | None) -> str:
         """The same for a table."""
         if tolerance is None:
             return "—"
-        words = {Verdict.REFUTED: "refuted", Verdict.PROVED: "not refuted", Verdict.UNKNOWN: "unknown"}
-        verdict = self.verdict(tolerance)
-        unchecked = verdict is not Verdict.UNKNOWN and self.certificate is None
-        return words[verdict] + (", unchecked" if unchecked else "")
-
-    def to_json(self, tolerance: float | None) -> dict[str, Any]:
-        box, names = self.enclosure, list(self.enclosure.names)
-        return {
-            "subject": self.subject,
-            "model": self.model,
-            "eps_lo": _number(self.eps_lo),
-            "eps_hi": _number(self.eps_hi),
-            "at_tolerance": None if tolerance is None else self.verdict(tolerance).value,
-            "certificate": self.certificate,
-            "parameters": names,
-            "enclosure": None
-            if box.is_empty
-            else {"lo": [_number(v) for v in box.lo], "hi": [_number(v) for v in box.hi]},
-            "status": self.status,
-            "seconds": self.seconds,
-        }
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> Entry:
-        names, found = tuple(data["parameters"]), data["enclosure"]
-        sides = None if found is None else [[float(v) for v in found[side]] for side in ("lo", "hi")]
-        return cls(
-            str(data["subject"]),
-            str(data["model"]),
-            float(data["eps_lo"]),
-            float(data["eps_hi"]),
-            Box.empty(names) if sides is None else Box(names, *sides),
-            None if data["certificate"] is None else str(data["certificate"]),
-            str(data["status"]),
-            float(data["seconds"]),
-        )
+        verdict = self.leg_verdict(tolerance)
+        if isinstance(verdict, Undecided | Undetermined):
+            return verdict.word
+        word = "refuted" if isinstance(verdict, Unexplained) else "not refuted"
+        return word + (", unchecked" if self.certificate is None else "")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Comparison:
     """Subjects and their models, in the order asked. `tolerance` in the unit of eps (mm for legs), None: none asked.
 
-    `models`: what each model is, by its name. `campaign_sha256`: None for networks of one's own. `interrupted`: entries
-    that had not begun are missing.
+    `models`: what each model is, by its name. `campaign_sha256` and `options`: None for the user's networks.
+    `interrupted`: entries that had not begun are missing. Raises ValueError for entries of models that are not listed.
     """
 
     title: str
     tolerance: float | None
-    models: dict[str, str]
+    models: Mapping[str, str]
     entries: tuple[Entry, ...]
     campaign_sha256: str | None = None
+    options: Options | None = None
     interrupted: bool = False
+
+    def __post_init__(self) -> None:
+        unknown = {entry.model for entry in self.entries} - set(self.models)
+        if unknown:
+            raise ValueError(f"entries of models that are not listed: {sorted(unknown)}")
 
     def entry(self, subject: str, model: str) -> Entry:
         """Raises KeyError."""
@@ -112,56 +100,17 @@ class Comparison:
             raise ValueError("no tolerance was asked about: give one")
         return tuple(entry for entry in self.entries if entry.verdict(at) is Verdict.REFUTED)
 
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "format": FORMAT,
-            "title": self.title,
-            "campaign_sha256": self.campaign_sha256,
-            "tolerance": self.tolerance,
-            "models": dict(self.models),
-            "interrupted": self.interrupted,
-            "entries": [entry.to_json(self.tolerance) for entry in self.entries],
-        }
 
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> Comparison:
-        sha256, tolerance = data["campaign_sha256"], data["tolerance"]
-        entries = tuple(Entry.from_json(entry) for entry in data["entries"])
-        unknown = {entry.model for entry in entries} - set(data["models"])
-        if unknown:
-            raise ValueError(f"entries of models that are not listed: {sorted(unknown)}")
-        return cls(
-            str(data["title"]),
-            None if tolerance is None else float(tolerance),
-            {str(k): str(v) for k, v in data["models"].items()},
-            entries,
-            None if sha256 is None else str(sha256),
-            bool(data["interrupted"]),
-        )
+def comparison_text(comparison: Comparison) -> str:
+    """The text of `compare.json`."""
+    return text_of(comparison, FORMAT)
 
 
 def save_comparison(comparison: Comparison, folder: str | os.PathLike[str]) -> Path:
-    """Write `compare.json` into the folder (made if missing), all or nothing; its path."""
-    path = Path(folder) / COMPARISON_NAME
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{COMPARISON_NAME}.partial")
-    partial.write_text(json.dumps(comparison.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return partial.replace(path)
+    """Write `compare.json` into the folder (made if missing), all or nothing; its path. Raises InputError."""
+    return save(comparison, Path(folder) / COMPARISON_NAME, FORMAT)
 
 
 def load_comparison(folder: str | os.PathLike[str]) -> Comparison:
     """Read `compare.json` from a folder. Raises InputError."""
-    path = Path(folder) / COMPARISON_NAME
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(data, dict) or data.get("format") != FORMAT:
-            raise ValueError(f"its format is not {FORMAT}")
-        return Comparison.from_json(data)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        what = f"is no comparison: {error!r}"
-        raise InputError([Problem(str(path), what, "name the folder that compare wrote")]) from None
-
-
-def _number(value: float) -> float | str:
-    """JSON has no infinities: they are the strings "inf" and "-inf"."""
-    return float(value) if math.isfinite(value) else str(float(value))
+    return load(Comparison, Path(folder) / COMPARISON_NAME, FORMAT, remedy="name the folder that compare wrote")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Determination:
-    """`rank` of the Jacobian of `measurements` equations; the parameters that they leave `undetermined`, of `of` many."""
+    """The `rank` of the Jacobian of so many equations in `of` parameters, and those that they leave `undetermined`."""
 
     measurements: int
     of: int

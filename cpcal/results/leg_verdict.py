@@ -18,7 +18,7 @@ from typing import ClassVar
 
 from cpcal.numbers import bracket_text, stated
 from cpcal.results.determination import Determination
-from cpcal.results.result import LegResult
+from cpcal.results.result import LegResult, Result
 from cpcal.solver.contract import Verdict
 
 
@@ -135,18 +135,24 @@ class Undetermined:
 LegVerdict = Explained | Unexplained | Bounded | Undecided | Undetermined
 
 
-def verdict_of(leg: LegResult, tolerance: float | None = None, *, eps: float | None = None) -> LegVerdict:
-    """The verdict on a leg at a tolerance in mm; `eps`: the error that was asked about, if one was."""
-    if eps is None:
-        closed = leg.verdict is Verdict.PROVED
-        bracket = Bracket(leg.eps_lo, leg.eps_hi if leg.point is not None else math.inf)
-        return verdict_on(bracket, tolerance, closed=closed, determination=leg.determination)
-    at = eps if tolerance is None else tolerance
+def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -> LegVerdict:
+    """The verdict on a leg of a result; `tolerance` in mm (default: the one that the result was asked with)."""
+    at = result.options.tolerance if tolerance is None else tolerance
+    eps = result.options.eps
+    if eps is not None:
+        return _verdict_at(eps, leg, eps if at is None else at)
+    hi = leg.eps_hi if leg.point is not None else math.inf
+    closed = leg.verdict is Verdict.PROVED
+    return verdict_on(Bracket(leg.eps_lo, hi), at, closed=closed, determination=leg.determination)
+
+
+def _verdict_at(eps: float, leg: LegResult, tolerance: float) -> LegVerdict:
+    """Where one error was asked about, nothing is known of smaller ones unless it is refuted."""
     if leg.verdict is Verdict.REFUTED:
         bracket = Bracket(eps, math.inf)
-        return Unexplained(bracket, at, beyond=eps) if eps >= at else Undecided(bracket, at)
+        return Unexplained(bracket, tolerance, beyond=eps) if eps >= tolerance else Undecided(bracket, tolerance)
     bracket = Bracket(0.0, eps if leg.verdict is Verdict.PROVED else math.inf)
-    return verdict_on(bracket, at, determination=leg.determination)
+    return verdict_on(bracket, tolerance, determination=leg.determination)
 
 
 def verdict_on(

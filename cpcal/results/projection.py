@@ -1,10 +1,9 @@
-"""Projections of a set of parameters on planes of two of them, as proved half-planes: plain values, and their JSON."""
+"""Projections of a set of parameters on planes of two of them, as proved half-planes: plain values."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from cpcal.solver.interval import Box
 
@@ -18,16 +17,13 @@ class Projection:
     parameters: tuple[str, str]
     half_planes: tuple[HalfPlane, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        return {"parameters": list(self.parameters), "half_planes": [list(plane) for plane in self.half_planes]}
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any], names: tuple[str, ...]) -> Projection:
-        x, y = data["parameters"]
-        planes = tuple(_half_plane(plane) for plane in data["half_planes"])
-        if x not in names or y not in names or x == y:
-            raise ValueError(f"no two parameters: {x!r}, {y!r}")
-        return cls((x, y), planes)
+    def __post_init__(self) -> None:
+        """Raises ValueError for half-planes without a direction, or that are not finite."""
+        if self.parameters[0] == self.parameters[1]:
+            raise ValueError(f"{self.parameters} are not two parameters")
+        for plane in self.half_planes:
+            if plane[0] == plane[1] == 0.0 or not all(map(math.isfinite, plane)):
+                raise ValueError(f"{plane} is no half-plane")
 
 
 @dataclass(frozen=True)
@@ -41,31 +37,10 @@ class Projections:
     box: Box
     pairs: tuple[Projection, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "eps": self.eps,
-            "box": {"lo": self.box.lo.tolist(), "hi": self.box.hi.tolist()},
-            "pairs": [pair.to_json() for pair in self.pairs],
-        }
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any], names: tuple[str, ...]) -> Projections:
-        """Raises KeyError, TypeError or ValueError for what is no projection."""
-        lo, hi = (_finite(data["box"][side]) for side in ("lo", "hi"))
-        return cls(
-            _finite([data["eps"]])[0], Box(names, lo, hi), tuple(Projection.from_json(p, names) for p in data["pairs"])
-        )
-
-
-def _half_plane(numbers: list[float]) -> HalfPlane:
-    u, v, c = _finite(numbers)
-    if u == v == 0.0:
-        raise ValueError("a half-plane without a direction")
-    return u, v, c
-
-
-def _finite(numbers: list[float]) -> list[float]:
-    found = [float(number) for number in numbers]
-    if not all(map(math.isfinite, found)):
-        raise ValueError(f"not finite: {found}")
-    return found
+    def __post_init__(self) -> None:
+        """Raises ValueError for an eps or a box that is not finite, and parameters that the box has not."""
+        bounds = (self.eps, *self.box.lo.tolist(), *self.box.hi.tolist())
+        if not all(map(math.isfinite, bounds)):
+            raise ValueError("eps or the box of the projections is not finite")
+        if not {name for pair in self.pairs for name in pair.parameters} <= set(self.box.names):
+            raise ValueError("a projection is of parameters that are not there")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any
 
 from cpcal.numbers import stated
 from cpcal.solver.contract import Verdict
@@ -22,6 +22,13 @@ class VerifiedPoint:
     fails: int
     count: int
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for counts that do not go together."""
+        if min(self.holds, self.fails) < 0 or self.holds + self.fails > self.count:
+            raise ValueError("holds and fails are not counts of the measurements")
+        if not 0.0 <= self.eps < math.inf:
+            raise ValueError("eps is no tolerance")
+
     @property
     def verdict(self) -> Verdict:
         """Of the statement that the point is a solution."""
@@ -39,10 +46,3 @@ class VerifiedPoint:
         unknown = self.count - self.holds - self.fails
         rest = [text for text in (refuting, f"{unknown:,} are undecided" if unknown else "") if text]
         return f"{name} satisfies {equations}; {', '.join(rest)}."
-
-    def to_json(self) -> dict[str, Any]:
-        return {"eps": self.eps, "holds": self.holds, "fails": self.fails, "count": self.count}
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> VerifiedPoint:
-        return cls(float(data["eps"]), int(data["holds"]), int(data["fails"]), int(data["count"]))

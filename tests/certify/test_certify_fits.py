@@ -42,7 +42,9 @@ def test_another_campaign_is_refused(study, found, tmp_path):
         certify_fits(cpcal.simulate(seed=2), recorded(study, found, factor=3.0), tmp_path)
 
 
-@pytest.mark.parametrize("data", [[], {}, {"format": "cpcal-fits/1"}, {"format": "cpcal-fits/2"}])
+@pytest.mark.parametrize(
+    "data", [[], {}, {"format": "cpcal-fits/1"}, {"format": "cpcal-fits/2"}, {"format": "cpcal-fits/3"}]
+)
 def test_a_garbled_file_is_refused(tmp_path, data):
     (tmp_path / "fits.json").write_text(json.dumps(data))
     with pytest.raises(cpcal.InputError, match="cannot be used"):

@@ -109,7 +109,15 @@ def test_the_tolerance_fits_the_question(exact):
 def test_where_there_is_nothing_to_draw(exact):
     campaign, result = exact
     leg = result.legs[0]
-    assert projections(campaign, dataclasses.replace(result, contractors=("hc4",)), leg, PLAIN) is None
+    assert (
+        projections(
+            campaign,
+            dataclasses.replace(result, options=dataclasses.replace(result.options, contractors=("hc4",))),
+            leg,
+            PLAIN,
+        )
+        is None
+    )
     assert projections(campaign, dataclasses.replace(result, delta=0.0), leg, PLAIN) is None
     assert projections(campaign, dataclasses.replace(result, delta=1e100), leg, PLAIN) is None
     assert projections(campaign, dataclasses.replace(result, eps=0.01), leg, PLAIN) is None  # S(0.01) is empty

@@ -140,7 +140,7 @@ def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
     assert comparison.entry("leg 1", "plain").word(0.05) == "refuted"
     entry = comparison.entry("leg 1", "own")
     assert entry.certificate is None
-    assert "Unchecked: with uncertain readings 'own', a model of one's own, has no certificate." in entry.status
+    assert entry.not_certified == "with uncertain readings 'own', a user-defined model, has no certificate"
     assert entry.word(0.05) == "refuted, unchecked"
     assert [path.name for path in tmp_path.iterdir()] == ["plain-leg1.cert.jsonl"]
     assert any("leg 1 (unchecked)" in sentence for sentence in comparison_sentences(comparison))

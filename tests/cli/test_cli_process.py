@@ -1,5 +1,6 @@
 """The command as a process: entry points, exit statuses, Ctrl-C, and what a terminal shows."""
 
+import dataclasses
 import io
 import json
 import os
@@ -102,7 +103,7 @@ def test_no_progress_without_a_terminal():
 def test_hostile_names_and_narrow_terminals(campaign):
     measured = cpcal.load_campaign(campaign)
     result = cpcal.certify(measured, legs=[1], eps=0.1)
-    hostile = cpcal.Result(**{**vars(result), "robot": "[bold]\x1b[2J:smile:"})
+    hostile = dataclasses.replace(result, campaign=dataclasses.replace(result.campaign, robot="[bold]\x1b[2J:smile:"))
     console = terminal()
     console.width = 40
     show_result(console, hostile, 6)

@@ -44,12 +44,12 @@ def test_the_same_page_as_certify_wrote(copy):
     assert sorted(page.parent.iterdir()) == files
 
 
-def test_the_run_has_polygons_and_an_older_one_without_still_has_its_page(copy):
+def test_the_run_has_polygons_and_one_without_still_has_its_page(copy):
     file, page = copy / "run" / "result.json", copy / "run" / "report.html"
     data = json.loads(file.read_text(encoding="utf-8"))
     assert len(data["legs"][0]["projections"]["pairs"]) == 7
     assert page.read_text(encoding="utf-8").count("Leg 1: polygon that holds") == 7
-    del data["legs"][0]["projections"]
+    data["legs"][0]["projections"] = None
     file.write_text(json.dumps(data), encoding="utf-8")
     assert report(copy / "run").exit_code == 0
     assert "polygon that holds" not in page.read_text(encoding="utf-8")
@@ -92,7 +92,7 @@ def test_another_campaign_is_refused_by_its_sha256(copy):
 
 
 def test_no_run_and_no_file(copy):
-    refused(report(copy / "campaign"), "result.json", "cannot be read")
+    refused(report(copy / "campaign"), "result.json", "does not exist")
     refused(report(copy / "run", "-o", copy), "is a folder")
     refused(report(copy / "run", "-o", copy / "run" / "result.json" / "page.html"), "is not one")
 
@@ -100,25 +100,28 @@ def test_no_run_and_no_file(copy):
 @pytest.mark.parametrize(
     ("path", "value", "text"),
     [
-        (("campaign", "sha256"), 5, "another campaign"),
+        (("campaign", "sha256"), 5, "campaign.sha256 is no text"),
         (("campaign", "robot"), None, "robot"),
-        (("box", "delta"), "wide", "delta"),
-        (("question", "eps"), [], "eps"),
-        (("box", "parameters"), ["x"] * 7, "x"),
+        (("options", "delta"), "wide", "options.delta is no number"),
+        (("options", "eps"), [], "options.eps is no number"),
+        (("options", "center"), "left", "not known"),
+        (("options", "gap"), -1, "no relative gap"),
+        (("model", "parameters"), ["x"] * 7, "model.parameters[0] is no object"),
+        (("legs", 0, "enclosure", "names"), list("tuvwxyz"), "has not the parameters"),
         (("legs", 0, "leg"), 99, "99"),
         (("legs", 0, "leg"), "\x1b[2J", "leg"),
         (("legs", 0, "point"), [1.0], "point"),
         (("legs", 0, "center"), [], "center"),
         (("legs", 0, "nodes"), "many", "nodes"),
         (("legs", 0, "support"), [1], "support"),
-        (("legs", 0, "sentence"), {}, "status"),
-        (("legs", 0, "enclosure", "lo"), [2.0], "bounds"),
+        (("legs", 0, "sentence"), {}, "sentence is no text"),
+        (("legs", 0, "enclosure", "lo"), [2.0], "no box"),
         (("legs", 0, "projections"), 5, "lacks or garbles"),
         (("legs", 0, "projections", "eps"), "nan", "not finite"),
         (("legs", 0, "projections", "box", "hi"), ["inf"] * 7, "not finite"),
-        (("legs", 0, "projections", "pairs", 0, "parameters"), ["a[0]", "a[0]"], "no two parameters"),
-        (("legs", 0, "projections", "pairs", 0, "parameters"), ["a[0]", "<b>"], "no two parameters"),
-        (("legs", 0, "projections", "pairs", 0, "half_planes", 0), [0.0, 0.0, 1.0], "without a direction"),
+        (("legs", 0, "projections", "pairs", 0, "parameters"), ["a[0]", "a[0]"], "not two parameters"),
+        (("legs", 0, "projections", "pairs", 0, "parameters"), ["a[0]", "<b>"], "parameters that are not there"),
+        (("legs", 0, "projections", "pairs", 0, "half_planes", 0), [0.0, 0.0, 1.0], "no half-plane"),
         (("legs", 0, "projections", "pairs", 0, "half_planes", 0), [1.0], "lacks or garbles"),
     ],
 )

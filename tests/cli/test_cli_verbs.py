@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
+from cpcal.atomic import unwritable
 from cpcal.cli import app
 
 runner = CliRunner()
@@ -137,10 +138,12 @@ def test_json_is_the_file_and_nothing_else(campaign, tmp_path):
 
 
 def test_certify_replaces_an_earlier_run(campaign, tmp_path):
-    (tmp_path / "report.html").write_text("old")
-    (tmp_path / "result.json").write_text("old")
-    outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--eps", "0.1")
+    outcome = run("certify", campaign, "-o", tmp_path, "--legs", "2", "--eps", "0.1")
     assert outcome.exit_code == 0  # "refuted" is an answer
+    (tmp_path / "notes.txt").write_text("mine")
+    assert run("certify", campaign, "-o", tmp_path, "--legs", "1", "--eps", "0.1").exit_code == 0
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert not (tmp_path / "leg2.cert.jsonl").exists()
     assert cpcal.load_result(tmp_path).legs[0].verdict is cpcal.Verdict.REFUTED
     assert "refuted" in outcome.stdout
     assert "refuted" in (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -200,8 +203,8 @@ def test_a_run_that_cannot_be_written_is_refused_at_once(campaign, tmp_path):
 
 
 def test_an_answer_is_printed_even_if_the_disk_is_full(campaign, tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
+    def full(_result, folder):
+        raise unwritable(folder, OSError(28, "No space left on device"))
 
     monkeypatch.setattr("cpcal.cli.run.save_result", full)
     outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--eps", "0.1")

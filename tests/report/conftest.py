@@ -16,6 +16,7 @@ from cpcal.report.comparison import write_comparison
 from cpcal.report.study import StudyFound, write_study_page
 from cpcal.results import Comparison, Entry, Projection, Projections
 from cpcal.simulate import simulate_study
+from tests.report.made import made_leg, made_result
 
 
 def hexagons(box, eps, *pairs):
@@ -47,8 +48,7 @@ def page(tmp_path_factory):
         x = nominal[number - 1]
         point, ids = tuple(map(float, x)), tuple(campaign.measurement_ids)
         numbers = (0.089, 0.0890001, point, tuple(x + 1.5), box(number, reach), 0.0, ids, 1, 94, 0.25)
-        found = cpcal.LegResult(number, cpcal.Verdict.PROVED, "Both bounds are proved.", *numbers)
-        return dataclasses.replace(found, **changes)
+        return made_leg(number, *numbers, **changes)
 
     thin = box(1, np.array([3e-9, 4e-8, 1.234e-5, 0.00987, 1.0, 1.0, 1.0]))
     wide = box(2, np.array([0.0999, 1.0, 1234.5, 9.99e5, 1.0, 1.0, 1.0]))
@@ -62,8 +62,7 @@ def page(tmp_path_factory):
         ),
         leg(6, 0.0),
     )
-    asked = (PARAMETERS, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0")
-    result = cpcal.Result(campaign.robot.name, campaign.sha256, len(campaign), *asked, legs)
+    result = made_result(campaign, *legs)
     return write_page(campaign, result, tmp_path_factory.mktemp("page") / "report.html")
 
 
@@ -74,7 +73,16 @@ def comparison(tmp_path_factory):
 
     def entry(leg, model, lo, hi, certificate=None):
         box = cpcal.Box(names, [-1.0] * 14, [1.0] * 14) if hi < math.inf else cpcal.Box.empty(names)
-        return Entry(f"leg {leg}", model, lo, hi, box, certificate, "Both bounds are proved.", 0.5)
+        return Entry(
+            subject=f"leg {leg}",
+            model=model,
+            eps_lo=lo,
+            eps_hi=hi,
+            enclosure=box,
+            certificate=certificate,
+            status="Both bounds are proved.",
+            seconds=0.5,
+        )
 
     entries = [
         entry(leg, *rest)
@@ -87,7 +95,14 @@ def comparison(tmp_path_factory):
         )
     ]
     models = {name: f"<i>{name}</i> {'Supercalifragilistic' * 8}" for name in ("plain", "linear", "mine", "gain")}
-    found = Comparison("<b>" + "Supercalifragilistic" * 8, 0.3, models, tuple(entries), "0" * 64, True)
+    found = Comparison(
+        title="<b>" + "Supercalifragilistic" * 8,
+        tolerance=0.3,
+        models=models,
+        entries=tuple(entries),
+        campaign_sha256="0" * 64,
+        interrupted=True,
+    )
     return write_comparison(found, tmp_path_factory.mktemp("comparison"))
 
 
@@ -113,18 +128,15 @@ def study():
             94,
             0.25,
         )
-        made = cpcal.LegResult(number, cpcal.Verdict.PROVED, "Both bounds are proved.", *numbers)
+        made = made_leg(number, *numbers)
         return dataclasses.replace(made, projections=hexagons(box, 0.1), **changes)
 
-    def result(*legs, **changes):
-        asked = (PARAMETERS, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0")
-        made = cpcal.Result(campaign.robot.name, campaign.sha256, len(campaign), *asked, legs)
-        return dataclasses.replace(made, **changes)
-
     perfect = leg(6, eps_lo=0.0, eps_hi=0.0)
-    bound = result(*(leg(k) for k in range(1, 6)), perfect)
+    bound = made_result(campaign, *(leg(k) for k in range(1, 6)), perfect)
     open_ended = leg(5, verdict=cpcal.Verdict.UNKNOWN, point=None, eps_hi=math.inf)
-    script = result(*(leg(k) for k in range(1, 5)), open_ended, perfect, method="timeout", time_limit=3.0)
+    script = made_result(
+        campaign, *(leg(k) for k in range(1, 5)), open_ended, perfect, method="timeout", time_limit=3.0
+    )
 
     def verified(name, solutions):
         legs = [(k, (64, 0) if k in solutions else (12, 51)) for k in range(1, 7)]

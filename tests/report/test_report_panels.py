@@ -13,6 +13,7 @@ from cpcal.legs import PARAMETERS
 from cpcal.report.page import render
 from cpcal.report.panels import Panel, in_view, panel_svg, polygon
 from cpcal.results import Projection, Projections
+from tests.report.made import made_leg, made_result
 
 CAMPAIGN = cpcal.simulate(seed=1, joint_error=1.0)
 
@@ -72,11 +73,8 @@ def page(eps, **changes):
     box = cpcal.Box(PARAMETERS, x - 0.5, x + 0.5)
     projections = Projections(eps, box, (Projection(("a[2]", "l"), ((1.0, 1.0, float(x[2] + x[6])),)),))
     numbers = (0.099, 0.1, tuple(x), tuple(x), box, 0.0, (), 1, 94, 0.25)
-    leg = cpcal.LegResult(1, cpcal.Verdict.PROVED, "Proved.", *numbers, projections=projections)
-    asked = (PARAMETERS, 100.0, "fit", 1e-6, None, ("lifted",), "float64", "0.1.0")
-    result = cpcal.Result(CAMPAIGN.robot.name, CAMPAIGN.sha256, len(CAMPAIGN), *asked, (leg,))
-    if "asked" in changes:
-        result = dataclasses.replace(result, eps=changes.pop("asked"))
+    leg = made_leg(1, *numbers, projections=projections)
+    result = made_result(CAMPAIGN, leg, eps=changes.pop("asked", None))
     return " ".join(render(CAMPAIGN, dataclasses.replace(result, legs=(dataclasses.replace(leg, **changes),))).split())
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import pytest
 from tinyhtml5.parser import HTMLParser
@@ -9,6 +10,7 @@ from tinyhtml5.parser import HTMLParser
 import cpcal
 from cpcal.report import paper
 from cpcal.report.study import render_study, write_study_page
+from cpcal.results import CampaignNote
 from cpcal.robot import DELTALAB
 
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\x1b[31m"
@@ -70,6 +72,7 @@ def test_hostile_names_do_nothing(study):
     names = tuple(HOSTILE + str(k) for k in range(len(errors.names)))
     lost = dataclasses.replace(errors, names=names, position_after=(math.nan, *errors.position_after[1:]))
     record = dataclasses.replace(study.record, robot=HOSTILE, screening=HOSTILE, validation=lost, **sha)
+    note = CampaignNote(campaign.sha256, HOSTILE, len(campaign))
     page = parsed(
         render_study(
             dataclasses.replace(
@@ -77,8 +80,8 @@ def test_hostile_names_do_nothing(study):
                 campaign=campaign,
                 record=record,
                 fits=dataclasses.replace(study.fits, **sha),
-                result=dataclasses.replace(study.result, robot=HOSTILE, **sha),
-                script=dataclasses.replace(study.script, **sha),
+                result=dataclasses.replace(study.result, campaign=note),
+                script=dataclasses.replace(study.script, campaign=note),
                 checked=HOSTILE,
             )
         )
@@ -91,7 +94,11 @@ def test_hostile_names_do_nothing(study):
 
 @pytest.mark.parametrize("part", ["record", "fits", "script", "result"])
 def test_parts_of_another_study_are_refused(study, part, tmp_path):
-    other = dataclasses.replace(getattr(study, part), campaign_sha256="0" * 64)
+    found = getattr(study, part)
+    sha256: dict[str, Any] = {"campaign_sha256": "0" * 64}
+    if part in ("script", "result"):
+        sha256 = {"campaign": CampaignNote("0" * 64, "R", 64)}
+    other = dataclasses.replace(found, **sha256)
     with pytest.raises(cpcal.InputError, match="another campaign"):
         write_study_page(dataclasses.replace(study, **{part: other}), tmp_path / "report.html")
     assert list(tmp_path.iterdir()) == []

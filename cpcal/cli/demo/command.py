@@ -21,7 +21,7 @@ from cpcal.cli.demo.image_study import SUBSET, WHOLE, Photographed, photographed
 from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.demo.pixel_sets import HALF_WIDTH, certify_pixels, with_sets
 from cpcal.cli.progress import watch
-from cpcal.cli.run import Question, answer, publish, status_of
+from cpcal.cli.run import certified_into, status_of
 from cpcal.cli.show import show_result, terminal
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import study_found
@@ -85,8 +85,7 @@ def demo(
     record = _calibrated(output, seed, console)
     campaign = load_campaign(output / CAMPAIGN)
     _fits(campaign, record, output / FITS, console)
-    result = answer(campaign, Question(legs=PLAN.legs), output / RUN, quiet=False)
-    publish(campaign, result, output / RUN, as_json=False)
+    result = certified_into(output / RUN, campaign, {"legs": PLAN.legs}, as_json=False)
     if result.interrupted:
         raise typer.Exit(Status.INTERRUPTED)
     script = _script(campaign, output / SCRIPT, console)
@@ -96,10 +95,7 @@ def demo(
         _pixels(photos, campaign, result, output, console)
     accepted, found = study_found(output)
     console.print(found.checked, soft_wrap=True)
-    try:
-        page = write_study_page(found, output / REPORT_NAME)
-    except OSError as error:
-        raise unwritable(output, error) from None
+    page = write_study_page(found, output / REPORT_NAME)
     console.print(f"The whole study: {page}", soft_wrap=True)
     raise typer.Exit(status_of(result) if accepted else Status.UNKNOWN)
 
@@ -123,10 +119,7 @@ def _calibrated(output: Path, seed: int, console: Console) -> CalibrationRecord:
 
 def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, console: Console) -> None:
     """Are x_c and x_c_sigma solutions?"""
-    try:
-        fits = certify_fits(campaign, record, folder, legs=PLAN.legs)
-    except OSError as error:
-        raise unwritable(folder, error) from None
+    fits = certify_fits(campaign, record, folder, legs=PLAN.legs)
     for name, verified in fits.both:
         for fit in verified:
             console.print(f"Leg {fit.leg}: {fit.verified.sentence(name)}", soft_wrap=True)
@@ -135,8 +128,7 @@ def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, console: 
 def _pixels(photos: Photographed, campaign: Campaign, result: Result, output: Path, console: Console) -> None:
     """Reading sets from pixels, certified, and what the page says of the images."""
     console.print(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
-    run = certify_pixels(photos, campaign, Question(legs=PLAN.legs), output)
-    show_result(console, run.result, campaign.legs)
+    run = certify_pixels(photos, campaign, PLAN.legs, output)
     if run.result.interrupted:
         raise typer.Exit(Status.INTERRUPTED)
     try:
@@ -158,9 +150,6 @@ def _script(campaign: Campaign, folder: Path, console: Console) -> Result:
             gap=PLAN.script_gap,
             progress=progress,
         )
-    try:
-        save_result(script, folder)
-    except OSError as error:
-        raise unwritable(folder, error) from None
+    save_result(script, folder)
     show_result(console, script, campaign.legs)
     return script

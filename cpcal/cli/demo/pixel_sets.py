@@ -8,18 +8,18 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from cpcal.certify.certify import emptied
-from cpcal.cli.folders import PIXEL_CAMPAIGN, PIXEL_RUN, PIXEL_SETS, unwritable
+from cpcal.cli.folders import PIXEL_CAMPAIGN, PIXEL_RUN, PIXEL_SETS
 from cpcal.cli.demo.image_study import Photographed
-from cpcal.cli.run import Question, answer
+from cpcal.cli.run import certified_into
 from cpcal.errors import ModelError
 from cpcal.solver.contract import Verdict
 from cpcal.report.images import ImagesFound
 from cpcal.numbers import about, bracket_text, nearest, stated
 from cpcal.report.study_tables import TextTable
-from cpcal.results import Result, save_result
+from cpcal.results import Result
 from cpcal.robot import Campaign
 from cpcal.files import save_campaign
+from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.files.readings import readings_of
@@ -59,7 +59,7 @@ class PixelRun:
     result: Result
 
 
-def certify_pixels(done: Photographed, campaign: Campaign, question: Question, folder: Path) -> PixelRun:
+def certify_pixels(done: Photographed, campaign: Campaign, legs: Sequence[int] | None, folder: Path) -> PixelRun:
     """One image of each configuration of `campaign`, whose legs' reading sets are kept. Raises InputError."""
     images, found = done.shots["calibration"], done.found["calibration"]
     first: dict[str, str] = {}
@@ -67,8 +67,8 @@ def certify_pixels(done: Photographed, campaign: Campaign, question: Question, f
         if row.found:
             first.setdefault(PurePosixPath(row.file).parts[0], row.file)
     names = [first[pose] for pose in campaign.pose]
-    proofs = emptied(folder / PIXEL_SETS, "*.cert.jsonl")
-    sets = dict(pair for pairs in in_parallel(_Enclosing(images, proofs), names) for pair in pairs)
+    with answers_into(folder / PIXEL_SETS, POSE_SETS) as draft:
+        sets = dict(pair for pairs in in_parallel(_Enclosing(images, draft), names) for pair in pairs)
     proved = [k for k, name in enumerate(names) if sets[name].verdict is Verdict.PROVED]
     runs = [PurePosixPath(names[k]).parts[1] for k in proved]
     readings = readings_of(done.study.calibration)
@@ -83,12 +83,8 @@ def certify_pixels(done: Photographed, campaign: Campaign, question: Question, f
             "reading sets": f"poses from pixel boxes of +-{stated(HALF_WIDTH)} px, proved; legs as in the other campaign"
         },
     )
-    try:
-        save_campaign(pixel, folder / PIXEL_CAMPAIGN)
-    except OSError as error:
-        raise unwritable(folder, error) from None
-    result = answer(pixel, question, folder / PIXEL_RUN, quiet=False)
-    save_result(result, folder / PIXEL_RUN)
+    save_campaign(pixel, folder / PIXEL_CAMPAIGN)
+    result = certified_into(folder / PIXEL_RUN, pixel, {"legs": legs}, as_json=False)
     return PixelRun(sets, pixel, result)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.atomic import replacing
 from cpcal.solver.certificate.statement import Statement, limits, number
 from cpcal.solver.certificate.writer import Certifying, line
 from cpcal.solver.contract import Contractor
@@ -97,18 +98,12 @@ class Recording:
 
     def write(self, path: str | os.PathLike[str], claims: Claims) -> Path:
         """The certificate, all or nothing."""
-        target = Path(path)
-        partial = target.with_name(f".{target.name}.partial")
-        try:
-            with partial.open("w", encoding="utf-8") as out:
-                out.writelines(line(first) for first in self._statement.header(self._domain))
-                out.write(line(claims))
-                cap = None if claims["cap"] is None else float.fromhex(claims["cap"])
-                out.writelines(line(step) for step in self._useful_steps(cap))
-            partial.replace(target)
-        finally:
-            partial.unlink(missing_ok=True)
-        return target
+        with replacing(path) as out:
+            out.writelines(line(first).encode() for first in self._statement.header(self._domain))
+            out.write(line(claims).encode())
+            cap = None if claims["cap"] is None else float.fromhex(claims["cap"])
+            out.writelines(line(step).encode() for step in self._useful_steps(cap))
+        return Path(path)
 
 
 def claims_of(found: Minimum, domain: Box, objective: str, *, lower_only: bool = False) -> Claims:

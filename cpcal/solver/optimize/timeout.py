@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 
@@ -50,24 +49,6 @@ class Trial:
     programs: int
     seconds: float
     checked: bool = False
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "eps": self.eps,
-            "delay": self.delay,
-            "answer": self.answer.value,
-            "eps_lo": self.lo,
-            "eps_hi": self.hi,
-            "nodes": self.nodes,
-            "lps": self.programs,
-            "seconds": self.seconds,
-            "checked": self.checked,
-        }
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> Trial:
-        figures = (data[name] for name in ("eps_lo", "eps_hi", "nodes", "lps", "seconds", "checked"))
-        return cls(data["eps"], data["delay"], Answer(data["answer"]), *figures)
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+from cpcal.atomic import write_file
 from cpcal.errors import InputError, Problem
-from cpcal.files.campaign_writer import write_file
 from cpcal.version import __version__
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import NUMBERS, Detection

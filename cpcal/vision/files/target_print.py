@@ -19,8 +19,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
+from cpcal.atomic import write_file
 from cpcal.errors import InputError, Problem
-from cpcal.files.campaign_writer import write_file
 from cpcal.vision.target import Target
 
 Array = npt.NDArray[np.float64]

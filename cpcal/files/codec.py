@@ -1,0 +1,153 @@
+"""Frozen dataclasses as JSON and back: one codec for all of cpcal's own files.
+
+What is read is checked: every field there, none besides, each of its type; what the types cannot say, a class says in
+its `__post_init__` by ValueError or InputError. A field's name in the file is its own, or `metadata["json"]`.
+JSON has no NaN and no infinities: they are the strings "nan", "inf" and "-inf". A box is {"names", "lo", "hi"}, an
+empty one has null for its bounds.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import types
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+
+from cpcal.atomic import write_file
+from cpcal.errors import CpcalError, InputError, Problem, shown
+from cpcal.files.documents import json_object
+from cpcal.solver.interval import Box
+
+T = TypeVar("T")
+
+_NUMBERS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
+
+
+def text_of(value: Any, format: str) -> str:
+    """The file of a dataclass, as text."""
+    return json.dumps({"format": format, **encoded(value)}, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def save(value: Any, path: Path, format: str) -> Path:
+    """Write a dataclass to a file, all or nothing; its path. Raises InputError."""
+    return write_file(path, text_of(value, format))
+
+
+def load(kind: type[T], path: Path, format: str, *, remedy: str) -> T:
+    """The dataclass that `save` wrote. Raises InputError, which says `remedy`."""
+    data = json_object(path, remedy, remedy)
+    if data.pop("format", None) != format:
+        raise InputError([Problem(str(path), f"is not of format {format}", remedy)])
+    try:
+        return cast(T, decoded(kind, data))
+    except (ValueError, CpcalError) as error:
+        reason = error.problems[0].what if isinstance(error, InputError) else error
+        raise InputError([Problem(str(path), f"lacks or garbles a field: {reason}", remedy)]) from None
+
+
+def encoded(value: Any) -> Any:
+    """A value of JSON."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {key: encoded(getattr(value, name)) for name, (key, _) in _layout(type(value)).items()}
+    if isinstance(value, Box):
+        lo, hi = (None if value.is_empty else encoded(side.tolist()) for side in (value.lo, value.hi))
+        return {"names": list(value.names), "lo": lo, "hi": hi}
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Mapping):
+        return {str(key): encoded(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [encoded(part) for part in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else str(float(value))
+    return value
+
+
+def decoded(kind: Any, value: Any, where: str = "it") -> Any:
+    """A value of JSON as a dataclass, tuple, Mapping, Enum, Box, None, float, int, bool or str. Raises ValueError."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        return None if value is None and type(None) in parts else decoded(_one(parts), value, where)
+    if is_dataclass(kind):
+        return _dataclass(kind, value, where)
+    if origin is tuple:
+        return _tuple(parts, value, where)
+    if origin is not None and issubclass(origin, Mapping):
+        return {key: decoded(parts[1], part, f"{where}.{shown(key)}") for key, part in _object(value, where).items()}
+    if kind is Box:
+        return _box(value, where)
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        if value not in [member.value for member in kind]:
+            raise ValueError(f"{where} is none of {', '.join(str(member.value) for member in kind)}")
+        return kind(value)
+    return _plain(kind, value, where)
+
+
+@cache
+def _layout(kind: type) -> dict[str, tuple[str, Any]]:
+    """For each field its name in the file and its type."""
+    hints = get_type_hints(kind)
+    return {field.name: (field.metadata.get("json", field.name), hints[field.name]) for field in fields(kind)}
+
+
+def _dataclass(kind: Any, value: Any, where: str) -> Any:
+    layout, found = _layout(kind), _object(value, where)
+    keys = {key for key, _ in layout.values()}
+    if found.keys() != keys:
+        missing, unknown = sorted(keys - found.keys()), sorted(map(shown, found.keys() - keys))
+        said = [f"lacks {', '.join(missing)}"] if missing else []
+        said += [f"has {', '.join(unknown[:5])}, which mean nothing"] if unknown else []
+        raise ValueError(f"{where} {' and '.join(said)}")
+    inner = "" if where == "it" else f"{where}."
+    return kind(**{name: decoded(of, found[key], f"{inner}{key}") for name, (key, of) in layout.items()})
+
+
+def _tuple(parts: tuple[Any, ...], value: Any, where: str) -> tuple[Any, ...]:
+    if not isinstance(value, list):
+        raise ValueError(f"{where} is no list")
+    kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else list(parts)
+    if len(kinds) != len(value):
+        raise ValueError(f"{where} is no list of {len(kinds)}")
+    return tuple(decoded(of, part, f"{where}[{k}]") for k, (of, part) in enumerate(zip(kinds, value, strict=True)))
+
+
+def _box(value: Any, where: str) -> Box:
+    found = _object(value, where)
+    if found.keys() != {"names", "lo", "hi"}:
+        raise ValueError(f"{where} is no box: names, lo, hi")
+    names = decoded(tuple[str, ...], found["names"], f"{where}.names")
+    if found["lo"] is None and found["hi"] is None:
+        return Box.empty(names)
+    lo, hi = (decoded(tuple[float, ...], found[side], f"{where}.{side}") for side in ("lo", "hi"))
+    if not len(names) == len(lo) == len(hi) or not all(a <= b for a, b in zip(lo, hi, strict=True)):
+        raise ValueError(f"{where} is no box: lo and hi do not match, or cross")
+    return Box(names, lo, hi)
+
+
+def _plain(kind: Any, value: Any, where: str) -> Any:
+    if kind is float and isinstance(value, str) and value in _NUMBERS:
+        return _NUMBERS[value]
+    allowed = (int, float) if kind is float else kind
+    if not isinstance(value, allowed) or (isinstance(value, bool) and kind is not bool):
+        raise ValueError(f"{where} is no {_WORDS[kind]}")
+    return kind(value)
+
+
+_WORDS = {float: "number", int: "whole number", bool: "true or false", str: "text"}
+
+
+def _object(value: Any, where: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{where} is no object")
+    return value
+
+
+def _one(parts: tuple[Any, ...]) -> Any:
+    """The other member of an optional type."""
+    (only,) = (part for part in parts if part is not type(None))
+    return only

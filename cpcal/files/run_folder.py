@@ -1,0 +1,159 @@
+"""Folders of answers: what is written into them, under a lock, aside, and put in place at the end.
+
+A folder of answers has a head, such as result.json, which is put in place last and taken away first: without it the
+folder is unfinished. Files that cpcal did not write are never touched.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from cpcal.atomic import draft_name, put_in_place, unwritable
+from cpcal.errors import InputError, Problem
+
+LOCK_NAME = ".cpcal-lock"
+_DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
+_JSON = rb'\s*\{\s*"format":\s*"cpcal-'
+_PAGE = rb'<!doctype html>.{0,400}<meta name="generator" content="cpcal'
+_WRITTEN = re.compile(_JSON + b"|" + _PAGE, re.DOTALL)
+_ALWAYS = ("campaign.json", r"[\w.-]+\.cert\.jsonl")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Answers of one kind: their head, and the names (regular expressions) of the other files."""
+
+    head: str
+    others: tuple[str, ...] = ()
+
+    def names(self, folder: Path) -> list[str]:
+        """The files of this kind in a folder, the head first."""
+        known = re.compile("|".join([re.escape(self.head), *self.others, *_ALWAYS]))
+        found = [entry.name for entry in os.scandir(folder) if known.fullmatch(entry.name)]
+        return sorted(found, key=lambda name: (name != self.head, name))
+
+
+RUN = Kind("result.json", (r"report\.html",))
+COMPARED = Kind("compare.json", (r"compare\.html",))
+FITTED = Kind("fits.json")
+POSE_SETS = Kind("sets.json")  # certificates of images, without a head
+
+
+@contextmanager
+def answers_into(folder: str | os.PathLike[str], kind: Kind) -> Iterator[Path]:
+    """A folder aside to write into; when the block ends without an error its files replace the older answers.
+
+    Until then the older answers stay. Raises InputError when another process writes there, when files are in the way
+    that cpcal did not write, or when the folder cannot be written.
+    """
+    target = Path(folder)
+    with locked(target) as lock:
+        check_replaceable(target, kind)
+        for leftover in unfinished(target):  # whoever wrote them is dead: we have the lock
+            shutil.rmtree(leftover, ignore_errors=True)
+        draft = target / draft_name()
+        try:
+            draft.mkdir()
+            yield draft
+            lock.check(target)
+            put_in_place(
+                draft,
+                target,
+                sorted((entry.name for entry in draft.iterdir()), key=lambda name: name == kind.head),
+                outdated=tuple(kind.names(target)),
+            )
+        except OSError as error:
+            raise unwritable(target, error) from error
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+
+
+def check_replaceable(folder: Path, kind: Kind) -> None:
+    """InputError when a file that would be replaced is none that cpcal wrote, or the folder is that of a campaign."""
+    if not folder.is_dir():
+        return
+    what, remedy = "is there, and not written by cpcal", "choose another folder, or move it away"
+    if (folder / "campaign.toml").exists():
+        raise InputError([Problem(str(folder), "is the folder of a campaign", "choose another folder")])
+    strange = [name for name in kind.names(folder) if not _ours(folder / name)]
+    if strange:
+        raise InputError([Problem(str(folder / name), what, remedy) for name in strange])
+
+
+def unfinished(folder: Path) -> list[Path]:
+    """What runs left that were killed, or are at work."""
+    return [path for path in folder.iterdir() if _DRAFT.fullmatch(path.name) and path.is_dir()]
+
+
+@dataclass(frozen=True)
+class Lock:
+    """Ours as long as the process lives: the system takes it back from the dead."""
+
+    descriptor: int
+
+    def check(self, folder: Path) -> None:
+        """OSError when the folder is no longer the one that was locked."""
+        if not self.holds(folder):
+            raise OSError(0, "the folder was taken away while the answers were found")
+
+    def holds(self, folder: Path) -> bool:
+        try:
+            there = os.lstat(folder / LOCK_NAME)
+        except OSError:
+            return False
+        return os.path.samestat(there, os.fstat(self.descriptor))
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[Lock]:
+    """The folder, made if missing, for us alone. Raises InputError while another process has it."""
+    made = not folder.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = _locked(folder)
+    except BlockingIOError:
+        what = "is being written by another run of cpcal"
+        raise InputError([Problem(str(folder), what, "wait for it, or choose another folder")]) from None
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    try:
+        yield lock
+    finally:
+        if lock.holds(folder):
+            with suppress(OSError):
+                (folder / LOCK_NAME).unlink()
+        os.close(lock.descriptor)
+        if made:
+            with suppress(OSError):  # not empty
+                folder.rmdir()
+
+
+def _locked(folder: Path) -> Lock:
+    """Raises OSError; BlockingIOError while another process has it."""
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+    while True:
+        descriptor = os.open(folder / LOCK_NAME, flags, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        lock = Lock(descriptor)
+        if lock.holds(folder):
+            return lock
+        os.close(descriptor)  # its owner took it away as we came: again
+
+
+def _ours(path: Path) -> bool:
+    """Whether a file begins as cpcal's do."""
+    if path.is_symlink() or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return _WRITTEN.match(file.read(4096)) is not None

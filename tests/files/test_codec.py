@@ -1,0 +1,151 @@
+"""One codec for all JSON files: what goes out comes back, and nothing else is accepted."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+
+import pytest
+
+from cpcal import Box, InputError
+from cpcal.files.codec import load, save, text_of
+
+FORMAT = "cpcal-test/1"
+
+
+class Colour(Enum):
+    RED = "red"
+    BLUE = "blue"
+
+
+@dataclass(frozen=True)
+class Inner:
+    size: int
+
+    def __post_init__(self) -> None:
+        if self.size < 0:
+            raise ValueError("size is negative")
+
+
+@dataclass(frozen=True)
+class Outer:
+    name: str
+    colour: Colour
+    numbers: tuple[float, ...]
+    pair: tuple[int, str]
+    inner: Inner | None
+    widths: Mapping[str, float]
+    box: Box
+    flag: bool = field(default=False, metadata={"json": "called"})
+
+
+VALUE = Outer(
+    "é\n",
+    Colour.BLUE,
+    (0.1, 5e-324, -0.0, math.inf, -math.inf),
+    (1, "x"),
+    Inner(3),
+    {"a": 1.0},
+    Box(["x", "y"], [0.0, -math.inf], [0.1, math.inf]),
+    True,
+)
+
+
+def test_what_was_written_comes_back(tmp_path):
+    path = save(VALUE, tmp_path / "new" / "x.json", FORMAT)
+    found = load(Outer, path, FORMAT, remedy="again")
+    assert found == VALUE
+    assert math.copysign(1.0, found.numbers[2]) == -1.0
+    assert text_of(found, FORMAT) == path.read_text(encoding="utf-8")
+    assert json.loads(path.read_text())["called"] is True
+    assert [p.name for p in path.parent.iterdir()] == ["x.json"]
+
+
+def test_an_empty_box_and_what_is_no_number(tmp_path):
+    odd = Outer("", Colour.RED, (math.nan,), (0, ""), None, {}, Box.empty(["x"]))
+    found = load(Outer, save(odd, tmp_path / "x.json", FORMAT), FORMAT, remedy="again")
+    assert math.isnan(found.numbers[0])
+    assert found.box.is_empty
+    assert found.box.names == ("x",)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "text"),
+    [
+        ("format", "cpcal-test/2", "not of format"),
+        ("name", 5, "name is no text"),
+        ("name", None, "name is no text"),
+        ("colour", "green", "none of red, blue"),
+        ("colour", [], "none of red, blue"),
+        ("numbers", 5, "no list"),
+        ("numbers", [True], r"numbers\[0\] is no number"),
+        ("numbers", ["1"], r"numbers\[0\] is no number"),
+        ("numbers", [int("9" * 301)], "too large for a number"),
+        ("numbers", [{}], r"numbers\[0\] is no number"),
+        ("pair", [1], "no list of 2"),
+        ("pair", [1.0, "x"], r"pair\[0\] is no whole number"),
+        ("pair", [True, "x"], r"pair\[0\] is no whole number"),
+        ("inner", [], "inner is no object"),
+        ("inner", {}, "inner lacks size"),
+        ("inner", {"size": 1, "\x1b": 2}, "mean nothing"),
+        ("inner", {"size": -1}, "size is negative"),
+        ("widths", {"a": "b"}, "widths.'a' is no number"),
+        ("widths", [], "widths is no object"),
+        ("box", {"names": ["x"], "lo": [1.0], "hi": [0.0]}, "no box"),
+        ("box", {"names": ["x"], "lo": [1.0], "hi": None}, "no list"),
+        ("box", {"names": ["x"], "lo": ["nan"], "hi": [1.0]}, "no box"),
+        ("box", {"names": ["x", "x"], "lo": [0.0, 0.0], "hi": [1.0, 1.0]}, "lacks or garbles"),
+        ("box", None, "no object"),
+        ("called", 1, "called is no true or false"),
+        ("extra", 1, "mean nothing"),
+    ],
+)
+def test_other_types_are_refused(tmp_path, key, value, text):
+    data = json.loads(text_of(VALUE, FORMAT)) | {key: value}
+    (tmp_path / "x.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match=text) as caught:
+        load(Outer, tmp_path / "x.json", FORMAT, remedy="certify again")
+    assert "certify again" in str(caught.value)
+    assert "\x1b" not in str(caught.value)
+
+
+@pytest.mark.parametrize("key", ["name", "inner", "box", "called"])
+def test_every_field_is_needed(tmp_path, key):
+    data = json.loads(text_of(VALUE, FORMAT))
+    del data[key]
+    (tmp_path / "x.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match=f"lacks {key}"):
+        load(Outer, tmp_path / "x.json", FORMAT, remedy="again")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"null",
+        b"\xff",
+        b'{"format": NaN}',
+        b'{"format": 1e999}',
+        b'{"format": ' + b"9" * 5000 + b"}",
+        b'{"format": ' + b"[" * 100_000,
+        b'{"format": "x", "format": "x"}',
+    ],
+)
+def test_hostile_files_give_one_clear_error(tmp_path, content):
+    (tmp_path / "x.json").write_bytes(content)
+    with pytest.raises(InputError, match=r"x\.json"):
+        load(Outer, tmp_path / "x.json", FORMAT, remedy="again")
+
+
+def test_what_is_no_file_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (Path("/dev/zero"), tmp_path / "pipe", tmp_path, tmp_path / "absent"):
+        with pytest.raises(InputError, match=r"cannot be read|does not exist"):
+            load(Outer, path, FORMAT, remedy="again")

@@ -1,0 +1,24 @@
+"""Results for the pages' tests, without running the solver."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cpcal
+from cpcal.results import CampaignNote, Options
+
+
+def made_leg(leg: int, *numbers: Any, **changes: Any) -> cpcal.LegResult:
+    """`numbers`: eps_lo, eps_hi, point, center, enclosure, floor, support, nodes, programs, seconds."""
+    names = ("eps_lo", "eps_hi", "point", "center", "enclosure", "floor", "support", "nodes", "programs", "seconds")
+    fields = {"verdict": cpcal.Verdict.PROVED, "status": "Both bounds are proved."}
+    return cpcal.LegResult(leg=leg, **(fields | dict(zip(names, numbers, strict=True)) | changes))
+
+
+def made_result(campaign: cpcal.Campaign, *legs: cpcal.LegResult, **options: Any) -> cpcal.Result:
+    """Of these legs; `interrupted` and `version` are fields of the result, all else options."""
+    fields = {name: options.pop(name) for name in ("interrupted", "version") if name in options}
+    note = CampaignNote(campaign.sha256, campaign.robot.name, len(campaign))
+    return cpcal.Result(
+        **({"campaign": note, "options": Options(**options), "version": "0.1.0", "legs": legs} | fields)
+    )
