@@ -40,7 +40,7 @@ class ByValue:
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
             return NotImplemented
-        return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)  # type: ignore[arg-type]
+        return all(same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.compare)  # type: ignore[arg-type]
 
     def __hash__(self) -> int:
         held = [getattr(self, f.name) for f in fields(self) if f.compare]  # type: ignore[arg-type]
@@ -72,7 +72,8 @@ class Value(ByValue):
             object.__setattr__(self, name, value)
 
 
-def _same(one: object, other: object) -> bool:
+def same(one: object, other: object) -> bool:
+    """Whether two fields hold the same, arrays entry by entry."""
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         return np.array_equal(one, other)  # type: ignore[arg-type]
     return bool(one == other)

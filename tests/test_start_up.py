@@ -30,7 +30,7 @@ def test_the_version_and_a_mistyped_verb_load_no_verb():
     for arguments, status in ((["--version"], 0), (["certfy"], 2)):
         code = f"""
 import atexit, sys
-from cpcal.cli.app import main
+from cpcal.__main__ import main
 atexit.register(lambda: print(*sys.modules))
 sys.argv = ["cpcal", *{arguments}]
 main()

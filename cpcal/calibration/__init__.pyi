@@ -72,7 +72,6 @@ from .tolerance import (
     half_widths,
     readings_needed,
     tolerance_half_width,
-    tolerance_interval,
 )
 from .validation import (
     ErrorSummary,
@@ -130,6 +129,5 @@ __all__ = [
     "select_poses",
     "solves_exactly",
     "tolerance_half_width",
-    "tolerance_interval",
     "validate",
 ]

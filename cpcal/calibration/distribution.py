@@ -7,7 +7,9 @@ configurations makes a pooled distribution with heavy tails; two modes within ev
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -61,20 +63,21 @@ def describe(deviations: Deviations) -> tuple[ChannelStatistics, ...]:
 def _described(name: str, sigma: float, errors: Floats) -> ChannelStatistics:
     from scipy import stats  # here: it takes half a second to load, which certification need not wait for
 
-    count, nan = len(errors), math.nan
-    extreme = float(np.max(np.abs(errors)))
-    if sigma == 0.0:
-        return ChannelStatistics(name, count, sigma, extreme, nan, nan, nan, nan, nan)
+    count, scatters = len(errors), sigma > 0.0
     thinned = errors[:: -(-count // _SHAPIRO_MAX)]
     quantised = len(np.unique(errors)) < _FEW_VALUES * count
+
+    def tested(statistic: Callable[[], Any], applies: bool = True) -> float:
+        return float(statistic()) if scatters and applies else math.nan
+
     return ChannelStatistics(
-        name,
-        count,
-        sigma,
-        extreme,
-        float(stats.skew(errors)),
-        float(stats.kurtosis(errors)),
-        float(stats.normaltest(errors).pvalue) if count >= _DAGOSTINO_MIN else nan,
-        float(stats.shapiro(thinned).pvalue) if count >= 3 else nan,
-        dip_p_value(errors) if count >= _DIP_MIN and not quantised else nan,
+        name=name,
+        readings=count,
+        sigma=sigma,
+        extreme=float(np.max(np.abs(errors))),
+        skewness=tested(lambda: stats.skew(errors)),
+        kurtosis=tested(lambda: stats.kurtosis(errors)),
+        dagostino=tested(lambda: stats.normaltest(errors).pvalue, count >= _DAGOSTINO_MIN),
+        shapiro=tested(lambda: stats.shapiro(thinned).pvalue, count >= 3),
+        dip=tested(lambda: dip_p_value(errors), count >= _DIP_MIN and not quantised),
     )

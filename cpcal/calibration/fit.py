@@ -80,7 +80,15 @@ def fit(
     known = None if noise is None else noise.of_legs(columns)
     equations = LegEquations.of(campaign, chosen, form)
     source = covariance or ("noise" if known is not None and loss == "linear" else "residuals")
-    return Fit(chosen, form, weights, loss, source, _estimate(equations, known, first, options), known)
+    return Fit(
+        legs=chosen,
+        form=form,
+        weights=weights,
+        loss=loss,
+        source=source,
+        estimate=_estimate(equations, known, first, options),
+        noise=known,
+    )
 
 
 def _estimate(equations: LegEquations, noise: Noise | None, start: Floats, options: _Options) -> Estimate:

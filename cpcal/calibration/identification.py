@@ -11,7 +11,7 @@ equations hold df/dx = 2 ||v|| dg/dx, which weighs long legs more.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -21,15 +21,11 @@ from cpcal.errors import InputError, Problem
 from cpcal.robot import Pose, Robot
 from cpcal.solver.arrays import Floats
 
-Equation = Literal["implicit", "shifted"]
-
-_FORMS: dict[str, Form] = {"implicit": "f", "shifted": "g"}  # as fits call them
-
 
 def leg_jacobian(
-    parameters: npt.ArrayLike, pose: Pose, length: npt.ArrayLike | None = None, *, equation: Equation = "shifted"
+    parameters: npt.ArrayLike, pose: Pose, length: npt.ArrayLike | None = None, *, form: Form = "g"
 ) -> Floats:
-    """dg/dx ("shifted") or df/dx ("implicit") of one leg, (N, 7), columns a_x a_y a_z b_x b_y b_z l.
+    """dg/dx (form "g") or df/dx ("f") of one leg, (N, 7), columns a_x a_y a_z b_x b_y b_z l.
 
     parameters  (7,) mm; pose N poses; length (N,) mm, the readings, which only df/dl depends on (None: those with
                 which the equations hold, L + l = ||v||)
@@ -40,20 +36,20 @@ def leg_jacobian(
     if x.shape != (7,) or pose.position.ndim != 2:
         what = f"have the shape {x.shape}, for positions of shape {pose.position.shape}"
         raise InputError([Problem("parameters", what, "give 7 parameters in mm and N poses, (N, 3) and (N, 4)")])
-    if equation not in _FORMS:
-        raise InputError([Problem("equation", f"is {equation!r}", 'choose "implicit" (eq. 2) or "shifted" (eq. 15)')])
+    if form not in get_args(Form):
+        raise InputError([Problem("form", f"is {form!r}", 'choose "f" (eq. 2) or "g" (eq. 15)')])
     distance = np.linalg.norm(pose.position + pose.rotation @ x[3:6] - x[:3], axis=1)
-    if equation == "shifted" and not (distance > 0.0).all():
+    if form == "g" and not (distance > 0.0).all():
         where = f"pose {int(np.argmin(distance > 0.0))} (from 0)"
         raise InputError([Problem(where, "gives the leg the length 0", "correct the pose or the parameters")])
     readings = distance - x[6] if length is None else np.broadcast_to(np.asarray(length, np.float64), distance.shape)
-    equations = LegEquations(pose.position, pose.rotation, readings[:, None], _FORMS[equation])
+    equations = LegEquations(pose.position, pose.rotation, readings[:, None], form)
     return equations.by_parameters(x[None])[:, 0]
 
 
-def robot_jacobian(robot: Robot, pose: Pose, *, equation: Equation = "shifted") -> Floats:
+def robot_jacobian(robot: Robot, pose: Pose, *, form: Form = "g") -> Floats:
     """The Jacobians of all n legs, (n, N, 7), for readings with which the equations hold.
 
     The legs share no parameter: the Jacobian of the whole robot is block diagonal, with these blocks.
     """
-    return np.stack([leg_jacobian(row, pose, equation=equation) for row in robot.parameters])
+    return np.stack([leg_jacobian(row, pose, form=form) for row in robot.parameters])

@@ -185,20 +185,20 @@ def recorded(study: Study, found: StudyCalibration, *, factor: float) -> Calibra
     """The record of what `calibrate_study` found with that factor."""
     spread = campaign_deviations(as_campaign(study.calibration, study.robot))
     return CalibrationRecord(
-        study.robot.name,
-        _rows(study.robot.parameters),
-        found.campaign.sha256,
-        found.check.sha256,
-        len(study.calibration),
-        len(spread.names),
-        factor,
-        tuple(_channel(spread, k, statistics) for k, statistics in enumerate(found.statistics)),
-        found.screening.sentence,
-        _frames(found.frames),
-        _parameters(found.x_c),
-        _parameters(found.x_c_sigma),
-        _errors(found.validation),
-        _errors(found.validation_sigma),
+        robot=study.robot.name,
+        drawing=_rows(study.robot.parameters),
+        campaign_sha256=found.campaign.sha256,
+        check_sha256=found.check.sha256,
+        readings=len(study.calibration),
+        configurations=len(spread.names),
+        factor=factor,
+        channels=tuple(_channel(spread, k, statistics) for k, statistics in enumerate(found.statistics)),
+        screening=found.screening.sentence,
+        frames=_frames(found.frames),
+        x_c=_parameters(found.x_c),
+        x_c_sigma=_parameters(found.x_c_sigma),
+        validation=_errors(found.validation),
+        validation_sigma=_errors(found.validation_sigma),
     )
 
 
@@ -213,13 +213,13 @@ def _channel(spread: Deviations, k: int, statistics: ChannelStatistics) -> Chann
 def _frames(found: FrameCalibration) -> Frames:
     sigma = found.standard_deviations
     return Frames(
-        found.method,
-        _frame(found.camera_in_base, sigma[:6]),
-        _frame(found.target_in_mobile, sigma[6:]),
-        float(np.sqrt(np.mean(found.position_residual**2))),
-        float(np.sqrt(np.mean(found.rotation_residual**2))),
-        found.unit_weight,
-        found.remarks,
+        method=found.method,
+        camera_in_base=_frame(found.camera_in_base, sigma[:6]),
+        target_in_mobile=_frame(found.target_in_mobile, sigma[6:]),
+        position_residual=float(np.sqrt(np.mean(found.position_residual**2))),
+        rotation_residual=float(np.sqrt(np.mean(found.rotation_residual**2))),
+        unit_weight=found.unit_weight,
+        remarks=found.remarks,
     )
 
 

@@ -70,15 +70,15 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0) 
     x_c = fit(campaign, noise=noise)
     x_c_sigma = fit(campaign, weights="joint", noise=noise)
     return StudyCalibration(
-        describe(spread),
-        screening,
-        frames,
-        campaign,
-        check,
-        x_c,
-        x_c_sigma,
-        validate(check, x_c.parameters, forward),
-        validate(check, x_c_sigma.parameters, forward),
+        statistics=describe(spread),
+        screening=screening,
+        frames=frames,
+        campaign=campaign,
+        check=check,
+        x_c=x_c,
+        x_c_sigma=x_c_sigma,
+        validation=validate(check, x_c.parameters, forward),
+        validation_sigma=validate(check, x_c_sigma.parameters, forward),
     )
 
 

@@ -1,8 +1,8 @@
-"""Distribution-free tolerance intervals from order statistics (Wilks 1941), and half-widths of reading sets.
+"""Half-widths of reading sets; among them distribution-free tolerance limits from order statistics (Wilks 1941).
 
-Of n independent readings from any continuous distribution, the interval between order statistics that leaves m of the
-n + 1 gaps outside holds a share of the distribution that is Beta(n + 1 - m, m) distributed, whatever the distribution.
-So it holds at least `coverage` of it with the probability I_{1 - coverage}(m, n + 1 - m): the confidence.
+Sort n independent errors from any continuous distribution by their size. The values up to the one that leaves m of the
+n + 1 gaps above it hold a share of the distribution that is Beta(n + 1 - m, m) distributed, whatever the distribution.
+So they hold at least `coverage` of it with the probability I_{1 - coverage}(m, n + 1 - m): the confidence.
 """
 
 from __future__ import annotations
@@ -25,37 +25,22 @@ def confidence_of(count: int, gaps: int, coverage: float) -> float:
     return float(special.betainc(gaps, count + 1 - gaps, 1.0 - coverage))
 
 
-def readings_needed(coverage: float, confidence: float, gaps: int = 2) -> int:
-    """The fewest readings from which such an interval exists; 2 gaps: from the least to the greatest reading.
-
-    For a half-width about zero, `gaps=1`. Coverage 0.95 with confidence 0.95 takes 93 readings (59 for a half-width).
-    """
+def readings_needed(coverage: float, confidence: float) -> int:
+    """The fewest readings whose largest error is such a half-width: 59 for coverage 0.95 with confidence 0.95."""
     _check(coverage, confidence)
-    few, enough = gaps - 1, gaps  # the confidence grows with the count: doubling, then bisection
-    while confidence_of(enough, gaps, coverage) < confidence:
+    few, enough = 0, 1  # the confidence grows with the count: doubling, then bisection
+    while confidence_of(enough, 1, coverage) < confidence:
         few, enough = enough, 2 * enough
     while enough - few > 1:
         middle = (few + enough) // 2
-        few, enough = (few, middle) if confidence_of(middle, gaps, coverage) >= confidence else (middle, enough)
+        few, enough = (few, middle) if confidence_of(middle, 1, coverage) >= confidence else (middle, enough)
     return enough
-
-
-def tolerance_interval(sample: npt.ArrayLike, coverage: float = 0.95, confidence: float = 0.95) -> tuple[float, float]:
-    """Two order statistics between which `coverage` of the distribution lies, with that confidence.
-
-    As many readings are left outside as the confidence allows, as many on either side (one more below if odd). Raises
-    InputError, with the number needed, when there are too few readings.
-    """
-    values = np.sort(_sample(sample))
-    gaps = _gaps(len(values), coverage, confidence, least=2)
-    below = (gaps + 1) // 2
-    return float(values[below - 1]), float(values[len(values) - (gaps - below)])
 
 
 def tolerance_half_width(errors: npt.ArrayLike, coverage: float = 0.95, confidence: float = 0.95) -> float:
     """The least order statistic h of |errors| so that [-h, h] holds `coverage` of them with that confidence."""
     values = np.sort(np.abs(_sample(errors)))
-    return float(values[len(values) - _gaps(len(values), coverage, confidence, least=1)])
+    return float(values[len(values) - _gaps(len(values), coverage, confidence)])
 
 
 def half_widths(
@@ -87,13 +72,13 @@ def half_widths(
     raise InputError([Problem("option method", f"has no meaning: {method!r}", remedy)])
 
 
-def _gaps(count: int, coverage: float, confidence: float, least: int) -> int:
+def _gaps(count: int, coverage: float, confidence: float) -> int:
     """The most gaps that may be left out; by bisection, as the confidence falls with each."""
-    needed = readings_needed(coverage, confidence, least)
+    needed = readings_needed(coverage, confidence)
     if count < needed:
         what = f"{count} readings are too few for coverage {coverage:g} with confidence {confidence:g}"
         raise InputError([Problem("readings", what, f"give at least {needed}, or ask for less")])
-    good, bad = least, count + 1
+    good, bad = 1, count + 1
     while bad - good > 1:
         middle = (good + bad) // 2
         good, bad = (middle, bad) if confidence_of(count, middle, coverage) >= confidence else (good, middle)

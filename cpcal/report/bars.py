@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 
 from cpcal.numbers import plain_gap
 from cpcal.report.svg import BAND, EDGE, GRID, INK, SUPPORT, figure_svg
-
-Floats = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 FARTHEST = 1e6  # mm from the nominal value; what lies beyond is not drawn, an arrow points to it
 _LEAST = 1e-6  # mm, half the width of what is drawn, at least

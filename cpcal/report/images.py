@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cpcal.errors import InputError, Problem
+from cpcal.files.documents import json_object
 from cpcal.report.study_tables import TextTable
 
 IMAGES_NAME = "images.json"
@@ -61,8 +62,8 @@ def load_images(folder: Path) -> ImagesFound | None:
     if not path.exists():
         return None
     try:
-        return _found(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        return _found(json_object(path, "run cpcal demo --images", "run cpcal demo --images again"))
+    except (ValueError, KeyError, TypeError) as error:
         what = f"is not what cpcal wrote: {type(error).__name__}: {error}"
         raise InputError([Problem(str(path), what[:200], "run cpcal demo --images again")]) from None
 

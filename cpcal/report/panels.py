@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
@@ -16,8 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from cpcal.numbers import about
 from cpcal.report.svg import BAND, DOT, EDGE, GRID, INK, SUPPORT, figure_svg
 from cpcal.results.projection import HalfPlane
-
-Floats = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 _MARGIN = 0.12  # of the rectangle's width, on each side
 _UNITS = (

@@ -16,8 +16,7 @@ from cpcal.robot.kinematics import Pose, leg_vectors
 from cpcal.robot.motion import inverse
 from cpcal.robot.robot import LARGEST, Robot
 from cpcal.robot.rotation import quaternion_conjugate
-
-Array = npt.NDArray[np.float64]
+from cpcal.solver.arrays import Floats
 
 SHARE = 0.05  # of the leg length: larger nominal residuals are suspicious
 TURN = 0.1  # rad: no camera is so bad
@@ -43,13 +42,13 @@ def suspicions(campaign: Campaign) -> list[str]:
     return found
 
 
-def _share(robot: Robot, pose: Pose, length: Array) -> Array:
+def _share(robot: Robot, pose: Pose, length: Floats) -> Floats:
     """|nominal residual| / nominal leg length, (N, n)."""
     nominal = np.linalg.norm(leg_vectors(robot, pose), axis=-1)
     return np.asarray(np.abs(nominal - robot.offset - length) / np.maximum(nominal, np.finfo(np.float64).tiny))
 
 
-def _typical(share: Array) -> float:
+def _typical(share: Floats) -> float:
     """The median over the measurements, of the worst leg: a few odd rows do not move it."""
     return float(np.median(share, axis=0).max())
 
@@ -61,7 +60,7 @@ def _sentence(typical: float, cause: str | None) -> str:
     return f"{what}: likely cause: {cause}."
 
 
-def _odd_rows(campaign: Campaign, share: Array, rows: npt.NDArray[np.int64]) -> str:
+def _odd_rows(campaign: Campaign, share: Floats, rows: npt.NDArray[np.int64]) -> str:
     ids = campaign.measurement_ids
     named = ", ".join(ids[row] for row in rows[:_NAMED]) + (" and others" if len(rows) > _NAMED else "")
     worst = _percent(float(share[rows].max()))
@@ -86,7 +85,7 @@ def _cause(campaign: Campaign, pose: Pose, typical: float) -> str | None:
     return cause
 
 
-def _undone(campaign: Campaign, pose: Pose) -> Iterator[tuple[str, Robot, Pose, Array]]:
+def _undone(campaign: Campaign, pose: Pose) -> Iterator[tuple[str, Robot, Pose, Floats]]:
     """Each mix-up by name, and robot, poses and readings without it."""
     robot, length, place, quaternion = campaign.robot, campaign.length, pose.position, pose.quaternion
     for unit, factor in _UNITS.items():

@@ -79,7 +79,9 @@ def simulate(
     """A campaign of the 64 extremal leg configurations and of random ones, as a sensor would deliver it.
 
     robot         the nominal robot, which the campaign states; six legs
-    seed          >= 0; the same seed gives the same campaign, bit for bit
+    seed          >= 0; the same seed gives the same campaign, bit for bit, with the same versions of cpcal, numpy and
+                  its linear algebra library on the same kind of processor. Other versions may draw other numbers
+                  (numpy promises the bits of PCG64, not what becomes of them) or round the poses differently
     runs          measurements of each configuration; run ids "1", "2", ...
     random_poses  configurations with readings uniform over the stroke; pose ids "r000", ...
     extremal      whether to take the 64 extremal ones; in pose "e37" leg i + 1 is long if bit i of 37 is set

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from cpcal.errors import InputError, Problem
+from cpcal.errors import Problem, Problems
 from cpcal.robot import Robot
 
 
@@ -14,11 +14,11 @@ class OptionChecks:
 
     def __init__(self, options: Mapping[str, object]) -> None:
         self.options = options
-        self.problems: list[Problem] = []
+        self.problems = Problems()
 
     def demand(self, name: str, good: bool, remedy: str) -> None:
         if not good:
-            self.problems.append(Problem(f"option {name}", f"has no meaning: {self.options[name]!r}", remedy))
+            self.problems.add(Problem(f"option {name}", f"has no meaning: {self.options[name]!r}", remedy))
 
     def whole(self, name: str, least: int, most: float = math.inf) -> None:
         """A whole number from `least` to `most`."""
@@ -48,8 +48,7 @@ class OptionChecks:
 
     def finish(self) -> None:
         """InputError that names every option without a meaning."""
-        if self.problems:
-            raise InputError(self.problems)
+        self.problems.raise_any()
 
 
 def finite(value: object) -> bool:

@@ -87,7 +87,7 @@ def simulate_study(
     """A study as the paper's experiment would deliver it, with the truth.
 
     robot             the nominal robot; six legs
-    seed              >= 0; the same seed gives the same study, bit for bit
+    seed              >= 0; the same seed gives the same study, as `simulate` explains
     runs              of each of the 64 extremal configurations ("e00" to "e63"; see `simulate`), for calibration
     random_poses  random configurations ("r000", ...), with `validation_runs` runs each, for validation
     images            rows of single images of each run; 0: one row a run, the mean of ten images

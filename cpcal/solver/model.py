@@ -45,8 +45,7 @@ class Network(ConstraintNetwork):
         """
         network = self._as_asked()
         box = network.domain if box is None else box
-        if not isinstance(box, Box) or box.names != network.names:
-            raise ModelError(f"{box!r} is no box of this network: it has the components {', '.join(network.names)}")
+        network.check_box(box)
         return plugins.build(network, contractors, arithmetic=arithmetic).contract(box)
 
     def solve(
@@ -147,15 +146,25 @@ class Network(ConstraintNetwork):
 
 def _width(width: float) -> float:
     """A width that some box can have. Raises ModelError."""
-    if isinstance(width, bool) or not isinstance(width, (int, float, np.integer, np.floating)) or not width > 0:
+    if not _is_number(width) or not width > 0:
         raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
     return float(width)
 
 
 def _limits(limits: Limits | None) -> Limits:
-    if limits is not None and not isinstance(limits, Limits):
+    """Limits that a search can reach. Raises ModelError."""
+    if limits is None:
+        return Limits()
+    if not isinstance(limits, Limits):
         raise ModelError(f"limits={limits!r} sets no limit: write cpcal.Limits(seconds=...) or cpcal.Limits(nodes=...)")
-    return limits or Limits()
+    given = (limits.seconds, limits.nodes, limits.gap, limits.gap_absolute)
+    if not all(value is None or (_is_number(value) and value >= 0) for value in given):
+        raise ModelError(f"{limits!r}: seconds, nodes and gaps are numbers of at least 0")
+    return limits
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def _start(network: ConstraintNetwork, start: npt.ArrayLike) -> npt.NDArray[np.float64]:

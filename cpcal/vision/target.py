@@ -111,11 +111,6 @@ def off_line(points: Floats) -> float:
     return float(np.abs((points - points[0]) @ np.array([-along[1], along[0]])).max()) / length
 
 
-def cross_ratio(a: float, b: float, c: float, d: float) -> float:
-    """(AC / BC) : (AD / BD) of four points of a line by their coordinates; every projection keeps it."""
-    return ((c - a) * (d - b)) / ((c - b) * (d - a))
-
-
 def two_diagonals(
     name: str,
     first: npt.ArrayLike,

@@ -93,7 +93,7 @@ def test_a_garbled_file_is_refused(record, tmp_path, path, value, text):
 
 
 def test_no_file_and_no_json(tmp_path):
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="does not exist"):
         load_record(tmp_path)
     (tmp_path / "calibration.json").write_text("{")
     with pytest.raises(InputError, match="is not JSON"):

@@ -85,20 +85,24 @@ def test_noise_within_its_sets_leaves_the_truth_in(tmp_path):
     assert holds(leg.projections, true_robot(campaign).parameters[2])
 
 
-def test_a_file_keeps_them_and_older_files_have_none(exact, tmp_path):
+def test_a_file_keeps_them_or_says_that_there_are_none(exact, tmp_path):
     result = exact[1]
     cpcal.save_result(result, tmp_path)
     assert cpcal.load_result(tmp_path).legs == result.legs
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
-    del data["legs"][0]["projections"]
+    data["legs"][0]["projections"] = None
     (tmp_path / "result.json").write_text(json.dumps(data), encoding="utf-8")
     assert cpcal.load_result(tmp_path).legs[0].projections is None
+
+
+def with_options(result, **changes):
+    return dataclasses.replace(result, options=dataclasses.replace(result.options, **changes))
 
 
 def test_the_tolerance_fits_the_question(exact):
     result = exact[1]
     leg = result.legs[0]
-    asked = dataclasses.replace(result, eps=0.7)
+    asked = with_options(result, eps=0.7)
     assert projection_eps(asked, leg) == 0.7
     assert projection_eps(asked, dataclasses.replace(leg, verdict=cpcal.Verdict.REFUTED)) is None
     assert projection_eps(result, dataclasses.replace(leg, eps_hi=np.inf)) is None
@@ -109,18 +113,10 @@ def test_the_tolerance_fits_the_question(exact):
 def test_where_there_is_nothing_to_draw(exact):
     campaign, result = exact
     leg = result.legs[0]
-    assert (
-        projections(
-            campaign,
-            dataclasses.replace(result, options=dataclasses.replace(result.options, contractors=("hc4",))),
-            leg,
-            PLAIN,
-        )
-        is None
-    )
-    assert projections(campaign, dataclasses.replace(result, delta=0.0), leg, PLAIN) is None
-    assert projections(campaign, dataclasses.replace(result, delta=1e100), leg, PLAIN) is None
-    assert projections(campaign, dataclasses.replace(result, eps=0.01), leg, PLAIN) is None  # S(0.01) is empty
+    assert projections(campaign, with_options(result, contractors=("hc4",)), leg, PLAIN) is None
+    assert projections(campaign, with_options(result, delta=0.0), leg, PLAIN) is None
+    assert projections(campaign, with_options(result, delta=1e100), leg, PLAIN) is None
+    assert projections(campaign, with_options(result, eps=0.01), leg, PLAIN) is None  # S(0.01) is empty
     bare = dataclasses.replace(result, legs=(dataclasses.replace(leg, projections=None),), interrupted=True)
     assert with_projections(campaign, bare) is bare
 

@@ -5,6 +5,7 @@ import hashlib
 import os
 import pickle
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -197,7 +198,7 @@ def test_an_interrupted_save_leaves_no_campaign_rather_than_a_mixture(tmp_path, 
     real = os.replace
 
     def replace(source, target):
-        if str(target).endswith(fatal):
+        if Path(target) == old / fatal:
             raise OSError(28, "No space left on device")
         real(source, target)
 

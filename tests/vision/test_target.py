@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from cpcal.errors import InputError
-from cpcal.vision.target import DELTALAB_TARGET, Target, cross_ratio, off_line, two_diagonals
+from cpcal.vision.target import DELTALAB_TARGET, Target, off_line, two_diagonals
 
 ROW = np.array([[0.0, 0.0], [10.0, 10.0], [30.0, 30.0], [45.0, 45.0], [0.0, 20.0]])
+
+
+def cross_ratio(a, b, c, d):
+    """(AC / BC) : (AD / BD) of four points of a line by their coordinates; every projection keeps it."""
+    return ((c - a) * (d - b)) / ((c - b) * (d - a))
 
 
 def problems(**changed):

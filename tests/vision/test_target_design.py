@@ -8,7 +8,7 @@ import pytest
 
 import cpcal.vision.target_design as module
 from cpcal.errors import InputError
-from cpcal.vision.target import DELTALAB_TARGET, cross_ratio, two_diagonals
+from cpcal.vision.target import DELTALAB_TARGET, two_diagonals
 from cpcal.vision.target_design import design_target, separation
 
 OLD = two_diagonals(
@@ -19,6 +19,11 @@ OLD = two_diagonals(
     pitch=25.0,
     radius=6.0,
 )
+
+
+def cross_ratio(a, b, c, d):
+    """(AC / BC) : (AD / BD) of four points of a line by their coordinates; every projection keeps it."""
+    return ((c - a) * (d - b)) / ((c - b) * (d - a))
 
 
 @pytest.fixture

@@ -30,10 +30,15 @@ def checked(value: IntervalArray) -> IntervalArray:
 
 
 def pair(value: Any, where: str) -> tuple[Any, Any]:
-    """The two members of a pair of bounds. Raises ModelError for anything else."""
+    """The two members of a pair of bounds. Raises ModelError for anything else, and for what may be two intervals."""
     listed = isinstance(value, (tuple, list)) or (isinstance(value, np.ndarray) and value.ndim > 0)
     if not listed or len(value) != 2:
         raise ModelError(f"{where} takes an Interval or a pair (lower, upper), not {reprlib.repr(value)}")
+    two_intervals = isinstance(value, list) and all(isinstance(bound, tuple) for bound in value)
+    if two_intervals or (isinstance(value, np.ndarray) and value.ndim > 1):
+        raise ModelError(
+            f"{where} takes all lower bounds first: write ([lower, ...], [upper, ...]), not {reprlib.repr(value)}"
+        )
     return value[0], value[1]
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from cpcal.errors import ModelError
 from cpcal.solver.arrays import Bools, Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.network.expression import Expr
+from cpcal.solver.network.expression import Expr, Operand, as_expr
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.operations import TABLE, Values
 from cpcal.solver.network.reverse import Partials, Reverse
@@ -30,7 +30,7 @@ FormName = Literal["natural", "centred", "slope", "tightest"]
 
 
 def evaluate(
-    network: ConstraintNetwork, expr: Expr, box: Box, form: FormName = "natural", arithmetic: str = "float64"
+    network: ConstraintNetwork, expr: Operand, box: Box, form: FormName = "natural", arithmetic: str = "float64"
 ) -> IntervalArray:
     """An enclosure, of the shape of `expr`, of its values over `box`, for ALL readings in their sets.
 
@@ -44,8 +44,8 @@ def evaluate(
     """
     if form not in get_args(FormName):
         raise ModelError(f"{form!r} is no form of evaluation: {', '.join(get_args(FormName))}")
-    if box.names != network.names:
-        raise ModelError(f"the box names {', '.join(box.names)}, the network {', '.join(network.names)}")
+    network.check_box(box)
+    expr = as_expr(expr)
     network.check_owner(expr)
     plan = CentredForm(network, expr, get_arithmetic(arithmetic))
     natural = plan.natural(box)

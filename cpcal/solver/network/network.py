@@ -101,6 +101,12 @@ class ConstraintNetwork:
                     f"each expression from the variables of one network (name them: Network(name=...))"
                 )
 
+    def check_box(self, box: object) -> None:
+        """Raises ModelError for anything but a box of this network's components, in their order."""
+        if not isinstance(box, Box) or box.names != self.names:
+            given = f"a box of {', '.join(box.names)}" if isinstance(box, Box) else repr(box)
+            raise ModelError(f"{given} is no box of {self.name!r}, whose components are {', '.join(self.names)}")
+
     def without_constraints(self) -> ConstraintNetwork:
         """A new network with the same variables and domains and no constraints yet."""
         other = ConstraintNetwork(self.name)

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from cpcal.solver.arrays import Floats
 from cpcal.values import frozen_array
 from cpcal.vision.dots.edge import OUTSIDE, Edges, fitted_edges
 from cpcal.vision.dots.grey import Grey, eight_bits, grey_levels, noise_level
@@ -22,8 +23,6 @@ from cpcal.vision.dots.light import light_gradient
 from cpcal.vision.dots.segmentation import Spots, spots, surveys
 from cpcal.vision.median import median
 from cpcal.vision.two_by_two import eigenvalues
-
-Array = npt.NDArray[np.float64]
 
 FLOOR = 5e-4  # pixels: what the model of the edge leaves out, whatever the noise
 _QUALITY = 0.22  # at least: that of a square of 8 pixels behind an ordinary blur is 0.19
@@ -59,14 +58,14 @@ class Dots:
     light       (n, 2) the share per pixel by which the light of all spots grows
     """
 
-    centers: Array
-    covariance: Array
-    quality: Array
-    axes: Array
+    centers: Floats
+    covariance: Floats
+    quality: Floats
+    axes: Floats
     bright: bool
     spots: Spots
-    gap: Array
-    light: Array
+    gap: Floats
+    light: Floats
 
     def __post_init__(self) -> None:
         for name in ("centers", "covariance", "quality", "axes", "gap", "light"):
@@ -76,7 +75,7 @@ class Dots:
         return len(self.centers)
 
 
-def find_dots(image: object, *, bright: bool | None = None) -> Array:
+def find_dots(image: object, *, bright: bool | None = None) -> Floats:
     """The centres (n, 2) of an image's dots, pixels: see `observe_dots`."""
     return observe_dots(image, bright=bright).centers
 
@@ -144,7 +143,7 @@ def _none(bright: bool) -> Dots:
     return Dots(pairs, matrices, numbers, pairs, bright, Spots(pairs, matrices, bright), numbers, pairs)
 
 
-def _fitted(grey: Grey, found: Spots, gap: Array, light: Array) -> Edges:
+def _fitted(grey: Grey, found: Spots, gap: Floats, light: Floats) -> Edges:
     """The fits of spots under the light of all; where that leaves strange residuals (a smudge, a shadow), under light
     of their own if that explains more."""
     room = np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE)
@@ -166,7 +165,7 @@ def _fitted(grey: Grey, found: Spots, gap: Array, light: Array) -> Edges:
     return edges.replaced(again[better], own.kept(better))
 
 
-def _gap(found: Spots) -> Array:
+def _gap(found: Spots) -> Floats:
     """How many pixels (n,) lie between a dot and its neighbours."""
     if len(found) < 2:
         return np.full(len(found), np.inf)
@@ -176,7 +175,7 @@ def _gap(found: Spots) -> Array:
     return np.asarray(gap)
 
 
-def _quality(edges: Edges, noise: float) -> Array:
+def _quality(edges: Edges, noise: float) -> Floats:
     """1 / (1 + strange / tolerated) (n,) of the share of the grey levels' variance that is strange: neither explained
     by a blurred ellipse nor the image's noise (grey levels)."""
     with np.errstate(invalid="ignore"):
@@ -185,7 +184,7 @@ def _quality(edges: Edges, noise: float) -> Array:
 
 
 def _dot_like(
-    found: Spots, edges: Edges, quality: Array, noise: float, shape: tuple[int, ...]
+    found: Spots, edges: Edges, quality: Floats, noise: float, shape: tuple[int, ...]
 ) -> npt.NDArray[np.bool_]:
     """Which (n,) of the fits are dots for themselves."""
     axes, radius = edges.axes, found.radius

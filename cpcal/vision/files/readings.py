@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from cpcal.errors import InputError, Problem, Problems
 from cpcal.files.cells import csv_table
 from cpcal.files.documents import open_regular
 from cpcal.files.table import read_table
 from cpcal.robot import PoseTable
+from cpcal.solver.arrays import Floats
 
-Array = npt.NDArray[np.float64]
-Readings = dict[tuple[str, str], Array]
+Readings = dict[tuple[str, str], Floats]
 
 
 def readings_of(table: PoseTable) -> Readings:

@@ -163,6 +163,23 @@ def test_bounds_that_nothing_lies_between_are_refused(bounds: Any) -> None:
     refused(lambda: x.within(bounds), "number|pair|NaN")
 
 
+def test_pairs_that_may_be_two_intervals_are_refused() -> None:
+    net, x = model(shape=2)
+    for pairs in ([(0, 1), (2, 3)], np.array([[0.0, 1.0], [2.0, 3.0]])):
+        refused(lambda: x.within(pairs), "lower bounds first")  # type: ignore[arg-type]  # noqa: B023
+        refused(lambda: net.variable("y", 2, pairs), "lower bounds first")  # type: ignore[arg-type]  # noqa: B023
+    net.add(x.within(([0, 2], [1, 3])))
+    assert net.contract().box == Box(net.names, [0, 2], [1, 3])
+
+
+def test_evaluation_takes_boxes_and_expressions_of_the_network() -> None:
+    net, x = model(shape=2)
+    refused(lambda: cpcal.evaluate(net, x, Box(["x[1]", "x[0]"], [0, 0], [1, 1])), "is no box of")
+    refused(lambda: cpcal.evaluate(net, x, (0, 1)), "is no box of")  # type: ignore[arg-type]
+    refused(lambda: cpcal.evaluate(net, "x", net.domain), "real number")  # type: ignore[arg-type]
+    assert cpcal.evaluate(net, 2.0, net.domain).lo == 2.0
+
+
 def test_bounds_of_one_number_or_none_are_accepted() -> None:
     net, x = model()
     net.add([x.within((1, 1)), x.within((-np.inf, np.inf)), x.within([0, 5]), x.within(np.array([0.0, 5.0]))])  # type: ignore[arg-type]
@@ -257,6 +274,8 @@ def test_axes_and_exponents_are_integers() -> None:
 ASKED: list[tuple[dict[str, Any], str]] = [
     *(({"width": width}, "is no width") for width in (0, -1, -0.0, np.nan, "1", True, None, 1j)),
     *(({"limits": limits}, "limits=") for limits in (5, 1.0, "5 s", {"seconds": 5})),
+    *(({"limits": cpcal.Limits(seconds=value)}, "at least 0") for value in (np.nan, -1, "5", True)),
+    *(({"limits": cpcal.Limits(nodes=value)}, "at least 0") for value in (np.nan, -1, "5")),
     *(({"contractors": names}, "contractors=.* is no list") for names in ("hc4", 5, {"hc4"})),
     *(({"contractors": names}, "at least one") for names in ([], (), None)),
     *(({"contractors": [name]}, "no contractor") for name in (True, None, 5, "nothing")),
@@ -291,7 +310,7 @@ def test_a_box_of_other_variables_is_refused() -> None:
     net.add([x == 0.5, y == 2.5])
     for box in (Box(["y", "x"], [2, 0], [3, 1]), Box(["x"], [0], [1]), Box(["a", "b"], [0, 2], [1, 3]), "x", None):
         if box is not None:
-            refused(lambda: net.contract(box), "no box of this network")  # type: ignore[arg-type]  # noqa: B023
+            refused(lambda: net.contract(box), "is no box of")  # type: ignore[arg-type]  # noqa: B023
     assert (0.5, 2.5) in net.contract().box
 
 

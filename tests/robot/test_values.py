@@ -1,0 +1,91 @@
+"""Values stay what they are: copied, replaced, pickled, their arrays are read-only and their digest is true."""
+
+import copy
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+
+from cpcal.files import load_campaign, save_campaign
+from cpcal.robot import ModelChoice
+from cpcal.simulate import simulate, simulate_study
+
+CAMPAIGN = dataclasses.replace(simulate(seed=1, random_poses=3), model=ModelChoice("gain", {"s": 0.1}))
+STUDY = simulate_study(seed=1, runs=1, validation_runs=1, random_poses=2, sag=0.5)
+VALUES = {
+    "campaign": CAMPAIGN,
+    "robot": CAMPAIGN.robot,
+    "uncertainty": CAMPAIGN.uncertainty,
+    "model": CAMPAIGN.model,
+    "study": STUDY,
+    "table": STUDY.calibration,
+    "truth": STUDY.truth,
+    "mechanisms": STUDY.truth.mechanisms,
+}
+WAYS = {
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+    "replace": dataclasses.replace,
+    "pickle": lambda value: pickle.loads(pickle.dumps(value)),
+    "pickle 2": lambda value: pickle.loads(pickle.dumps(value, protocol=2)),
+}
+
+
+def arrays(value):
+    """Every array inside."""
+    if isinstance(value, np.ndarray):
+        yield value
+    elif dataclasses.is_dataclass(value):
+        for field in dataclasses.fields(value):
+            yield from arrays(getattr(value, field.name))
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", VALUES)
+def test_a_copy_is_equal_and_read_only(name, way):
+    value = VALUES[name]
+    again = WAYS[way](value)
+    assert again == value
+    assert hash(again) == hash(value)
+    for array in arrays(again):
+        assert not array.flags.writeable
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0.0
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_digest_of_a_copy_is_true(way, tmp_path):
+    assert WAYS[way](CAMPAIGN).sha256 == CAMPAIGN.sha256
+    save_campaign(CAMPAIGN, tmp_path)
+    (tmp_path / "campaign.toml").write_bytes((tmp_path / "campaign.toml").read_bytes() + b"# a remark\n")
+    loaded = load_campaign(tmp_path)
+    again = WAYS[way](loaded)
+    assert again.sha256 in (loaded.sha256, CAMPAIGN.sha256)  # of the files, or of the same campaign without them
+    changed = dataclasses.replace(again, length=again.length + 1.0)
+    assert changed.sha256 not in (loaded.sha256, CAMPAIGN.sha256)
+
+
+@pytest.mark.parametrize("value", [CAMPAIGN.provenance, STUDY.provenance, CAMPAIGN.model.half_widths])
+def test_what_is_said_of_a_value_cannot_be_changed_either(value):
+    with pytest.raises(TypeError):
+        value["s"] = 1.0
+
+
+def test_values_do_not_hold_on_to_the_callers_arrays():
+    position, provenance = np.array(CAMPAIGN.position), {"a": "b"}
+    campaign = dataclasses.replace(CAMPAIGN, position=position, provenance=provenance)
+    digest = campaign.sha256
+    position[:] = 0.0
+    provenance["a"] = "c"
+    assert campaign.position.any()
+    assert campaign.provenance == {"a": "b"}
+    assert dataclasses.replace(campaign).sha256 == digest
+
+
+def test_values_of_other_kinds_and_other_contents_differ():
+    assert CAMPAIGN != STUDY
+    assert CAMPAIGN.robot != dataclasses.replace(CAMPAIGN.robot, offset=CAMPAIGN.robot.offset + 1)
+    assert dataclasses.replace(STUDY, truth=None) != STUDY
+    turned = dataclasses.replace(STUDY.truth, camera=STUDY.truth.target)
+    assert turned != STUDY.truth
