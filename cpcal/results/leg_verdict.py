@@ -56,7 +56,7 @@ class Explained:
 
     @property
     def sentence(self) -> str:
-        return f"The model explains the data {self.bracket.within}{_asked(self.tolerance, self.bracket, 'pass')}."
+        return f"The model explains the data {self.bracket.within}{_asked(self.tolerance, self.bracket)}."
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,11 @@ class Unexplained:
     def sentence(self) -> str:
         if self.beyond is not None:
             error = "exactly" if self.beyond == 0.0 else f"to within {stated(self.beyond)} {self.bracket.unit}"
-            asked = "" if self.tolerance == self.beyond else _asked(self.tolerance, self.bracket, "fail")
+            asked = "" if self.tolerance == self.beyond else _asked(self.tolerance, self.bracket)
             return f"The model cannot explain the data {error}{asked}."
         if math.isinf(self.bracket.lo):
             return "The model cannot explain the data at any error that it allows."
-        asked = _asked(self.tolerance, self.bracket, "fail")
+        asked = _asked(self.tolerance, self.bracket)
         return f"The model explains the data {self.bracket.no_better}{asked}."
 
 
@@ -112,7 +112,7 @@ class Undecided:
         if self.bracket.lo > 0.0:
             known.append(self.bracket.no_better)
         said = f"The model explains the data {', and '.join(known)}" if known else "Nothing is known of the error"
-        return f"{said}{_asked(self.tolerance, self.bracket, 'undecided')}."
+        return f"{said}{_asked(self.tolerance, self.bracket)}."
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def verdict_on(
     return Undecided(bracket, tolerance)
 
 
-def _asked(tolerance: float | None, bracket: Bracket, word: str) -> str:
+def _asked(tolerance: float | None, bracket: Bracket) -> str:
     if tolerance is None:
         return ""
-    return f"; the tolerance is {f'{stated(tolerance)} {bracket.unit}'.strip()}: {word}"
+    return f"; the tolerance is {f'{stated(tolerance)} {bracket.unit}'.strip()}"
