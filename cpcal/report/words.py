@@ -5,8 +5,8 @@ from __future__ import annotations
 from cpcal.results import LegResult, Result, Undetermined, verdict_of
 
 QUANTIFIER = (
-    "To explain the data, or satisfy the equations, to within eps means: for every measurement there exists a reading in its set "
-    "at which the leg equation is off by at most eps."
+    "To explain the data, or satisfy the equations, to within eps means: for every measurement there exists a reading "
+    "in its set at which the leg equation is off by at most eps."
 )
 LONGER = "The model takes each leg to be longer than eps."
 

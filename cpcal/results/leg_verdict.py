@@ -13,10 +13,10 @@ each measurement a reading in its set. Both sides of a verdict are proved; what 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from cpcal.numbers import bracket_text, stated
+from cpcal.numbers import bracket_text, short, stated
 from cpcal.results.determination import Determination
 from cpcal.results.result import LegResult, Result
 from cpcal.solver.contract import Verdict
@@ -39,12 +39,13 @@ class Bracket:
         return "exactly" if self.hi == 0.0 else f"to within {self._text(1)}"
 
     def _text(self, side: int) -> str:
-        return f"{bracket_text(self.lo, self.hi)[side]} {self.unit}".strip()
+        text = bracket_text(self.lo, self.hi)[side]
+        return f"{text if self.lo > 0.0 else short(text)} {self.unit}".strip()
 
 
 @dataclass(frozen=True)
 class Explained:
-    """Pass. `tolerance` None: none was given, and the data are explained without any error."""
+    """Pass. `tolerance` None: none was given, and the data are explained without any error, or to the one asked."""
 
     bracket: Bracket
     tolerance: float | None
@@ -52,7 +53,9 @@ class Explained:
 
     @property
     def word(self) -> str:
-        return "explains the data" if self.tolerance is None else "pass"
+        if self.tolerance is not None:
+            return "pass"
+        return "explains the data" if self.bracket.hi == 0.0 else f"explains {self.bracket.within}"
 
     @property
     def sentence(self) -> str:
@@ -67,14 +70,16 @@ class Unexplained:
     tolerance: float | None
     beyond: float | None = None
     kind: ClassVar[str] = "unexplained"
-    word: ClassVar[str] = "fail"
+
+    @property
+    def word(self) -> str:
+        return "does not explain" if self.tolerance is None else "fail"
 
     @property
     def sentence(self) -> str:
         if self.beyond is not None:
             error = "exactly" if self.beyond == 0.0 else f"to within {stated(self.beyond)} {self.bracket.unit}"
-            asked = "" if self.tolerance == self.beyond else _asked(self.tolerance, self.bracket)
-            return f"The model cannot explain the data {error}{asked}."
+            return f"The model cannot explain the data {error}{_asked(self.tolerance, self.bracket)}."
         if math.isinf(self.bracket.lo):
             return "The model cannot explain the data at any error that it allows."
         asked = _asked(self.tolerance, self.bracket)
@@ -140,19 +145,21 @@ def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -
     at = result.options.tolerance if tolerance is None else tolerance
     eps = result.options.eps
     if eps is not None:
-        return _verdict_at(eps, leg, eps if at is None else at)
+        return _verdict_at(eps, leg, at)
     hi = leg.eps_hi if leg.point is not None else math.inf
     closed = leg.verdict is Verdict.PROVED
     return verdict_on(Bracket(leg.eps_lo, hi), at, closed=closed, determination=leg.determination)
 
 
-def _verdict_at(eps: float, leg: LegResult, tolerance: float) -> LegVerdict:
+def _verdict_at(eps: float, leg: LegResult, tolerance: float | None) -> LegVerdict:
     """Where one error was asked about, nothing is known of smaller ones unless it is refuted."""
     if leg.verdict is Verdict.REFUTED:
         bracket = Bracket(eps, math.inf)
-        return Unexplained(bracket, tolerance, beyond=eps) if eps >= tolerance else Undecided(bracket, tolerance)
+        failed = tolerance is None or eps >= tolerance
+        return Unexplained(bracket, tolerance, beyond=eps) if failed else Undecided(bracket, tolerance)
     bracket = Bracket(0.0, eps if leg.verdict is Verdict.PROVED else math.inf)
-    return verdict_on(bracket, tolerance, determination=leg.determination)
+    found = verdict_on(bracket, eps if tolerance is None else tolerance, determination=leg.determination)
+    return found if isinstance(found, Unexplained | Bounded) else replace(found, tolerance=tolerance)
 
 
 def verdict_on(

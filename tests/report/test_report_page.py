@@ -191,7 +191,7 @@ def test_a_question_about_one_eps(campaign):
     page = render(campaign, result_of(campaign, refuted, eps=0.05))
     assert "within eps = 0.05 mm" in page
     assert "eps_lo" not in page
-    assert ">fail<" in page
+    assert ">does not explain<" in page
     assert "cannot explain the data to within 0.05 mm" in page
 
 
