@@ -20,20 +20,19 @@ from typing import Any
 
 import numpy as np
 
-from contractors import HC4, Beaumont, Krawczyk, Lifted, LinearSystem, fixpoint
+from contractors import HC4, Beaumont, Krawczyk, Lifted, LinearSystem
 from contractors.linear_system import Method
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
-from cpcal.solver.contract import Contractor
+from cpcal.solver.contract import Contractor, ContractorFactory, Repeat
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.plugins import ContractorFactory
 
 
 def _repeated(network: ConstraintNetwork, *, method: Method, **options: Any) -> Contractor:
     """A classical method until the widths no longer shrink, as krawczyk does within one call."""
-    return fixpoint(LinearSystem(network, method=method, **options))
+    return Repeat(LinearSystem(network, method=method, **options))
 
 
 CONTRACTORS: dict[str, ContractorFactory] = {

@@ -1,6 +1,5 @@
 """Contractors that come with cpcal; found by it through the entry points `cpcal.contractors`."""
 
-from contractors.algebra import Composable, Fixpoint, Then, Union, fixpoint
 from contractors.beaumont import Beaumont
 from contractors.box_consistency import BoxConsistency
 from contractors.cid import Cid
@@ -19,8 +18,6 @@ __all__ = [
     "Beaumont",
     "BoxConsistency",
     "Cid",
-    "Composable",
-    "Fixpoint",
     "Krawczyk",
     "Lifted",
     "LinearSystem",
@@ -29,9 +26,6 @@ __all__ = [
     "QInter",
     "Separator",
     "Shaving",
-    "Then",
-    "Union",
     "Violating",
-    "fixpoint",
     "qinter",
 ]

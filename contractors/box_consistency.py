@@ -12,9 +12,8 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 
-from contractors.algebra import Composable, shrunk
 from contractors.hc4 import moved_bounds
-from cpcal.solver.contract import Contraction, Step
+from cpcal.solver.contract import Composable, Contraction, Step, repeated
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Tape, one_sided_rows
 
@@ -29,7 +28,6 @@ class BoxConsistency(Composable):
     The variables have their turns again (at most `most` times) while some width shrinks below 0.9 times what it was.
     """
 
-    idempotent = False
     monotone_tolerance = np.inf  # where pieces end depends on the box
 
     def __init__(
@@ -47,16 +45,15 @@ class BoxConsistency(Composable):
         self._precision, self._most = precision, most
 
     def contract(self, box: Box) -> Contraction:
-        after = box
-        for _ in range(self._most):
-            before = after
-            for component in range(len(box)):
-                after = self._narrowed(after, component)
-            if after.is_empty or not shrunk(before, after, 0.9):
-                break
+        after = repeated(self._round, box, ratio=0.9, most=self._most).box
         if after.is_empty and not box.is_empty:
             return Contraction(after, (Step("box", None, "", np.nan),))
         return Contraction(after, moved_bounds("box", box, after))
+
+    def _round(self, box: Box) -> Contraction:
+        for component in range(len(box)):
+            box = self._narrowed(box, component)
+        return Contraction(box)
 
     def _narrowed(self, box: Box, component: int) -> Box:
         """One variable's turn. The pieces not refuted so far are kept in order; the first and last are refined."""

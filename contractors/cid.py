@@ -10,10 +10,9 @@ import itertools
 
 import numpy as np
 
-from contractors.algebra import Composable
 from contractors.hc4 import HC4, moved_bounds
 from contractors.slices import contract_all, cuts, slice_of
-from cpcal.solver.contract import Contraction, Contractor, Step
+from cpcal.solver.contract import Composable, Contraction, Contractor, Step, shrunk
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 
@@ -25,7 +24,6 @@ class Cid(Composable):
     `ratio` times its width, until there is none (or `rounds` are over). Otherwise every variable has one turn.
     """
 
-    idempotent = False
     monotone_tolerance = np.inf  # where slices end depends on the box
 
     def __init__(
@@ -58,7 +56,7 @@ class Cid(Composable):
                 before, box = box, self._turn(box, component)
                 if box.is_empty:
                     return box
-                if bool((box.width < self._ratio * before.width).any()):
+                if shrunk(before.width, box.width, self._ratio):
                     paying.append(component)
             active = paying
             if not active:

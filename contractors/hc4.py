@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from contractors.algebra import Composable
-from cpcal.solver.contract import Contraction, Step
+from cpcal.solver.contract import Composable, Contraction, Step
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Tape, one_sided_rows
 
@@ -16,8 +15,6 @@ class HC4(Composable):
     Works on any network and any box, also unbounded ones. Readings are narrowed like variables but never
     reported: a reading is a number that exists in its set.
     """
-
-    idempotent = False
 
     def __init__(
         self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64"

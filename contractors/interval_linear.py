@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.solver.contract import shrunk
 from cpcal.solver.interval import Arithmetic, IntervalArray, get_arithmetic
 
 Floats = npt.NDArray[np.float64]
@@ -74,9 +75,9 @@ def enclose_krawczyk(
             new = x.intersect(e.add(right, e.dot(matrix, x[:, None])[:, 0]))
             if bool(np.any(new.empty)):
                 return IntervalArray.point(np.full(x.shape, np.nan))
-            shrunk = bool(np.any(new.hi - new.lo < 0.99 * (x.hi - x.lo)))
+            pays = shrunk(x.hi - x.lo, new.hi - new.lo, 0.99)
             x = new
-            if not shrunk:
+            if not pays:
                 break
         return x
 

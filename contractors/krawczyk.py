@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from contractors.algebra import Composable, followed
 from contractors.interval_rows import Decomposition, IntervalRows, Linearised, inequalities, krawczyk
 from contractors.polyhedral import Programs
-from cpcal.solver.contract import Contraction, LinearEngine, Polyhedron
+from cpcal.solver.contract import Composable, Contraction, Polyhedron, repeated
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.linear import Glop
+from cpcal.solver.linear.engine import LinearEngine
 from cpcal.solver.network import ConstraintNetwork
 
 Floats = npt.NDArray[np.float64]
@@ -27,7 +27,6 @@ class Krawczyk(Composable):
     rounds. Boxes that are not bounded come back as they are.
     """
 
-    idempotent = False
     monotone_tolerance = np.inf  # the loop may stop on a part where it goes on with the whole
     name = "krawczyk"
 
@@ -49,16 +48,14 @@ class Krawczyk(Composable):
         self._ratio, self._most = ratio, most
 
     def contract(self, box: Box) -> Contraction:
-        total = Contraction(box)
         if box.is_empty or not box.is_bounded:
-            return total
+            return Contraction(box)
         unit = np.where(box.width > 0.0, box.width, 1.0)
-        for _ in range(self._most):
-            before = float(np.sum(total.box.width / unit))
-            total = followed(total, self._once(total.box))
-            if total.box.is_empty or not float(np.sum(total.box.width / unit)) < self._ratio * before:
-                break
-        return total
+
+        def pays(before: Floats, after: Floats, ratio: float) -> bool:
+            return bool(np.sum(after / unit) < ratio * np.sum(before / unit))
+
+        return repeated(self._once, box, ratio=self._ratio, most=self._most, pays=pays)
 
     def _once(self, box: Box) -> Contraction:
         """One step of the interval Newton method, eq. 9."""

@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from contractors.algebra import Composable
+from contractors.directions import Directions, over_box
 from contractors.relaxation import Relaxation, Structure
-from contractors.supports import Directions, over_box
-from cpcal.solver.contract import Contraction, LinearEngine, LinearSolution, LinearStatus, Step, StepWeights
+from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.linear import Glop, LazyRows, lower_bound
+from cpcal.solver.linear.engine import LinearEngine, LinearSolution, LinearStatus
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.network.monotone import DecisiveReadings
 from cpcal.solver.network.restrict import restricted
@@ -41,8 +41,7 @@ class Lifted(Composable):
     optimum of the first program.
     """
 
-    idempotent = False
-    certifies = True  # its steps carry weights
+    gives_weights = True
     # Tangents touch a square at places that move with the box, and bounds met to 1e-3 are left as they are.
     monotone_tolerance = 0.05
 
@@ -72,7 +71,7 @@ class Lifted(Composable):
             return Contraction(box)
         return _Programs(structure, self._arithmetic, self._engine(), box).run(self._objective)
 
-    def supports(self, box: Box, directions: Floats) -> Floats:
+    def support_function(self, box: Box, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`, for `directions` (m, n).
 
         -inf for all when the box is proved to hold no solution.
@@ -85,7 +84,9 @@ class Lifted(Composable):
         structure = self._structure or self._structure_on(box)
         if not structure.positions:
             return widest
-        return np.minimum(widest, _Programs(structure, self._arithmetic, self._engine(), box).supports(directions))
+        return np.minimum(
+            widest, _Programs(structure, self._arithmetic, self._engine(), box).support_function(directions)
+        )
 
     def _structure_on(self, box: Box) -> Structure:
         """The rows that are likely to matter on the box, their readings at the ends that decide on all of it."""
@@ -176,7 +177,7 @@ class _Programs:
             point = np.clip(point, box.lo, box.hi)
         return Contraction(box, tuple(self._steps), point, self._rows.programs)
 
-    def supports(self, directions: Floats) -> Floats:
+    def support_function(self, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x`; infinite where a program fails."""
         positions, count = self._structure.positions, len(self._structure.used)
         asked = Directions(self._arithmetic, self._box, positions, count, directions)

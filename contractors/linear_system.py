@@ -7,10 +7,9 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from contractors.algebra import Composable
 from contractors.hc4 import moved_bounds
 from contractors.interval_linear import enclose_gauss, enclose_krawczyk, enclose_rump
-from cpcal.solver.contract import Contraction, Step
+from cpcal.solver.contract import Composable, Contraction, Step
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import CentredForm, Constraint, ConstraintNetwork
 
@@ -25,7 +24,6 @@ class LinearSystem(Composable):
     them. `method`: Gauss elimination, Krawczyk's iteration or a verified enclosure after Rump (`interval_linear`).
     """
 
-    idempotent = False
     monotone_tolerance = np.inf  # a system may be singular on the whole and regular on a part
 
     def __init__(

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from contractors.algebra import Composable, shrunk
 from contractors.hc4 import moved_bounds
-from cpcal.solver.contract import Contraction, Step
+from cpcal.solver.contract import Composable, Contraction, Step, repeated
 from cpcal.solver.existence import Equalities, Operator, chosen, hansen_sengupta, unknowns
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
@@ -23,7 +22,6 @@ class Newton(Composable):
     are and count as parameters. Inequalities are ignored.
     """
 
-    idempotent = False
     monotone_tolerance = np.inf  # rows, columns and the inverse are chosen anew on every box
 
     def __init__(
@@ -40,16 +38,15 @@ class Newton(Composable):
         self._equalities = Equalities(network)
 
     def contract(self, box: Box) -> Contraction:
-        after = box
-        for _ in range(self._most):
-            before, after = after, self._pass(after)
-            if after.is_empty or not shrunk(before, after, 0.5):
-                break
+        after = repeated(self._pass, box, ratio=0.5, most=self._most).box
         if after.is_empty and not box.is_empty:
             return Contraction(after, (Step("newton", None, "", np.nan),))
         return Contraction(after, moved_bounds("newton", box, after))
 
-    def _pass(self, box: Box) -> Box:
+    def _pass(self, box: Box) -> Contraction:
+        return Contraction(self._image(box))
+
+    def _image(self, box: Box) -> Box:
         if box.is_empty or not box.is_bounded or not self._equalities.count:
             return box
         linear = self._equalities.linearize(self._engine, box, box.mid)

@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.contract import Contraction, LinearEngine, LinearSolution, LinearStatus, Polyhedron, Step
+from cpcal.solver.contract import Contraction, Polyhedron, Step
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.linear import LazyRows, lower_bound
+from cpcal.solver.linear.engine import LinearEngine, LinearSolution, LinearStatus
 
 Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

@@ -20,10 +20,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from contractors.algebra import Composable
 from contractors.hc4 import HC4, moved_bounds
 from cpcal.errors import ModelError
-from cpcal.solver.contract import Contraction, Contractor, Step
+from cpcal.solver.contract import Composable, Contraction, Contractor, Step, monotone_tolerance
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
@@ -35,14 +34,11 @@ Bools = npt.NDArray[np.bool_]
 class QInter(Composable):
     """The exact q-intersection of what N contractors make of a box: keeps all points that N - q of them keep."""
 
-    idempotent = False
-    monotone_tolerance = 1e-9
-
     def __init__(self, parts: Sequence[Contractor], q: int) -> None:
         if not 0 <= q < len(parts):
             raise ModelError(f"q = {q} of {len(parts)} constraints: q is at least 0 and less than their number")
         self._parts, self._q = tuple(parts), q
-        self.monotone_tolerance = max(float(getattr(part, "monotone_tolerance", 1e-9)) for part in parts)
+        self.monotone_tolerance = max(map(monotone_tolerance, parts))
 
     def contract(self, box: Box) -> Contraction:
         if box.is_empty:

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from contractors.algebra import Composable, Then, Union
 from contractors.hc4 import HC4, moved_bounds
-from cpcal.solver.contract import Contraction, Contractor, Step
+from cpcal.solver.contract import Composable, Contraction, Contractor, Step, Then, Union
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Tape, one_sided_rows
 
@@ -25,7 +24,6 @@ class Violating(Composable):
     do, but much stays undecided.
     """
 
-    idempotent = False
     monotone_tolerance = np.inf  # where a row begins to be defined, everything may go at once
 
     def __init__(self, network: ConstraintNetwork, *, arithmetic: str = "float64") -> None:

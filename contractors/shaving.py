@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from contractors.algebra import Composable
 from contractors.hc4 import HC4, moved_bounds
 from contractors.slices import contract_all, slice_of
-from cpcal.solver.contract import Contraction, Contractor, Step
+from cpcal.solver.contract import Composable, Contraction, Contractor, Step
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 
@@ -29,7 +28,6 @@ class Shaving(Composable):
     slice keeps its size and an end is left at the first failure.
     """
 
-    idempotent = False
     monotone_tolerance = np.inf  # where slices end depends on the box
 
     def __init__(

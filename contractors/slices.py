@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.contract import Contractor
+from cpcal.solver.contract import Contractor, shrunk
 from cpcal.solver.interval import Box, IntervalArray
 
 Floats = npt.NDArray[np.float64]
@@ -47,8 +47,8 @@ def contract_all(inner: Contractor, boxes: Sequence[Box], passes: int) -> list[B
         narrowed = inner.contract_batch(array[alive])
         lo[alive], hi[alive] = narrowed.lo, narrowed.hi
         with np.errstate(all="ignore"):
-            still = (hi - lo)[alive] < 0.9 * (array.hi - array.lo)[alive]
+            pays = shrunk((array.hi - array.lo)[alive], (hi - lo)[alive], 0.9)
         array = IntervalArray(lo, hi)
-        if not still.any():
+        if not pays:
             break
     return [box.with_bounds(lo, hi) for box, lo, hi in zip(boxes, array.lo, array.hi, strict=True)]

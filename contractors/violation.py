@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
-from cpcal.solver.contract import LinearEngine, LinearStatus
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.linear import Glop, LazyRows
+from cpcal.solver.linear.engine import LinearEngine, LinearStatus
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.search import LargestFirst
 

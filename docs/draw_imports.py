@@ -57,10 +57,12 @@ def checked_out(repository: Path, revision: str | None, folder: Path) -> None:
 
 
 def room(module: str, inside: str) -> str | None:
-    """The room of a module; None outside of what is drawn, as for the `__init__` of another package than cpcal."""
+    """The room of a module; None outside of what is drawn."""
     parts, depth = module.split("."), inside.count(".") + 1
     if inside == "cpcal" and parts[0] != "cpcal":
         return parts[0]
+    if inside != "cpcal" and module == inside:
+        return None
     return ".".join(parts[: depth + 1]) if f"{module}.".startswith(f"{inside}.") else None
 
 

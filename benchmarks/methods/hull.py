@@ -11,10 +11,9 @@ from benchmarks.methods.extreme import extreme, minimax
 from benchmarks.methods.method import HULL_GAP
 from benchmarks.problems import Leg
 from benchmarks.records import Answer
-from contractors import fixpoint
 from cpcal.legs import PARAMETERS, leg_network
 from cpcal.solver import plugins
-from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.contract import Limits, Repeat, Verdict
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize import Minimum, minimize, run
@@ -28,7 +27,7 @@ def hull(leg: Leg, contractors: tuple[str, ...], eps: float, limit: float) -> An
     """An outer box, each bound within HULL_GAP of a proved point unless the time was up."""
     deadline = time.monotonic() + limit
     network = _network(leg, leg.box, eps)
-    box = fixpoint(plugins.build(network, contractors)).contract(network.domain).box
+    box = Repeat(plugins.build(network, contractors)).contract(network.domain).box
     if box.is_empty:
         return Answer(False, {}, "proved to be empty")
     box = Box(PARAMETERS, box.lo[:7], box.hi[:7])

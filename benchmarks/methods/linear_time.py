@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from cpcal.solver.contract import LinearSolution
 from cpcal.solver.linear import Glop
+from cpcal.solver.linear.engine import LinearSolution
 
 
 class LinearTime:

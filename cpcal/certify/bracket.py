@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cpcal.certify.question import Floats, Question
-from cpcal.solver.certificate.recording import Recording, certifying, claims_of
-from cpcal.solver.contract import Contractor
+from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
 from cpcal.solver.optimize import Bracket, Minimum, Trial, minimize, run
-from cpcal.solver.search import Event
+from cpcal.solver.search import Contracting, Event, StepProver
 
 
 @dataclass(frozen=True)
@@ -28,25 +27,27 @@ class Answered:
 def by_bound(
     question: Question, leg: int, network: ConstraintNetwork, start: Floats, tell: Callable[[Bracket], None]
 ) -> Answered:
-    """Branch and bound. With certificates the contractors that give weights do it alone, if there is one."""
+    """Branch and bound, by all contractors asked for; with certificates, what weights prove of it is the answer."""
+    named = question.named(network)
 
-    def solved(contractor: Contractor, observe: Callable[[Event], None] | None) -> Minimum:
+    def solved(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
         engine, limits = question.engine, question.limits
-        return run(
-            minimize(network, "eps", contractor, engine=engine, limits=limits, start=start, observe=observe), tell
+        states = minimize(
+            network, "eps", named, engine=engine, limits=limits, start=start, prover=prover, observe=observe
         )
+        return run(states, tell)
 
-    parts = question.parts(network)
-    useful = certifying(parts)
-    statement = question.statement(leg, network.domain) if question.certificates is not None and useful else None
+    wanted = question.certificates is not None and Contracting(named).gives_weights
+    statement = question.statement(leg, network.domain) if wanted else None
     if statement is None:
-        return Answered(solved(question.composed(parts), None))
+        return Answered(solved(None, None))
     with Recording(statement, network.domain) as recording:
-        found = solved(recording.contractor(useful), recording.event)
+        found = solved(recording.prover, recording.event)
         if found.interrupted or (found.witness is None and found.lo <= network.domain["eps"].lo):
             return Answered(found)  # nothing is proved, or the last step may be half written
-        claims = claims_of(found, network.domain, "eps")
-        return Answered(found, recording.write(question.certificate(leg), claims).name)
+        path = recording.write(question.certificate(leg), claims_of(found, network.domain, "eps"))
+        found = replace(found, contractors_used=recording.credited(found.contractors_used))
+        return Answered(found, path.name)
 
 
 def prove_support(
@@ -54,22 +55,22 @@ def prove_support(
 ) -> None:
     """Write a certificate that speaks of a few measurements only, and proves the lower bound that they give."""
     smaller = restricted(network, [np.array(few, dtype=np.intp)] * len(network.constraints))
-    useful, engine, limits = certifying(question.parts(smaller)), question.engine, question.limits
+    named, engine, limits = question.named(smaller), question.engine, question.limits
     statement = question.statement(leg, network.domain, few)
-    if not useful or statement is None:
+    if not Contracting(named).gives_weights or statement is None:
         return
     with Recording(statement, network.domain) as recording:
-        contractor, observe = recording.contractor(useful), recording.event
         found = run(
             minimize(
                 smaller,
                 "eps",
-                contractor,
+                named,
                 engine=engine,
                 limits=limits,
                 start=start,
                 enclose=False,
-                observe=observe,
+                prover=recording.prover,
+                observe=recording.event,
             ),
             None,
         )

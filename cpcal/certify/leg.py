@@ -49,8 +49,8 @@ def _support(
 
     def alone(net: ConstraintNetwork) -> Minimum:
         """The lower bound by a part of the measurements."""
-        contractor, engine = question.contractor(net), question.engine
-        return run(minimize(net, "eps", contractor, engine=engine, limits=short, start=start, enclose=False), None)
+        named, engine = question.named(net), question.engine
+        return run(minimize(net, "eps", named, engine=engine, limits=short, start=start, enclose=False), None)
 
     few = find_support(network, "eps", found, gap, alone)
     if question.options.support == "irreducible" and few:
@@ -87,6 +87,8 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
         verified=VerifiedPoint(eps, len(good), len(bad), len(question.campaign)),
         determination=_determination(question, leg, middle, found),
         trials=answer.trials,
+        contractors_used=found.contractors_used,
+        found_lo=found.found.lo if found.found is not None and found.found.lo > found.lo else None,
     )
 
 
@@ -119,9 +121,9 @@ def _sentence(question: Question, leg: int, found: Minimum) -> str:
             Verdict.REFUTED: f"No x in the box, with legs longer than {eps} mm, satisfies all equations "
             f"to within {eps} mm for any readings: proved.",
             Verdict.UNKNOWN: f"Stopped before it was known if any x satisfies the equations to within {eps} mm.",
-        }[found.verdict]
+        }[found.verdict] + found.beyond
     if found.witness is not None and found.hi == 0.0:
         plain, x = question.model.name == PLAIN.name, found.witness.point[:-1]
         how = "proved in exact arithmetic" if plain and solves_exactly(question.campaign, leg, x) else "proved"
-        return f"Some x in the box satisfies every equation exactly for some readings: {how}."
+        return f"Some x in the box satisfies every equation exactly for some readings: {how}.{found.beyond}"
     return found.status

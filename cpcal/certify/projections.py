@@ -2,7 +2,7 @@
 
 Of (a, b, l), in mm; a model's extra parameters take any value that fits. Each half-plane is a linear program over a
 relaxation of all parameters, proved from its multipliers by a
-contractor that offers `supports`. The certificates do not hold these proofs.
+contractor that has a `support_function`. The certificates do not hold these proofs.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cpcal.legs import PARAMETERS, LegModel, ModelResiduals, leg_box, leg_networ
 from cpcal.results import LegResult, Projection, Projections, Result, model_of
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.contract import Contractor, Supporting, Verdict
+from cpcal.solver.contract import Repeat, SupportFunction, Verdict
 from cpcal.solver.interval import Box, get_arithmetic
 
 Floats = npt.NDArray[np.float64]
@@ -56,7 +56,8 @@ def projections(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
     """Of all x within `result.options.delta` of the leg's center that satisfy its equations to within `projection_eps`.
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. None where there is no such tolerance or no x,
-    where none of the result's contractors offers `supports`, or where all is known too well, or too badly, to be drawn.
+    where none of the result's contractors has a `support_function`, or where all is known too well, or too badly, to be
+    drawn.
     """
     eps = projection_eps(result, leg)
     if eps is None:
@@ -66,8 +67,8 @@ def projections(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
     network = leg_network(campaign, leg.leg, box, engine=engine, eps=(eps, eps), model=model)
     for name in result.options.contractors:
         contractor = plugins.load(name)(network, objective=None, arithmetic=ARITHMETIC)
-        if isinstance(contractor, Supporting):
-            box = _contracted(contractor, network.domain)
+        if isinstance(contractor, SupportFunction):
+            box = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box
             pairs = () if box.is_empty else tuple(_projections(campaign, leg.leg, model, contractor, box))
             return Projections(eps, Box(model.parameters, box.lo[:-1], box.hi[:-1]), pairs) if pairs else None
     return None
@@ -82,16 +83,8 @@ def projection_eps(result: Result, leg: LegResult) -> float | None:
     return MARGIN * leg.eps_hi if leg.verdict is Verdict.PROVED else leg.eps_hi
 
 
-def _contracted(contractor: Contractor, box: Box) -> Box:
-    for _ in range(_PASSES):
-        before, box = box, contractor.contract(box).box
-        if box.is_empty or not bool((box.width < _SETTLED * before.width).any()):
-            break
-    return box
-
-
 def _projections(
-    campaign: Campaign, leg: int, model: LegModel, contractor: Supporting, box: Box
+    campaign: Campaign, leg: int, model: LegModel, contractor: SupportFunction, box: Box
 ) -> Iterator[Projection]:
     pairs = [*_WITHIN, _most_correlated(campaign, leg, model, box.mid[:-1])]
     drawn = (box.width > _DRAWN[0]) & (box.width < _DRAWN[1])
@@ -99,7 +92,7 @@ def _projections(
     directions = [_normals(box, pair) for pair in pairs]
     if not pairs:
         return
-    bounds = contractor.supports(box, np.concatenate(directions)).reshape(len(pairs), -1)
+    bounds = contractor.support_function(box, np.concatenate(directions)).reshape(len(pairs), -1)
     if np.isneginf(bounds).any():
         return
     for pair, normals, highest in zip(pairs, directions, bounds, strict=True):

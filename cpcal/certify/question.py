@@ -43,16 +43,11 @@ class Question:
     def limits(self) -> Limits:
         return Limits(seconds=self.options.time_limit, gap=self.options.gap)
 
-    def contractor(self, network: ConstraintNetwork) -> Contractor:
-        """The contractors asked for, one after the other."""
-        return self.composed(self.parts(network))
-
-    def composed(self, parts: Sequence[Contractor]) -> Contractor:
-        return plugins.composed(parts, self.options.contractors)
-
-    def parts(self, network: ConstraintNetwork) -> list[Contractor]:
-        options = self.options
-        return plugins.build_each(network, options.contractors, objective="eps", arithmetic=options.arithmetic)
+    def named(self, network: ConstraintNetwork) -> list[tuple[str, Contractor]]:
+        """The contractors asked for, with their names."""
+        names = self.options.contractors
+        parts = plugins.build_each(network, names, objective="eps", arithmetic=self.options.arithmetic)
+        return list(zip(names, parts, strict=True))
 
     def middle(self, leg: int) -> Floats:
         """All parameters of the model (n,); the extra ones are 0 but in the model's own fit."""

@@ -12,12 +12,13 @@ import numpy as np
 
 from cpcal.certify.bracket import Answered
 from cpcal.certify.question import Floats, Question
-from cpcal.solver.certificate.recording import Recording, certifying, claims_at
-from cpcal.solver.contract import Contractor, Limits, Verdict
+from cpcal.numbers import gap_text, stated
+from cpcal.solver.certificate.recording import Recording, claims_at
+from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.optimize import Answer, Bracket, Minimum, Outcome, Trial, Witness, WitnessProver, ask, timeout
-from cpcal.solver.search import Event, LargestFirst
+from cpcal.solver.optimize import Bracket, Found, Minimum, Outcome, Trial, Witness, WitnessProver, ask, timeout
+from cpcal.solver.search import Contracting, ContractorUse, LargestFirst, total_use
 
 _SMALL = 1e-3  # mm: a box this wide is a point to be tried
 
@@ -38,11 +39,11 @@ def by_timeout(
                 tell(Bracket(trial.lo, trial.hi, len(trials), _programs(trials), time.monotonic() - began))
         except KeyboardInterrupt:
             interrupted = True
-        lo = trials[-1].lo if trials else 0.0
-        found = _minimum(network, lo, solver.best, trials, question.limits, time.monotonic() - began)
+        found = _minimum(network, solver, trials, question.limits, time.monotonic() - began)
         name = None
         if solver.statement is not None and (solver.proof is not None or solver.best is not None):
             name = solver.write(question.certificate(leg)).name
+            found = replace(found, contractors_used=solver.credited(found.contractors_used))
     return Answered(replace(found, interrupted=interrupted), name, tuple(trials))
 
 
@@ -51,13 +52,13 @@ class _Solver:
 
     def __init__(self, question: Question, leg: int, network: ConstraintNetwork, keep: ExitStack) -> None:
         self._network, self._keep = network, keep
-        self.statement = None if question.certificates is None else question.statement(leg, network.domain)
-        parts = question.parts(network)
-        self._contractor = question.composed(parts)
-        self._useful = certifying(parts) if self.statement is not None else []
+        self._named = question.named(network)
+        wanted = question.certificates is not None and Contracting(self._named).gives_weights
+        self.statement = question.statement(leg, network.domain) if wanted else None
         self.prover = WitnessProver(network, network.names.index("eps"), question.engine)
         self.best: Witness | None = None
         self.proof: tuple[Recording, Box] | None = None
+        self.uses: tuple[ContractorUse, ...] = ()
 
     @property
     def highest(self) -> float:
@@ -70,25 +71,29 @@ class _Solver:
 
     def __call__(self, eps: float, seconds: float) -> Outcome:
         domain = self._network.domain.replace("eps", hi=eps)
-        if not self._useful or self.statement is None:
-            outcome = self._asked(self._contractor, domain, seconds, None)
+        if self.statement is None:
+            outcome = self._asked(domain, seconds, None)
         else:
             recording = Recording(self.statement, domain)
-            outcome = self._asked(recording.contractor(self._useful), domain, seconds, recording.event)
-            if outcome.answer is Answer.INFEASIBLE:
-                outcome = replace(outcome, checked=True)
+            outcome = self._asked(domain, seconds, recording)
+            if outcome.checked:
                 self._keep.enter_context(recording)
                 self.proof = recording, domain
             else:
                 recording.close()
+        self.uses = total_use(self.uses, outcome.uses)
         self.remember(outcome.witness)
         return outcome
 
-    def _asked(
-        self, contractor: Contractor, domain: Box, seconds: float, observe: Callable[[Event], None] | None
-    ) -> Outcome:
+    def _asked(self, domain: Box, seconds: float, recording: Recording | None) -> Outcome:
         strategy = LargestFirst(_SMALL, skip=("eps",))
-        return ask(domain, contractor, strategy, self.prover, seconds, observe)
+        contracting = Contracting(self._named, None if recording is None else recording.prover)
+        observe = None if recording is None else recording.event
+        return ask(domain, contracting, strategy, self.prover, seconds, observe)
+
+    def credited(self, uses: tuple[ContractorUse, ...]) -> tuple[ContractorUse, ...]:
+        """With the number of steps that the certificate holds of each."""
+        return uses if self.proof is None else self.proof[0].credited(uses)
 
     def write(self, path: Path) -> Path:
         """The certificate of the last infeasible answer and of the best point."""
@@ -101,35 +106,45 @@ class _Solver:
 
 
 def _minimum(
-    network: ConstraintNetwork, lo: float, best: Witness | None, trials: list[Trial], limits: Limits, seconds: float
+    network: ConstraintNetwork, solver: _Solver, trials: list[Trial], limits: Limits, seconds: float
 ) -> Minimum:
+    """With a certificate the lower bound is that of the last infeasible answer that weights prove."""
+    best, domain = solver.best, network.domain
     hi = np.inf if best is None else best.value
+    found_lo = trials[-1].lo if trials else 0.0
+    checked = max((t.eps for t in trials if t.checked), default=0.0)
+    lo = found_lo if solver.statement is None else checked
+    enclosure = domain if best is not None else Box.empty(network.names)
+    found = Found(found_lo, enclosure) if found_lo > lo else None
     closed = hi - lo <= max(limits.gap * hi, limits.gap_absolute)
-    unchecked = sum(t.answer is Answer.INFEASIBLE and not t.checked for t in trials)
-    status = f"{len(trials)} calls of the solver; " + (
-        "both bounds are proved and the gap is closed."
-        if closed
-        else "both bounds are proved, the gap is open."
-        if best is not None
-        else "no point was proved to satisfy the constraints; the lower bound is proved."
-    )
-    if unchecked:
-        status += f" {unchecked} infeasible answers are unchecked: they have no certificate."
     return Minimum(
-        lo,
-        hi,
-        Verdict.PROVED if closed else Verdict.UNKNOWN,
-        status,
-        best,
-        network.domain if best is not None else Box.empty(network.names),
-        0.0,
-        (),
-        (),
-        0,
-        sum(t.nodes for t in trials),
-        _programs(trials),
-        seconds,
+        lo=lo,
+        hi=hi,
+        verdict=Verdict.PROVED if closed else Verdict.UNKNOWN,
+        status=_status(len(trials), lo, hi, closed, limits) + ("" if found is None else found.sentence(lo)),
+        witness=best,
+        enclosure=enclosure,
+        floor=0.0,
+        rows=(),
+        decisive_rows=(),
+        pending=0,
+        nodes=sum(t.nodes for t in trials),
+        programs=_programs(trials),
+        seconds=seconds,
+        contractors_used=solver.uses,
+        found=found,
     )
+
+
+def _status(calls: int, lo: float, hi: float, closed: bool, limits: Limits) -> str:
+    if not np.isfinite(hi):
+        how = "no point was proved to satisfy the constraints; the lower bound is proved."
+    elif closed:
+        asked = f"the relative gap of {stated(limits.gap)} that was asked for"
+        how = f"both bounds are proved, {gap_text(lo, hi)} apart, which is within {asked}."
+    else:
+        how = f"both bounds are proved; the gap of {gap_text(lo, hi)} is open."
+    return f"{calls} calls of the solver; {how}"
 
 
 def _programs(trials: list[Trial]) -> int:

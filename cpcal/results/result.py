@@ -17,6 +17,7 @@ from cpcal.results.verified_point import VerifiedPoint
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize import Trial
+from cpcal.solver.search import ContractorUse
 
 FORMAT = "cpcal-result/2"
 RESULT_NAME = "result.json"
@@ -89,6 +90,8 @@ class LegResult:
     verified: VerifiedPoint | None = field(default=None, metadata={"json": "center_verified"})
     determination: Determination | None = None  # None: nothing is to be determined, or it was not asked
     trials: tuple[Trial, ...] = ()  # calls of the solver, with method "timeout"
+    contractors_used: tuple[ContractorUse, ...] = ()  # those asked for: how often each ran, its part in the certificate
+    found_lo: float | None = None  # the lower bound of eps by all contractors, where the certificate proves less
 
     def __post_init__(self) -> None:
         if self.certified != (self.certificate is not None) or (self.certified and self.not_certified):

@@ -1,10 +1,19 @@
-"""Every contract that crosses a border, on one page. Imports nothing of cpcal at run time."""
+"""Every contract that crosses a border, on one page. Imports nothing of cpcal at run time.
+
+How to write a contractor: a class whose constructor has the signature of `ContractorFactory`, with a method
+`contract(box) -> Contraction`. Derive it from `Composable` for the operators and the declarations' defaults, or write
+the declarations that `Contractor` lists; nothing else is asked of it. Name it under the entry-point group
+`cpcal.contractors`. `cpcal.solver.testing.check_contractor` tests all that is promised here.
+
+Contractors compose, whoever wrote them: `Then(a, b)` or `a >> b` is a, then b; `Union(a, b)` or `a | b` is the hull of
+what either leaves; `Repeat(a, ratio)` is a again and again while some width shrinks below `ratio` times what it was.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from fractions import Fraction
@@ -15,6 +24,11 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from cpcal.solver.interval import Box
+    from cpcal.solver.network import ConstraintNetwork
+
+    Floats = npt.NDArray[np.float64]
+
+ROUNDING = 1e-9  # by which monotone contractors may differ, relative to the box
 
 
 class Verdict(Enum):
@@ -63,8 +77,8 @@ class Polyhedron:
     """
 
     names: tuple[str, ...]
-    matrix: npt.NDArray[np.float64]
-    rhs: npt.NDArray[np.float64]
+    matrix: Floats
+    rhs: Floats
 
     def __contains__(self, point: Iterable[float]) -> bool:
         """Whether a point satisfies every row, decided in exact fractions."""
@@ -83,32 +97,171 @@ class Contraction:
 
     box: Box
     steps: tuple[Step, ...] = ()
-    point: npt.NDArray[np.float64] | None = None
+    point: Floats | None = None
     programs: int = 0  # linear programs solved on the way
     polyhedron: Polyhedron | None = None
 
 
 class Contractor(Protocol):
-    """Removes from a box points that are no solutions, never a solution. Holds no state between calls.
+    """Removes from a box points that are no solutions, never a solution. Holds no state between calls; pickles.
 
-    `idempotent` promises that a second call on the result changes nothing.
+    What it can do is declared; what is not declared counts as the default, in brackets:
+
+    gives_weights       its steps carry `StepWeights`, so that they can be written into a certificate (False)
+    idempotent          a second call on the result changes nothing (False)
+    monotone_tolerance  a part of a box gives a part of the result, up to this share of the box's width; math.inf
+                        promises nothing (ROUNDING)
     """
 
+    gives_weights: bool
     idempotent: bool
+    monotone_tolerance: float
 
     def contract(self, box: Box) -> Contraction: ...
 
 
 @runtime_checkable
-class Supporting(Protocol):
+class SupportFunction(Protocol):
     """What a contractor may offer besides: half-spaces that hold all solutions in a box."""
 
-    def supports(self, box: Box, directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def support_function(self, box: Box, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`; `directions` is (m, n).
 
         -inf for all when the box is proved to hold no solution.
         """
         ...
+
+
+class ContractorFactory(Protocol):
+    """What an entry point of the group `cpcal.contractors` names: usually the contractor's class.
+
+    `objective`: the variable to be minimised, whose lower bound matters most. `arithmetic`: "float64" or "arb".
+    """
+
+    def __call__(self, network: ConstraintNetwork, *, objective: str | None, arithmetic: str) -> Contractor: ...
+
+
+def gives_weights(contractor: Contractor) -> bool:
+    """As declared."""
+    return bool(getattr(contractor, "gives_weights", False))
+
+
+def monotone_tolerance(contractor: Contractor) -> float:
+    """As declared."""
+    return float(getattr(contractor, "monotone_tolerance", ROUNDING))
+
+
+class Composable:
+    """Base class of contractors: the declarations' defaults, and the operators `>>` and `|` with any contractor."""
+
+    gives_weights: bool = False
+    idempotent: bool = False
+    monotone_tolerance: float = ROUNDING
+
+    def contract(self, box: Box) -> Contraction:
+        raise NotImplementedError
+
+    def __rshift__(self, other: Contractor) -> Then:
+        return Then(self, other)
+
+    def __rrshift__(self, other: Contractor) -> Then:
+        return Then(other, self)
+
+    def __or__(self, other: Contractor) -> Union:
+        return Union(self, other)
+
+    def __ror__(self, other: Contractor) -> Union:
+        return Union(other, self)
+
+
+class Then(Composable):
+    """One after the other, each on what the one before has left: solutions of all."""
+
+    def __init__(self, *parts: Contractor) -> None:
+        self.parts = parts
+        self.monotone_tolerance = sum(map(monotone_tolerance, parts))
+
+    def contract(self, box: Box) -> Contraction:
+        total = Contraction(box)
+        for part in self.parts:
+            total = followed(total, part.contract(total.box))
+            if total.box.is_empty:
+                break
+        return total
+
+
+class Union(Composable):
+    """Hull of what either leaves: solutions of one or the other. Its steps prove nothing alone: none."""
+
+    def __init__(self, first: Contractor, second: Contractor) -> None:
+        self._first, self._second = first, second
+        self.monotone_tolerance = max(monotone_tolerance(first), monotone_tolerance(second))
+
+    def contract(self, box: Box) -> Contraction:
+        one, two = self._first.contract(box), self._second.contract(box)
+        programs = one.programs + two.programs
+        return Contraction(one.box.hull(two.box), (), one.point if one.point is not None else two.point, programs)
+
+
+class Repeat(Composable):
+    """`inner` again and again, at most `most` times, while some width shrinks below `ratio` times what it was."""
+
+    monotone_tolerance = math.inf  # a part may stop at once where the whole goes on shrinking
+
+    def __init__(self, inner: Contractor, ratio: float = 0.9, most: int = 100) -> None:
+        if not 0.0 < ratio <= 1.0:
+            raise ValueError(f"ratio is in (0, 1], not {ratio}")
+        self.inner, self._ratio, self._most = inner, ratio, most
+
+    def contract(self, box: Box) -> Contraction:
+        return repeated(self.inner.contract, box, ratio=self._ratio, most=self._most)
+
+
+def in_sequence(parts: Sequence[Contractor]) -> Contractor:
+    """All of them (at least one), one after the other."""
+    return parts[0] if len(parts) == 1 else Then(*parts)
+
+
+def elements(contractor: Contractor) -> tuple[Contractor, ...]:
+    """What a composition applies in sequence, from the inside: weights are given by elements, not by compositions."""
+    if isinstance(contractor, Repeat):
+        return elements(contractor.inner)
+    parts = contractor.parts if isinstance(contractor, Then) else None
+    return (contractor,) if parts is None else tuple(e for part in parts for e in elements(part))
+
+
+def followed(one: Contraction, two: Contraction) -> Contraction:
+    """Two contractions in sequence as one: what holds in the second's box holds for all solutions in the first's."""
+    return Contraction(
+        box=two.box,
+        steps=one.steps + two.steps,
+        point=two.point if two.point is not None else one.point,
+        programs=one.programs + two.programs,
+        polyhedron=two.polyhedron or one.polyhedron,
+    )
+
+
+def shrunk(before: Floats, after: Floats, ratio: float) -> bool:
+    """Whether some width fell below `ratio` times what it was (an infinite one: is finite now)."""
+    return bool((after < ratio * before).any())
+
+
+def repeated(
+    step: Callable[[Box], Contraction],
+    box: Box,
+    *,
+    ratio: float,
+    most: int,
+    pays: Callable[[Floats, Floats, float], bool] = shrunk,
+) -> Contraction:
+    """`step` on its own result, at most `most` times, while it `pays`: all steps as one contraction."""
+    total = Contraction(box)
+    for _ in range(most):
+        before = total.box.width
+        total = followed(total, step(total.box))
+        if total.box.is_empty or not pays(before, total.box.width, ratio):
+            break
+    return total
 
 
 class Strategy(Protocol):
@@ -117,44 +270,10 @@ class Strategy(Protocol):
     def split(self, box: Box) -> tuple[Box, ...]: ...
 
 
-class LinearStatus(Enum):
-    """What a linear engine says. No status is a proof: the multipliers decide."""
+class StrategyFactory(Protocol):
+    """What an entry point of the group `cpcal.strategies` names: usually the strategy's class."""
 
-    OPTIMAL = "optimal"
-    INFEASIBLE = "infeasible"
-    FAILED = "failed"
-
-
-@dataclass(frozen=True)
-class LinearSolution:
-    """Approximate answer to `min c.z : rows z <= rhs, lower <= z <= upper`; `multipliers` >= 0, one per row.
-
-    With status INFEASIBLE the multipliers are those of the elastic program: a Farkas ray.
-    """
-
-    status: LinearStatus
-    point: npt.NDArray[np.float64]  # (columns,)
-    multipliers: npt.NDArray[np.float64]  # (rows,)
-
-
-class LinearEngine(Protocol):
-    """One polyhedron, many objectives. Proposes; rigorous arithmetic disposes."""
-
-    def load(
-        self,
-        matrix: npt.NDArray[np.float64],
-        rhs: npt.NDArray[np.float64],
-        lower: npt.NDArray[np.float64],
-        upper: npt.NDArray[np.float64],
-    ) -> None:
-        """Forget what was before and take `matrix z <= rhs`, `lower <= z <= upper` (finite bounds)."""
-        ...
-
-    def add_rows(self, matrix: npt.NDArray[np.float64], rhs: npt.NDArray[np.float64]) -> None: ...
-
-    def minimize(self, objective: npt.NDArray[np.float64]) -> LinearSolution:
-        """Minimise from the last basis."""
-        ...
+    def __call__(self, network: ConstraintNetwork, width: float, *, arithmetic: str) -> Strategy: ...
 
 
 @dataclass(frozen=True)

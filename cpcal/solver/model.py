@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,14 +13,26 @@ import numpy.typing as npt
 from cpcal.errors import ModelError
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
-from cpcal.solver.certificate.recording import Recording, certifying, claims_of
+from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.interval.number import float_bounds
 from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
-from cpcal.solver.search import ORDERS, STRATEGIES, Event, Paving, Priority, Search, Solution, conclusion
+from cpcal.solver.search import (
+    ORDERS,
+    STRATEGIES,
+    Contracting,
+    Divide,
+    Event,
+    Paving,
+    Priority,
+    Search,
+    Solution,
+    StepProver,
+    conclusion,
+)
 
 __all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
 
@@ -70,14 +83,12 @@ class Network(ConstraintNetwork):
         """
         network, clock = self._as_asked(), _limits(limits).clock()
         engine = get_arithmetic(arithmetic)
-        search = Search(
-            [network.domain],
+        process = Divide(
             plugins.build(network, contractors, arithmetic=arithmetic),
             _strategy(network, strategy, _width(width), arithmetic),
-            _order(network, order),
             inside=Inside(network, engine) if inner else None,
-            outside=inner,
         )
+        search = Search([network.domain], process, _order(network, order), outside=inner)
         nodes = 0
         try:
             for event in search:
@@ -94,7 +105,7 @@ class Network(ConstraintNetwork):
         self,
         objective: Expr,
         *,
-        contractors: Sequence[str] = ("lifted",),
+        contractors: Sequence[str | Contractor] = ("lifted",),
         arithmetic: str = "float64",
         limits: Limits | None = None,
         start: npt.ArrayLike | None = None,
@@ -106,29 +117,33 @@ class Network(ConstraintNetwork):
         For another expression, add a variable t with `net.add(expr <= t)` and minimise t. `start` holds one value
         per component in the order of `names`. Raises ModelError for anything but a variable with a finite domain.
 
-        `certificate` names a file for the proof, which states the constraints exactly; then only contractors that give
-        weights take part (lifted), and constraints with readings or without polynomial form raise ModelError.
+        `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
+        certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
+        it is in `found`. Constraints with readings or without polynomial form raise ModelError.
         """
         network, asked = self._as_asked(), _limits(limits)
         name = network.component(objective)
         network._check_bounded(name, contractors)
         engine = get_arithmetic(arithmetic)
         parts = plugins.build_each(network, contractors, objective=name, arithmetic=arithmetic)
+        named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
         first = None if start is None else _start(network, start)
 
-        def bracketed(contractor: Contractor, observe: Callable[[Event], None] | None) -> Minimum:
-            states = minimize(network, name, contractor, engine=engine, limits=asked, start=first, observe=observe)
+        def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
+            states = minimize(
+                network, name, named, engine=engine, limits=asked, start=first, prover=prover, observe=observe
+            )
             return run(states, progress)
 
         if certificate is None:
-            return bracketed(plugins.composed(parts, contractors), None)
-        useful = certifying(parts)
-        if not useful:
-            raise ModelError(f"{', '.join(contractors)} give no weights: no certificate can be written; use lifted")
+            return bracketed(None, None)
+        if not Contracting(named).gives_weights:
+            given = ", ".join(called for called, _ in named)
+            raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
         with Recording(network_statement(network, name), network.domain) as recording:
-            found = bracketed(recording.contractor(useful), recording.event)
+            found = bracketed(recording.prover, recording.event)
             recording.write(certificate, claims_of(found, network.domain, name))
-        return found
+        return replace(found, contractors_used=recording.credited(found.contractors_used))
 
     def _as_asked(self) -> Network:
         """A copy, since a callback may add to this network meanwhile. Raises ModelError where there is no variable."""

@@ -12,6 +12,7 @@ it on random boxes. A failure is an AssertionError that says which promise was b
 
 from __future__ import annotations
 
+import itertools
 import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,15 +20,22 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.contract import Contraction, Contractor
+from cpcal.solver.contract import (
+    ROUNDING,
+    Contraction,
+    Contractor,
+    ContractorFactory,
+    Repeat,
+    Then,
+    Union,
+    monotone_tolerance,
+)
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.network import ConstraintNetwork, maximum, minimum, norm, sqr, sqrt
-from cpcal.solver.plugins import ContractorFactory
 
 Floats = npt.NDArray[np.float64]
 
 BOXES = 8  # random boxes for each network
-ROUNDING = 1e-9  # by which monotone contractors may differ, relative to the larger box
 
 
 @dataclass(frozen=True)
@@ -204,7 +212,7 @@ def is_monotone(factory: ContractorFactory, seed: int = 0) -> None:
     for _, contractor, big, outer, where in _trials(factory, seed):
         if big.is_empty:
             continue
-        tolerance = float(getattr(contractor, "monotone_tolerance", ROUNDING))
+        tolerance = monotone_tolerance(contractor)
         if tolerance == np.inf:
             return
         lo, hi = np.maximum(big.lo, -1e3), np.minimum(big.hi, 1e3)
@@ -220,10 +228,11 @@ def is_monotone(factory: ContractorFactory, seed: int = 0) -> None:
 
 
 def is_idempotent_if_promised(factory: ContractorFactory, seed: int = 0) -> None:
-    """`idempotent` is a bool, and where it is True a second call changes nothing."""
+    """`idempotent`, where declared, is a bool, and where it is True a second call changes nothing."""
     for _, contractor, _, result, where in _trials(factory, seed):
-        assert isinstance(contractor.idempotent, bool), "a contractor states `idempotent`, True or False"
-        if contractor.idempotent:
+        declared = getattr(contractor, "idempotent", False)
+        assert isinstance(declared, bool), "a contractor states `idempotent`, True or False"
+        if declared:
             again = contractor.contract(result.box).box
             assert again == result.box, f"not idempotent, though promised: {result.box!r}, then {again!r}, {where}"
 
@@ -274,6 +283,35 @@ def steps_agree(factory: ContractorFactory, seed: int = 0) -> None:
                 assert agrees, f"{step} says more than the result {left} {where}"
 
 
+def declares_truly(factory: ContractorFactory, seed: int = 0) -> None:
+    """Declarations are of their types; one that gives weights gives them for some step, and they are multipliers."""
+    weights = set[bool]()
+    for case, contractor, _, result, where in _trials(factory, seed):
+        declared = getattr(contractor, "gives_weights", False)
+        assert isinstance(declared, bool), "a contractor states `gives_weights`, True or False"
+        assert monotone_tolerance(contractor) >= 0.0, "a `monotone_tolerance` is a share of a width, 0 or more"
+        carried = [step.weights for step in result.steps if step.weights is not None]
+        for step in carried:
+            values = [entry[-1] for kind in (step.rows, step.products, step.tangents) for entry in kind]
+            assert all(0.0 <= value < np.inf for value in values), f"a weight is no multiplier {where}"
+            assert all(0 <= c < len(case.network.constraints) for c, *_ in step.rows), f"no such constraint {where}"
+        weights |= {bool(carried)} if declared else set()
+    assert not weights or True in weights, "a contractor that declares `gives_weights` gives none"
+
+
+def composes(factory: ContractorFactory, seed: int = 0) -> None:
+    """Twice, repeated and joined with itself by the core's algebra it still loses no solution."""
+    for case in cases(seed):
+        made = _made(factory, case)
+        for both in (Then(made, made), Union(made, made), Repeat(made, most=3)):
+            for box in itertools.islice(boxes(case, seed), 3):
+                left = both.contract(box).box
+                where = f"by {type(both).__name__} on the network {case.name!r} and {box!r}"
+                assert left.subset(box), f"the result is no subset {where}: {left!r}"
+                lost = [point.tolist() for point in case.solutions if point in box and point not in left]
+                assert not lost, f"the solution {lost[0]} is lost {where}"
+
+
 def _same(one: Contraction, two: Contraction, message: str) -> None:
     assert _content(one) == _content(two), f"{message}: {one} and {two}"
 
@@ -287,7 +325,7 @@ def _content(c: Contraction) -> tuple[object, ...]:
 Check = Callable[..., None]  # (factory) or (factory, seed)
 
 _CHECKS: list[Check] = [keeps_solutions, never_widens, keeps_empty, is_monotone, is_idempotent_if_promised]
-_CHECKS += [is_deterministic, pickles, leaves_input_alone, steps_agree]
+_CHECKS += [is_deterministic, pickles, leaves_input_alone, steps_agree, declares_truly, composes]
 CONFORMANCE: dict[str, Check] = {check.__name__: check for check in _CHECKS}
 
 

@@ -23,7 +23,7 @@ from cpcal.legs import leg_box, leg_model, leg_network, leg_statement
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.statement import Statement, limits, number
-from cpcal.solver.certificate.writer import Certifying, rounded
+from cpcal.solver.certificate.writer import WeightProver, rounded
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 
@@ -137,11 +137,9 @@ def short(
     wanted: Sequence[tuple[int, str]],
 ) -> Proof:
     """A proof in the network's small box about the best point: one pass with the bounds `wanted`."""
-    records: list[dict[str, Any]] = []
-    parts = plugins.build_each(network, ("lifted",), objective=goal)
+    lifted = plugins.build(network, ("lifted",), objective=goal)
     domain, o = network.domain, network.names.index(goal)
-    Certifying(parts, statement, records.append).contract(domain)
-    record = json.loads(json.dumps(records[-1]))
+    record = json.loads(json.dumps(WeightProver(statement)(domain, lifted.contract(domain)).record))
     lo, hi = [float(v) for v in domain.lo], [float(v) for v in domain.hi]
     rule = Rule(statement.problem, ExactBox(tuple(map(F, lo)), tuple(map(F, hi))))
     given = [entry for entry in record["bounds"] if (entry[0], entry[1]) in wanted]

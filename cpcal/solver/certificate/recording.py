@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +16,12 @@ import numpy.typing as npt
 
 from cpcal.atomic import replacing
 from cpcal.solver.certificate.statement import Statement, limits, number
-from cpcal.solver.certificate.writer import Certifying, line
-from cpcal.solver.contract import Contractor
+from cpcal.solver.certificate.writer import WeightProver, line
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize import Minimum
-from cpcal.solver.search import Event, EventKind
+from cpcal.solver.search import ContractorUse, Event, EventKind
 
 Claims = dict[str, Any]  # line of a certificate
-
-
-def certifying(parts: Sequence[Contractor]) -> list[Contractor]:
-    """Those contractors that give weights with their steps, so that the steps can be proved again."""
-    return [part for part in parts if getattr(part, "certifies", False)]
 
 
 class Recording:
@@ -34,8 +30,8 @@ class Recording:
     def __init__(self, statement: Statement, domain: Box) -> None:
         self._statement, self._domain = statement, domain
         self._steps = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - closed by __exit__
-        self._records: list[dict[str, Any]] = []
         self._names, self._fresh = {0: 0}, 1
+        self._written = Counter[str]()
         self._objective = statement.problem.objective
 
     def __enter__(self) -> Recording:
@@ -47,18 +43,20 @@ class Recording:
     def close(self) -> None:
         self._steps.close()
 
-    def contractor(self, parts: Sequence[Contractor]) -> Contractor:
-        """All of `parts`, one after the other, as far as the checker's rule proves what they do."""
-        return Certifying(parts, self._statement, self._records.append)
+    @property
+    def prover(self) -> WeightProver:
+        """Proves steps as the certificate will say them."""
+        return WeightProver(self._statement)
 
     def event(self, event: Event) -> None:
         """Take down what became of a node."""
         name = self._names.pop(event.node.serial)
-        if event.kind is EventKind.PRUNED and not self._records:  # cut away by the incumbent
-            self._records.append({"pass": name, "cap": self._cap(event.node.box), "bounds": []})
-        for record in self._records:
-            self._put(event.node.box, record | {"exclude" if "weights" in record else "pass": name})
-        self._records.clear()
+        records = list(event.decision.proof)
+        if event.kind is EventKind.PRUNED and not records:  # cut away by the incumbent
+            records.append(("", {"pass": name, "cap": self._cap(event.node.box), "bounds": []}))
+        for contractor, record in records:
+            step = record | {"exclude" if "weights" in record else "pass": name}
+            self._put(event.node.box, step, contractor)
         if event.kind is EventKind.CONTRACTED:
             self._names[event.children[0].serial] = name
         elif event.kind is EventKind.SPLIT:
@@ -70,17 +68,22 @@ class Recording:
             self._names[first.serial], self._names[second.serial] = into
             self._fresh += 2
 
-    def _put(self, box: Box, step: dict[str, Any]) -> None:
+    def credited(self, uses: Iterable[ContractorUse]) -> tuple[ContractorUse, ...]:
+        """With the number of steps that the certificate written last holds of each."""
+        return tuple(replace(use, certified_steps=self._written[use.name]) for use in uses)
+
+    def _put(self, box: Box, step: dict[str, Any], contractor: str = "") -> None:
         """Keep a step with the least objective of its box, for one that turns out worse than the claim is left out."""
         lowest = None if self._objective is None else float(box.lo[self._objective])
-        self._steps.write(line([lowest, step]))
+        self._steps.write(line([lowest, contractor, step]))
 
     def _useful_steps(self, cap: float | None) -> Iterator[dict[str, Any]]:
         """The steps on boxes that reach down to `cap`, their boxes named in order."""
         names, fresh = {0: 0}, 1
+        self._written.clear()
         self._steps.seek(0)
         for text in self._steps:
-            lowest, step = json.loads(text)
+            lowest, contractor, step = json.loads(text)
             kind = next(word for word in ("pass", "exclude", "split") if word in step)
             old = step[kind]
             if old not in names or (cap is not None and lowest > cap):
@@ -89,6 +92,7 @@ class Recording:
             if kind == "split":
                 names |= dict(zip(step["into"], (fresh, fresh + 1), strict=True))
                 step["into"], fresh = [fresh, fresh + 1], fresh + 2
+            self._written[contractor] += len(step["bounds"]) if kind == "pass" else 1
             yield step
 
     def _cap(self, box: Box) -> str | None:

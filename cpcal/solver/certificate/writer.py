@@ -1,14 +1,14 @@
-"""A contractor whose every step is proved by the checker's own rule before it counts.
+"""Proposed steps, proved by the checker's own rule before they count for a certificate.
 
-Another contractor proposes bounds with weights; they are shortened, and `Rule` says in exact arithmetic what they
-prove. The search goes on from the boxes that were proved, so what is written is what the checker will see.
+A contractor proposes bounds with weights; they are shortened, and `Rule` says in exact arithmetic what they prove. The
+search goes on from the boxes that were proved, so what is written is what the checker will see.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction as F
 from typing import Any
 
@@ -17,38 +17,22 @@ import numpy as np
 from cpcal.checker.polynomial import ExactBox
 from cpcal.checker.rule import Rule, Weights
 from cpcal.solver.certificate.statement import Statement, number
-from cpcal.solver.contract import Contraction, Contractor, Step, StepWeights
+from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk
 from cpcal.solver.interval import Box
-
-Record = Callable[[dict[str, Any]], None]
+from cpcal.solver.search import Proof
 
 _BITS = (10, 14, 18, 24, 32, 53)  # of the largest weight: the first that prove nearly as much as was proposed
 _LOSS = 0.02  # of the width that was proposed, given away for shorter numbers
+_NEARLY = 0.9  # of a proved width: a proposed one below that was not proved
 
 
-class Certifying:
-    """Does what `parts` propose, one after the other, as far as the rule proves it; tells `record` of each step.
+class WeightProver:
+    """Proves what a contractor proposes on a box, as far as the rule goes. Steps without weights count for nothing."""
 
-    Steps without weights count for nothing.
-    """
+    def __init__(self, statement: Statement) -> None:
+        self._statement = statement
 
-    idempotent = False
-
-    def __init__(self, parts: Sequence[Contractor], statement: Statement, record: Record) -> None:
-        self._parts, self._statement, self._record = parts, statement, record
-
-    def contract(self, box: Box) -> Contraction:
-        steps: tuple[Step, ...] = ()
-        point, programs = None, 0
-        for part in self._parts:
-            done = self._proved(part.contract(box), box)
-            box, steps, programs = done.box, steps + done.steps, programs + done.programs
-            point = point if done.point is None else done.point
-            if box.is_empty:
-                break
-        return Contraction(box, steps, point, programs)
-
-    def _proved(self, proposed: Contraction, box: Box) -> Contraction:
+    def __call__(self, box: Box, proposed: Contraction) -> Proof:
         rule = Rule(self._statement.problem, ExactBox(_fractions(box.lo), _fractions(box.hi)))
         o = self._statement.problem.objective
         cap = None if o is None else number(float(box.hi[o]))
@@ -60,8 +44,8 @@ class Certifying:
             if step.variable is None:
                 excluding = self._excluding(rule, step.weights)
                 if excluding is not None:
-                    self._record({"exclude": 0, "cap": cap, "weights": encoded(excluding)})
-                    return Contraction(Box.empty(box.names), (*steps, step), None, proposed.programs)
+                    exclude = {"exclude": 0, "cap": cap, "weights": encoded(excluding)}
+                    return Proof(Box.empty(box.names), (*steps, step), exclude, True)
                 continue
             i = box.index(step.variable)
             weights, bound = self._bound(rule, i, step, _LOSS * _width(proposed.box, i))
@@ -69,9 +53,9 @@ class Certifying:
                 (lo if step.side == "lo" else hi)[i] = bound
                 bounds.append([i, step.side, number(bound), encoded(weights)])
                 steps.append(step)
-        if bounds:
-            self._record({"pass": 0, "cap": cap, "bounds": bounds})
-        return Contraction(box.with_bounds(lo, hi), tuple(steps), proposed.point, proposed.programs)
+        left = box.with_bounds(lo, hi)
+        record = {"pass": 0, "cap": cap, "bounds": bounds} if bounds else None
+        return Proof(left, tuple(steps), record, _complete(left, proposed.box))
 
     def _excluding(self, rule: Rule, proposed: StepWeights) -> Weights | None:
         for bits in _BITS:
@@ -103,6 +87,13 @@ class Certifying:
             tuple((i, F(touch), w) for (i, touch, _), w in zip(weights.tangents, tangents, strict=True) if w),
             (r, p, t),
         )
+
+
+def _complete(proved: Box, proposed: Box) -> bool:
+    """Whether what was proved is hardly wider than what was proposed."""
+    if proposed.is_empty:
+        return proved.is_empty
+    return not shrunk(proved.width, proposed.width, _NEARLY)
 
 
 def whole(values: Sequence[float], bits: int) -> tuple[list[int], int]:

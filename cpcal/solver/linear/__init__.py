@@ -1,7 +1,8 @@
 """Polyhedra: linear programs that propose, rigorous bounds that dispose."""
 
+from cpcal.solver.linear.engine import LinearEngine, LinearSolution, LinearStatus
 from cpcal.solver.linear.glop import Glop
 from cpcal.solver.linear.lazy import LazyRows
 from cpcal.solver.linear.rigorous import lower_bound
 
-__all__ = ["Glop", "LazyRows", "lower_bound"]
+__all__ = ["Glop", "LazyRows", "LinearEngine", "LinearSolution", "LinearStatus", "lower_bound"]

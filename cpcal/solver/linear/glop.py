@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from ortools.linear_solver import pywraplp
 
-from cpcal.solver.contract import LinearSolution, LinearStatus
+from cpcal.solver.linear.engine import LinearSolution, LinearStatus
 
 Floats = npt.NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.contract import LinearEngine, LinearSolution, LinearStatus
+from cpcal.solver.linear.engine import LinearEngine, LinearSolution, LinearStatus
 
 Floats = npt.NDArray[np.float64]
 

@@ -1,7 +1,8 @@
 """Smallest values, bounded from both sides."""
 
-from cpcal.solver.optimize.bound import Bracket, Minimum, minimize, run
+from cpcal.solver.optimize.bound import minimize, run
 from cpcal.solver.optimize.fit import fit
+from cpcal.solver.optimize.minimum import Bracket, Found, Minimum
 from cpcal.solver.optimize.support import irreducible, support
 from cpcal.solver.optimize.timeout import Answer, Outcome, Trial, ask, timeout
 from cpcal.solver.optimize.verify_point import PointVerdicts, verify_point
@@ -10,6 +11,7 @@ from cpcal.solver.optimize.witness import Witness, WitnessProver
 __all__ = [
     "Answer",
     "Bracket",
+    "Found",
     "Minimum",
     "Outcome",
     "PointVerdicts",

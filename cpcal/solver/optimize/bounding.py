@@ -1,126 +1,94 @@
-"""What is done to one node of the branch and bound: contract, cut with the incumbent, decide what comes next."""
+"""What is done to one node of the branch and bound: cut with the incumbent, contract, decide what comes next."""
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
-from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy
-from cpcal.solver.interval import Arithmetic, Box
-from cpcal.solver.linear import Glop
-from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.fit import fit
-from cpcal.solver.optimize.witness import Witness, WitnessProver
-from cpcal.solver.search import bisect
+from cpcal.solver.contract import Contraction, Step, Strategy, shrunk
+from cpcal.solver.interval import Box
+from cpcal.solver.optimize.incumbent import Incumbent
+from cpcal.solver.search import Contracting, Decision, EventKind, Node, Piece, bisect, divided
 
-Floats = npt.NDArray[np.float64]
+Row = tuple[int, int]  # constraint, element
 
 _SHRINK = 0.8  # go on with a node while some width falls below this share of what it was
 _SETTLE = 0.95  # the same for a node that was closed from the start, where only the enclosure is at stake
 _THIN = 1e-12  # a width below this share of the domain's does not count
 
 
+@dataclass(frozen=True)
+class Branch:
+    """What decisions about a node depend on, besides its box.
+
+    found  the part of the box that all contractors have reached (see `cpcal.solver.search.passes`)
+    fresh  no fit has begun here since the last division
+    rows   of the step on the way here that raised the objective last
+    """
+
+    found: Box
+    fresh: bool
+    rows: frozenset[Row] = frozenset()
+
+
 class Bounding:
-    """Contractor and strategy in one: they share the incumbent (a proved point), which cuts the objective."""
+    """The process of a branch and bound: every decision is made of the node and of the incumbent.
 
-    idempotent = False
+    Without `enclose` no work is spent on a box that is closed. Where weights have proved less than was found, the work
+    goes on until both are settled; boxes are divided where `strategy` divides what was found, as long as that is open.
+    """
 
-    def __init__(
-        self,
-        network: ConstraintNetwork,
-        objective: int,
-        contractor: Contractor,
-        strategy: Strategy,
-        limits: Limits,
-        engine: Arithmetic,
-        enclose: bool,
-    ) -> None:
-        self._enclose = enclose
-        self._inner, self._strategy, self.objective, self.limits = contractor, strategy, objective, limits
-        self._rows = Rows(network)
-        self._prover = WitnessProver(network, objective, engine)
-        self.domain = network.domain
-        self.witness: Witness | None = None
-        self.programs = 0
-        self.used: set[tuple[int, int]] = set()
-        self.decisive: set[tuple[int, int]] = set()  # rows of the steps that decided the leaves
-        self._last: set[tuple[int, int]] = set()  # rows of the latest step that raised the objective
-        self._fresh = True  # no fit has started in what the last division made
-        self._productive = self._was_closed = False
+    def __init__(self, incumbent: Incumbent, contracting: Contracting, strategy: Strategy, enclose: bool) -> None:
+        self._incumbent, self._contracting, self._strategy, self._enclose = incumbent, contracting, strategy, enclose
 
-    @property
-    def hi(self) -> float:
-        return np.inf if self.witness is None else self.witness.value
-
-    @property
-    def goal(self) -> float:
-        """Nodes whose objective is at least this need no more work."""
-        return self.hi - max(self.limits.gap * abs(self.hi), self.limits.gap_absolute)
-
-    @property
-    def floor(self) -> float:
-        """The second-order effect of the readings at the incumbent (0 without one)."""
-        return 0.0 if self.witness is None else self._rows.second_order(self.witness.point)
-
-    def propose(self, start: Floats) -> None:
-        """Fit from a point and keep what is proved, if it is better."""
-        for point in (fit(self._rows, self.objective, self.domain, start, Glop()), start):
-            witness = self._prover.prove(point)
-            if witness is not None and witness.value < self.hi:
-                self.witness = witness
-                return
-
-    def cut(self, box: Box) -> Box:
-        """Drop what is worse than the incumbent."""
-        name = box.names[self.objective]
-        return box.replace(name, hi=min(float(box.hi[self.objective]), self.hi))
-
-    def contract(self, box: Box) -> Contraction:
-        """One pass of the contractor, between cuts; a fit from its point, once after every division."""
-        before = self.cut(box)
+    def __call__(self, node: Node) -> Decision:
+        known, branch = self._incumbent, node.state
+        before = known.cut(node.box)
         if before.is_empty:
-            return Contraction(before)
-        self._was_closed = self.closed(before)
-        step = self._inner.contract(before)
-        self.programs += step.programs
-        self._remember(step)
-        if step.point is not None and self._fresh and not self.closed(step.box):
-            self.propose(step.point)
-            self._fresh = False
-        counts = before.width > _THIN * self.domain.width
-        ratio = _SETTLE if self._was_closed else _SHRINK
-        self._productive = bool((step.box.width < ratio * before.width)[counts].any())
-        return Contraction(self.cut(step.box), step.steps, step.point, step.programs)
+            return Decision(EventKind.PRUNED, Contraction(before))
+        was_closed = known.closed(before)
+        found_before = known.cut(branch.found)
+        done = self._contracting.contract(before, found_before)
+        step = done.contraction
+        branch = replace(branch, rows=self.raising(step.steps) or branch.rows)
+        if step.point is not None and branch.fresh and not known.closed(step.box):
+            known.propose(step.point)
+            branch = replace(branch, fresh=False)
+        pays = self._pays(before, step.box, was_closed) or self._pays(found_before, done.found, was_closed)
+        left = replace(step, box=known.cut(step.box))
+        branch = replace(branch, found=known.cut(done.found))
+        kind, pieces = self._next(left.box, branch, pays, was_closed)
+        return Decision(kind, left, pieces, done.uses, done.proof)
 
-    def _remember(self, step: Contraction) -> None:
-        """The rows that the proof stands on."""
-        self.used.update(row for s in step.steps for row in s.rows)
-        name = self.domain.names[self.objective]
-        raised = [s for s in step.steps if s.variable is None or (s.variable == name and s.side == "lo")]
-        if raised:
-            self._last = set(raised[-1].rows)
-        if step.box.is_empty:
-            self.decisive |= self._last
+    def raising(self, steps: Iterable[Step]) -> frozenset[Row]:
+        """The rows of the last step that raised the objective, or proved a box empty."""
+        name = self._incumbent.domain.names[self._incumbent.objective]
+        raised = [s for s in steps if s.variable is None or (s.variable == name and s.side == "lo")]
+        return frozenset(raised[-1].rows) if raised else frozenset()
 
-    def closed(self, box: Box) -> bool:
-        """Whether the box can raise the bracket's lower end no further than the gap asked for."""
-        return not box.is_empty and bool(box.lo[self.objective] >= self.goal)
+    def _pays(self, before: Box, after: Box, was_closed: bool) -> bool:
+        """Whether another pass is worth while."""
+        counts = before.width > _THIN * self._incumbent.domain.width
+        return shrunk(before.width[counts], after.width[counts], _SETTLE if was_closed else _SHRINK)
 
-    def settled(self, box: Box) -> bool:
-        """Whether dividing the box is pointless: it is closed, or down to the second order of the readings."""
-        return self.closed(box) or (not box.is_empty and bool(box.lo[self.objective] >= self.hi - self.floor))
-
-    def split(self, box: Box) -> tuple[Box, ...]:
-        """The box itself for another pass, () once it is settled, else its pieces by the strategy.
+    def _next(self, box: Box, branch: Branch, pays: bool, was_closed: bool) -> tuple[EventKind, tuple[Piece, ...]]:
+        """The box itself for another pass, or to be kept once it is settled, else its pieces by the strategy.
 
         Where that finds nothing to divide, the objective itself is halved.
         """
-        closed = self.closed(box)
-        if self._productive and closed == self._was_closed and (self._enclose or not closed):
-            return (box,)
-        pieces = () if self.settled(box) else self._strategy.split(box) or bisect(box, self.objective)
-        self._fresh = len(pieces) > 1
-        if not pieces:
-            self.decisive |= self._last
-        return pieces
+        if box.is_empty:
+            return EventKind.PRUNED, ()
+        closed = self._incumbent.closed(box)
+        if pays and closed == was_closed and (self._enclose or not closed):
+            return EventKind.CONTRACTED, (Piece(box, branch),)
+        pieces = () if self._incumbent.settled(box) else self._pieces(box, branch)
+        return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (Piece(box, branch),))
+
+    def _pieces(self, box: Box, branch: Branch) -> tuple[Piece, ...]:
+        """Pieces of the node's box, cut where what was found is cut; a fit may begin in the first of them."""
+        found = box if self._incumbent.settled(branch.found) else branch.found
+        cuts = divided(box, found, lambda part: self._strategy.split(part) or bisect(part, self._incumbent.objective))
+        return tuple(
+            Piece(piece, replace(branch, found=branch.found.intersect(piece), fresh=k == 0))
+            for k, piece in enumerate(cuts)
+        )

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.contract import LinearEngine, LinearStatus
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import LazyRows
+from cpcal.solver.linear.engine import LinearEngine, LinearStatus
 from cpcal.solver.network.rows import Rows, RowValues
 
 Floats = npt.NDArray[np.float64]

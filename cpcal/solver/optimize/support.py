@@ -10,7 +10,7 @@ import numpy.typing as npt
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.bound import Minimum
+from cpcal.solver.optimize.minimum import Minimum
 
 Solve = Callable[[ConstraintNetwork], Minimum]
 Elements = npt.NDArray[np.intp]

@@ -15,10 +15,10 @@ from enum import Enum
 
 import numpy as np
 
-from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy
+from cpcal.solver.contract import Limits, Strategy
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.witness import Witness, WitnessProver
-from cpcal.solver.search import Event, EventKind, Search
+from cpcal.solver.search import Contracting, ContractorUse, Divide, Event, EventKind, Node, Piece, Search, total_use
 
 _CLOSE = 1.0 / 16.0  # of the bracket: an eps nearer than this to its lower end is too close
 _SHRINK = 0.9  # of a width: another pass of the contractor is worth while
@@ -53,13 +53,17 @@ class Trial:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a solver returns: its answer, a proved point if it found one, and whether a certificate was kept."""
+    """What a solver returns: its answer, a proved point if it found one, who worked.
+
+    `checked`: weights alone prove that the answer is infeasible, so that a certificate can say it.
+    """
 
     answer: Answer
     witness: Witness | None = None
     nodes: int = 0
     programs: int = 0
     checked: bool = False
+    uses: tuple[ContractorUse, ...] = ()
 
 
 Solver = Callable[[float, float], Outcome]  # eps, seconds
@@ -99,7 +103,7 @@ def timeout(
 
 def ask(
     domain: Box,
-    contractor: Contractor,
+    contracting: Contracting,
     strategy: Strategy,
     prover: WitnessProver,
     seconds: float,
@@ -107,54 +111,38 @@ def ask(
 ) -> Outcome:
     """Search `domain` (its upper end of the objective is the eps that is asked about) for a valid point.
 
-    Boxes that `strategy` no longer divides, and the points that the contractor proposes, are tried: whatever their
-    smallest objective is, a point that is proved with one in the domain is found.
+    Boxes that `strategy` no longer divides, and the points that the contractors propose, are tried: whatever their
+    smallest objective is, a point that is proved with one in the domain is found. When the contractors have found that
+    there is none, the time that is left goes into the proof by weights, if one is wanted.
     """
     highest = float(domain.hi[prover.objective])
     clock = Limits(seconds=seconds).clock()
-    passes = _Passes(contractor, strategy)
-    search = Search([domain], passes, passes)
+    search = Search([Piece(domain, domain)], Divide(contracting, strategy, again=_SHRINK))
     nodes = programs = 0
+    uses: tuple[ContractorUse, ...] = ()
     for event in search:
         nodes += event.kind is not EventKind.CONTRACTED
         programs += event.contraction.programs
+        uses = total_use(uses, event.decision.uses)
         if observe is not None:
             observe(event)
         witness = _valid(prover, event, highest)
         if witness is not None:
-            return Outcome(Answer.FOUND, witness, nodes, programs)
-        if clock.over() and search.pending:
-            return Outcome(Answer.TIMEOUT, None, nodes, programs)
+            return Outcome(Answer.FOUND, witness, nodes, programs, uses=uses)
+        if clock.over():
+            break
+    leaves: list[Node | Piece] = [*search.pending, *search.kept]
     # a small box that was kept may hold a point or not: nothing is known
-    return Outcome(Answer.TIMEOUT if search.kept else Answer.INFEASIBLE, None, nodes, programs)
-
-
-class _Passes:
-    """A contractor applied to a box for as long as some width falls to less than a share of what it was."""
-
-    idempotent = False
-
-    def __init__(self, contractor: Contractor, strategy: Strategy) -> None:
-        self._contractor, self._strategy, self._productive = contractor, strategy, False
-
-    def contract(self, box: Box) -> Contraction:
-        done = self._contractor.contract(box)
-        self._productive = bool((done.box.width < _SHRINK * box.width).any())
-        return done
-
-    def split(self, box: Box) -> tuple[Box, ...]:
-        return (box,) if self._productive else self._strategy.split(box)
+    answer = Answer.INFEASIBLE if all(leaf.state.is_empty for leaf in leaves) else Answer.TIMEOUT
+    checked = contracting.proves and not leaves
+    return Outcome(answer, None, nodes, programs, checked, uses)
 
 
 def _valid(prover: WitnessProver, event: Event, highest: float) -> Witness | None:
     """A proved point from an event, with an objective up to `highest`."""
-    box = event.contraction.box
-    if box.is_empty:
-        return None
-    points = [] if event.contraction.point is None else [event.contraction.point]
-    if event.kind is EventKind.KEPT:
-        points.append(box.mid)
-    for point in points:
+    point, kept = event.contraction.point, event.decision.pieces if event.kind is EventKind.KEPT else ()
+    proposed = [] if point is None or event.contraction.box.is_empty else [point]
+    for point in proposed + [piece.state.mid for piece in kept if not piece.state.is_empty]:
         witness = prover.prove(np.asarray(point))
         if witness is not None and witness.value <= highest:
             return witness

@@ -1,33 +1,46 @@
 """Branch and prune as an iterator, the strategies that it splits boxes by, and what it finds."""
 
 from cpcal.solver.search.conclusion import conclusion
+from cpcal.solver.search.divide import DepthStrategy, Divide
 from cpcal.solver.search.orders import ORDERS, BestFirst, Node, Priority, breadth_first, depth_first
+from cpcal.solver.search.passes import Contracting, ContractorUse, Pass, Proof, StepProver, divided, total_use
 from cpcal.solver.search.paving import Paving, Solution
 from cpcal.solver.search.regions import clusters, difference, hull, volume
-from cpcal.solver.search.search import DepthStrategy, Event, EventKind, Search
+from cpcal.solver.search.search import Decision, Event, EventKind, Piece, Process, Search
 from cpcal.solver.search.strategies import STRATEGIES, LargestFirst, RoundRobin, Smear, bisect
 
 __all__ = [
     "ORDERS",
     "STRATEGIES",
     "BestFirst",
+    "Contracting",
+    "ContractorUse",
+    "Decision",
     "DepthStrategy",
+    "Divide",
     "Event",
     "EventKind",
     "LargestFirst",
     "Node",
+    "Pass",
     "Paving",
+    "Piece",
     "Priority",
+    "Process",
+    "Proof",
     "RoundRobin",
     "Search",
     "Smear",
     "Solution",
+    "StepProver",
     "bisect",
     "breadth_first",
     "clusters",
     "conclusion",
     "depth_first",
     "difference",
+    "divided",
     "hull",
+    "total_use",
     "volume",
 ]

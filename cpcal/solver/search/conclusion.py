@@ -19,7 +19,8 @@ _SEVERAL = 64  # boxes of a cluster that are tried one by one where its hull is 
 def conclusion(search: Search, prover: UniquenessProver, clock: Clock, nodes: int) -> Paving:
     """What is known when a search stops, at its end or at a limit. Ctrl-C ends the proofs, not the conclusion."""
     pending = [node.box for node in search.pending]
-    proved, open_boxes = _proved(search.kept, prover, clock)
+    kept = [piece.box for piece in search.kept]
+    proved, open_boxes = _proved(kept, prover, clock)
     boxes = [(Verdict.PROVED, box) for box in proved]
     boxes += [(Verdict.UNKNOWN, box) for box in open_boxes + pending]
     labels = clusters([box for _, box in boxes])
@@ -27,7 +28,7 @@ def conclusion(search: Search, prover: UniquenessProver, clock: Clock, nodes: in
     status = _sentence(len(proved), len(open_boxes), len(pending), len(search.inside))
     outside = list(search.outside)
     if search.wants_outside and prover.applies:
-        outside += _without(search.kept, proved + open_boxes)
+        outside += _without(kept, proved + open_boxes)
     return Paving(not pending, status, solutions, nodes, tuple(search.inside), tuple(outside))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,11 +15,12 @@ from cpcal.solver.network.rows import Rows
 
 @dataclass(frozen=True)
 class Node:
-    """An undecided box; `serial` counts nodes in order of creation."""
+    """An undecided box; `serial` counts nodes in order of creation, `state` is what the parent's decision handed on."""
 
     box: Box
     depth: int
     serial: int
+    state: Any = None
 
 
 Priority = Callable[[Node], float]

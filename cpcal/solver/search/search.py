@@ -1,7 +1,8 @@
-"""Branch and prune. The search is an iterator that yields one event per node.
+"""Branch and prune: the whole search is one callback, `process(node) -> Decision`.
 
-Progress bars, limits, logs and checkpoints are callers of it: stop iterating whenever you like, `pending`
-holds every box that has not been decided.
+The search is an iterator that yields one event per node. Progress bars, limits, logs and checkpoints are callers of it:
+stop iterating whenever you like, `pending` holds every box that has not been decided. What a decision depends on is in
+the node: its box, and the `state` that the decision which made it handed on.
 """
 
 from __future__ import annotations
@@ -10,16 +11,17 @@ import heapq
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol, runtime_checkable
+from typing import Any
 
-from cpcal.solver.contract import Contraction, Contractor, Strategy
+from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
 from cpcal.solver.search.orders import Node, Priority, depth_first
+from cpcal.solver.search.passes import ContractorUse
 from cpcal.solver.search.regions import difference
 
 
 class EventKind(Enum):
-    """What became of a node."""
+    """What becomes of a node."""
 
     PRUNED = "proved to hold no solution"
     SPLIT = "divided"
@@ -29,50 +31,77 @@ class EventKind(Enum):
 
 
 @dataclass(frozen=True)
-class Event:
-    """One node's fate. `contraction.box` is what was left of `node.box`."""
+class Piece:
+    """A box and what later decisions about it depend on besides."""
+
+    box: Box
+    state: Any = None
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What becomes of a node. `contraction.box` is what is left of its box, and `pieces` cover that.
+
+    PRUNED has no pieces; KEPT and INSIDE have one, which is stored; CONTRACTED has one, which comes back as a node, and
+    SPLIT has several. `uses` says who contracted, `proof` how weights prove it, for a certificate.
+    """
 
     kind: EventKind
-    node: Node
     contraction: Contraction
+    pieces: tuple[Piece, ...] = ()
+    uses: tuple[ContractorUse, ...] = ()
+    proof: tuple[tuple[str, dict[str, Any]], ...] = ()
+
+    @property
+    def box(self) -> Box:
+        """What is left of the node's box."""
+        return self.contraction.box
+
+
+Process = Callable[[Node], Decision]
+
+
+@dataclass(frozen=True)
+class Event:
+    """One node, what was decided, and the nodes that it became."""
+
+    node: Node
+    decision: Decision
     children: tuple[Node, ...] = ()
 
+    @property
+    def kind(self) -> EventKind:
+        return self.decision.kind
 
-@runtime_checkable
-class DepthStrategy(Protocol):
-    """A strategy that wants to know how many divisions led to a box."""
-
-    def split_at(self, box: Box, depth: int) -> tuple[Box, ...]: ...
+    @property
+    def contraction(self) -> Contraction:
+        return self.decision.contraction
 
 
 class Search(Iterator[Event]):
-    """Contract the most urgent box, then prune, keep or split it. Lower priority goes first, then age.
+    """Process the most urgent node, then the next one. Lower priority goes first, then age.
 
-    A strategy that returns one piece asks for another pass over it. `kept` holds the boxes that were fine enough and
-    `inside` those of which the test of that name proved that they hold nothing but solutions; `outside`, if wanted,
-    what was proved to hold none. At every moment these three and `pending` cover the roots.
+    `kept` holds the pieces that were fine enough and `inside` the boxes that hold nothing but solutions; `outside`, if
+    wanted, what was proved to hold none. At every moment these three and `pending` cover the roots.
     """
 
     def __init__(
         self,
-        roots: Iterable[Box],
-        contractor: Contractor,
-        strategy: Strategy,
+        roots: Iterable[Box | Piece],
+        process: Process,
         priority: Priority = depth_first,
         *,
-        inside: Callable[[Box], bool] | None = None,
         outside: bool = False,
     ) -> None:
-        self._contractor, self._strategy, self._priority = contractor, strategy, priority
-        self._is_inside, self.wants_outside = inside, outside
+        self._process, self._priority, self.wants_outside = process, priority, outside
         self._heap: list[tuple[float, int, Node]] = []
         self._current: Node | None = None
         self._created = 0
-        self.kept: list[Box] = []
+        self.kept: list[Piece] = []
         self.inside: list[Box] = []
         self.outside: list[Box] = []
-        for box in roots:
-            self._push(box, 0)
+        for root in roots:
+            self._push(root if isinstance(root, Piece) else Piece(root), 0)
 
     @property
     def pending(self) -> tuple[Node, ...]:
@@ -89,37 +118,26 @@ class Search(Iterator[Event]):
             self._current = self._heap[0][2]
             heapq.heappop(self._heap)
         node = self._current
-        contraction = self._contractor.contract(node.box)
-        box = contraction.box
-        is_inside = not box.is_empty and self._is_inside is not None and self._is_inside(box)
-        pieces = () if box.is_empty or is_inside else self._pieces(box, node.depth)
-        removed = difference(node.box, box) if self.wants_outside else ()
-        children = tuple(self._push(piece, node.depth + (len(pieces) > 1)) for piece in pieces)
-        if is_inside:
-            self.inside.append(box)
-        elif not pieces and not box.is_empty:
-            self.kept.append(box)
+        decision = self._process(node)
+        removed = difference(node.box, decision.box) if self.wants_outside else ()
+        children = self._stored(node, decision)
         self.outside.extend(removed)
         self._current = None
-        return Event(_kind(box, len(pieces), is_inside), node, contraction, children)
+        return Event(node, decision, children)
 
-    def _pieces(self, box: Box, depth: int) -> tuple[Box, ...]:
-        if isinstance(self._strategy, DepthStrategy):
-            return self._strategy.split_at(box, depth)
-        return self._strategy.split(box)
+    def _stored(self, node: Node, decision: Decision) -> tuple[Node, ...]:
+        """Keep or queue the pieces; the nodes that they became."""
+        if decision.kind is EventKind.INSIDE:
+            self.inside.extend(piece.box for piece in decision.pieces)
+        elif decision.kind is EventKind.KEPT:
+            self.kept.extend(decision.pieces)
+        else:
+            depth = node.depth + (decision.kind is EventKind.SPLIT)
+            return tuple(self._push(piece, depth) for piece in decision.pieces)
+        return ()
 
-    def _push(self, box: Box, depth: int) -> Node:
-        node = Node(box, depth, self._created)
+    def _push(self, piece: Piece, depth: int) -> Node:
+        node = Node(piece.box, depth, self._created, piece.state)
         self._created += 1
         heapq.heappush(self._heap, (self._priority(node), node.serial, node))
         return node
-
-
-def _kind(box: Box, pieces: int, is_inside: bool) -> EventKind:
-    if box.is_empty:
-        return EventKind.PRUNED
-    if is_inside:
-        return EventKind.INSIDE
-    if pieces == 1:
-        return EventKind.CONTRACTED
-    return EventKind.SPLIT if pieces else EventKind.KEPT

@@ -15,9 +15,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.contract import LinearStatus
+from cpcal.solver.contract import shrunk
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.linear import Glop, LazyRows, lower_bound
+from cpcal.solver.linear.engine import LinearStatus
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact
 from cpcal.vision.pose_sets.pose_enclosure import Found, View
 from cpcal.vision.pose_sets.pose_rows import PoseBox, PoseRows, pose_rows
@@ -41,7 +42,7 @@ def all_but(view: View, box: PoseBox, outliers: int) -> Found:
             return None
         narrower = box.with_unknowns(after)
         box = narrower.about(narrower.middle) or box
-        if rows.bend(unknowns) < _STRAIGHT or not (after.width < _PAYS * unknowns.width).any():
+        if rows.bend(unknowns) < _STRAIGHT or not shrunk(unknowns.width, after.width, _PAYS):
             break
     return box
 

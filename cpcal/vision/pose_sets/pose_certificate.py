@@ -10,20 +10,20 @@ the certificate states its linear rows.
 from __future__ import annotations
 
 import os
-from typing import Any
+from itertools import islice
 
 import numpy as np
 
 from cpcal.errors import ModelError
 from cpcal.robot import Pose
 from cpcal.solver.certificate.exact_network import network_statement
-from cpcal.solver.certificate.recording import Recording, certifying
+from cpcal.solver.certificate.recording import Recording
 from cpcal.solver.certificate.statement import limits
-from cpcal.solver.contract import Contractor
+from cpcal.solver.contract import Repeat
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
-from cpcal.solver.search import Search
+from cpcal.solver.search import Contracting, Divide, LargestFirst, Search
 from cpcal.vision.pose_sets.pose_enclosure import Found, View, first_box, pose_network
 from cpcal.vision.pose_sets.pose_rows import PoseBox
 from cpcal.vision.pose_sets.proved_homography import homography_network
@@ -86,43 +86,25 @@ def _meaning(view: View, center: Pose) -> str:
 
 def _used(view: View, network: ConstraintNetwork) -> ConstraintNetwork:
     """The network with the rows that carry a step of some pass; all others only make a certificate longer."""
-    contractor = view.contractor(network)
-    box, carrying = network.domain, set[int]()
-    for _ in range(_PASSES):
-        before = box
-        contraction = contractor.contract(box)
-        box = contraction.box
-        carrying.update(k for step in contraction.steps for _, k in step.rows)
-        if box.is_empty or not (box.width < _PAYS * before.width).any():
-            break
-    return restricted(network, [np.array(sorted(carrying), dtype=np.intp)])
-
-
-class _UntilNarrow:
-    """A strategy that never divides: another pass while some width shrinks."""
-
-    def __init__(self) -> None:
-        self._last: Any = np.inf
-        self._passes = 0
-
-    def split(self, box: Box) -> tuple[Box, ...]:
-        shrinks = bool((box.width < _PAYS * self._last).any())
-        self._last, self._passes = box.width, self._passes + 1
-        return (box,) if shrinks and self._passes < _PASSES else ()
+    steps = Repeat(view.contractor(network), _PAYS, _PASSES).contract(network.domain).steps
+    carrying = sorted({k for step in steps for _, k in step.rows})
+    return restricted(network, [np.array(carrying, dtype=np.intp)])
 
 
 def _recorded(path: str | os.PathLike[str], view: View, network: ConstraintNetwork, about: str) -> Box:
     """What the certificate written to `path` proves of the network, whose only constraint is an array of rows."""
     network = _used(view, network)
-    parts: list[Contractor] = certifying([view.contractor(network)])
-    if not parts:
+    named = [("", view.contractor(network))]
+    if not Contracting(named).gives_weights:
         raise ModelError("no certificate: the contractors give no weights; use lifted")
     domain = network.domain
     with Recording(network_statement(network, None, about), domain) as recording:
-        search = Search([domain], recording.contractor(parts), _UntilNarrow())
-        for event in search:
+        never = LargestFirst(skip=domain.names)  # no box is divided: another pass while some width shrinks
+        search = Search([domain], Divide(Contracting(named, recording.prover), never, again=_PAYS))
+        for event in islice(search, _PASSES):
             recording.event(event)
-        left = search.kept[0] if search.kept else Box.empty(domain.names)
+        boxes = [node.box for node in search.pending] + [piece.box for piece in search.kept]
+        left = boxes[0] if boxes else Box.empty(domain.names)
         hull = None if left.is_empty else limits(left)
         claims = {"cap": None, "infeasible": left.is_empty, "epsilon": None, "enclosure": hull, "point": None}
         recording.write(path, claims)

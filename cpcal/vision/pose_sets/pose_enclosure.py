@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cpcal.robot import Pose, quaternion_from_matrix
 from cpcal.solver import plugins
-from cpcal.solver.contract import Contractor
+from cpcal.solver.contract import Contractor, in_sequence, shrunk
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.model import Network
 from cpcal.solver.network import ConstraintNetwork
@@ -54,7 +54,7 @@ def contractor_of(names: Sequence[str]) -> Callable[[ConstraintNetwork], Contrac
 
     def build(network: ConstraintNetwork) -> Contractor:
         parts = [factory(network, objective=None, arithmetic="float64") for factory in factories]
-        return plugins.composed(parts, names)
+        return in_sequence(parts)
 
     return build
 
@@ -88,7 +88,7 @@ def contracted(view: View, box: PoseBox) -> Found:
         if moved is None:
             return _HALF_TURN
         box = moved
-        if not (after.width < _PAYS * before.width).any():
+        if not shrunk(before.width, after.width, _PAYS):
             break
     return box
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.contract import Contractor
+from cpcal.solver.contract import Contractor, Repeat
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.model import Network
 from cpcal.solver.network import ConstraintNetwork
@@ -74,14 +74,9 @@ def first_motions(
         return "the dots are on a line, or fewer than three"
     network = homography_network(dots, pyramids)
     contractor = contractor_of(network)
-    box = network.domain
-    for _ in range(_PASSES):
-        before = box.width
-        box = contractor.contract(box).box
-        if box.is_empty:
-            return None
-        if not (box.width < 0.5 * before).any():
-            break
+    box = Repeat(contractor, 0.5, _PASSES).contract(network.domain).box
+    if box.is_empty:
+        return None
     return _motions(box.array, dots[list(corners)])
 
 

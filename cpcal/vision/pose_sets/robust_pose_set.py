@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from cpcal.robot import Pose, normalised
 from cpcal.solver import plugins
+from cpcal.solver.contract import shrunk
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.model import Network
 from cpcal.vision.pose_sets.all_but import MOST, all_but
@@ -142,7 +143,7 @@ def _refuted(view: View, box: PoseBox) -> npt.NDArray[np.bool_]:
 
 
 def _narrower(before: PoseBox | None, after: PoseBox) -> bool:
-    return before is None or bool((after.unknowns.width < _PAYS * before.unknowns.width).any())
+    return before is None or shrunk(before.unknowns.width, after.unknowns.width, _PAYS)
 
 
 def _others(view: View, active: Indices) -> Indices:

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import HC4, Beaumont, Krawczyk, fixpoint
+from contractors import HC4, Beaumont, Krawczyk
 from contractors.interval_rows import IntervalRows, beaumont, inequalities, krawczyk
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
-from cpcal.solver.contract import Contraction
+from cpcal.solver.contract import Contraction, Repeat
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, evaluate, maximum, minimum, sqr, sqrt
 
@@ -43,7 +43,7 @@ def test_solves_browns_almost_linear_system_where_hc4_contracts_nothing(
     kind: str, lo: float, hi: float, slopes: bool
 ) -> None:
     net = brown(lo, hi)
-    assert fixpoint(HC4(net)).contract(net.domain).box == net.domain
+    assert Repeat(HC4(net)).contract(net.domain).box == net.domain
     found = KINDS[kind](net, slopes=slopes).contract(net.domain)
     assert np.ones(5) in found.box
     assert found.box.width.max() < 1e-9
@@ -115,7 +115,7 @@ def test_beaumont_beats_krawczyk_and_hc4_in_one_orthant() -> None:
     net = linear(*BARTH_NUDING, np.zeros(2), np.full(2, 300.0))
     exact = Beaumont(net, most=1).contract(net.domain).box
     assert exact.hi == pytest.approx([4, 3])
-    for other in (Krawczyk(net), HC4(net), fixpoint(HC4(net))):  # hc4 gets there in many sweeps
+    for other in (Krawczyk(net), HC4(net), Repeat(HC4(net))):  # hc4 gets there in many sweeps
         assert (other.contract(net.domain).box.hi > [4.2, 3.1]).all()
 
 
@@ -281,7 +281,7 @@ def test_boxes_it_cannot_use_come_back_unharmed(kind: str, bounds: tuple[float, 
 def test_the_algebra_hands_the_polyhedron_on() -> None:
     net = brown(0.8, 1.3)
     parts: list[Contraction] = [
-        c.contract(net.domain) for c in (HC4(net) >> Krawczyk(net), Krawczyk(net) >> HC4(net), fixpoint(Krawczyk(net)))
+        c.contract(net.domain) for c in (HC4(net) >> Krawczyk(net), Krawczyk(net) >> HC4(net), Repeat(Krawczyk(net)))
     ]
     assert all(part.polyhedron is not None for part in parts)
     assert (Krawczyk(net) | HC4(net)).contract(net.domain).polyhedron is None

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import HC4, Separator, Violating, fixpoint, qinter
+from contractors import HC4, Separator, Violating, qinter
 from contractors.qinter import one_by_one, q_intersection
 from cpcal import Network
 from cpcal.errors import ModelError
+from cpcal.solver.contract import Repeat
 from cpcal.solver.existence import Inside
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt
@@ -90,9 +91,9 @@ def ranging(wrong: int | None) -> Network:
 @pytest.mark.parametrize("wrong", range(8))
 def test_a_false_range_is_tolerated(wrong: int) -> None:
     net = ranging(wrong)
-    assert fixpoint(HC4(net)).contract(net.domain).box.is_empty  # all together they contradict each other
-    assert fixpoint(qinter(net, q=0)).contract(net.domain).box.is_empty
-    box = fixpoint(qinter(net, q=1)).contract(net.domain).box
+    assert Repeat(HC4(net)).contract(net.domain).box.is_empty  # all together they contradict each other
+    assert Repeat(qinter(net, q=0)).contract(net.domain).box.is_empty
+    box = Repeat(qinter(net, q=1)).contract(net.domain).box
     assert TRUTH in box
     paving = net.solve(width=0.2, contractors=[qinter(net, q=1)])
     assert paving.complete

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import HC4, BoxConsistency, Cid, Newton, Shaving, fixpoint
+from contractors import HC4, BoxConsistency, Cid, Newton, Shaving
 from contractors.slices import contract_all, cuts
-from cpcal.solver.contract import Contraction, Contractor
+from cpcal.solver.contract import Contraction, Contractor, Repeat
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork, sqr
 
@@ -25,7 +25,7 @@ def crossing(half: float = 3.0) -> ConstraintNetwork:
 
 
 def stuck(net: ConstraintNetwork) -> bool:
-    return fixpoint(HC4(net), 0.999).contract(net.domain).box == net.domain
+    return Repeat(HC4(net), 0.999).contract(net.domain).box == net.domain
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -82,7 +82,7 @@ def test_box_consistency_on_a_double_root_and_next_to_it(least: float) -> None:
     net = ConstraintNetwork()
     x = net.variable("x", (), (-4, 5))
     net.add(x * x - 2 * x + 1 <= least)
-    box = fixpoint(BoxConsistency(net)).contract(net.domain).box
+    box = Repeat(BoxConsistency(net)).contract(net.domain).box
     if least < 0.0:
         assert box.is_empty
     else:
@@ -96,7 +96,7 @@ def test_box_consistency_finds_the_outer_roots_of_a_polynomial() -> None:
     x = net.variable("x", (), (-10, 10))
     net.add(x * x * x * x - 12 * x * x * x + 47 * x * x - 60 * x == 0)
     assert stuck(net)
-    box = fixpoint(BoxConsistency(net, precision=1e-3)).contract(net.domain).box
+    box = Repeat(BoxConsistency(net, precision=1e-3)).contract(net.domain).box
     assert all([root] in box for root in (0.0, 3.0, 4.0, 5.0))
     assert box["x"].lo > -1e-9
     assert box["x"].hi < 5.01

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 import cpcal
+from contractors import Lifted
 from cpcal.checker.checker import check
-from cpcal.solver.contract import Limits
+from cpcal.solver import plugins
+from cpcal.solver.contract import Composable, Contraction, Limits, Step
+from cpcal.solver.interval import Box
 from cpcal.solver.optimize import Answer, Outcome, Trial, Witness, timeout
 
 
@@ -110,14 +113,53 @@ def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
     assert cpcal.load_result(tmp_path).legs[0].trials
 
 
-def test_without_weights_the_answers_are_unchecked() -> None:
+def test_without_a_certificate_no_answer_is_checked_and_none_is_said_to_be() -> None:
     campaign = cpcal.simulate(seed=4, joint_error=3.0, factor=0.0, random_poses=14, extremal=False)
     leg = cpcal.certify(
         campaign, legs=[1], delta=0.0, contractors=["hc4"], method="timeout", time_limit=30.0, gap=1e-2
     ).legs[0]
-    assert any(t.answer is Answer.INFEASIBLE and not t.checked for t in leg.trials)
-    assert "unchecked" in leg.status
+    assert any(t.answer is Answer.INFEASIBLE for t in leg.trials)
+    assert not any(t.checked for t in leg.trials)
     assert leg.verdict is cpcal.Verdict.PROVED
+    assert "closed" not in leg.status
+    assert "within the relative gap of 0.01" in leg.status
+    assert leg.eps_hi - leg.eps_lo <= 1e-2 * leg.eps_hi
+
+
+class KnowsMore(Composable):
+    """hc4's network is not asked: infeasible below `least`, which no weights prove on wide boxes."""
+
+    def __init__(self, least: float) -> None:
+        self.least = least
+
+    def contract(self, box: Box) -> Contraction:
+        if not box.is_empty and box["eps"].hi < self.least:
+            return Contraction(Box.empty(box.names), (Step("knows", None, "", np.nan),))
+        return Contraction(box)
+
+
+def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_bound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sim: dict[str, Any] = {"seed": 4, "joint_error": 3.0, "factor": 0.0, "random_poses": 14, "extremal": False}
+    cpcal.save_campaign(cpcal.simulate(**sim), tmp_path / "campaign")
+    campaign = cpcal.load_campaign(tmp_path / "campaign")
+    least = 0.9 * cpcal.certify(campaign, legs=[1], delta=2.0).legs[0].eps_lo
+    load = plugins.load
+    monkeypatch.setattr(Lifted, "contract", lambda self, box: Contraction(box))  # weights prove nothing
+    monkeypatch.setattr(
+        plugins, "load", lambda name: (lambda *_, **__: KnowsMore(least)) if name == "k" else load(name)
+    )
+    question: dict[str, Any] = {"legs": [1], "delta": 2.0, "method": "timeout", "time_limit": 1.5, "gap": 0.4}
+    leg = cpcal.certify(campaign, contractors=["k", "lifted"], certificates=tmp_path / "run", **question).legs[0]
+    assert any(t.answer is Answer.INFEASIBLE for t in leg.trials)
+    assert not any(t.checked for t in leg.trials)
+    assert leg.eps_lo == 0.0 < (leg.found_lo or 0.0) < least
+    assert leg.verdict is cpcal.Verdict.UNKNOWN
+    assert "the certificate proves 0." in leg.status
+    assert leg.certificate is not None
+    claims = check(tmp_path / "run" / leg.certificate, tmp_path / "campaign").claims
+    assert claims.eps_lo is None
 
 
 def test_what_the_script_does_not_answer() -> None:

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from cpcal.solver.contract import LinearStatus
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 from cpcal.solver.linear import Glop, LazyRows, lower_bound
+from cpcal.solver.linear.engine import LinearStatus
 
 Floats = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)

@@ -12,7 +12,19 @@ from cpcal import Interval, Limits, Network, Verdict
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.search import EventKind, LargestFirst, Paving, Search, Smear, bisect, breadth_first
+from cpcal.solver.search import (
+    Decision,
+    Divide,
+    EventKind,
+    LargestFirst,
+    Node,
+    Paving,
+    Piece,
+    Search,
+    Smear,
+    bisect,
+    breadth_first,
+)
 
 
 def ring() -> ConstraintNetwork:
@@ -44,7 +56,7 @@ def test_kept_boxes_hold_all_solutions_and_every_node_is_one_event(strategy: str
     net = ring()
     how = LargestFirst(0.2) if strategy == "largest" else Smear(net, 0.2)
     priority = {} if order == "depth" else {"priority": breadth_first}
-    search = Search([net.domain], HC4(net), how, **priority)  # type: ignore[arg-type]
+    search = Search([net.domain], Divide(HC4(net), how), **priority)  # type: ignore[arg-type]
     events = list(search)
     serials = [event.node.serial for event in events]
     assert sorted(serials) == list(range(len(events)))
@@ -67,11 +79,11 @@ def test_kept_boxes_hold_all_solutions_and_every_node_is_one_event(strategy: str
 @pytest.mark.parametrize("stop", [0, 1, 5, 37])
 def test_what_was_kept_and_what_is_pending_cover_the_domain_at_any_stop(stop: int) -> None:
     net = ring()
-    search = Search([net.domain], HC4(net), LargestFirst(0.1))
+    search = Search([net.domain], Divide(HC4(net), LargestFirst(0.1)))
     events = [next(search) for _ in range(stop)]
     kept = [event.contraction.box for event in events if event.kind is EventKind.KEPT]
     assert covered(kept + [node.box for node in search.pending])
-    again = Search([node.box for node in search.pending], HC4(net), LargestFirst(0.1))
+    again = Search([node.box for node in search.pending], Divide(HC4(net), LargestFirst(0.1)))
     kept += [event.contraction.box for event in again if event.kind is EventKind.KEPT]
     assert covered(kept)
 
@@ -101,7 +113,7 @@ def test_an_interrupted_node_stays_pending(where: str) -> None:
                 raise KeyboardInterrupt
 
     spoilt = Interrupting(1.0)
-    search = Search([net.domain], spoilt, spoilt)
+    search = Search([net.domain], Divide(spoilt, spoilt))
     for _ in range(3):
         next(search)
     before = search.pending
@@ -115,9 +127,39 @@ def test_an_interrupted_node_stays_pending(where: str) -> None:
 
 def test_urgent_first_then_in_order_of_age() -> None:
     boxes = [Box.from_dict({"x": (k, k + 1)}) for k in (3, 1, 2, 1)]
-    search = Search(boxes, Nothing(), LargestFirst(10.0), lambda node: float(node.box.lo[0]))
+    search = Search(boxes, Divide(Nothing(), LargestFirst(10.0)), lambda node: float(node.box.lo[0]))
     assert [node.serial for node in search.pending] == [1, 3, 2, 0]
     assert [event.node.serial for event in search] == [1, 3, 2, 0]
+
+
+def test_what_a_decision_depends_on_travels_in_the_node() -> None:
+    """A process without memory: each node knows how often it may still be halved, and from which side it came."""
+
+    def process(node: Node) -> Decision:
+        left, path = node.state
+        if left == 0:
+            return Decision(EventKind.KEPT, Contraction(node.box), (Piece(node.box, path),))
+        halves = bisect(node.box, 0)
+        pieces = tuple(Piece(half, (left - 1, path + side)) for half, side in zip(halves, "lr", strict=True))
+        return Decision(EventKind.SPLIT, Contraction(node.box), pieces)
+
+    search = Search([Piece(Box.from_dict({"x": (0, 8)}), (2, ""))], process)
+    events = list(search)
+    assert len({event.node.serial for event in events}) == len(events) == 7
+    assert {piece.state: float(piece.box.lo[0]) for piece in search.kept} == {"ll": 0, "lr": 2, "rl": 4, "rr": 6}
+    assert [event.node.depth for event in events if event.kind is EventKind.KEPT] == [2, 2, 2, 2]
+
+
+def test_a_box_that_shrinks_comes_back_as_one_node_of_the_same_depth() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (0, 10)), net.variable("y", (), (0, 10))
+    net.add([2 * y == x, x == y])
+    search = Search([net.domain], Divide(HC4(net), LargestFirst(1.0), again=0.9))
+    events = list(search)
+    assert {event.kind for event in events} == {EventKind.CONTRACTED, EventKind.KEPT}
+    assert all(len(event.children) == (event.kind is EventKind.CONTRACTED) for event in events)
+    assert {event.node.depth for event in events} == {0}
+    assert search.kept[0].box.width.max() < 1.0
 
 
 # strategies -------------------------------------------------------------------------------------------------

@@ -15,23 +15,29 @@ from contractors import (
     HC4,
     Beaumont,
     Cid,
-    Fixpoint,
     Krawczyk,
     Lifted,
     LinearSystem,
     Newton,
     Shaving,
-    Then,
-    Union,
-    fixpoint,
 )
 from cpcal.errors import PluginError
 from cpcal.solver import plugins
-from cpcal.solver.contract import Contraction, Contractor, Polyhedron, Step
+from cpcal.solver.contract import (
+    Contraction,
+    Contractor,
+    ContractorFactory,
+    Polyhedron,
+    Repeat,
+    Step,
+    Then,
+    Union,
+    elements,
+    gives_weights,
+)
 from cpcal.solver.existence import krawczyk
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.plugins import ContractorFactory
 from cpcal.solver.testing import CONFORMANCE, boxes, cases, check_contractor
 
 
@@ -44,7 +50,7 @@ def union(network: ConstraintNetwork, **options: Any) -> Contractor:
 
 
 def repeated(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return fixpoint(HC4(network, **options), ratio=0.99)
+    return Repeat(HC4(network, **options), ratio=0.99)
 
 
 def shaved(network: ConstraintNetwork, **options: Any) -> Contractor:
@@ -52,14 +58,14 @@ def shaved(network: ConstraintNetwork, **options: Any) -> Contractor:
 
 
 def sliced(network: ConstraintNetwork, **options: Any) -> Contractor:
-    return Cid(fixpoint(HC4(network, **options)), slices=2)
+    return Cid(Repeat(HC4(network, **options)), slices=2)
 
 
 def krawczyk_only(network: ConstraintNetwork, **options: Any) -> Contractor:
     return Newton(network, operator=krawczyk, **options)
 
 
-ALGEBRA = {"then": then, "union": union, "fixpoint": repeated}
+ALGEBRA = {"then": then, "union": union, "repeat": repeated}
 VARIANTS = {
     "krawczyk with slopes": partial(Krawczyk, slopes=True),
     "beaumont with slopes": partial(Beaumont, slopes=True, most=3),
@@ -194,6 +200,11 @@ def waver_in_polyhedron(box: Box, result: Contraction) -> Contraction:
     return replace(result, polyhedron=Polyhedron(box.names, row, np.array([float(next(_COUNTER))])))
 
 
+def halve_smaller(box: Box, result: Contraction) -> Contraction:
+    """Loses solutions of boxes that were contracted before: a repetition shows it."""
+    return halve(box, result) if not box.is_empty and not np.allclose(box.lo, np.round(box.lo)) else result
+
+
 def scribble(box: Box, result: Contraction) -> Contraction:
     if not box.is_empty:
         object.__setattr__(box, "lo", np.nextafter(box.lo, -np.inf))
@@ -219,6 +230,10 @@ BROKEN = {
     "invent": (spoilt(invent_variable), "steps_agree"),
     "boast": (spoilt(boast), "steps_agree"),
     "claim": (spoilt(claim_empty), "steps_agree"),
+    "no weights": (spoilt(lambda box, result: result, gives_weights=True), "declares_truly"),
+    "no word": (spoilt(lambda box, result: result, gives_weights="yes"), "declares_truly"),
+    "nan tolerance": (spoilt(lambda box, result: result, monotone_tolerance=np.nan), "declares_truly"),
+    "second call": (spoilt(halve_smaller), "composes"),
 }
 
 
@@ -258,9 +273,7 @@ def test_check_contractor_accepts_a_good_one() -> None:
 
 
 class Foreign:
-    """A third party's contractor without operators of its own."""
-
-    idempotent = True
+    """A third party's contractor that declares nothing and has no operators."""
 
     def contract(self, box: Box) -> Contraction:
         return Contraction(box.replace("x", hi=min(1.0, float(box.hi[0]))), programs=2)
@@ -290,23 +303,39 @@ def test_operators_compose_with_a_foreign_contractor_on_either_side(network: Con
         assert result.steps == ()
 
 
-def test_fixpoint_repeats_while_it_pays() -> None:
+def test_the_core_composes_contractors_that_know_nothing_of_composition(network: ConstraintNetwork) -> None:
+    result = plugins.build(network, [Foreign(), Foreign()]).contract(network.domain)
+    assert result.box["x"].hi == 1.0
+    assert result.programs == 4
+    assert Repeat(Foreign(), most=5).contract(network.domain).programs == 4  # the second call changes nothing
+    assert Union(Foreign(), Foreign()).contract(network.domain).box["x"].hi == 1.0
+    lifted, hc4 = Lifted(network), HC4(network)
+    assert elements(Then(hc4, Repeat(Then(lifted, hc4)))) == (hc4, lifted, hc4)
+    assert [gives_weights(c) for c in (lifted, hc4, Foreign(), lifted >> hc4)] == [True, False, False, False]
+
+
+def test_what_is_no_contractor_is_refused(network: ConstraintNetwork) -> None:
+    with pytest.raises(PluginError, match="no contractor: give its name"):
+        plugins.build(network, ["hc4", 5])  # type: ignore[list-item]
+
+
+def test_repeat_repeats_while_it_pays() -> None:
     net = ConstraintNetwork()
     x, y = net.variable("x", (), (0, 10)), net.variable("y", (), (0, 10))
     net.add([2 * y == x, x == y])
     once = HC4(net).contract(net.domain).box
-    many = fixpoint(HC4(net)).contract(net.domain).box
+    many = Repeat(HC4(net)).contract(net.domain).box
     assert once.width.max() > 1.0
     assert many.width.max() < 1e-6
     assert (0.0, 0.0) in many
 
 
-def test_fixpoint_stops_on_empty_and_refuses_a_senseless_ratio(network: ConstraintNetwork) -> None:
+def test_repeat_stops_on_empty_and_refuses_a_senseless_ratio(network: ConstraintNetwork) -> None:
     network.add(network.variables[0] >= 3)
-    assert fixpoint(HC4(network)).contract(network.domain).box.is_empty
+    assert Repeat(HC4(network)).contract(network.domain).box.is_empty
     for ratio in (0.0, -1.0, 1.5):
         with pytest.raises(ValueError, match="ratio"):
-            Fixpoint(HC4(network), ratio)
+            Repeat(HC4(network), ratio)
 
 
 def test_unknown_contractor_is_an_error_that_lists_those_found(network: ConstraintNetwork) -> None:

@@ -10,13 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import HC4, Lifted
-from contractors.supports import Directions, over_box
+from contractors.directions import Directions, over_box
 from cpcal.calibration import least_squares
 from cpcal.legs import leg_box, leg_network, residuals
 from cpcal.simulate import simulate, true_robot
-from cpcal.solver.contract import LinearSolution, LinearStatus, Supporting
+from cpcal.solver.contract import SupportFunction
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.linear import Glop
+from cpcal.solver.linear.engine import LinearSolution, LinearStatus
 from cpcal.solver.network import ConstraintNetwork
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -41,8 +42,8 @@ def strip():
 
 
 def test_lifted_offers_them_and_hc4_does_not() -> None:
-    assert isinstance(Lifted(strip()), Supporting)
-    assert not isinstance(HC4(strip()), Supporting)
+    assert isinstance(Lifted(strip()), SupportFunction)
+    assert not isinstance(HC4(strip()), SupportFunction)
 
 
 @ARITHMETICS
@@ -51,7 +52,7 @@ def test_a_strip_is_much_thinner_than_its_box(arithmetic: str) -> None:
     lifted = Lifted(net, arithmetic=arithmetic)
     box = lifted.contract(net.domain).box
     directions = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, 0.0], [1.0, -1.0], [0.0, 0.0]])
-    bounds = lifted.supports(box, directions)
+    bounds = lifted.support_function(box, directions)
     assert 0.01 <= bounds[0] < 0.0100001
     assert 0.01 <= bounds[1] < 0.0100001
     assert bounds[2] <= box.hi[0] + 1e-12
@@ -73,7 +74,7 @@ def test_they_hold_every_sampled_solution_of_a_leg(arithmetic: str, seed: int) -
     engine = get_arithmetic(arithmetic)
     net = leg_network(campaign, leg, leg_box(center, 10.0 * eps), engine=engine, eps=(eps, eps))
     directions = rng.normal(0, 1, (12, 8)) * 10.0 ** rng.uniform(-6, 6, (12, 1)) * rng.integers(0, 2, (12, 8))
-    bounds = Lifted(net, arithmetic=arithmetic).supports(net.domain, directions)
+    bounds = Lifted(net, arithmetic=arithmetic).support_function(net.domain, directions)
     assert (bounds <= over_box(engine, net.domain, directions)).all()
     near = center + eps * rng.normal(0, 1, (500, 7)) * 10.0 ** rng.uniform(-2, 0.3, (500, 1))
     solved = [x for x in near if np.abs(residuals(campaign, leg, x)).max() < eps * (1 - 1e-9)]
@@ -94,7 +95,7 @@ def test_they_hold_the_true_leg_within_its_reading_sets(seed: int) -> None:
     box = leg_box(x + rng.uniform(-1, 1, 7) * (delta := 10.0 ** rng.uniform(-2, 2)), delta)
     net = leg_network(campaign, leg, box, engine=get_arithmetic("float64"), eps=(0.0, 0.0))
     directions = rng.normal(0, 1, (12, 8))
-    bounds = Lifted(net).supports(net.domain, directions)
+    bounds = Lifted(net).support_function(net.domain, directions)
     assert holds(directions, bounds, np.append(x, 0.0))
 
 
@@ -103,9 +104,9 @@ def test_of_an_empty_set_they_are_empty() -> None:
     x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
     net.add([x * x + y * y <= 1, x + y >= 1.6])
     lifted = Lifted(net)
-    assert (lifted.supports(net.domain, np.eye(2)) == -np.inf).all()
-    assert (lifted.supports(Box.empty(net.names), np.eye(2)) == -np.inf).all()
-    assert lifted.supports(net.domain, np.zeros((0, 2))).shape == (0,)
+    assert (lifted.support_function(net.domain, np.eye(2)) == -np.inf).all()
+    assert (lifted.support_function(Box.empty(net.names), np.eye(2)) == -np.inf).all()
+    assert lifted.support_function(net.domain, np.zeros((0, 2))).shape == (0,)
 
 
 def test_where_no_program_helps_the_box_does() -> None:
@@ -113,7 +114,7 @@ def test_where_no_program_helps_the_box_does() -> None:
     x, y = net.variable("x", (), (-np.inf, 2)), net.variable("y", (), (-1, 3))
     net.add(x * y <= 1)
     directions = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [-1.0, 0.0]])
-    bounds = Lifted(net).supports(net.domain, directions)
+    bounds = Lifted(net).support_function(net.domain, directions)
     assert bounds[:3] == pytest.approx([2, 3, 5])
     assert bounds[3] == np.inf
 
@@ -123,7 +124,7 @@ def test_where_no_program_helps_the_box_does() -> None:
             return LinearSolution(LinearStatus.FAILED, solution.point, solution.multipliers)
 
     bounded = net.domain.replace("x", lo=-5.0)
-    assert Lifted(net, engine=Failing).supports(bounded, directions) == pytest.approx([2, 3, 5, 5])
+    assert Lifted(net, engine=Failing).support_function(bounded, directions) == pytest.approx([2, 3, 5, 5])
 
 
 @ARITHMETICS

@@ -13,7 +13,7 @@ from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
-from cpcal.solver.search import Event, EventKind, Node
+from cpcal.solver.search import Decision, Event, EventKind, Node
 
 
 def problem() -> cpcal.Network:
@@ -26,7 +26,7 @@ def problem() -> cpcal.Network:
 def split(node: Node, name: str, at: float, serial: int) -> Event:
     parts = node.box.replace(name, hi=at), node.box.replace(name, lo=at)
     children = tuple(Node(box, node.depth + 1, serial + k) for k, box in enumerate(parts))
-    return Event(EventKind.SPLIT, node, Contraction(node.box), children)
+    return Event(node, Decision(EventKind.SPLIT, Contraction(node.box)), children)
 
 
 def test_steps_on_boxes_above_the_claim_are_left_out(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_many_steps_take_little_memory(tmp_path: Path) -> None:
             recording.event(event)
             serial += 2
             for child in event.children:  # both are excluded: the tree stays narrow
-                recording.event(Event(EventKind.PRUNED, child, Contraction(Box.empty(net.names))))
+                recording.event(Event(child, Decision(EventKind.PRUNED, Contraction(Box.empty(net.names)))))
             recording._names[serial] = 0
             node = Node(net.domain, 0, serial)
             serial += 1

@@ -1,0 +1,104 @@
+"""What a minimisation says: a bracket at every moment, and the minimum at its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpcal.numbers import at_least, gap_text
+from cpcal.solver.contract import Verdict
+from cpcal.solver.interval import Box
+from cpcal.solver.optimize.incumbent import Incumbent
+from cpcal.solver.optimize.witness import Witness
+from cpcal.solver.search import ContractorUse
+
+_DIGITS = 10  # of two lower bounds that differ
+
+
+@dataclass(frozen=True)
+class Bracket:
+    """The state of a minimisation: the optimum lies in `[lo, hi]` (hi infinite: no point proved yet)."""
+
+    lo: float
+    hi: float
+    nodes: int
+    programs: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """What all contractors together prove, where a certificate proves less: see `Minimum`."""
+
+    lo: float
+    enclosure: Box
+
+    def sentence(self, certified: float) -> str:
+        """To follow another one; `certified` is the lower bound that the certificate proves."""
+        if self.lo == np.inf:
+            return " All contractors together prove that there is no solution; the certificate does not."
+        if self.lo > certified:
+            found, proved = at_least(self.lo, _DIGITS), at_least(certified, _DIGITS)
+            return f" All contractors together prove the lower bound {found}; the certificate proves {proved}."
+        return " All contractors together prove a smaller enclosure than the certificate."
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """The end of a minimisation over a box.
+
+    `lo`: proved, no solution has a smaller objective. `hi` and `witness`: a proved solution. `enclosure`: holds every
+    solution with objective <= hi. `verdict` PROVED: the two bounds are no further apart than the gap asked for, or the
+    smallest value of the domain is attained; REFUTED: there is no solution. `floor`: the second-order effect of the
+    readings at the witness; boxes are not divided to close a smaller gap (though contraction alone often closes it).
+    `rows`: the (constraint, element) pairs with a multiplier in some step of the proof of `lo`; `decisive_rows`: those
+    of the steps that decided the leaves. `contractors_used`: those asked for, in their order.
+
+    With a certificate all this is what it proves, and `found` is what the contractors prove beyond it, None if nothing.
+    """
+
+    lo: float
+    hi: float
+    verdict: Verdict
+    status: str
+    witness: Witness | None
+    enclosure: Box
+    floor: float
+    rows: tuple[tuple[int, int], ...]
+    decisive_rows: tuple[tuple[int, int], ...]
+    pending: int
+    nodes: int
+    programs: int
+    seconds: float
+    interrupted: bool = False
+    contractors_used: tuple[ContractorUse, ...] = ()
+    found: Found | None = None
+
+    @property
+    def beyond(self) -> str:
+        """What the contractors prove beyond the certificate, to follow a sentence; it is part of `status`."""
+        return "" if self.found is None else self.found.sentence(self.lo)
+
+
+def status_of(last: Bracket, incumbent: Incumbent, undecided: int) -> tuple[Verdict, str]:
+    """The verdict on a bracket and a sentence; `undecided` boxes were left at a limit."""
+    gap, printed = last.hi - last.lo, gap_text(last.lo, last.hi)
+    if incumbent.witness is None:
+        if not undecided and last.lo == np.inf:
+            return Verdict.REFUTED, "No point of the domain satisfies the constraints: proved."
+        return Verdict.UNKNOWN, "No point was proved to satisfy the constraints; the lower bound is proved."
+    if last.hi == incumbent.domain.lo[incumbent.objective]:
+        return Verdict.PROVED, "The smallest value that the domain allows is attained: proved."
+    if gap <= incumbent.gap:
+        return Verdict.PROVED, "Both bounds are proved and the gap is closed."
+    if undecided:
+        how = f"Stopped at a limit with {undecided} undecided boxes; both bounds are proved, the gap is open."
+    elif gap <= incumbent.floor:
+        how = (
+            f"Both bounds are proved; the gap of {printed} is open. The search ends there, because the second-order "
+            f"effect of the readings is {at_least(incumbent.floor, 2)}."
+        )
+    else:
+        how = f"Both bounds are proved; the contractors cannot close the gap of {printed}."
+    return Verdict.UNKNOWN, how

@@ -1,0 +1,64 @@
+"""The process of plain branch and prune: contract a box, keep it if it is fine enough, else divide it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
+from cpcal.solver.contract import Contractor, Strategy, shrunk
+from cpcal.solver.interval import Box
+from cpcal.solver.search.orders import Node
+from cpcal.solver.search.passes import Contracting, divided
+from cpcal.solver.search.search import Decision, EventKind, Piece
+
+
+@runtime_checkable
+class DepthStrategy(Protocol):
+    """A strategy that wants to know how many divisions led to a box."""
+
+    def split_at(self, box: Box, depth: int) -> tuple[Box, ...]: ...
+
+
+class Divide:
+    """The contractors on every box; `strategy` divides what they leave. A node's state is what was found of its box.
+
+    A box that `inside` proves to hold nothing but solutions is not divided. With `again` a box of which some width
+    shrank below that share is contracted once more before it is divided.
+    """
+
+    def __init__(
+        self,
+        contracting: Contracting | Contractor,
+        strategy: Strategy,
+        *,
+        inside: Callable[[Box], bool] | None = None,
+        again: float | None = None,
+    ) -> None:
+        if not isinstance(contracting, Contracting):
+            contracting = Contracting([("", contracting)])
+        self._contracting = contracting
+        self._strategy, self._inside, self._again = strategy, inside, again
+
+    def __call__(self, node: Node) -> Decision:
+        before = node.box if node.state is None else node.state
+        done = self._contracting.contract(node.box, before)
+        kind, pieces = self._next(node, before, done.contraction.box, done.found)
+        children = tuple(Piece(piece, done.found.intersect(piece)) for piece in pieces)
+        return Decision(kind, done.contraction, children, done.uses, done.proof)
+
+    def _next(self, node: Node, before: Box, box: Box, found: Box) -> tuple[EventKind, tuple[Box, ...]]:
+        if box.is_empty:
+            return EventKind.PRUNED, ()
+        if self._inside is not None and self._inside(box):
+            return EventKind.INSIDE, (box,)
+        if self._again is not None:
+            pairs = ((node.box, box), (before, found))
+            if any(shrunk(one.width, two.width, self._again) for one, two in pairs):
+                return EventKind.CONTRACTED, (box,)
+        pieces = divided(box, found, lambda part: split(self._strategy, part, node.depth))
+        return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (box,))
+
+
+def split(strategy: Strategy, box: Box, depth: int) -> tuple[Box, ...]:
+    """The pieces of a box that `depth` divisions led to."""
+    return strategy.split_at(box, depth) if isinstance(strategy, DepthStrategy) else strategy.split(box)
