@@ -259,7 +259,8 @@ def test_an_unproved_robot_wears_no_badge_that_says_proved(campaign):
 def test_one_number_has_one_rounding(campaign):
     """On the page and in the terminal: each text that begins like a bound is that bound's only text."""
     result = result_of(campaign)
-    console = Console(file=io.StringIO(), width=200)
+    printed = io.StringIO()
+    console = Console(file=printed, width=200)
     show_result(console, result, campaign.legs)
-    for text in (render(campaign, result), console.file.getvalue()):
+    for text in (render(campaign, result), printed.getvalue()):
         assert set(re.findall(r"\b0\.0890\d*", text)) == {"0.08901174", "0.08901176"}
