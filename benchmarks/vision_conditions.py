@@ -107,7 +107,7 @@ def measured(world: World, images: int, seed: int, record: CameraRecord) -> Figu
         image = photographed(DELTALAB_TARGET, DELTALAB_CAMERA, true, world, rng)
         out.images += 1
         try:
-            found = measure_pose(image, DELTALAB_TARGET, record.camera)
+            found = measure_pose(image, DELTALAB_TARGET, record.camera, record.covariance)
         except NotMeasured as reason:
             out.reasons["".join("#" if c.isdigit() else c for c in str(reason))] += 1
             continue
@@ -123,6 +123,7 @@ def _add(out: Figures, found: Measured, true: Pose) -> None:
     turn = quaternion_product(true.quaternion, quaternion_conjugate(found.pose.quaternion))
     error = np.concatenate([true.position - found.pose.position, rotation_vector(turn)])
     out.squares.append(float(error @ np.linalg.solve(found.covariance, error)) / 6.0)
+    out.doubtful += bool(found.doubt)
     used = found.centers - centers[found.numbers]
     out.centers.append(float(np.sqrt((used**2).mean())))
     out.position.append(float(np.abs(error[:3]).max()))

@@ -16,9 +16,8 @@ from cpcal.files.study_writer import table_bytes
 from cpcal.vision.batch.detect import Detections, ImageFolder, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.calibration import calibrate_from_images
-from cpcal.vision.camera import Camera
-from cpcal.vision.files.camera_file import load_camera, save_camera
-from cpcal.vision.files.detection import Detection, detections_bytes
+from cpcal.vision.files.camera_file import CameraRecord, load_camera, save_camera
+from cpcal.vision.files.detection import SCALE, Detection, detections_bytes
 from cpcal.vision.files.readings import Readings, load_readings
 from cpcal.vision.files.target_file import load_target, save_target
 from cpcal.vision.target import Target
@@ -60,12 +59,19 @@ def detect_poses(
     if camera is None:
         _calibrate(images, load_target(target), output, refine_dots)
         return
-    plate, lens, known = _loaded(target, camera, readings)
+    plate, record, known = _loaded(target, camera, readings)
+    lens = record.camera
     source = ImageFolder(images, (lens.width, lens.height))
     made(output.absolute().parent)
     with bar("images") as progress:
         found = detect(
-            source, plate, lens, journal=output.with_name(f"{output.name}.journal"), workers=workers, progress=progress
+            source,
+            plate,
+            lens,
+            record.covariance,
+            journal=output.with_name(f"{output.name}.journal"),
+            workers=workers,
+            progress=progress,
         )
     write_file(output, detections_bytes(found.rows))
     show_detections(found, output)
@@ -75,7 +81,7 @@ def detect_poses(
         typer.echo(f"Table of a study: {printable(table)}")
 
 
-def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, Camera, Readings | None]:
+def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, CameraRecord, Readings | None]:
     """What the files say. Raises one InputError with every problem of all."""
     found: list[Any] = []
     problems: list[Problem] = []
@@ -87,7 +93,7 @@ def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, 
     if problems:
         raise InputError(problems)
     plate, record, known = found
-    return plate, record.camera, known
+    return plate, record, known
 
 
 def show_detections(found: Detections, where: Path) -> None:
@@ -98,6 +104,10 @@ def show_detections(found: Detections, where: Path) -> None:
     typer.echo(
         f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {printable(where)}"
     )
+    doubtful = [row for row in found.rows if row.doubt]
+    if doubtful:
+        worst = max(doubtful, key=lambda row: row.values[SCALE])
+        typer.echo(f"  {len(doubtful):,} of the poses are doubtful; {printable(worst.file)}: {printable(worst.doubt)}")
     for reason, files in by_reason(found.rows).items():
         more = f" and {len(files) - _NAMED:,} more" if len(files) > _NAMED else ""
         typer.echo(f"  {len(files):,} x {printable(reason)}: {', '.join(map(printable, files[:_NAMED]))}{more}")

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from cpcal.legs.models import PLAIN, LegModel, Measured, built_in
 from cpcal.robot import Campaign, rotation_matrix
+from cpcal.robot.rotation import rotation_numerators
 from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr
@@ -159,21 +160,8 @@ def _squared_norm(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
 def rotation_enclosure(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
     """Enclosure (N, 3, 3) of the rational matrices of quaternions (N, 4), scalar first, divided by |q|^2."""
     q = [IntervalArray.point(quaternion[:, k]) for k in range(4)]
-    e = engine
-    square, total = [e.sqr(x) for x in q], _squared_norm(quaternion, engine)
-    two = IntervalArray.point(2.0)
-
-    def entry(i: int, j: int) -> IntervalArray:
-        if i == j:  # 1 - 2 (sum of the other two vector parts) / |q|^2, written without cancellation
-            others = [1 + k for k in range(3) if k != i]
-            plus, minus = e.add(square[0], square[1 + i]), e.add(square[others[0]], square[others[1]])
-            return e.div(e.sub(plus, minus), total)
-        k = 3 - i - j
-        sign = 1.0 if (j - i) % 3 == 2 else -1.0
-        scalar = e.mul(e.mul(q[0], q[1 + k]), IntervalArray.point(sign))
-        return e.div(e.mul(two, e.add(e.mul(q[1 + i], q[1 + j]), scalar)), total)
-
-    entries = [entry(i, j) for i in range(3) for j in range(3)]
+    rows, norm_squared = rotation_numerators(q, engine)
+    entries = [engine.div(entry, norm_squared) for row in rows for entry in row]
     shape = (len(quaternion), 3, 3)
     return IntervalArray(
         np.stack([x.lo for x in entries], axis=1).reshape(shape),

@@ -19,10 +19,12 @@ import numpy.typing as npt
 from cpcal.errors import InputError, Problem
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.robot import Robot
+from cpcal.robot.rotation import rotation_numerators
 from cpcal.solver.arrays import Floats
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr
+from cpcal.solver.network.expression import as_expr
 
 LEGS = 6  # as many equations as unknowns: what the Newton test needs
 
@@ -92,11 +94,11 @@ def pose_network(robot: Robot, readings: Floats, quaternion: Floats) -> Constrai
 
 
 def _turned(q: Expr, points: Floats) -> Expr:
-    """R(q) b, rational and so enclosed, for points (n, 3): ((w^2 - r.r) b + 2 (r.b) r + 2 w (r x b)) / |q|^2."""
-    w, r = q[0], q[1:]
-    along = (r[None, :] * points).sum(-1)[:, None] * r[None, :]
-    numerator = (sqr(w) - sqr(r).sum()) * points + 2.0 * (along + w * _cross(r[None, :], points))
-    return numerator / sqr(q).sum()
+    """R(q) b, rational and so enclosed, for points (n, 3)."""
+    rows, norm_squared = rotation_numerators(q[k] for k in range(4))
+    axes = np.eye(3)
+    turned = sum(rows[i][j] * np.outer(points[:, j], axes[i]) for i in range(3) for j in range(3))
+    return as_expr(turned / norm_squared)
 
 
 def _cross(x: Expr, y: Expr | Floats) -> Expr:

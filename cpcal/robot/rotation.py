@@ -6,23 +6,53 @@ and in exact arithmetic, whether q has unit norm or not (DESIGN section 1).
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Callable, Iterable
+from typing import Any, Protocol
+
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.solver.arrays import Floats
 
 
+class Ring(Protocol):
+    """How numbers of some kind are added, subtracted and multiplied: module `operator`, or an interval arithmetic."""
+
+    @property
+    def add(self) -> Callable[[Any, Any], Any]: ...
+    @property
+    def sub(self) -> Callable[[Any, Any], Any]: ...
+    @property
+    def mul(self) -> Callable[[Any, Any], Any]: ...
+
+
+def rotation_numerators(quaternion: Iterable[Any], ring: Ring = operator) -> tuple[list[list[Any]], Any]:
+    """The nine entries of |q|^2 R(q), row by row, and |q|^2, over any ring: arrays, fractions, expressions, intervals.
+
+    Every product is formed once. What R(q) is stands here alone; the checker has its own.
+    """
+    w, x, y, z = quaternion
+    add, sub, mul = ring.add, ring.sub, ring.mul
+    ww, xx, yy, zz = mul(w, w), mul(x, x), mul(y, y), mul(z, z)
+    xy, xz, yz, wx, wy, wz = mul(x, y), mul(x, z), mul(y, z), mul(w, x), mul(w, y), mul(w, z)
+
+    def twice(value: Any) -> Any:
+        return add(value, value)
+
+    rows = [
+        [sub(sub(add(ww, xx), yy), zz), twice(sub(xy, wz)), twice(add(xz, wy))],
+        [twice(add(xy, wz)), sub(add(sub(ww, xx), yy), zz), twice(sub(yz, wx))],
+        [twice(sub(xz, wy)), twice(add(yz, wx)), add(sub(sub(ww, xx), yy), zz)],
+    ]
+    return rows, add(add(add(ww, xx), yy), zz)
+
+
 def rotation_matrix(quaternion: npt.ArrayLike) -> Floats:
     """R(q), (..., 4) -> (..., 3, 3): the rotation of any non-zero quaternion, without a square root."""
     q = np.asarray(quaternion, dtype=np.float64)
     # plain floats are several times faster for one quaternion, and give the same bits
-    w, x, y, z = q.tolist() if q.ndim == 1 else (q[..., 0], q[..., 1], q[..., 2], q[..., 3])
-    entries = [
-        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-    ]
-    norm_squared = w * w + x * x + y * y + z * z
+    entries, norm_squared = rotation_numerators(q.tolist() if q.ndim == 1 else np.moveaxis(q, -1, 0))
     if q.ndim == 1:
         return np.array(entries) / np.float64(norm_squared)
     matrix = np.stack([np.stack(row, axis=-1) for row in entries], axis=-2)

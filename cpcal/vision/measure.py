@@ -23,6 +23,7 @@ Array = npt.NDArray[np.float64]
 FEWEST = 20  # dots of the target
 LARGEST = 100_000_000  # pixels: larger images are refused before they are looked at
 RESIDUAL = 0.1  # pixels: a larger rms says that camera, target or identification is wrong
+DOUBTFUL = 2.0  # scale: what a camera and a target as stated never come near
 _STAGES = ("dots", "identification", "pose")
 
 
@@ -60,19 +61,34 @@ class Measured:
         return self.dots.centers[self.identification.found[~self.estimate.outliers]]
 
     @property
+    def doubt(self) -> str:
+        """Why the pose may be off by more than is stated; "" when nothing says so."""
+        if self.estimate.scale <= DOUBTFUL:
+            return ""
+        return (
+            f"the residuals are {np.sqrt(self.estimate.scale):.1f} times as large as stated: "
+            "check the camera's calibration, the target's dots and whether the plate is flat"
+        )
+
+    @property
     def covariance(self) -> Array:
         """(6, 6) of position (mm) and rotation vector (rad) in the camera frame."""
         return self.estimate.covariance
 
 
 def measure_pose(
-    image: npt.NDArray[np.generic], target: Target, camera: Camera, *, residual: float = RESIDUAL
+    image: npt.NDArray[np.generic],
+    target: Target,
+    camera: Camera,
+    camera_covariance: Array | None = None,
+    *,
+    residual: float = RESIDUAL,
 ) -> Measured:
     """The pose that an image (height, width) or (height, width, 3), 8 or 16 bits, of the camera shows.
 
-    `residual` is the largest plausible root mean square of the dots' residuals, pixels. Well below it, errors of the
-    camera's calibration can still be larger than the dots' and are not in the stated covariance; `estimate.scale` shows
-    them.
+    `camera_covariance` (9, 9) as a calibration states it; left out: the camera is exact. `residual` is the largest
+    plausible root mean square of the dots' residuals, pixels. Well below it, a camera or a target that is not as stated
+    can still move the pose by much more than is stated: `doubt` says so.
 
     Raises NotMeasured with the reason for an image without a reliable pose, and InputError for what is no image.
     """
@@ -85,7 +101,8 @@ def measure_pose(
     dots = refitted(image, dots, mine)
     clock.add("dots")
     try:
-        estimate = estimate_pose(dots.centers[mine], dots.covariance[mine], identification.numbers, target, camera)
+        seen = dots.centers[mine], dots.covariance[mine], identification.numbers
+        estimate = estimate_pose(*seen, target, camera, camera_covariance)
     except NoPose as reason:
         raise NotMeasured(f"no pose: {reason}") from reason
     clock.add("pose")

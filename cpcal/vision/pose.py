@@ -39,18 +39,21 @@ class PoseEstimate:
 
     pose        position (3,) mm, unit quaternion (4,)
     covariance  (6, 6) of position (mm) and rotation vector (rad) in the camera frame: R = R(vector) R_estimated;
-                it follows from the dots' covariances, times `scale`
+                it follows from the dots' covariances, times `scale`, and the camera's
+    camera_part (6, 6) of it: what the camera's covariance makes, the same in every image of that camera; 0 without one
     residuals   (m, 2) found minus predicted centres, pixels, of all given dots
     outliers    (m,) dots that were screened and have no part in the pose
     rms         root mean square of the others' residuals, pixels, per axis
     chi_square, degrees, p_value   of the others
-    scale       1, or chi_square / degrees when the p-value is below 0.001: then the residuals are larger than the dots'
-                covariances say (the camera or the target is not quite as stated)
+    scale       1, or chi_square / degrees when the p-value is below 0.001: then the residuals are
+                larger than the covariances say. The camera or the target is not as stated; that moves all dots
+                together, and the error may be far larger than the scaled covariance says
     rival       by how much at least the chi-square of the plane's second pose is larger, over `scale`; inf: none is
     """
 
     pose: Pose
     covariance: Floats
+    camera_part: Floats
     residuals: Floats
     outliers: Bools
     rms: float
@@ -62,9 +65,16 @@ class PoseEstimate:
 
 
 def estimate_pose(
-    centers: npt.ArrayLike, covariance: npt.ArrayLike, numbers: npt.ArrayLike, target: Target, camera: Camera
+    centers: npt.ArrayLike,
+    covariance: npt.ArrayLike,
+    numbers: npt.ArrayLike,
+    target: Target,
+    camera: Camera,
+    camera_covariance: Floats | None = None,
 ) -> PoseEstimate:
     """The pose that fits centres (m, 2) px with covariances (m, 2, 2) px^2 of the target's dots `numbers` (m,).
+
+    `camera_covariance` (9, 9) of fx, fy, cx, cy, k1, k2, p1, p2, k3; left out: the camera is exact.
 
     Raises NoPose with the reason, InputError when the arrays do not belong together.
     """
@@ -87,24 +97,47 @@ def estimate_pose(
     pixels = _Pixels(dots, seen, factors, target.radius, camera)
     used, final, residuals = _screened(pixels, first.pose)
     degrees = 2 * int(used.sum()) - 6
-    p_value = float(chdtrc(degrees, final.chi_square))
-    scale = final.chi_square / degrees if p_value < POOR else 1.0
+    part, chi_square = _of_camera(pixels.only(used), final, camera_covariance)
+    p_value = float(chdtrc(degrees, chi_square))
+    scale = chi_square / degrees if p_value < POOR else 1.0
     rival = _rival(first, second, final, pixels, used, scale)
     if rival < AMBIGUOUS:
         raise NoPose(f"ambiguous: two poses fit about equally well, chi-square {rival:.1f} apart")
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
     return PoseEstimate(
         Pose(final.pose.position, normalised(final.pose.quaternion)),
-        np.asarray(scale * np.linalg.inv(final.normal), dtype=np.float64),
+        np.asarray(scale * np.linalg.inv(final.normal) + part, dtype=np.float64),
+        part,
         residuals,
         ~used,
         rms,
-        final.chi_square,
+        chi_square,
         degrees,
         p_value,
         scale,
         rival,
     )
+
+
+def _of_camera(pixels: _Pixels, found: Fit, covariance: Floats | None) -> tuple[Floats, float]:
+    """What the camera's covariance (9, 9) adds to the pose's (6, 6), and chi-square of the residuals r under it.
+
+    By A and B, the derivatives of the whitened centres by pose and camera, an error c = F e of the camera moves the
+    pose by -(A' A)^-1 A' B c and leaves the residuals M e, M = (B - A (A' A)^-1 A' B) F. For e of unit covariance
+    chi-square is r' (I + M M')^-1 r.
+    """
+    if covariance is None:
+        return np.zeros((6, 6)), found.chi_square
+    prediction = predict(pixels.dots, pixels.radius, pixels.camera, found.pose, by_camera=True)
+    assert prediction.by_camera is not None  # it was asked for
+    by_pose = pixels.whitened(prediction.by_pose).reshape(-1, 6)
+    by_camera = pixels.whitened(prediction.by_camera).reshape(-1, 9)
+    moved = np.linalg.solve(by_pose.T @ by_pose, by_pose.T @ by_camera)
+    values, vectors = np.linalg.eigh(covariance)
+    left = (by_camera - by_pose @ moved) @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    against = found.residuals @ left
+    explained = against @ np.linalg.solve(np.eye(len(against)) + left.T @ left, against)
+    return np.asarray(moved @ covariance @ moved.T), float(found.chi_square - explained)
 
 
 def _rival(first: Fit, second: Fit, final: Fit, pixels: _Pixels, used: Bools, scale: float) -> float:
@@ -162,12 +195,12 @@ class _Pixels:
     def __call__(self, pose: Pose, slope: bool) -> tuple[Floats, Floats | None]:
         if not slope:
             centers = centers_of(self.dots, self.radius, self.camera, pose)
-            return self._whitened((self.seen - centers)[..., None]).ravel(), None
+            return self.whitened((self.seen - centers)[..., None]).ravel(), None
         predicted = predict(self.dots, self.radius, self.camera, pose)
-        residuals = self._whitened((self.seen - predicted.centers)[..., None])
-        return residuals.ravel(), self._whitened(predicted.by_pose).reshape(-1, 6)
+        residuals = self.whitened((self.seen - predicted.centers)[..., None])
+        return residuals.ravel(), self.whitened(predicted.by_pose).reshape(-1, 6)
 
-    def _whitened(self, pixels: Floats) -> Floats:
+    def whitened(self, pixels: Floats) -> Floats:
         """The factors' inverses times (m, 2, k)."""
         out = np.empty_like(pixels)
         out[:, 0] = pixels[:, 0] / self.factors[:, 0, 0, None]

@@ -36,8 +36,8 @@ class Fit:
 
 def fit(model: Model, pose: Pose) -> Fit:
     """Levenberg-Marquardt; ends when a step is a small part of the standard deviations. After a step that is small
-    beside the distance the derivatives are kept."""
-    damping = 0.0
+    beside the distance the derivatives are kept, until they lead astray."""
+    damping, kept = 0.0, False
     residuals, slope = model(pose, True)
     if slope is None or not np.isfinite(residuals).all():
         return Fit(pose, np.inf, np.eye(6), residuals)
@@ -58,7 +58,10 @@ def fit(model: Model, pose: Pose) -> Fit:
         trial_square = float(trial @ trial)
         if trial_square <= chi_square:
             pose, residuals, chi_square, damping = moved, trial, trial_square, 0.1 * damping
-            slope = slope if trial_slope is None else trial_slope
+            slope, kept = (slope, True) if trial_slope is None else (trial_slope, False)
+        elif kept:
+            fresh, kept = model(pose, True)[1], False
+            slope = slope if fresh is None else fresh
         else:
             damping = max(10.0 * damping, 1e-4)
     raise NoPose(f"the fit has not ended after {_STEPS} steps")

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from cpcal.robot import rotation
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, evaluate
 
 component = st.floats(-10, 10).map(lambda value: 0.0 if abs(value) < 1e-3 else value)
 quaternions = st.tuples(component, component, component, component).filter(any)
@@ -20,6 +22,26 @@ def test_the_matrix_of_any_quaternion_is_a_rotation(q):
     matrix = rotation.rotation_matrix(q)
     assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(matrix) == pytest.approx(1.0)
+
+
+@given(quaternions)
+def test_the_entries_over_any_ring_are_those_over_fractions(q):
+    exact, norm = rotation.rotation_numerators(map(Fraction, q))
+    points = [IntervalArray.point(value) for value in q]
+    network = ConstraintNetwork()
+    symbol = network.variable("q", 4)
+    for name in ("float64", "arb"):
+        enclosed, norm_enclosed = rotation.rotation_numerators(points, get_arithmetic(name))
+        assert float(norm_enclosed.lo) <= norm <= float(norm_enclosed.hi)
+        for row, other in zip(exact, enclosed, strict=True):
+            assert all(float(e.lo) <= v <= float(e.hi) for v, e in zip(row, other, strict=True))
+    expressions, _ = rotation.rotation_numerators(symbol[k] for k in range(4))
+    for row, other in zip(exact, expressions, strict=True):
+        for value, expression in zip(row, other, strict=True):
+            box = evaluate(network, expression, Box(network.names, q, q))
+            assert float(box.lo) <= value <= float(box.hi)
+    columns = np.array(exact) @ np.array(exact).T  # orthogonal, exactly: |q|^4 times the identity
+    assert (columns == np.eye(3, dtype=int) * norm * norm).all()
 
 
 @given(quaternions)

@@ -27,12 +27,19 @@ def test_a_table_of_poses_holds_every_detection_bit_for_bit(names, data):
     for name in names:
         reason = data.draw(st.sampled_from(["", "no dots", 'odd, "quoted"\nreason']))
         values = () if reason else data.draw(ROW)
-        rows.append(Detection(name, reason, data.draw(st.integers(0, 200)), values))
+        doubt = "" if reason else data.draw(st.sampled_from(["", 'large, "odd" residuals']))
+        rows.append(Detection(name, reason, data.draw(st.integers(0, 200)), values, doubt))
     header, *lines = csv.reader(io.StringIO(detections_bytes(rows).decode("utf-8", "surrogateescape")))
     assert tuple(header) == COLUMNS
     read = [
-        Detection(unguarded(file), unguarded(reason), int(dots), tuple(float(cell) for cell in cells if cell))
-        for file, dots, *cells, reason in lines
+        Detection(
+            unguarded(file),
+            unguarded(reason),
+            int(dots),
+            tuple(float(cell) for cell in cells if cell),
+            unguarded(doubt),
+        )
+        for file, dots, *cells, doubt, reason in lines
     ]
     assert read == sorted(rows, key=lambda d: d.file)
     assert detections_bytes(reversed(rows)) == detections_bytes(rows)
@@ -46,7 +53,7 @@ def test_readings_round_trip_and_join(tmp_path):
     again = load_readings(path)
     assert again.keys() == readings.keys()
     assert all(np.array_equal(again[key], readings[key]) for key in readings)
-    values = np.concatenate([table.position, table.quaternion, np.ones((len(table), 7))], axis=1)
+    values = np.concatenate([table.position, table.quaternion, np.ones((len(table), len(NUMBERS) - 7))], axis=1)
     rows = [
         Detection(f"shots/{name}.png", "", 9, tuple(map(float, row)))
         for name, row in zip(table.row_ids, values, strict=True)

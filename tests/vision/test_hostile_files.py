@@ -17,6 +17,7 @@ from cpcal.vision.batch.detect import ImageFolder, detect
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files import image_file
 from cpcal.vision.files.camera_file import load_camera
+from cpcal.vision.files.detection import NUMBERS
 from cpcal.vision.files.image_file import UnreadableImageError, read_image
 from cpcal.vision.files.readings import load_readings
 from cpcal.vision.files.target_file import load_target
@@ -150,9 +151,10 @@ def test_lines_that_no_journal_holds_are_dropped(tmp_path, one_image):
             json.dumps({**row, **wrong})
             for wrong in (
                 {"reason": "", "values": [1.0]},
-                {"reason": "", "values": [float("nan")] * 14},
-                {"reason": "", "values": [10**400] * 14},
+                {"reason": "", "values": [float("nan")] * len(NUMBERS)},
+                {"reason": "", "values": [10**400] * len(NUMBERS)},
                 {"reason": 5},
+                {"doubt": None},
                 {"dots": "many"},
                 {"dots": True},
                 {"stamp": None},

@@ -41,6 +41,36 @@ def test_without_noise_the_pose_is_exact(pose: Pose) -> None:
     assert not found.outliers.any()
 
 
+def test_an_error_of_the_camera_is_in_the_covariance_and_is_no_doubt_of_the_residuals() -> None:
+    """Cameras off by what their covariance says, ten times what the dots' noise makes of a pose: NEES/6 is still 1."""
+    rng = np.random.default_rng(4)
+    poses = facing_poses(rng, 150)
+    sigma = np.array([0.3, 0.3, 0.2, 0.2, 1e-4, 2e-4, 2e-5, 2e-5, 0.0])
+    mixed = np.eye(9)
+    mixed[1, 0] = 0.9  # fx and fy err together
+    factor = sigma[:, None] * mixed
+    squares, scales, without = [], [], []
+    for k in range(150):
+        true = one(poses, k)
+        centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, true) + 0.005 * rng.standard_normal((133, 2))
+        stated = DELTALAB_CAMERA.with_numbers(DELTALAB_CAMERA.numbers + factor @ rng.standard_normal(9))
+        spread = 0.005**2 * np.tile(np.eye(2), (133, 1, 1))
+        found = estimate_pose(centers, spread, ALL, DELTALAB_TARGET, stated, factor @ factor.T)
+        error = pose_error(true, found)
+        squares.append(error @ np.linalg.solve(found.covariance, error) / 6.0)
+        scales.append(found.scale)
+        own = found.covariance - found.camera_part
+        without.append(error @ np.linalg.solve(own, error) / 6.0)
+    assert np.abs(np.mean(squares) - 1.0) < 0.2  # standard deviation 0.047
+    assert np.mean(without) > 20.0
+    assert np.max(scales) < 2.0
+
+
+def test_without_a_cameras_covariance_its_part_is_nothing() -> None:
+    found = estimated(predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, tilted(9.0, 5.0, 600.0, 40.0)), 0.01)
+    assert not found.camera_part.any()
+
+
 def test_the_stated_covariance_holds() -> None:
     """Dots of unequal, correlated errors: the normalised errors have unit variance, the p-values are uniform."""
     rng = np.random.default_rng(1)

@@ -8,15 +8,42 @@ import pytest
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
 from benchmarks.vision_conditions import CONDITIONS, measured
-from benchmarks.vision_scenes import facing_poses, one
+from benchmarks.vision_scenes import FACING, facing_poses, one
 from benchmarks.vision_world import World, photographed, true_centers
+from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
+from cpcal.vision.batch.detect import detection
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.files.camera_file import CameraRecord
+from cpcal.vision.files.detection import SCALE
 from cpcal.vision.measure import measure_pose
 from cpcal.vision.target import DELTALAB_TARGET
 
 TRUE = CameraRecord(DELTALAB_CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "bend"),
+    [([9.0, 9.0, 0.0, 0.0], 0.0), ([0.0, 0.0, 3.0, 0.0], 0.0), ([0.0, 0.0, 0.0, 0.0], 0.2)],
+)
+def test_a_wrong_camera_and_a_bent_plate_are_doubted(numbers, bend):
+    """A focal length off by 1 % moves the pose by 7 mm, a centre off by 3 pixels by 2 mm, a bend by 0.1 mm."""
+    rng = np.random.default_rng(7)
+    tilt = quaternion_product(quaternion_from_rotation_vector(np.array([0.4, 0.1, 0.0])), FACING)
+    pose = Pose(np.array([5.0, -8.0, 620.0]), tilt)
+    image = photographed(DELTALAB_TARGET, DELTALAB_CAMERA, pose, World(bent=bend), rng)
+    camera = DELTALAB_CAMERA.with_numbers(DELTALAB_CAMERA.numbers + np.array([*numbers, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    found = measure_pose(image, DELTALAB_TARGET, camera)
+    assert "times as large as stated" in found.doubt
+    row = detection("a.png", found)
+    assert row.doubt == found.doubt
+    assert row.values[SCALE] > 2.0
+
+
+def test_nothing_is_doubted_where_all_is_as_stated():
+    figures = measured(World(gradient=(0.3, 0.2), noise=3.0), 4, 8, TRUE)
+    assert len(figures.squares) == 4
+    assert figures.doubtful == 0
 
 
 def test_two_renderers_and_two_models_of_a_dots_centre_agree():

@@ -16,14 +16,13 @@ from cpcal.report.images import ImagesFound, Picture, picture
 from cpcal.report.study_tables import TextTable
 from cpcal.robot import PoseTable, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.vision.batch.study_images import RenderedImages
-from cpcal.vision.files.detection import POSITION, QUATERNION, SIGMA, values_of
+from cpcal.vision.files.detection import POSITION, QUATERNION, RMS, SIGMA, values_of
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.overlay import overlay
 
 
 PAPER_PACE = 14_784 / (3 * 3600.0)  # images a second
 _PICTURES, _WIDTH = 6, 480
-_RMS = -1  # the last of a detection's numbers
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -52,7 +51,7 @@ def _counts(done: Photographed) -> TextTable:
     for name, found in done.found.items():
         values = values_of(found.rows)
         dots = np.median([row.dots for row in found.rows if row.found])
-        rms = np.median(values[:, _RMS])
+        rms = np.median(values[:, RMS])
         lines.append((name, f"{len(found.rows):,}", f"{len(values):,}", f"{dots:.0f}", f"{rms:.4f}"))
         lines += [
             (f"no pose: {reason}", f"{len(files):,}", "", "", "") for reason, files in by_reason(found.rows).items()

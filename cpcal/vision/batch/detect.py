@@ -25,6 +25,7 @@ from cpcal.vision.measure import Measured, NotMeasured, measure_pose
 from cpcal.vision.opencv import MissingExtraError, opencv
 from cpcal.vision.target import Target
 
+Array = np.ndarray[Any, np.dtype[np.float64]]
 Progress = Callable[[int, int], None]
 _UNEXPECTED = "failed unexpectedly"
 
@@ -86,6 +87,7 @@ def detect(
     source: Source,
     target: Target,
     camera: Camera,
+    camera_covariance: Array | None = None,
     *,
     journal: Path | None = None,
     workers: int | None = None,
@@ -94,6 +96,7 @@ def detect(
 ) -> Detections:
     """The pose of the target in each image, or the reason why there is none: no image stops the others.
 
+    camera_covariance  (9, 9) as a calibration states it; left out: the camera is exact
     journal   file that keeps what is done: the next call with the same target and camera does none of it again
     workers   processes; left out: one a core. 1: none, the work is done here
     executor  any `concurrent.futures.Executor` to use instead; it is not shut down
@@ -104,13 +107,13 @@ def detect(
     """
     opencv()
     names = list(source.names)
-    with Journal.opened(journal, target, camera) as kept:
+    with Journal.opened(journal, target, camera, camera_covariance) as kept:
         done = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
         todo = [name for name in names if name not in done]
         seconds: dict[str, float] = {}
         if progress is not None:
             progress(len(done), len(names))
-        for rows, spent in in_parallel(_Work(source, target, camera), todo, workers, executor):
+        for rows, spent in in_parallel(_Work(source, target, camera, camera_covariance), todo, workers, executor):
             for row in rows:
                 if not row.reason.startswith(_UNEXPECTED):  # that is tried again
                     kept.add(row, source.stamp(row.file))
@@ -128,6 +131,7 @@ class _Work:
     source: Source
     target: Target
     camera: Camera
+    camera_covariance: Array | None
 
     def __call__(self, names: Sequence[str]) -> tuple[list[Detection], dict[str, float]]:
         waited: dict[str, float] = {}
@@ -141,7 +145,7 @@ class _Work:
         try:
             image = self.source.read(name)
             _add(waited, {self.source.stage: time.perf_counter() - start})
-            found = measure_pose(image, self.target, self.camera)
+            found = measure_pose(image, self.target, self.camera, self.camera_covariance)
             _add(waited, found.seconds)
             return detection(name, found)
         except (UnreadableImageError, NotMeasured) as error:
@@ -163,5 +167,8 @@ def detection(name: str, found: Measured) -> Detection:
     """The row of a pose that was measured."""
     pose = found.estimate.pose
     sigma = np.sqrt(np.diagonal(found.estimate.covariance))
-    numbers = [*pose.position, *pose.quaternion, *sigma, found.estimate.rms]
-    return Detection(name, "", len(found.numbers), tuple(float(v) for v in numbers))
+    of_camera = np.sqrt(np.diagonal(found.estimate.camera_part))
+    identified = found.identification
+    quality = found.estimate.rms, found.estimate.scale, len(identified.missing), len(identified.false)
+    numbers = [*pose.position, *pose.quaternion, *sigma, *of_camera, *quality]
+    return Detection(name, "", len(found.numbers), tuple(float(v) for v in numbers), found.doubt)

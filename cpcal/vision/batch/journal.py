@@ -11,6 +11,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+import numpy as np
+import numpy.typing as npt
+
 from cpcal.atomic import write_file
 from cpcal.errors import InputError, Problem
 from cpcal.version import __version__
@@ -18,7 +21,7 @@ from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import NUMBERS, Detection
 from cpcal.vision.target import Target
 
-FORMAT = "cpcal-detect-journal/1"
+FORMAT = "cpcal-detect-journal/2"
 SIZE_MAX = 2**30  # bytes; a line of a million images each takes some 400
 
 
@@ -30,11 +33,13 @@ class Journal:
     rows: dict[str, tuple[str, Detection]] = field(default_factory=dict)
 
     @classmethod
-    def opened(cls, path: Path | None, target: Target, camera: Camera) -> Journal:
+    def opened(
+        cls, path: Path | None, target: Target, camera: Camera, covariance: npt.NDArray[np.float64] | None = None
+    ) -> Journal:
         """The journal in `path`, begun anew unless it is of this target, camera and version. Raises InputError."""
         if path is None:
             return cls()
-        head = {"format": FORMAT, "version": __version__, "of": _digest(target, camera)}
+        head = {"format": FORMAT, "version": __version__, "of": _digest(target, camera, covariance)}
         rows, lines = _kept(path, head)
         text = "".join(f"{line}\n" for line in [json.dumps(head), *lines])
         write_file(path, text.encode("utf-8", "surrogateescape"))
@@ -52,7 +57,8 @@ class Journal:
 
     def add(self, row: Detection, stamp: str) -> None:
         if self.file is not None:
-            line = {"file": row.file, "stamp": stamp, "reason": row.reason, "dots": row.dots, "values": row.values}
+            told = {"reason": row.reason, "doubt": row.doubt, "dots": row.dots, "values": row.values}
+            line = {"file": row.file, "stamp": stamp, **told}
             self.file.write(json.dumps(line) + "\n")
             self.file.flush()
 
@@ -108,16 +114,22 @@ def _row(line: str) -> tuple[str, Detection] | None:
     """The stamp and the row that a line of a journal states, if it states one."""
     try:
         d = json.loads(line)
-        file, stamp, reason, dots = d["file"], d["stamp"], d["reason"], d["dots"]
+        file, stamp, reason, doubt, dots = d["file"], d["stamp"], d["reason"], d["doubt"], d["dots"]
         values = tuple(map(float, d["values"]))
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None
-    sound = all(isinstance(text, str) for text in (file, stamp, reason)) and type(dots) is int
+    sound = all(isinstance(text, str) for text in (file, stamp, reason, doubt)) and type(dots) is int
     sound &= len(values) == (0 if reason else len(NUMBERS)) and all(map(math.isfinite, values))
-    return (stamp, Detection(file, reason, dots, values)) if sound else None
+    return (stamp, Detection(file, reason, dots, values, doubt)) if sound else None
 
 
-def _digest(target: Target, camera: Camera) -> str:
-    arrays = (target.dots, camera.focal, camera.center, camera.distortion)
+def _digest(target: Target, camera: Camera, covariance: npt.NDArray[np.float64] | None) -> str:
+    arrays = [
+        target.dots,
+        camera.focal,
+        camera.center,
+        camera.distortion,
+        *([] if covariance is None else [covariance]),
+    ]
     told = (target.radius, target.lines, target.bright, camera.width, camera.height, *(a.tolist() for a in arrays))
     return hashlib.sha256(repr(told).encode()).hexdigest()

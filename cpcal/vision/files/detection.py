@@ -13,8 +13,15 @@ import numpy.typing as npt
 from cpcal.files.cells import guarded
 
 POSITION, QUATERNION, SIGMA = slice(0, 3), slice(3, 7), slice(7, 13)
-NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "sx", "sy", "sz", "srx", "sry", "srz", "rms")
-COLUMNS = ("file", "dots", *NUMBERS, "reason")
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+NUMBERS = (
+    *("x", "y", "z", "qw", "qx", "qy", "qz"),
+    *(f"s{axis}" for axis in _AXES),
+    *(f"camera_s{axis}" for axis in _AXES),
+    *("rms", "scale", "missing", "false"),
+)
+RMS, SCALE = NUMBERS.index("rms"), NUMBERS.index("scale")
+COLUMNS = ("file", "dots", *NUMBERS, "doubt", "reason")
 
 
 @dataclass(frozen=True)
@@ -25,13 +32,17 @@ class Detection:
     reason  "" where a pose was found
     dots    how many dots it rests on
     values  x y z (mm), qw qx qy qz, their standard deviations sx sy sz (mm) and srx sry srz (rad, rotation vector in
-            the camera frame), and the RMS of the residuals in pixels per axis; empty without a pose
+            the camera frame), that part of them which the camera's covariance makes and all images share, the RMS of
+            the residuals in pixels per axis, the residuals' mean square over the stated one (1 unless it is surely
+            larger), how many dots of the target are missing, and how many found ones are none; empty without a pose
+    doubt   "" or why the pose may be off by more than is stated
     """
 
     file: str
     reason: str = ""
     dots: int = 0
     values: tuple[float, ...] = ()
+    doubt: str = ""
 
     @property
     def found(self) -> bool:
@@ -39,7 +50,7 @@ class Detection:
 
 
 def values_of(detections: Iterable[Detection]) -> npt.NDArray[np.float64]:
-    """(m, 14): the numbers of those that have a pose."""
+    """(m, 23): the numbers of those that have a pose."""
     rows = [d.values for d in detections if d.found]
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(NUMBERS))
 
@@ -51,5 +62,5 @@ def detections_bytes(detections: Iterable[Detection]) -> bytes:
     writer.writerow(COLUMNS)
     for d in sorted(detections, key=lambda d: d.file):
         numbers = [repr(v) for v in d.values] if d.found else [""] * len(NUMBERS)
-        writer.writerow([guarded(d.file), str(d.dots), *numbers, guarded(d.reason)])
+        writer.writerow([guarded(d.file), str(d.dots), *numbers, guarded(d.doubt), guarded(d.reason)])
     return buffer.getvalue().encode("utf-8", "surrogateescape")

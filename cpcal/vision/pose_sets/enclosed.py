@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.robot.rotation import rotation_numerators
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 
 ENGINE = get_arithmetic("float64")
@@ -49,23 +50,9 @@ def transposed(matrix: IntervalArray) -> IntervalArray:
 
 def rotation(quaternion: npt.ArrayLike) -> IntervalArray:
     """R(q) (3, 3), the rational matrix divided by |q|^2, of one exact quaternion, scalar first."""
-    e = ENGINE
     q = exact(np.asarray(quaternion, dtype=np.float64))
-    w, r = q[0], q[1:]
-    square = e.sub(e.sqr(w), inner(r, r))
-    twice = e.mul(exact(2.0), e.mul(r[:, None], r[None, :]))
-    turn = e.mul(exact(2.0), e.mul(w, r))
-    zero = exact(0.0)
-    skew = stacked(
-        [
-            stacked([zero, e.neg(turn[2]), turn[1]]),
-            stacked([turn[2], zero, e.neg(turn[0])]),
-            stacked([e.neg(turn[1]), turn[0], zero]),
-        ],
-        axis=0,
-    )
-    numerator = e.add(e.add(twice, skew), e.mul(square, exact(np.eye(3))))
-    return e.div(numerator, inner(q, q))
+    rows, norm_squared = rotation_numerators((q[k] for k in range(4)), ENGINE)
+    return ENGINE.div(stacked([stacked(row) for row in rows], axis=0), norm_squared)
 
 
 def half_vector(matrix: IntervalArray) -> IntervalArray | None:
