@@ -46,7 +46,7 @@ def test_it_goes_the_whole_way(demo):
     assert load_study(folder / "study").truth.seed == 3
     hashes = {found.campaign_sha256 for found in (record, result, script, fits)}
     assert hashes == {campaign.sha256}
-    assert (result.method, script.method) == ("bound", "timeout")
+    assert (result.options.method, script.options.method) == ("bound", "timeout")
     assert not campaign.exact
 
 

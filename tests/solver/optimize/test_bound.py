@@ -151,7 +151,7 @@ def test_infeasible_networks_are_refuted() -> None:
     assert found.witness is None
     assert found.enclosure.is_empty
     assert (found.lo, found.hi) == (np.inf, np.inf)
-    net, (x, z) = Network(), (None, None)  # the same with room: min z on x^2 <= z <= -x - 0.24
+    net = Network()  # the same with room: min z on x^2 <= z <= -x - 0.24
     x, z = net.variable("x", (), (-2, 2)), net.variable("z", (), (-10, 10))
     net.add([z >= x**2, x + z <= -0.24])
     assert net.minimize(z).hi == pytest.approx(0.16, rel=1e-5)
