@@ -1,4 +1,4 @@
-# Two commands do it all on a fresh machine with Python 3.11 or newer: `make demo` and `make test`.
+# On a fresh machine with Python 3.11 or newer: `make demo`, `make test`, `make check`, `make docs`.
 PYTHON ?= python3
 BIN := .venv/bin
 

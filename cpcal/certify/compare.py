@@ -142,5 +142,6 @@ def _entry(found: LegResult, model: LegModel) -> Entry:
         certificate=found.certificate,
         status=found.status,
         seconds=found.seconds,
+        determination=found.determination,
         not_certified=found.not_certified,
     )

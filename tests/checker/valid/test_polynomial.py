@@ -163,7 +163,7 @@ def test_rows_are_not_positive_at_solutions(seed: int, root: bool) -> None:
     for _ in range(25):
         u = unit(rng)
         at = inside(x, u)
-        good, point = satisfied(c, at), Unknowns(Box(tuple(at), tuple(at)), free)
+        good, point = satisfied(stated, at), Unknowns(Box(tuple(at), tuple(at)), free)
         assert (holding(problem, point, 0) is not None) == good
         assert (failing(problem, point, 0) is not None) != good
         if good:
