@@ -83,7 +83,7 @@ def certify(
     question = Question(campaign=campaign, options=options, model=corrected, progress=progress)
     if certificates is None:
         return answered(question)
-    with answers_into(certificates, RUN) as draft:
+    with answers_into(certificates, RUN, campaign) as draft:
         return answered(replace(question, certificates=draft))
 
 

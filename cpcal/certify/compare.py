@@ -60,7 +60,7 @@ def compare(
     )
     if certificates is None:
         return compared(question, chosen, progress)
-    with answers_into(certificates, FOLDER) as draft:
+    with answers_into(certificates, FOLDER, campaign) as draft:
         return compared(replace(question, certificates=draft), chosen, progress)
 
 

@@ -105,7 +105,7 @@ def _written(
 
     found: Comparison | None = None
     try:
-        with answers_into(folder, FOLDER) as draft:
+        with answers_into(folder, FOLDER, campaign) as draft:
             found = compared(replace(question, certificates=draft), models, tell)
             save_comparison(found, draft)
             write_comparison(found, draft)

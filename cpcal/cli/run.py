@@ -34,7 +34,7 @@ def certified_into(run: Path, campaign: Campaign, given: Mapping[str, Any], *, a
     result: Result | None = None
     failure: InputError | None = None
     try:
-        with answers_into(run, RUN) as draft:
+        with answers_into(run, RUN, campaign) as draft:
             result = _watched(question, draft, quiet=as_json)
             save_result(result, draft)
             write_report(campaign, result, draft)

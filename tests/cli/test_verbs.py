@@ -112,7 +112,12 @@ def test_simulate_refuses_senseless_options(tmp_path, arguments, texts):
 def test_certify_writes_and_prints_the_answer(certified):
     folder, outcome = certified
     assert outcome.exit_code == 0
-    assert sorted(p.name for p in folder.iterdir()) == ["leg1.cert.jsonl", "report.html", "result.json"]
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "campaign.json",
+        "leg1.cert.jsonl",
+        "report.html",
+        "result.json",
+    ]
     result = cpcal.load_result(folder)
     leg = result.legs[0]
     assert leg.verdict is cpcal.Verdict.PROVED
