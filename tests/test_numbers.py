@@ -126,7 +126,7 @@ def test_examples():
 def _formatted(tree):
     """Lines on which a number is made text with a rounding of its own."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.FormattedValue) and node.format_spec is not None:
+        if isinstance(node, ast.FormattedValue) and isinstance(node.format_spec, ast.JoinedStr):
             spec = "".join(str(getattr(part, "value", "")) for part in node.format_spec.values)
             if re.search(r"[eEfFgG%n]$", spec):
                 yield node.lineno

@@ -107,7 +107,7 @@ class Cpcal:
                 found = self._certified(campaign, leg, question, run)
                 if found.certificate is None:
                     return Answer(False, _leg_figures(found), "no certificate")
-                return Answer(True, _leg_figures(found) | checked(run / found.certificate, folder), "checked")
+                return Answer(True, _leg_figures(found) | checked(run / found.certificate), "checked")
 
         return work
 

@@ -15,9 +15,6 @@ from .equations import (
 from .estimate import (
     Fit,
 )
-from .exact import (
-    solves_exactly,
-)
 from .fit import (
     fit,
 )
@@ -127,7 +124,6 @@ __all__ = [
     "save_record",
     "screen",
     "select_poses",
-    "solves_exactly",
     "tolerance_half_width",
     "validate",
 ]

@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpcal.calibration import solves_exactly
 from cpcal.certify.bracket import Answered, by_bound, prove_support
+from cpcal.certify.determination import determination
 from cpcal.certify.point import verified_rows
 from cpcal.certify.question import Floats, Question
 from cpcal.certify.timeout_method import by_timeout
-from cpcal.legs import PLAIN, built_in, exactly_read
+from cpcal.legs import built_in, exactly_read, leg_statement
 from cpcal.numbers import stated
-from cpcal.results import LegResult, VerifiedPoint
+from cpcal.results import Determination, LegResult, VerifiedPoint
+from cpcal.solver.certificate.readings import at_point, holding
 from cpcal.solver.contract import Verdict
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize import Bracket, Minimum, irreducible, minimize, run
@@ -84,10 +85,19 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
         certificate=answer.certificate,
         not_certified=_not_certified(question, leg, answer),
         verified=VerifiedPoint(eps, len(good), len(bad), len(question.campaign)),
+        determination=_determination(question, leg, middle, found),
         trials=answer.trials,
         contractors_used=found.contractors_used,
         found_lo=found.found.lo if found.found is not None and found.found.lo > found.lo else None,
     )
+
+
+def _determination(question: Question, leg: int, middle: Floats, found: Minimum) -> Determination | None:
+    """At the proved point, or the middle of the box; None for a box that is a point."""
+    if question.options.delta == 0.0:
+        return None
+    at = middle if found.witness is None else found.witness.point[:-1]
+    return determination(question.campaign, leg, at, question.model)
 
 
 def _not_certified(question: Question, leg: int, answer: Answered) -> str:
@@ -113,9 +123,14 @@ def _sentence(question: Question, leg: int, found: Minimum) -> str:
             Verdict.UNKNOWN: f"Stopped before it was known if any x satisfies the equations to within {eps} mm.",
         }[found.verdict] + found.beyond
     if found.witness is not None and found.hi == 0.0:
-        plain, x = question.model.name == PLAIN.name, found.witness.point[:-1]
-        how = "proved in exact arithmetic" if plain and solves_exactly(question.campaign, leg, x) else "proved"
-        return (
-            f"The model is not refuted: some x satisfies every equation exactly for some readings: {how}.{found.beyond}"
-        )
+        how = "proved in exact arithmetic" if _solves_exactly(question, leg, found.witness.point) else "proved"
+        return f"Some x in the box satisfies every equation exactly for some readings: {how}.{found.beyond}"
     return found.status
+
+
+def _solves_exactly(question: Question, leg: int, point: Floats) -> bool:
+    """Whether the checker's own arithmetic proves that the point (n + 1,), eps included, satisfies every equation."""
+    if not built_in(question.model):
+        return False
+    problem, x = leg_statement(question.campaign, leg, model=question.model.name).problem, at_point(point.tolist())
+    return all(holding(problem, x, k) is not None for k in problem.chosen)

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from fractions import Fraction as F
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.certify.model import chosen_model
 from cpcal.errors import InputError, Problem
+from cpcal.files.campaign_json import keep_beside
 from cpcal.legs import PLAIN, LegModel, built_in, leg_box, leg_network, leg_statement
 from cpcal.results import VerifiedPoint
 from cpcal.robot import Campaign
+from cpcal.solver.certificate.readings import at_point, failing, holding
 from cpcal.solver.certificate.recording import Recording, claims_verified
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.optimize import verify_point
@@ -95,10 +96,11 @@ def _certified(
     model: LegModel,
 ) -> tuple[list[int], list[int]]:
     """Write the claims that the checker's own arithmetic repeats."""
-    statement, at = leg_statement(campaign, leg, model=model.name), tuple(F(float(v)) for v in [*x, eps])
-    good = [k for k in good if statement.problem.holds(k, at)]
-    bad = [k for k in bad if statement.problem.fails(k, at)]
-    at_eps = np.append(x, eps)
+    at_eps, statement = np.append(x, eps), leg_statement(campaign, leg, model=model.name)
+    problem, at = statement.problem, at_point(at_eps.tolist())
+    good = [k for k in good if holding(problem, at, k) is not None]
+    bad = [k for k in bad if failing(problem, at, k) is not None]
+    keep_beside(campaign, path)
     with Recording(statement, Box((*model.parameters, "eps"), at_eps, at_eps)) as recording:
         recording.write(path, claims_verified(at_eps, eps, good, bad))
     return good, bad

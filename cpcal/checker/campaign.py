@@ -1,90 +1,90 @@
-"""The checker's own small reader of campaign folders: exact numbers of the rows used. Standard library only."""
+"""Reads campaign.json: the exact numbers of a campaign that certificates speak of."""
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
-import math
-import tomllib
-from collections.abc import Mapping
-from fractions import Fraction as F
 from pathlib import Path
+from typing import Any
 
-from cpcal.checker.lines import Rational
-from cpcal.checker.measurement import Measurement
-from cpcal.checker.refusal import Refused
+from .leg import Measurement
+from .refusal import Refused
+from .strict import decimal, no_float, opened, parsed
 
-_PLACES = ("x", "y", "z")
-_TURNS = ("qw", "qx", "qy", "qz")
+NAME = "campaign.json"
+FORMAT = "cpcal-campaign-exact/1"
+KEYS = {"format", "files", "robot", "uncertainty", "model", "provenance", "measurements"}
+_LARGEST = 16 << 20  # bytes
 
 
 class ExactCampaign:
-    """The rows of one leg, as exact rationals of the float64 numbers that the files hold."""
+    """Measurements as rationals: each number is the float64 nearest to its decimal text."""
 
-    def __init__(self, folder: Path, leg: int, rational: Rational = F) -> None:
+    def __init__(self, path: Path) -> None:
+        """Raises Unusable where the file cannot be read, Refused where it is no campaign."""
+        with opened(path) as stream:
+            content = stream.read(_LARGEST + 1)
+        if len(content) > _LARGEST:
+            raise Refused(0, f"{NAME} is larger than {_LARGEST} bytes")
+        self.sha256 = hashlib.sha256(content).hexdigest()
         try:
-            toml = (folder / "campaign.toml").read_bytes()
-            table = (folder / "measurements.csv").read_bytes()
-            settings = tomllib.loads(toml.decode("utf-8-sig"))
-            rows = list(csv.DictReader(io.StringIO(table.decode("utf-8-sig"))))
-        except (OSError, ValueError, csv.Error) as error:
-            raise Refused(0, f"the campaign in {folder} cannot be read: {error}") from None
-        self.sha256 = hashlib.sha256(toml + b"\0" + table).hexdigest()
-        self._leg, self._rows = leg, [row for row in rows if any(row.values())]
-        self._rational = rational
-        self._radii = [self._exact(v) for v in _half_widths(settings.get("uncertainty", {}), leg)]
+            value = parsed(content, floats=no_float)
+        except ValueError as error:
+            raise Refused(0, f"{NAME} {error}") from None
+        if not isinstance(value, dict) or value.get("format") != FORMAT or set(value) != KEYS:
+            raise Refused(0, f"{NAME} is not of format {FORMAT}")
+        self.robot = value["robot"].get("name") if isinstance(value["robot"], dict) else None
+        rows, self._known = value["measurements"], dict[tuple[int, int], Measurement]()
+        sizes = {len(row) if isinstance(row, list) else 0 for row in rows} if isinstance(rows, list) else set()
+        self.legs = (min(sizes, default=0) - 15) // 2
+        if sizes != {15 + 2 * self.legs} or self.legs < 1:
+            raise Refused(0, f"{NAME}: the measurements are not lists of one length")
+        self._rows: list[list[Any]] = rows
 
     def __len__(self) -> int:
         return len(self._rows)
 
-    def measurement(self, k: int) -> Measurement:
-        """Row k, from 0."""
-        row = self._rows[k]
+    @property
+    def ids(self) -> list[str]:
+        """pose/run of every measurement."""
+        return [f"{row[0]}/{row[1]}" for row in self._rows]
+
+    def of(self, leg: int) -> LegRows:
+        return LegRows(self, leg)
+
+    def measurement(self, k: int, leg: int) -> Measurement:
+        """Row k from 0, leg from 1; read when first used."""
+        if (k, leg) not in self._known:
+            self._known[k, leg] = self._read(k, leg)
+        return self._known[k, leg]
+
+    def _read(self, k: int, leg: int) -> Measurement:
+        row, last = self._rows[k], 15 + self.legs
         try:
-            radii = [
-                self._number(row[name]) if (row.get(name) or "").strip() else default
-                for name, default in zip(_overrides(self._leg), self._radii, strict=True)
-            ]
-            position = tuple(self._number(row[name]) for name in _PLACES)
-            quaternion = tuple(self._number(row[name]) for name in _TURNS)
-            length = self._number(row[f"L{self._leg}"])
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise Refused(0, f"measurement {k} of the campaign cannot be read: {error}") from None
-        if not any(quaternion) or min(radii) < 0:
-            raise Refused(0, f"measurement {k} has a quaternion that is no rotation, or a negative half-width")
-        return Measurement(position, quaternion, length, tuple(radii[:3]), tuple(radii[3:6]), radii[6])
-
-    def _number(self, text: str) -> F:
-        value = float(text)
-        if not math.isfinite(value):
-            raise ValueError(f"{text!r} is not finite")
-        return self._exact(value)
-
-    def _exact(self, value: float) -> F:
-        return self._rational(*value.as_integer_ratio())
+            reading, radii = ([decimal(v) for v in cells] for cells in (row[2:9], row[last - 6 : last]))
+            length, radius = decimal(row[8 + leg]), decimal(row[last - 1 + leg])
+        except ValueError as error:
+            raise Refused(0, f"{NAME}: measurement {k} cannot be used: {error}") from None
+        radii = [*radii[:3], *(r / 2 for r in radii[3:]), radius]
+        if not any(reading[3:]) or min(radii) < 0:
+            raise Refused(0, f"{NAME}: measurement {k} has a quaternion that is no rotation, or a negative half-width")
+        return Measurement(tuple(reading[:3]), tuple(reading[3:]), length, tuple(radii))
 
 
-def _overrides(leg: int) -> tuple[str, ...]:
-    return ("dx", "dy", "dz", "drx", "dry", "drz", f"dL{leg}")
+class LegRows:
+    """The measurements of one leg."""
+
+    def __init__(self, campaign: ExactCampaign, leg: int) -> None:
+        self._campaign, self._leg = campaign, leg
+
+    def __len__(self) -> int:
+        return len(self._campaign)
+
+    def __getitem__(self, k: int) -> Measurement:
+        return self._campaign.measurement(k, self._leg)
 
 
-def _half_widths(settings: Mapping[str, object], leg: int) -> list[float]:
-    """p, r and lambda of all rows: float64 products `factor * sigma`, or what is given."""
-    if settings == {"exact": True}:
-        return [0.0] * 7
-    try:
-        sigma = "factor" in settings
-        factor = float(settings["factor"]) if sigma else 1.0  # type: ignore[arg-type]
-        end = "sigma" if sigma else "half_width"
-        names = [f"{name}_{end}" for name in ("position", "rotation", "length")]
-        position, rotation, length = (settings[name] for name in names)
-        if len(position) != 3 or len(rotation) != 3:  # type: ignore[arg-type]
-            raise ValueError("three numbers each are needed for position and rotation")
-        values = [*position, *rotation, length[leg - 1]]  # type: ignore[misc, index]
-        found = [factor * float(v) for v in values]
-        if not all(map(math.isfinite, found)):
-            raise ValueError("a half-width is not finite")
-        return found
-    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-        raise Refused(0, f"the uncertainty of the campaign cannot be read: {error!r}") from None
+def beside(certificate: Path, sha256: str) -> ExactCampaign:
+    """The campaign beside a certificate that has this digest, or the only one that there is."""
+    paths = sorted(certificate.parent.glob(f"*{NAME}")) or [certificate.parent / NAME]
+    found = [ExactCampaign(path) for path in paths]
+    return next((campaign for campaign in found if campaign.sha256 == sha256), found[0])

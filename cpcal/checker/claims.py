@@ -1,4 +1,4 @@
-"""What a certificate claims, and what of it was accepted: plain values. Standard library only; part of the checker."""
+"""What a certificate claims, and what of it was accepted: plain values."""
 
 from __future__ import annotations
 
@@ -37,6 +37,8 @@ class Accepted:
 
     leg: int | None  # None: of constraints that the certificate states itself
     model: str | None  # of the leg
+    about: str  # constraints of its own: what they are about, in the certificate's words, which are not checked
+    campaign: str | None  # SHA-256 of the campaign.json that was used
     unknowns: tuple[str, ...]
     objective: int | None
     count: int  # of measurements or constraints
@@ -46,21 +48,3 @@ class Accepted:
     claims: Claims
     used: frozenset[int]  # measurements with a weight in some step
     steps: int
-
-
-def plain(claims: Claims) -> Claims:
-    """With Python's fractions, whatever numbers were used."""
-    cap, lo, hi = (None if v is None else F(str(v)) for v in (claims.cap, claims.eps_lo, claims.eps_hi))
-    hull, point = claims.enclosure, claims.point
-    return Claims(
-        cap,
-        claims.infeasible,
-        lo,
-        hi,
-        None if hull is None else (fractions(hull[0]), fractions(hull[1])),
-        None if point is None else Point(fractions(point.at), point.holds, point.fails),
-    )
-
-
-def fractions(values: tuple[F, ...]) -> tuple[F, ...]:
-    return tuple(F(str(v)) for v in values)

@@ -1,48 +1,104 @@
-"""A problem whose constraints are one leg's rows of a campaign. Standard library only; part of the checker."""
+"""One leg of a campaign as constraints with readings, in the leg models of the format."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction as F
 from typing import Protocol
 
-from cpcal.checker.equation import Equation
-from cpcal.checker.measurement import Measurement
-from cpcal.checker.models import Model
-from cpcal.checker.polynomial import ExactBox, Polynomial, least, shifted
+from .polynomial import Polynomial, total
+from .problem import SIDES, Constraint, Problem, Unknowns
+
+_AXES = (0, 1, 2)
+_L = 6  # the number of the unknown l
+EXTRA = {"plain": (), "gain": ("s",), "linear": ("s", "cx", "cy", "cz", "tx", "ty", "tz"), "lateral": ("h",)}
+LEG_SIDES = (*SIDES, "length")
 
 
-class Readings(Protocol):
-    """One leg's rows of a campaign."""
+@dataclass(frozen=True)
+class Measurement:
+    """One row of a campaign for one leg: exact numbers, mm; `radii` of the reading (d, s, e)."""
+
+    position: tuple[F, ...]
+    quaternion: tuple[F, ...]
+    length: F
+    radii: tuple[F, ...]
+
+
+@dataclass(frozen=True)
+class Equation:
+    """A measurement in a leg model."""
+
+    measurement: Measurement
+    model: str
+
+    @property
+    def radii(self) -> tuple[F, ...]:
+        return self.measurement.radii
+
+    def at(self, x: Unknowns, readings: Sequence[Polynomial]) -> Constraint:
+        """See docs/certificate-format.md, "A leg as constraints", for every name here."""
+        m, model, d, e = self.measurement, self.model, readings[:3], readings[6]
+        a, b, eps = [x[i] for i in _AXES], [x[3 + i] for i in _AXES], x[len(x) - 1]
+        h = _turned(readings[3:6], [x.number(c) for c in m.quaternion])
+        kappa, rotation = total([c * c for c in h]), _rotation(h)
+        p = [x.number(m.position[i]) + d[i] for i in _AXES]
+        z = [p[i] - a[i] for i in _AXES]
+        arm = [total([rotation[i][j] * b[j] for j in _AXES]) for i in _AXES]
+        square = total([c * c for c in (*z, *b)])
+        if model == "lateral":
+            square = square - x[7]
+        body = kappa * square + total([z[i] * arm[i] for i in _AXES]).times(2)
+        read = x.number(m.length) + e
+        length, factor = read + x[_L], kappa
+        if model in ("gain", "linear"):
+            length = length + x[7] * read
+        if model == "linear":
+            length = kappa * (length + total([x[8 + i] * p[i] for i in _AXES]))
+            for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+                length = length + (x[11 + i] * (rotation[k][j] - rotation[j][k])).times(1, -1)
+            body, eps_, factor = kappa * body, kappa * eps, x.number(F(1))
+        else:
+            eps_ = eps
+        shortest = x.number(m.length - m.radii[6]) + x[_L]
+        also = (eps - shortest, eps.times(-1))
+        return Constraint(body, length - eps_, length + eps_, factor, model in ("plain", "lateral"), also)
+
+
+class Rows(Protocol):
+    """The measurements of one leg."""
 
     def __len__(self) -> int: ...
 
-    def measurement(self, k: int) -> Measurement: ...
+    def __getitem__(self, k: int, /) -> Measurement: ...
 
 
-class Leg:
-    """Measurements of a campaign, all or the `chosen` ones, in the unknowns of a leg model."""
+def leg_problem(rows: Rows, model: str, chosen: tuple[int, ...] | None = None) -> Problem:
+    """Measurements of a leg, all or the `chosen` ones."""
+    names = ("a1", "a2", "a3", "b1", "b2", "b3", "l", *EXTRA[model], "eps")
+    all_of = tuple(range(len(rows))) if chosen is None else chosen
+    return Problem(names, len(names) - 1, len(rows), all_of, LEG_SIDES, lambda k: Equation(rows[k], model), model)
 
-    sides = ("upper", "lower", "length")
 
-    def __init__(self, campaign: Readings, model: Model, only: tuple[int, ...] | None = None) -> None:
-        self._campaign, self.count = campaign, len(campaign)
-        self.model, self.unknowns, self.objective = model, model.unknowns, model.eps
-        self.chosen = tuple(range(self.count)) if only is None else only
-        self._known: dict[int, Equation] = {}
+def _turned(s: Sequence[Polynomial], q: Sequence[Polynomial]) -> list[Polynomial]:
+    """The quaternion (1, s) q."""
+    w, x, y, z = q
+    return [
+        w - total([s[0] * x, s[1] * y, s[2] * z]),
+        total([x, s[0] * w, s[1] * z]) - s[2] * y,
+        total([y, s[1] * w, s[2] * x]) - s[0] * z,
+        total([z, s[2] * w, s[0] * y]) - s[1] * x,
+    ]
 
-    def equation(self, k: int) -> Equation:
-        """Read when first used."""
-        if k not in self._known:
-            self._known[k] = Equation(self._campaign.measurement(k), self.model)
-        return self._known[k]
 
-    def row(self, side: str, k: int, box: ExactBox) -> Polynomial:
-        return self.equation(k).row(side, box)
-
-    def holds(self, k: int, point: tuple[F, ...]) -> bool:
-        return self.equation(k).holds(point)
-
-    def fails(self, k: int, point: tuple[F, ...]) -> bool:
-        """At every reading one of the inequalities is violated."""
-        box = ExactBox(point, point)
-        return any(least(shifted(self.row(side, k, box), box)) > 0 for side in self.sides)
+def _rotation(h: Sequence[Polynomial]) -> list[list[Polynomial]]:
+    """|h|^2 R(h)."""
+    w, x, y, z = h
+    ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    wx, wy, wz, xy, xz, yz = ((p * q).times(2) for p, q in ((w, x), (w, y), (w, z), (x, y), (x, z), (y, z)))
+    return [
+        [ww + xx - (yy + zz), xy - wz, xz + wy],
+        [xy + wz, ww + yy - (xx + zz), yz - wx],
+        [xz - wy, yz + wx, ww + zz - (xx + yy)],
+    ]

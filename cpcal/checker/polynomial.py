@@ -1,104 +1,146 @@
-"""Polynomials with exact coefficients, and boxes. Standard library only; part of the checker.
+"""Polynomials with whole coefficients over a common power of two: exact, and their work is counted.
 
-A polynomial is a dict from sorted tuples of unknowns to numbers: {(): 3, (0, 1): 2} is 3 + 2 x0 x1.
+A monomial is one integer with a field of FIELD bits for the exponent of each variable, so that a product of monomials
+is the sum of their integers: variable i is 1 << (FIELD i). The first READINGS variables are those of a reading.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction as F
-from functools import cached_property
-from typing import cast
 
-Polynomial = dict[tuple[int, ...], F]
-Vector = Sequence[F]
-ZERO = cast(F, 0)  # an int, so that it mixes with every kind of exact number
-
-
-@dataclass(frozen=True)
-class ExactBox:
-    """lo <= x <= hi."""
-
-    lo: tuple[F, ...]
-    hi: tuple[F, ...]
-
-    @cached_property
-    def center(self) -> tuple[F, ...]:
-        return tuple((a + b) / 2 for a, b in zip(self.lo, self.hi, strict=True))
-
-    @cached_property
-    def radius(self) -> tuple[F, ...]:
-        return tuple((b - a) / 2 for a, b in zip(self.lo, self.hi, strict=True))
+FIELD = 6
+READINGS = 7
+_MOST_TERMS = 100_000  # of one polynomial
+_MOST_BITS = 4096  # of a coefficient over the common power of two
 
 
-def add(p: Polynomial, monomial: tuple[int, ...], coefficient: F) -> None:
-    key = tuple(sorted(monomial))
-    p[key] = p.get(key, ZERO) + coefficient
+class TooLarge(Exception):
+    """A polynomial beyond the limits."""
 
 
-def combined(*weighted: tuple[F | int, Polynomial]) -> Polynomial:
-    """Sum of multiples of polynomials."""
-    out: Polynomial = {}
-    for factor, p in weighted:
-        for monomial, c in p.items():
-            add(out, monomial, factor * c)
-    return out
+class Polynomial:
+    """`sum c * monomial`, times 2 ** `exponent`; `spend` is told what a product is going to cost."""
+
+    __slots__ = ("exponent", "spend", "terms")
+
+    def __init__(self, terms: dict[int, int], exponent: int, spend: Callable[[int], None]) -> None:
+        self.terms, self.exponent, self.spend = terms, exponent, spend
+
+    def __add__(self, other: Polynomial) -> Polynomial:
+        return combined(((1, self), (1, other)), self.spend)
+
+    def __sub__(self, other: Polynomial) -> Polynomial:
+        return combined(((1, self), (-1, other)), self.spend)
+
+    def __mul__(self, other: Polynomial) -> Polynomial:
+        a, b = self.terms, other.terms
+        bits, others = self.bits, other.bits
+        if bits + others > _MOST_BITS:
+            raise TooLarge(f"a coefficient has more than {_MOST_BITS} bits")
+        self.spend(10 + len(a) * len(b) * (1 + (bits * others >> 20)))
+        out: dict[int, int] = {}
+        known = out.get
+        for m, c in a.items():
+            for n, d in b.items():
+                out[m + n] = known(m + n, 0) + c * d
+            if len(out) > _MOST_TERMS:
+                raise TooLarge(f"a polynomial has more than {_MOST_TERMS} terms")
+        return Polynomial(out, self.exponent + other.exponent, self.spend)
+
+    def squared(self) -> Polynomial:
+        """The same as `self * self`, in half the work."""
+        terms = list(self.terms.items())
+        if 2 * (bits := self.bits) > _MOST_BITS:
+            raise TooLarge(f"a coefficient has more than {_MOST_BITS} bits")
+        self.spend(10 + len(terms) ** 2 // 2 * (1 + (bits * bits >> 20)))
+        out: dict[int, int] = {}
+        for k, (m, c) in enumerate(terms):
+            out[2 * m] = out.get(2 * m, 0) + c * c
+            double = 2 * c
+            for n, d in terms[:k]:
+                out[m + n] = out.get(m + n, 0) + double * d
+            if len(out) > _MOST_TERMS:
+                raise TooLarge(f"a polynomial has more than {_MOST_TERMS} terms")
+        return Polynomial(out, 2 * self.exponent, self.spend)
+
+    def times(self, factor: int, power: int = 0) -> Polynomial:
+        """factor * 2 ** power times it."""
+        return Polynomial({m: factor * c for m, c in self.terms.items()}, self.exponent + power, self.spend)
+
+    @property
+    def bits(self) -> int:
+        return max(map(int.bit_length, self.terms.values()), default=0)
+
+    @property
+    def constant(self) -> F:
+        """Its constant term: its value at the centre."""
+        return dyadic(self.terms.get(0, 0), self.exponent)
 
 
-def product(p: Polynomial, q: Polynomial) -> Polynomial:
-    out: Polynomial = {}
-    for m, c in p.items():
-        for n, d in q.items():
-            add(out, m + n, c * d)
-    return out
+def combined(parts: Iterable[tuple[int, Polynomial]], spend: Callable[[int], None]) -> Polynomial:
+    """The sum of whole multiples."""
+    parts = [part for part in parts if part[1].terms]
+    lowest = min((p.exponent for _, p in parts), default=0)
+    out: dict[int, int] = {}
+    for factor, p in parts:
+        shift = p.exponent - lowest
+        if factor.bit_length() + shift > _MOST_BITS:
+            raise TooLarge(f"a coefficient has more than {_MOST_BITS} bits")
+        spend(5 + len(p.terms) // 4)
+        multiple = factor << shift
+        for m, c in p.terms.items():
+            out[m] = out.get(m, 0) + multiple * c
+        if len(out) > _MOST_TERMS:
+            raise TooLarge(f"a polynomial has more than {_MOST_TERMS} terms")
+    return Polynomial({m: c for m, c in out.items() if c}, lowest, spend)
 
 
-def square(p: Polynomial) -> Polynomial:
-    return product(p, p)
+def total(parts: Sequence[Polynomial]) -> Polynomial:
+    """The sum of one or more."""
+    return combined([(1, p) for p in parts], parts[0].spend)
 
 
-def value(p: Polynomial, x: Vector) -> F:
-    """At a point."""
-    total = ZERO
-    for monomial, c in p.items():
-        for i in monomial:
-            c = c * x[i]
-        total += c
-    return total
+def constant(value: F, spend: Callable[[int], None]) -> Polynomial:
+    return Polynomial({0: value.numerator}, 1 - value.denominator.bit_length(), spend)
 
 
-def shifted(p: Polynomial, box: ExactBox) -> Polynomial:
-    """The polynomial in u, where x_i = center_i + radius_i u_i."""
-    out: Polynomial = {}
-    for monomial, c in p.items():
-        terms: Polynomial = {(): c}
-        for i in monomial:  # times (center + radius u_i)
-            grown: Polynomial = {}
-            for m, d in terms.items():
-                if box.center[i]:
-                    grown[m] = grown.get(m, ZERO) + d * box.center[i]
-                if box.radius[i]:
-                    add(grown, (*m, i), d * box.radius[i])
-            terms = grown
-        for m, d in terms.items():
-            out[m] = out.get(m, ZERO) + d
-    return out
+def dyadic(mantissa: int, exponent: int) -> F:
+    return F(mantissa << exponent) if exponent >= 0 else F(mantissa, 1 << -exponent)
 
 
-def least(p: Polynomial) -> F:
-    """A lower bound over |u| <= 1: a product of squares lies in [0, 1], any other monomial in [-1, 1]."""
-    total = ZERO
-    for monomial, c in p.items():
-        if not monomial:
-            total += c
-        elif monomial[::2] == monomial[1::2]:
-            total += min(c, ZERO)
-        else:
-            total -= abs(c)
-    return total
+def signed(unknowns: int, signs: str = "") -> int:
+    """The variables that may be negative, as a mask of the lowest bit of each field: all but readings at an end."""
+    every = sum(1 << FIELD * i for i in range(READINGS + unknowns))
+    return every - sum(1 << FIELD * j for j, sign in enumerate(signs) if sign != "0")
 
 
-def span(p: Polynomial) -> tuple[F, F]:
-    """Midpoint and radius of an enclosure over |u| <= 1."""
-    return p.get((), ZERO), sum((abs(c) for monomial, c in p.items() if monomial), ZERO)
+def least(p: Polynomial, mask: int) -> F:
+    """A lower bound: a monomial lies in [0, 1] if its variables under the mask have even exponents, else in [-1, 1]."""
+    return dyadic(_least(p.terms, mask), p.exponent)
+
+
+def _least(terms: dict[int, int], mask: int) -> int:
+    low = terms.get(0, 0)
+    for monomial, c in terms.items():
+        if monomial & mask:
+            low -= abs(c)
+        elif c < 0 and monomial:
+            low += c
+    return low
+
+
+def settled(p: Polynomial, signs: str, mask: int) -> Polynomial:
+    """What is left of `p` without its readings: at their reference, less the penalties."""
+    kept: dict[int, int] = {0: 0}
+    parts: list[dict[int, int]] = [{} for _ in signs]
+    low = (1 << FIELD * READINGS) - 1
+    for monomial, c in p.terms.items():
+        reading = monomial & low
+        if not reading:
+            kept[monomial] = c
+            continue
+        first = ((reading & -reading).bit_length() - 1) // FIELD
+        parts[first][monomial if signs[first] == "0" else monomial - (1 << FIELD * first)] = c
+    kept[0] += sum(min(0, _least(part, mask)) for part in parts)
+    return Polynomial(kept, p.exponent, p.spend)

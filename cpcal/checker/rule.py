@@ -1,108 +1,78 @@
-"""The one rule: nonnegative weights that exclude a box or bound an unknown. Standard library only; part of the checker.
-
-See docs/certificate-format.md, "The rule".
-"""
+"""The one rule: weights on rows, bound products and squares exclude a box, or bound an unknown on it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
-from typing import Protocol
 
-from cpcal.checker.polynomial import ZERO, ExactBox, Polynomial, least, shifted
+from .polynomial import FIELD, READINGS, Polynomial, TooLarge, combined, least, signed
+from .problem import Box, Problem, Unknowns
 
+_MOST_TERMS = 200_000  # of all rows of a step
 
-class Problem(Protocol):
-    """What a certificate speaks of: `count` measurements (or constraints) in some unknowns."""
-
-    @property
-    def unknowns(self) -> tuple[str, ...]: ...
-    @property
-    def objective(self) -> int | None: ...
-    @property
-    def count(self) -> int: ...
-    @property
-    def sides(self) -> tuple[str, ...]: ...
-    @property
-    def chosen(self) -> tuple[int, ...]:
-        """The measurements that count, ascending."""
-        ...
-
-    def row(self, side: str, k: int, box: ExactBox) -> Polynomial:
-        """At most zero at every solution in the box."""
-        ...
-
-    def holds(self, k: int, point: tuple[F, ...]) -> bool:
-        """Whether it is proved that the point satisfies measurement k (for some reading)."""
-        ...
-
-    def fails(self, k: int, point: tuple[F, ...]) -> bool:
-        """Whether it is proved that it does not (for any reading)."""
-        ...
+Row = tuple[str, int, str]  # side, measurement, signs of the reference reading
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Multipliers of rows (side, measurement), of products (1 + p u_i)(1 + q u_j) and of squares (u_i - t)^2.
+    """Multipliers of rows (its number, weight), of products (1 + p u_i)(1 + q u_j) and of squares (u_i - t)^2.
 
     Each is a whole number, the last of its entry, times 2 to the power that `exponents` gives for its kind.
     """
 
-    rows: tuple[tuple[str, int, int], ...]
+    rows: tuple[tuple[int, int], ...]
     products: tuple[tuple[int, int, int, int, int], ...]
     tangents: tuple[tuple[int, F, int], ...]
     exponents: tuple[int, int, int]
 
 
 class Rule:
-    """Applies weights on one box; each row is formed once."""
+    """Applies weights on one box; the rows that they speak of are formed once."""
 
-    def __init__(self, problem: Problem, box: ExactBox) -> None:
-        self._problem, self.box = problem, box
-        self._rows: dict[tuple[str, int], Polynomial] = {}
+    def __init__(self, problem: Problem, box: Box, rows: Sequence[Row], spend: Callable[[int], None]) -> None:
+        self.x, self._problem, self._rows = Unknowns(box, spend), problem, rows
+        self._known: dict[int, Polynomial] = {}
+        self._terms = 0
 
-    def row(self, side: str, k: int) -> Polynomial:
-        """In u."""
-        if (side, k) not in self._rows:
-            self._rows[side, k] = shifted(self._problem.row(side, k, self.box), self.box)
-        return self._rows[side, k]
+    def row(self, n: int) -> Polynomial:
+        if n not in self._known:
+            found = self._problem.row(self.x, *self._rows[n])
+            self._terms += len(found.terms)
+            if self._terms > _MOST_TERMS:
+                raise TooLarge(f"the rows of a step have more than {_MOST_TERMS} terms")
+            self._known[n] = found
+        return self._known[n]
 
-    def aggregate(self, weights: Weights) -> tuple[Polynomial, int]:
-        """A whole multiple of the sum of weighted rows, less weighted products; and the factor.
-
-        At every solution in the box it is at most zero.
-        """
-        lowest = min(0, *weights.exponents)
-        of_rows, of_products, of_tangents = (1 << (e - lowest) for e in weights.exponents)
-        p: Polynomial = {(): ZERO}
-
-        def put(key: tuple[int, ...], value: F | int) -> None:
-            p[key] = p.get(key, ZERO) + value
-
-        for side, k, weight in weights.rows:
-            for monomial, c in self.row(side, k).items():
-                put(monomial, weight * of_rows * c)
-        for i, j, a, b, weight in weights.products:
-            w = weight * of_products
-            put((), -w)
-            put((i,), -a * w)
-            put((j,), -b * w)
-            put((min(i, j), max(i, j)), -a * b * w)
+    def aggregate(self, weights: Weights) -> Polynomial:
+        """At most zero at every solution in the box: weighted rows, less weighted products and squares."""
+        of_rows, of_products, of_tangents = weights.exponents
+        parts = [(weight, self.row(n).times(1, of_rows)) for n, weight in weights.rows if weight]
+        products: dict[int, int] = {}
+        for i, j, p, q, weight in weights.products:
+            one, two = _field(i), _field(j)
+            for monomial, c in ((0, 1), (one, p), (two, q), (one + two, p * q)):
+                products[monomial] = products.get(monomial, 0) - weight * c
+        parts.append((1, Polynomial(products, of_products, self.x.spend)))
         for i, t, weight in weights.tangents:
-            w = weight * of_tangents
-            put((), -w * t * t)
-            put((i,), 2 * w * t)
-            put((i, i), -w)
-        return p, 1 << -lowest
+            u = self.x.variable(READINGS + i, -t, F(1))
+            parts.append((-weight, (u * u).times(1, of_tangents)))
+        return combined(parts, self.x.spend)
 
     def excludes(self, weights: Weights) -> bool:
         """Whether no solution lies in the box: the aggregate is positive on it."""
-        return least(self.aggregate(weights)[0]) > 0
+        return self._least(self.aggregate(weights)) > 0
 
     def bound(self, unknown: int, side: str, weights: Weights) -> F:
-        """Every solution in the box has x_i at least ("lo") or at most this."""
+        """Every solution in the box has x_i at least ("lo") or at most ("hi") this."""
         sign = 1 if side == "lo" else -1
-        p, factor = self.aggregate(weights)
-        p[(unknown,)] = p.get((unknown,), ZERO) + sign * factor
-        # factor sign u + aggregate <= factor sign u at a solution
-        return self.box.center[unknown] + sign * self.box.radius[unknown] * least(p) / factor
+        u = Polynomial({_field(unknown): 1}, 0, self.x.spend)
+        least_ = self._least(combined(((1, self.aggregate(weights)), (sign, u)), self.x.spend))
+        return self.x.center(unknown) + sign * self.x.radius(unknown) * least_  # as aggregate <= 0 at a solution
+
+    def _least(self, p: Polynomial) -> F:
+        return least(p, signed(len(self.x)))
+
+
+def _field(unknown: int) -> int:
+    return 1 << FIELD * (READINGS + unknown)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction as F
 
-from cpcal.checker.claims import Accepted, Point
+from cpcal.checker import Accepted, Point
 from cpcal.errors import printable
 from cpcal.numbers import bracket_text, inner_text, plain_gap, short
 

@@ -1,3 +1,7 @@
+from .campaign_json import (
+    load_campaign_json,
+    save_campaign_json,
+)
 from .campaign_reader import (
     load_campaign,
 )
@@ -13,7 +17,9 @@ from .study_writer import (
 
 __all__ = [
     "load_campaign",
+    "load_campaign_json",
     "load_study",
     "save_campaign",
+    "save_campaign_json",
     "save_study",
 ]

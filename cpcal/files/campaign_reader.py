@@ -38,13 +38,13 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
         what = "is not a folder" if folder.exists() else "does not exist"
         problems.add(Problem(str(folder), what, _ABSENT))
         problems.raise_any()
-    digest = hashlib.sha256()
-    settings = _settings(folder / TOML_NAME, problems, digest.update)
-    digest.update(b"\0")
-    table = _table(folder / CSV_NAME, settings, problems, digest.update)
+    of_settings, of_table = hashlib.sha256(), hashlib.sha256()
+    settings = _settings(folder / TOML_NAME, problems, of_settings.update)
+    table = _table(folder / CSV_NAME, settings, problems, of_table.update)
     problems.raise_any()
     campaign = _assembled(settings, table)
-    object.__setattr__(campaign, "file_sha256", digest.hexdigest())
+    files = ((TOML_NAME, of_settings.hexdigest()), (CSV_NAME, of_table.hexdigest()))
+    object.__setattr__(campaign, "files", files)
     return campaign
 
 

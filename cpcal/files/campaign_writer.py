@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Iterable, Mapping
@@ -31,11 +30,6 @@ def reading_columns(legs: int) -> list[str]:
 def override_columns(legs: int) -> list[str]:
     """The optional columns: half-widths (mm, rad, mm) that replace those of campaign.toml row by row."""
     return ["dx", "dy", "dz", "drx", "dry", "drz", *(f"dL{i}" for i in range(1, legs + 1))]
-
-
-def campaign_digest(toml: bytes, table: bytes) -> str:
-    """SHA-256, in hex, of campaign.toml, a NUL and measurements.csv."""
-    return hashlib.sha256(toml + b"\0" + table).hexdigest()
 
 
 def toml_bytes(campaign: Campaign) -> bytes:

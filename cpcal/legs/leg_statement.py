@@ -7,9 +7,7 @@ from fractions import Fraction as F
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.checker.leg import Leg
-from cpcal.checker.measurement import Measurement
-from cpcal.checker.models import Model
+from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.legs.equation import exactly_read, leg_network
 from cpcal.legs.models import PLAIN, LegModel, built_in
 from cpcal.robot import Campaign
@@ -20,7 +18,7 @@ from cpcal.solver.network.restrict import restricted
 
 
 class LegReadings:
-    """The rows of a campaign for one leg, in exact numbers: what the checker reads from the files."""
+    """The rows of a campaign for one leg, in exact numbers: what the checker reads from campaign.json."""
 
     def __init__(self, campaign: Campaign, leg: int) -> None:
         self._campaign, self._leg = campaign, leg - 1
@@ -28,13 +26,13 @@ class LegReadings:
     def __len__(self) -> int:
         return len(self._campaign)
 
-    def measurement(self, k: int) -> Measurement:
+    def __getitem__(self, k: int) -> Measurement:
         """Row k, from 0."""
-        c = self._campaign
-        vectors = (c.position[k], c.quaternion[k], c.position_radius[k], c.rotation_radius[k])
-        position, quaternion, moved, turned = (_exact(v) for v in vectors)
-        length, radius = F(float(c.length[k, self._leg])), F(float(c.length_radius[k, self._leg]))
-        return Measurement(position, quaternion, length, moved, turned, radius)
+        c, leg = self._campaign, self._leg
+        length, radius = F(float(c.length[k, leg])), F(float(c.length_radius[k, leg]))
+        turned = (v / 2 for v in _exact(c.rotation_radius[k]))
+        radii = (*_exact(c.position_radius[k]), *turned, radius)
+        return Measurement(_exact(c.position[k]), _exact(c.quaternion[k]), length, radii)
 
 
 def leg_statement(
@@ -44,7 +42,7 @@ def leg_statement(
 
     `model` is the name of one that comes with cpcal: those the checker knows.
     """
-    return LegStatement(Leg(LegReadings(campaign, leg), Model(model), only), campaign.sha256, leg, only)
+    return LegStatement(leg_problem(LegReadings(campaign, leg), model, only), campaign.sha256, leg, only)
 
 
 def model_statement(
@@ -53,7 +51,7 @@ def model_statement(
     """What a certificate says: for a model that comes with cpcal the leg, for others the constraints themselves.
 
     `domain` holds the parameters and, last, eps. None where constraints have no exact polynomial form, as those of a
-    model of one's own with uncertain readings.
+    user-defined model with uncertain readings.
     """
     if built_in(model):
         return leg_statement(campaign, leg, only, model.name)

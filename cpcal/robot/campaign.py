@@ -57,8 +57,8 @@ class Campaign(Value):
     uncertainty: Uncertainty | None = None
     provenance: Mapping[str, str] = field(default_factory=dict)
     model: ModelChoice | None = None
-    # set by load_campaign; replace() does not carry it over
-    file_sha256: str | None = field(default=None, init=False, compare=False)
+    # names and SHA-256 of the files that it was read from; set by the readers, not carried over by replace()
+    files: tuple[tuple[str, str], ...] = field(default=(), init=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
@@ -148,14 +148,10 @@ class Campaign(Value):
 
     @cached_property
     def sha256(self) -> str:
-        """Of the bytes of campaign.toml, a NUL and the bytes of measurements.csv, in hex.
+        """Of the bytes of the campaign's exact file, `campaign.json`, in hex."""
+        from cpcal.files.campaign_json import campaign_sha256
 
-        For a campaign read from files these are the files' bytes as they stood; for one made in memory, the
-        bytes that `save_campaign` writes.
-        """
-        from cpcal.files.campaign_writer import campaign_digest, csv_bytes, toml_bytes
-
-        return self.file_sha256 or campaign_digest(toml_bytes(self), csv_bytes(self))
+        return campaign_sha256(self)
 
     def __repr__(self) -> str:
         return f"<Campaign of {self.robot.name!r}: {len(self)} measurements, {self.legs} legs>"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -99,7 +100,7 @@ def test_corners_without_noise_are_where_they_should_be(method: Charuco | AprilT
 
 
 def test_a_method_without_any_pose_has_no_errors() -> None:
-    fake = Fake()
+    fake: Any = Fake()
     fake.moved = (None, None, None, None)
     (row,) = boards.studied("nominal", 2, 1, [fake])
     assert (row.failures, row.points, row.worst) == (2, 0.0, 0.0)

@@ -41,7 +41,7 @@ def least_distance_to_a_unimodal_distribution(x):
         found = linprog(
             np.eye(2 * n + 1)[-1], np.concatenate(rows), np.concatenate(bounds), bounds=[(-1, 2)] * (2 * n) + [(0, 1)]
         )
-        best = min(best, found.fun)
+        best = min(best, float(found.fun))
     return best
 
 

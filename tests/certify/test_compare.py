@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.certify.projections import with_projections
-from cpcal.checker.checker import check
+from cpcal.checker import check
 from cpcal.cli import app
 from cpcal.report import write_report
 from cpcal.report.comparison import comparison_row, comparison_sentences, write_comparison
@@ -113,7 +113,7 @@ def test_both_arithmetics_give_the_same_verdicts(exact):
 def test_every_certificate_is_accepted_and_proves_what_the_entry_says(found, folder):
     for entry in found.entries:
         assert entry.certificate == f"{entry.model}-{entry.subject.replace(' ', '')}.cert.jsonl"
-        claims = check(folder / "run" / entry.certificate, folder / "campaign").claims
+        claims = check(folder / "run" / entry.certificate).claims
         assert (float(claims.eps_lo), float(claims.eps_hi)) == (entry.eps_lo, entry.eps_hi)
     outcome = CliRunner().invoke(app, ["verify", str(folder / "run")])
     assert outcome.exit_code == 0, outcome.output
@@ -142,7 +142,7 @@ def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
     assert entry.certificate is None
     assert entry.not_certified == "with uncertain readings 'own', a user-defined model, has no certificate"
     assert entry.word(0.05) == "refuted, unchecked"
-    assert [path.name for path in tmp_path.iterdir()] == ["plain-leg1.cert.jsonl"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["campaign.json", "plain-leg1.cert.jsonl"]
     assert any("leg 1 (unchecked)" in sentence for sentence in comparison_sentences(comparison))
 
 
@@ -196,7 +196,7 @@ def test_the_papers_script_has_certificates_of_models(uncertain, tmp_path):
     cpcal.save_campaign(uncertain, tmp_path)
     asked = {"model": "lateral", "method": "timeout", "time_limit": 60.0, "gap": 0.5, "delta": 5.0}
     leg = cpcal.certify(cpcal.load_campaign(tmp_path), legs=[2], certificates=tmp_path, **asked).legs[0]
-    found = check(tmp_path / leg.certificate, tmp_path)
+    found = check(tmp_path / leg.certificate)
     assert found.model == "lateral"
     assert (float(found.claims.eps_lo), found.claims.point.at[-1]) == (leg.eps_lo, leg.eps_hi)
     assert 0 < leg.eps_lo < leg.eps_hi
@@ -207,7 +207,7 @@ def test_an_eps_that_is_asked_about(exact, tmp_path):
     for model, verdict in (("plain", Verdict.REFUTED), ("gain", Verdict.PROVED)):
         leg = cpcal.certify(exact, legs=[1], model=model, eps=TOLERANCE, certificates=tmp_path).legs[0]
         assert leg.verdict is verdict
-        claims = check(tmp_path / "leg1.cert.jsonl", tmp_path).claims
+        claims = check(tmp_path / "leg1.cert.jsonl").claims
         assert claims.infeasible == (model == "plain")
         assert (claims.point is None) == (model == "plain")
 
@@ -245,7 +245,7 @@ def test_the_command(exact, tmp_path):
         for cell in comparison_row(comparison, entry):
             assert cell in page
     names = {path.name for path in (tmp_path / "run").iterdir()}
-    assert names == {"compare.json", "compare.html", "plain-leg1.cert.jsonl", "gain-leg1.cert.jsonl"}
+    assert names == {"campaign.json", "compare.json", "compare.html", "plain-leg1.cert.jsonl", "gain-leg1.cert.jsonl"}
     assert CliRunner().invoke(app, ["verify", str(tmp_path / "run")]).exit_code == 0
     bad = CliRunner().invoke(app, [*words, "--models", "plain,gian,plain"])
     assert bad.exit_code == 2

@@ -7,7 +7,7 @@ import pytest
 import cpcal
 from cpcal.calibration import calibrate_study, recorded
 from cpcal.certify.fits import certify_fits, load_fits
-from cpcal.checker.checker import check
+from cpcal.checker import check
 from cpcal.simulate import simulate_study
 
 
@@ -33,7 +33,7 @@ def test_both_fits_are_judged_with_certificates(study, found, tmp_path):
             alone = cpcal.certify_point(found.campaign, leg.leg, fit.parameters[leg.leg - 1])
             assert leg.verified == alone.verified
             assert leg.verified.verdict is cpcal.Verdict.REFUTED
-            point = check(tmp_path / "fits" / leg.certificate, tmp_path / "campaign").claims.point
+            point = check(tmp_path / "fits" / leg.certificate).claims.point
             assert (len(point.holds), len(point.fails)) == (leg.verified.holds, leg.verified.fails)
 
 

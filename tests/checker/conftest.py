@@ -9,19 +9,20 @@ from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
-import flint
 import numpy as np
 import pytest
 
 import cpcal
-from cpcal.checker.checker import check
-from cpcal.checker.claims import Accepted
-from cpcal.checker.polynomial import ExactBox
-from cpcal.checker.refusal import Refused
-from cpcal.checker.rule import Problem, Rule, Weights
+from cpcal.checker import Accepted, check
+from cpcal.checker.problem import Box as ExactBox
+from cpcal.checker.problem import Problem, Unknowns
+from cpcal.checker.rule import Rule, Weights
+from cpcal.files.campaign_json import NAME, save_campaign_json
 from cpcal.legs import leg_box, leg_model, leg_network, leg_statement
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
+from cpcal.solver.certificate.readings import failing, free, holding
+from cpcal.solver.certificate.recording import with_readings
 from cpcal.solver.certificate.statement import Statement, limits, number
 from cpcal.solver.certificate.writer import WeightProver, rounded
 from cpcal.solver.interval import Box, get_arithmetic
@@ -41,11 +42,17 @@ def exact_weights(value: dict[str, Any]) -> Weights:
     """The exact form of the JSON of weights."""
     r, p, t = value["exponents"]
     return Weights(
-        tuple(map(tuple, value["rows"])),
+        tuple((row, w) for row, w in value["rows"]),
         tuple(map(tuple, value["products"])),
         tuple((i, dyadic(touch), w) for i, touch, w in value["tangents"]),
         (r, p, t),
     )
+
+
+def unknowns(point: Sequence[Any]) -> Unknowns:
+    """At a point."""
+    x = tuple(F(v) for v in point)
+    return Unknowns(ExactBox(x, x), free)
 
 
 @dataclass(frozen=True)
@@ -73,8 +80,19 @@ class Proof:
         copied: Lines = json.loads(json.dumps(self.lines))
         return copied
 
-    def rule(self, lo: Sequence[float], hi: Sequence[float]) -> Rule:
-        return Rule(self.problem, ExactBox(tuple(F(v) for v in lo), tuple(F(v) for v in hi)))
+    def rule(self, lo: Sequence[float], hi: Sequence[float], rows: Sequence[Any]) -> Rule:
+        """With the rows of a step."""
+        none = "0" * len(self.problem.item(0).radii)
+        table = [(row[0], row[1], row[2] if row[2:] else none) for row in rows]
+        return Rule(self.problem, ExactBox(tuple(F(v) for v in lo), tuple(F(v) for v in hi)), table, free)
+
+    def holds(self, k: int, point: Sequence[Any]) -> bool:
+        return holding(self.problem, unknowns(point), k) is not None
+
+    def fails(self, k: int, point: Sequence[Any]) -> list[Any] | None:
+        """The row that proves it, as in a certificate."""
+        row = failing(self.problem, unknowns(point), k)
+        return None if row is None else [*row]
 
     def bounds(self) -> tuple[list[float], list[float]]:
         lo, hi = ([float(dyadic(v)) for v in self.lines[0][side]] for side in ("lo", "hi"))
@@ -83,7 +101,9 @@ class Proof:
 
 def saved(folder: Path, **options: Any) -> cpcal.Campaign:
     cpcal.save_campaign(cpcal.simulate(seed=1, **options), folder)
-    return cpcal.load_campaign(folder)
+    campaign = cpcal.load_campaign(folder)
+    save_campaign_json(campaign, folder)
+    return campaign
 
 
 @dataclass(frozen=True)
@@ -141,7 +161,8 @@ def short(
     domain, o = network.domain, network.names.index(goal)
     record = json.loads(json.dumps(WeightProver(statement)(domain, lifted.contract(domain)).record))
     lo, hi = [float(v) for v in domain.lo], [float(v) for v in domain.hi]
-    rule = Rule(statement.problem, ExactBox(tuple(map(F, lo)), tuple(map(F, hi))))
+    shell = Proof(folder, statement.problem, [], 0.0, 0.0, tuple(point))
+    rule = shell.rule(lo, hi, record["rows"])
     given = [entry for entry in record["bounds"] if (entry[0], entry[1]) in wanted]
     bounds = tightest(rule, given, lo, hi)
     assert len(bounds) == len(wanted)
@@ -153,7 +174,9 @@ def short(
         "enclosure": limits(Box(network.names, np.array(lo), np.array(hi))),
         "point": {"at": [number(v) for v in point], "holds": "all", "fails": []},
     }
-    lines = [*statement.header(domain), claims, {"pass": 0, "cap": record["cap"], "bounds": bounds}]
+    claims = with_readings(statement.problem, claims)
+    step = {"pass": 0, "cap": record["cap"], "rows": record["rows"], "bounds": bounds}
+    lines = [*statement.header(domain), claims, step]
     return Proof(folder, statement.problem, json.loads(json.dumps(lines)), lo[o], best, tuple(point))
 
 
@@ -166,16 +189,17 @@ def halved(proof: Proof) -> Proof:
     weights = next(entry[3] for entry in step["bounds"] if entry[0] == o)
     lo, hi = proof.bounds()
     below = [*hi[:o], at, *hi[o + 1 :]]
-    assert proof.rule(lo, below).excludes(exact_weights(weights))
+    rows = step["rows"]
+    assert proof.rule(lo, below, rows).excludes(exact_weights(weights))
     lo[o] = at
-    bounds = tightest(proof.rule(lo, hi), step["bounds"], lo, hi)
+    bounds = tightest(proof.rule(lo, hi, rows), step["bounds"], lo, hi)
     claims["epsilon"]["lo"] = number(lo[o])
     claims["enclosure"] = limits(Box(proof.problem.unknowns, np.array(lo), np.array(hi)))
     axis = 3 if o > 3 else 0
     steps = [
         {"split": 0, "unknown": o, "at": number(at), "into": [1, 2]},
-        {"exclude": 1, "cap": step["cap"], "weights": weights},
-        {"pass": 2, "cap": step["cap"], "bounds": bounds},
+        {"exclude": 1, "cap": step["cap"], "rows": rows, "weights": weights},
+        {"pass": 2, "cap": step["cap"], "rows": rows, "bounds": bounds},
         {"split": 2, "unknown": axis, "at": number(proof.point[axis]), "into": [3, 4]},
     ]
     return Proof(proof.folder, proof.problem, [*head, claims, *steps], lo[o], proof.eps_hi, proof.point)
@@ -256,38 +280,26 @@ def network_split_proof(network_proof: Proof) -> Proof:
     return halved(network_proof)
 
 
-def _refused_too(path: Path, folder: Path | None, first: Refused) -> None:
-    with pytest.raises(Refused) as again:
-        check(path, folder, rational=flint.fmpq)
-    assert (again.value.line, again.value.reason) == (first.line, first.reason)
-
-
-def both(path: Path, folder: Path | None) -> Accepted:
-    """The verdict, which must be the same with both kinds of numbers."""
-    try:
-        accepted = check(path, folder)
-    except Refused as refused:
-        _refused_too(path, folder, refused)
-        raise
-    assert check(path, folder, rational=flint.fmpq) == accepted
-    return accepted
+def judge(path: Path, folder: Path | None) -> Accepted:
+    """The checker's verdict of a certificate, by the campaign.json in that folder."""
+    return check(path, None if folder is None else folder / NAME)
 
 
 @pytest.fixture
 def judged(tmp_path: Path) -> Callable[[bytes, Path | None], Accepted]:
-    """Check the bytes of a certificate, with both kinds of numbers."""
+    """Check the bytes of a certificate."""
 
-    def judge(content: bytes, folder: Path | None) -> Accepted:
+    def judged_bytes(content: bytes, folder: Path | None) -> Accepted:
         path = tmp_path / "certificate.jsonl"
         path.write_bytes(content)
-        return both(path, folder)
+        return judge(path, folder)
 
-    return judge
+    return judged_bytes
 
 
 @pytest.fixture
 def verdict(judged: Callable[[bytes, Path | None], Accepted]) -> Callable[[Lines, Path | None], Accepted]:
-    """Check a certificate given as lines, with both kinds of numbers."""
+    """Check a certificate given as lines."""
     return lambda lines, folder: judged(b"".join(json.dumps(line).encode() + b"\n" for line in lines), folder)
 
 

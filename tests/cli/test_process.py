@@ -67,7 +67,12 @@ def test_ctrl_c_leaves_what_is_proved(campaign, tmp_path):
     assert data["interrupted"] is True
     assert [leg["leg"] for leg in data["legs"]] == [1, 2]
     assert [leg["certificate"] for leg in data["legs"]] == ["leg1.cert.jsonl", None]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["leg1.cert.jsonl", "report.html", "result.json"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "campaign.json",
+        "leg1.cert.jsonl",
+        "report.html",
+        "result.json",
+    ]
 
 
 def terminal():

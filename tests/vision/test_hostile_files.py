@@ -15,7 +15,6 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 from cpcal.errors import InputError, printable
 from cpcal.vision.batch.detect import ImageFolder, detect
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files import image_file
 from cpcal.vision.files.camera_file import load_camera
 from cpcal.vision.files.detection import NUMBERS
 from cpcal.vision.files.image_file import UnreadableImageError, read_image
@@ -49,7 +48,7 @@ def test_an_image_is_refused_by_its_header_and_never_decoded(tmp_path, monkeypat
     def decoded(*_):
         raise AssertionError("the image was decoded")
 
-    monkeypatch.setattr(image_file.np, "fromfile", decoded)
+    monkeypatch.setattr(np, "fromfile", decoded)
     (tmp_path / "image.png").write_bytes(content)
     with pytest.raises(UnreadableImageError, match=reason):
         read_image(tmp_path / "image.png", size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
@@ -84,7 +85,7 @@ def test_limits_come_back_after_an_error_and_after_an_abandoned_run(free):
     with pytest.raises(RuntimeError, match="on purpose"):
         list(in_parallel(fails, ["a"], workers=1))
     assert limits() == free
-    running = in_parallel(lambda names: limits(), ["a"] * 20, workers=1)
+    running: Any = in_parallel(lambda names: limits(), ["a"] * 20, workers=1)
     assert set(next(running)) == {1}
     running.close()
     assert limits() == free

@@ -9,7 +9,7 @@ from benchmarks.vision_accuracy import pose_error
 from benchmarks.vision_scenes import FACING, facing_poses, one
 from cpcal.errors import InputError
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
-from cpcal.solver.arrays import Floats
+from cpcal.solver.arrays import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.pose import PoseEstimate, estimate_pose
@@ -19,7 +19,7 @@ from cpcal.vision.target import DELTALAB_TARGET, Target
 ALL = np.arange(len(DELTALAB_TARGET.dots))
 
 
-def estimated(centers: Floats, sigma: float, numbers: Floats = ALL, camera: Camera = DELTALAB_CAMERA) -> PoseEstimate:
+def estimated(centers: Floats, sigma: float, numbers: Ints = ALL, camera: Camera = DELTALAB_CAMERA) -> PoseEstimate:
     return estimate_pose(centers, sigma**2 * np.tile(np.eye(2), (len(centers), 1, 1)), numbers, DELTALAB_TARGET, camera)
 
 

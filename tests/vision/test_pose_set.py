@@ -9,8 +9,7 @@ import pytest
 from scipy.optimize import linprog
 
 from benchmarks.pose_sets import drawn_pose, main, pixels_and_slopes, trial
-from cpcal.checker.checker import check
-from cpcal.checker.refusal import Refused
+from cpcal.checker import Refused, check
 from cpcal.errors import InputError
 from cpcal.robot import (
     Pose,

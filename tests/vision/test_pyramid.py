@@ -180,7 +180,7 @@ def test_boxes_about_another_centre_hold_the_same_poses() -> None:
     assert box.about(opposite) is None
 
 
-def times_quaternion(p: list, q: list) -> list:
+def times_quaternion(p, q):
     return [
         p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
         p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.checker.constraints import Constraint, Constraints
-from cpcal.checker.polynomial import Polynomial, combined, product
+from cpcal.checker.problem import SIDES, Given, Problem, Stated
 from cpcal.errors import ModelError
-from cpcal.solver.certificate.statement import LONGEST, NetworkStatement
+from cpcal.solver.certificate.statement import HIGHEST_POWER, LONGEST, NetworkStatement
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import Constraint as NetworkConstraint
@@ -32,7 +31,7 @@ class NotStated(ModelError):
 
 def network_statement(network: ConstraintNetwork, objective: str | None, about: str = "") -> NetworkStatement:
     """The network's constraints, element by element, exactly. Raises NotStated."""
-    items: list[Constraint] = []
+    items: list[Stated] = []
     sides: dict[int, list[str]] = {}
     start: dict[int, int] = {}
     exact = _Exact(network)
@@ -44,10 +43,11 @@ def network_statement(network: ConstraintNetwork, objective: str | None, about: 
         start[number_] = len(items)
         items += found
     goal = None if objective is None else network.names.index(objective)
-    return NetworkStatement(Constraints(network.names, goal, tuple(items)), about, sides, start)
+    problem = Problem(network.names, goal, len(items), tuple(range(len(items))), SIDES, items.__getitem__)
+    return NetworkStatement(problem, tuple(items), about, sides, start)
 
 
-def _stated(name: str, constraint: NetworkConstraint, exact: _Exact) -> tuple[list[Constraint], list[str]]:
+def _stated(name: str, constraint: NetworkConstraint, exact: _Exact) -> tuple[list[Stated], list[str]]:
     """The elements of one constraint, and the sides of its polynomial rows in the order of `network.rewrite`."""
     factor, node, rest = _root(constraint.body)
     shape = constraint.body.shape
@@ -72,7 +72,7 @@ def _stated(name: str, constraint: NetworkConstraint, exact: _Exact) -> tuple[li
     ]
     elements = [np.broadcast_to(np.asarray(p, dtype=object), shape).ravel() for p in (body, low, high)]
     items = [
-        Constraint(f"{name}[{k}]", node is not None, *(p if p is None else _checked(p) for p in parts))  # type: ignore[arg-type]
+        Stated(f"{name}[{k}]", node is not None, *(p if p is None else _checked(p) for p in parts))  # type: ignore[arg-type]
         for k, parts in enumerate(zip(*elements, strict=True))
     ]
     return items, rows
@@ -115,11 +115,12 @@ def _taken(others: Objects, bound: Objects) -> Objects:
     return np.asarray(np.frompyfunc(lambda o, b: None if b is None else o - b, 2, 1)(others, bound), dtype=object)
 
 
-def _checked(p: _Poly) -> Polynomial:
+def _checked(p: _Poly) -> Given:
     for c in p.terms.values():
-        if c.denominator & (c.denominator - 1) or _bits(c) > LONGEST:
+        power = 4 * HIGHEST_POWER if c.denominator & (c.denominator - 1) else c.denominator.bit_length()
+        if power > HIGHEST_POWER or abs(c) >= F(2) ** HIGHEST_POWER or _bits(c) > LONGEST:
             raise NotStated("a coefficient has no short exact form in binary: multiply the divisor out")
-    return p.terms
+    return tuple(p.terms.items())
 
 
 def _bits(c: F) -> int:
@@ -129,11 +130,11 @@ def _bits(c: F) -> int:
 
 
 class _Poly:
-    """A polynomial with operators, so that numpy's object arrays calculate with it."""
+    """A polynomial from sorted monomials to coefficients, with operators so that numpy's object arrays take it."""
 
     __slots__ = ("terms",)
 
-    def __init__(self, terms: Polynomial) -> None:
+    def __init__(self, terms: dict[tuple[int, ...], F]) -> None:
         self.terms = {m: c for m, c in terms.items() if c}
 
     @property
@@ -141,16 +142,24 @@ class _Poly:
         return self.terms.get((), F(0))
 
     def __add__(self, other: _Poly) -> _Poly:
-        return _Poly(combined((1, self.terms), (1, other.terms)))
+        out = dict(self.terms)
+        for m, c in other.terms.items():
+            out[m] = out.get(m, F(0)) + c
+        return _Poly(out)
 
     def __sub__(self, other: _Poly) -> _Poly:
-        return _Poly(combined((1, self.terms), (-1, other.terms)))
+        return self + -other
 
     def __neg__(self) -> _Poly:
-        return _Poly(combined((-1, self.terms)))
+        return _Poly({m: -c for m, c in self.terms.items()})
 
     def __mul__(self, other: _Poly) -> _Poly:
-        return _Poly(product(self.terms, other.terms))
+        out: dict[tuple[int, ...], F] = {}
+        for m, c in self.terms.items():
+            for n, d in other.terms.items():
+                key = tuple(sorted(m + n))
+                out[key] = out.get(key, F(0)) + c * d
+        return _Poly(out)
 
     def __truediv__(self, other: _Poly) -> _Poly:
         if set(other.terms) != {()}:

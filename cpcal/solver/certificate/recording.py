@@ -15,8 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.atomic import replacing
+from cpcal.checker.problem import Problem
+from cpcal.solver.certificate.readings import at_point, failing, stretching
 from cpcal.solver.certificate.statement import Statement, limits, number
-from cpcal.solver.certificate.writer import WeightProver, line
+from cpcal.solver.certificate.writer import WeightProver, line, written
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize import Minimum
 from cpcal.solver.search import ContractorUse, Event, EventKind
@@ -53,7 +55,7 @@ class Recording:
         name = self._names.pop(event.node.serial)
         records = list(event.decision.proof)
         if event.kind is EventKind.PRUNED and not records:  # cut away by the incumbent
-            records.append(("", {"pass": name, "cap": self._cap(event.node.box), "bounds": []}))
+            records.append(("", {"pass": name, "cap": self._cap(event.node.box), "rows": [], "bounds": []}))
         for contractor, record in records:
             step = record | {"exclude" if "weights" in record else "pass": name}
             self._put(event.node.box, step, contractor)
@@ -104,7 +106,7 @@ class Recording:
         """The certificate, all or nothing."""
         with replacing(path) as out:
             out.writelines(line(first).encode() for first in self._statement.header(self._domain))
-            out.write(line(claims).encode())
+            out.write(line(with_readings(self._statement.problem, claims)).encode())
             cap = None if claims["cap"] is None else float.fromhex(claims["cap"])
             out.writelines(line(step).encode() for step in self._useful_steps(cap))
         return Path(path)
@@ -138,6 +140,23 @@ def claims_verified(point: npt.NDArray[np.float64], cap: float, holds: list[int]
     """That a point satisfies some measurements and fails others."""
     verified = {"at": [number(v) for v in point], "holds": holds, "fails": fails}
     return {"cap": number(cap), "infeasible": False, "epsilon": None, "enclosure": None, "point": verified}
+
+
+def with_readings(problem: Problem, claims: Claims) -> Claims:
+    """Claims with the readings by which the point is a solution, and the rows by which it fails."""
+    point = claims["point"]
+    if point is None:
+        return claims
+    x = at_point([float.fromhex(v) for v in point["at"]])
+    holds = problem.chosen if point["holds"] == "all" else point["holds"]
+    signs = [stretching(problem, x, k) for k in holds]
+    rows = (failing(problem, x, k) for k in point["fails"])
+    fails = [written(row) for row in rows if row is not None]
+    return claims | {"point": point | {"readings": signs if any(map(_moved, signs)) else None, "fails": fails}}
+
+
+def _moved(signs: str) -> bool:
+    return set(signs) != {"0"} and bool(signs)
 
 
 def _valid(point: npt.NDArray[np.float64]) -> dict[str, Any]:

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from fractions import Fraction as F
 from typing import Any, Protocol
 
-from cpcal.checker.checker import FORMAT
-from cpcal.checker.constraints import Constraint, Constraints
-from cpcal.checker.leg import Leg
-from cpcal.checker.polynomial import Polynomial
-from cpcal.checker.rule import Problem
+from cpcal.checker.certificate import FORMAT
+from cpcal.checker.problem import Given, Problem, Stated
 from cpcal.solver.interval import Box
 
 _DIGITS = 64  # of a number, on either side of the point, at most
 LONGEST = 2 * 4 * _DIGITS  # bits
+HIGHEST_POWER = 1100  # of two, in a number of the format
 
 
 class Statement(Protocol):
@@ -41,7 +39,7 @@ _LEG_SIDES = {(0, 0): "length", (0, 1): "upper", (0, 2): "lower", (1, 0): "lengt
 class LegStatement:
     """One leg of a campaign with that SHA-256; `only`: the measurements of the network, if they are not all."""
 
-    problem: Leg
+    problem: Problem
     sha256: str
     leg: int
     only: tuple[int, ...] | None = None
@@ -54,7 +52,7 @@ class LegStatement:
             "format": FORMAT,
             "campaign": self.sha256,
             "leg": self.leg,
-            "model": self.problem.model.name,
+            "model": self.problem.model,
             "measurements": self.problem.count,
             "only": None if self.only is None else list(self.only),
             **limits(domain),
@@ -66,7 +64,8 @@ class NetworkStatement:
     """Constraints that the certificate states itself. `sides`: by constraint of the network the side of each part;
     `start`: the number of its first element."""
 
-    problem: Constraints
+    problem: Problem
+    items: tuple[Stated, ...]
     about: str
     sides: Mapping[int, Sequence[str]]
     start: Mapping[int, int]
@@ -83,17 +82,17 @@ class NetworkStatement:
             "constraints": self.problem.count,
             **limits(domain),
         }
-        for c in self.problem.items:
+        for c in self.items:
             yield _constraint(c)
 
 
-def _constraint(c: Constraint) -> dict[str, Any]:
+def _constraint(c: Stated) -> dict[str, Any]:
     parts = {"body": c.body, "at_least": c.at_least, "at_most": c.at_most}
     return {"name": c.name, "root": c.root} | {k: None if p is None else _polynomial(p) for k, p in parts.items()}
 
 
-def _polynomial(p: Polynomial) -> list[Any]:
-    return [[list(monomial), number(c)] for monomial, c in sorted(p.items()) if c]
+def _polynomial(p: Given) -> list[Any]:
+    return [[list(monomial), number(c)] for monomial, c in sorted(p) if c]
 
 
 def limits(box: Box) -> dict[str, list[str]]:

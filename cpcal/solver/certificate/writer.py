@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.checker.polynomial import ExactBox
-from cpcal.checker.rule import Rule, Weights
+from cpcal.checker.problem import Box as ExactBox
+from cpcal.checker.rule import Row, Rule, Weights
+from cpcal.solver.certificate.readings import free, row_of
 from cpcal.solver.certificate.statement import Statement, number
 from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk
 from cpcal.solver.interval import Box
@@ -33,7 +34,7 @@ class WeightProver:
         self._statement = statement
 
     def __call__(self, box: Box, proposed: Contraction) -> Proof:
-        rule = Rule(self._statement.problem, ExactBox(_fractions(box.lo), _fractions(box.hi)))
+        table = _Table(self._statement, ExactBox(_fractions(box.lo), _fractions(box.hi)))
         o = self._statement.problem.objective
         cap = None if o is None else number(float(box.hi[o]))
         lo, hi, bounds = box.lo.copy(), box.hi.copy(), []
@@ -42,51 +43,97 @@ class WeightProver:
             if step.weights is None:
                 continue
             if step.variable is None:
-                excluding = self._excluding(rule, step.weights)
+                excluding = _excluding(table, step.weights)
                 if excluding is not None:
-                    exclude = {"exclude": 0, "cap": cap, "weights": encoded(excluding)}
+                    (weights,), rows = table.encoded([excluding])
+                    exclude = {"exclude": 0, "cap": cap, "rows": rows, "weights": weights}
                     return Proof(Box.empty(box.names), (*steps, step), exclude, True)
                 continue
             i = box.index(step.variable)
-            weights, bound = self._bound(rule, i, step, _LOSS * _width(proposed.box, i))
+            found, bound = _bound(table, i, step, _LOSS * _width(proposed.box, i))
             if (step.side == "lo" and bound > lo[i]) or (step.side == "hi" and bound < hi[i]):
                 (lo if step.side == "lo" else hi)[i] = bound
-                bounds.append([i, step.side, number(bound), encoded(weights)])
+                bounds.append((i, step.side, number(bound), found))
                 steps.append(step)
-        left = box.with_bounds(lo, hi)
-        record = {"pass": 0, "cap": cap, "bounds": bounds} if bounds else None
+        left, record = box.with_bounds(lo, hi), None
+        if bounds:
+            texts, rows = table.encoded([found for *_, found in bounds])
+            entries = [[*entry[:3], text] for entry, text in zip(bounds, texts, strict=True)]
+            record = {"pass": 0, "cap": cap, "rows": rows, "bounds": entries}
         return Proof(left, tuple(steps), record, _complete(left, proposed.box))
 
-    def _excluding(self, rule: Rule, proposed: StepWeights) -> Weights | None:
-        for bits in _BITS:
-            weights = self._exact(proposed, bits)
-            if rule.excludes(weights):
-                return weights
-        return None
 
-    def _bound(self, rule: Rule, i: int, step: Step, loss: float) -> tuple[Weights, float]:
-        """The shortest weights, and the bound on unknown i that they prove, that lose little of what was proposed."""
-        assert step.weights is not None
-        for bits in _BITS:
-            weights = self._exact(step.weights, bits)
-            proved = rule.bound(i, step.side, weights)
-            if abs(proved - F(step.bound)) <= F(loss):
-                break
-        return weights, brief(proved, step.side == "lo", loss)
+class _Table:
+    """The rows of one step, each with the reference reading that was chosen for it, and the rule on the box."""
 
-    def _exact(self, weights: StepWeights, bits: int) -> Weights:
+    def __init__(self, statement: Statement, box: ExactBox) -> None:
+        self._statement = statement
+        self._rows: list[Row] = []
+        self._places: dict[tuple[str, int], int] = {}
+        self.rule = Rule(statement.problem, box, self._rows, free)
+
+    def _place(self, constraint: int, part: int, element: int) -> int | None:
+        """The number in the table of a polynomial row of the network; None where the statement has no such row."""
+        place = self._statement.place(constraint, part, element)
+        if place is None:
+            return None
+        if place not in self._places:
+            self._places[place] = len(self._rows)
+            self._rows.append(row_of(self._statement.problem, self.rule.x, *place))
+        return self._places[place]
+
+    def exact(self, weights: StepWeights, bits: int) -> Weights:
         """The checker's form of proposed weights: whole numbers of so many bits at most, those that vanish left out."""
-        placed = [(self._statement.place(c, part, k), w) for c, part, k, w in weights.rows]
-        kinds = [w for _, w in placed], [e[-1] for e in weights.products], [e[-1] for e in weights.tangents]
+        kinds = ([e[-1] for e in entries] for entries in (weights.rows, weights.products, weights.tangents))
         (rows, r), (products, p), (tangents, t) = (whole(values, bits) for values in kinds)
+        placed = ((self._place(*e[:3]), w) for e, w in zip(weights.rows, rows, strict=True) if w)
         return Weights(
-            tuple((*place, w) for (place, _), w in zip(placed, rows, strict=True) if w and place is not None),
+            tuple((n, w) for n, w in placed if n is not None),
             tuple(
                 (i, j, int(a), int(b), w) for (i, j, a, b, _), w in zip(weights.products, products, strict=True) if w
             ),
             tuple((i, F(touch), w) for (i, touch, _), w in zip(weights.tangents, tangents, strict=True) if w),
             (r, p, t),
         )
+
+    def encoded(self, proofs: Sequence[Weights]) -> tuple[list[dict[str, Any]], list[list[Any]]]:
+        """The JSON of weights, and of the rows that they speak of."""
+        used = sorted({n for weights in proofs for n, _ in weights.rows})
+        places = {n: new for new, n in enumerate(used)}
+        texts = [
+            {
+                "rows": [[places[n], w] for n, w in weights.rows],
+                "products": weights.products,
+                "tangents": [[i, number(t), w] for i, t, w in weights.tangents],
+                "exponents": weights.exponents,
+            }
+            for weights in proofs
+        ]
+        return texts, [written(self._rows[n]) for n in used]
+
+
+def written(row: Row) -> list[Any]:
+    """The JSON of a row; signs that are all 0 are left out."""
+    return [*row] if set(row[2]) & {"-", "+"} else [*row[:2]]
+
+
+def _excluding(table: _Table, proposed: StepWeights) -> Weights | None:
+    for bits in _BITS:
+        weights = table.exact(proposed, bits)
+        if table.rule.excludes(weights):
+            return weights
+    return None
+
+
+def _bound(table: _Table, i: int, step: Step, loss: float) -> tuple[Weights, float]:
+    """The shortest weights, and the bound on unknown i that they prove, that lose little of what was proposed."""
+    assert step.weights is not None
+    for bits in _BITS:
+        weights = table.exact(step.weights, bits)
+        proved = table.rule.bound(i, step.side, weights)
+        if abs(proved - F(step.bound)) <= F(loss):
+            break
+    return weights, brief(proved, step.side == "lo", loss)
 
 
 def _complete(proved: Box, proposed: Box) -> bool:
@@ -118,16 +165,6 @@ def brief(value: F, down: bool, loss: float) -> float:
         unit = F(2) ** (math.frexp(loss)[1] - 1)
         value = ((value / unit).__floor__() if down else (value / unit).__ceil__()) * unit
     return rounded(value, down)
-
-
-def encoded(weights: Weights) -> dict[str, Any]:
-    """The JSON of weights."""
-    return {
-        "rows": weights.rows,
-        "products": weights.products,
-        "tangents": [[i, number(t), w] for i, t, w in weights.tangents],
-        "exponents": weights.exponents,
-    }
 
 
 def _width(box: Box, i: int) -> float:

@@ -1,16 +1,15 @@
-"""Forgeries by hand: each is refused, at the line where the lie is told, with both kinds of numbers."""
+"""Forgeries by hand: each is refused, at the line where the lie is told."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Callable
-from fractions import Fraction as F
 from typing import Any
 
 import pytest
 
-from cpcal.checker.refusal import Refused
+from cpcal.checker import Refused
 
 # the true certificates: header, (constraints,) claims, split, exclude, pass, halve (a split of what is left)
 Lines = list[dict[str, Any]]
@@ -35,9 +34,11 @@ def place(
 
     def change(lines: Lines, proof: Any) -> str:
         target: Any = lines[1] if line == "constraint" else lines[proof.index(line)]
-        for key in path[:-1]:
+        first = target["bounds"][0][3]["rows"][0][0] if "first" in path else None
+        *keys, end = (first if key == "first" else key for key in path)
+        for key in keys:
             target = target[key]
-        target[path[-1]] = value(target[path[-1]]) if callable(value) else value
+        target[end] = value(target[end]) if callable(value) else value
         return line if refused is None else refused
 
     assert name not in FORGERIES, name
@@ -61,10 +62,11 @@ def negated(text: str) -> str:
 
 UP, DOWN = math.inf, -math.inf
 WEIGHTS = ("bounds", 0, 3)
+ROW = ("rows", "first")  # the row of the step that the first bound has the first weight on
 
 # the header
-place("another format", "header", "format", value="cpcal-certificate/2")
-place("format is a list", "header", "format", value=["cpcal-certificate/3"])
+place("another format", "header", "format", value="cpcal-certificate/3")
+place("format is a list", "header", "format", value=["cpcal-certificate/4"])
 place("another digest", "header", "campaign", value=lambda t: t[:-1] + ("0" if t[-1] != "0" else "1"), kinds=LEG)
 place("digest in capitals", "header", "campaign", value=str.upper, kinds=LEG)
 place("digest is no text", "header", "campaign", value=0, kinds=LEG)
@@ -94,7 +96,8 @@ place("bound of the box is NaN", "header", "lo", 2, value="nan", kinds=LEG)
 place("negative eps in the box", "header", "lo", 7, value="-0x1p-30", kinds=LEG)
 place("least eps of the box is positive", "header", "lo", 7, value="0x1p-30", refused="claims", kinds=LEG)
 place("wider box", "header", "hi", value=lambda v: [(valued(w) + 50).hex() for w in v], refused="exclude")
-place("box up to huge numbers", "header", "hi", 0, value="0x1p+9999", refused="exclude")
+place("box up to huge numbers", "header", "hi", 0, value="0x1p+1100", refused="exclude")
+place("box up to numbers beyond the format", "header", "hi", 0, value="0x1p+1101")
 # the model
 place("a model that there is not", "header", "model", value="stretched", kinds=GAIN)
 place("the model in capitals", "header", "model", value="GAIN", kinds=GAIN)
@@ -116,8 +119,8 @@ place("another gain of the point", "claims", "point", "at", 7, value="0x1p-2", k
 place("bound with a gain one ulp beyond", "pass", "bounds", 0, 2, value=lambda t: moved(t, UP), kinds=GAIN)
 place("eps_lo of the gain one ulp up", "claims", "epsilon", "lo", value=lambda t: moved(t, UP), refused="last",
       kinds=GAIN)  # fmt: skip
-place("a weight of the gain's eps less", "pass", *WEIGHTS, "rows", 0, 2, value=lambda w: w - 1, kinds=GAIN)
-place("upper is lower with a gain", "pass", *WEIGHTS, "rows", 0, 0, value=lambda s: {"upper": "lower"}.get(s, "upper"),
+place("a weight of the gain's eps less", "pass", *WEIGHTS, "rows", 0, 1, value=lambda w: w - 1, kinds=GAIN)
+place("upper is lower with a gain", "pass", *ROW, 0, value=lambda s: {"upper": "lower"}.get(s, "upper"),
       kinds=GAIN)  # fmt: skip
 place("the gain in the place of eps", "pass", "bounds", 0, 0, value=7, kinds=GAIN)
 place("an unknown beyond eps", "pass", "bounds", 0, 0, value=9, kinds=GAIN)
@@ -179,10 +182,17 @@ place("eps_hi by a point judged by one", "claims", "point", "holds", value=[0])
 place("eps_hi by a point judged by none", "claims", "point", "holds", value=[])
 place("point holds at an unknown number", "claims", "point", "holds", value=[99])
 place("point holds, not ascending", "claims", "point", "holds", value=[1, 0])
-place("point fails where it holds", "claims", "point", "fails", value=[3])
+place("point fails where it holds", "claims", "point", "fails", value=[["upper", 3]])
 place("point fails all", "claims", "point", "fails", value="all")
-place("point fails at an unknown number", "claims", "point", "fails", value=[99])
-place("point fails at true", "claims", "point", "fails", value=[True])
+place("point fails at an unknown number", "claims", "point", "fails", value=[["upper", 99]])
+place("point fails at true", "claims", "point", "fails", value=[["upper", True]])
+place("point fails by a number", "claims", "point", "fails", value=[3])
+place("point fails by no row", "claims", "point", "fails", value=[["upper"]])
+place("point fails by no side", "claims", "point", "fails", value=[["middle", 3]])
+place("readings are a text", "claims", "point", "readings", value="")
+place("readings of one only", "claims", "point", "readings", value=[""])
+place("readings are numbers", "claims", "point", "readings", value=lambda _: [0] * 99)
+place("point without readings", "claims", "point", value=lambda p: {k: v for k, v in p.items() if k != "readings"})
 # the split on the objective
 place("cut below the box", "split", "at", value="-0x1p+0")
 place("cut above the box", "split", "at", value="0x1p+9")
@@ -227,7 +237,7 @@ for kind, bad in {
     "enormous": 10**4000,
     "a list": [1],
 }.items():
-    place(f"weight of a row {kind}", "pass", *WEIGHTS, "rows", 0, 2, value=bad)
+    place(f"weight of a row {kind}", "pass", *WEIGHTS, "rows", 0, 1, value=bad)
     place(f"weight of a product {kind}", "pass", *WEIGHTS, "products", value=[[0, 1, 1, 1, bad]])
     place(f"weight of a tangent {kind}", "pass", *WEIGHTS, "tangents", value=[[0, "0x0p+0", bad]])
 for kind, bad in {
@@ -243,20 +253,28 @@ for kind, bad in {
 place("two exponents", "pass", *WEIGHTS, "exponents", value=lambda v: v[:2])
 place("four exponents", "pass", *WEIGHTS, "exponents", value=lambda v: [*v, 0])
 place("exponent of the rows one less", "pass", *WEIGHTS, "exponents", 0, value=lambda e: e - 1)
-place("heaviest weight of a row", "pass", *WEIGHTS, "rows", 0, 2, value=(1 << 60) - 1)
-place("weight of a row one less", "pass", *WEIGHTS, "rows", 0, 2, value=lambda w: w - 1)
+place("heaviest weight of a row", "pass", *WEIGHTS, "rows", 0, 1, value=(1 << 60) - 1)
+place("weight of a row one less", "pass", *WEIGHTS, "rows", 0, 1, value=lambda w: w - 1)
 place("row dropped", "pass", *WEIGHTS, "rows", value=lambda rows: rows[1:])
-place("upper is lower", "pass", *WEIGHTS, "rows", 0, 0, value=lambda s: {"upper": "lower"}.get(s, "upper"))
-place("row of another measurement", "pass", *WEIGHTS, "rows", 0, 1, value=lambda k: (k + 1) % 6)
-place("row after the last", "pass", *WEIGHTS, "rows", 0, 1, value=13)
-place("row -1", "pass", *WEIGHTS, "rows", 0, 1, value=-1)
-place("row true", "pass", *WEIGHTS, "rows", 0, 1, value=True)
-place("row of no side", "pass", *WEIGHTS, "rows", 0, 0, value="middle")
-place("side of constraints in a leg", "pass", *WEIGHTS, "rows", 0, 0, value="sign", kinds=LEG)
-place("side of a leg in constraints", "pass", *WEIGHTS, "rows", 0, 0, value="length", kinds=NETWORK)
-place("side is a list", "pass", *WEIGHTS, "rows", 0, 0, value=["upper"])
-place("row of four", "pass", *WEIGHTS, "rows", 0, value=lambda row: [*row, 1])
-place("rows are an object", "pass", *WEIGHTS, "rows", value={})
+place("upper is lower", "pass", *ROW, 0, value=lambda s: {"upper": "lower"}.get(s, "upper"))
+place("row of another measurement", "pass", *ROW, 1, value=lambda k: (k + 1) % 6)
+place("row after the last", "pass", *ROW, 1, value=13)
+place("row -1", "pass", *ROW, 1, value=-1)
+place("row true", "pass", *ROW, 1, value=True)
+place("row of no side", "pass", *ROW, 0, value="middle")
+place("side of constraints in a leg", "pass", *ROW, 0, value="sign", kinds=LEG)
+place("side of a leg in constraints", "pass", *ROW, 0, value="length", kinds=NETWORK)
+place("side is a list", "pass", *ROW, 0, value=["upper"])
+place("row of four", "pass", *ROW, value=lambda row: [*row[:2], "", ""])
+place("rows are an object", "pass", "rows", value={})
+place("weights of rows are an object", "pass", *WEIGHTS, "rows", value={})
+place("weight of a row after the last", "pass", *WEIGHTS, "rows", 0, 0, value=10_000)
+place("weight of row -1", "pass", *WEIGHTS, "rows", 0, 0, value=-1)
+place("weight of row true", "pass", *WEIGHTS, "rows", 0, 0, value=True)
+place("weights of other rows", "pass", *WEIGHTS, "rows",
+      value=lambda rows: [[n, w] for (n, _), (_, w) in zip(rows, [*rows[1:], rows[0]], strict=True)])  # fmt: skip
+place("weight of a row of three", "pass", *WEIGHTS, "rows", 0, value=lambda entry: [*entry, 1])
+place("rows left out, weights kept", "pass", "rows", value=[])
 place("product with p = 2", "pass", *WEIGHTS, "products", value=[[0, 1, 2, 1, 9]])
 place("product with q = 0", "pass", *WEIGHTS, "products", value=[[0, 1, 1, 0, 9]])
 place("product with p = 1.0", "pass", *WEIGHTS, "products", value=[[0, 1, 1.0, 1, 9]])
@@ -284,6 +302,21 @@ place("bounds are an object", "pass", "bounds", value={})
 place("names used before", "halve", "into", value=[1, 2])
 place("names left out", "halve", "into", value=[4, 5])
 place("cut outside the box", "halve", "at", value="0x1p+20")
+# readings
+place("six signs", "pass", *ROW, 2, value=lambda t: t[:6], kinds=GAIN)
+place("eight signs", "pass", *ROW, 2, value=lambda t: t + "0", kinds=GAIN)
+place("signs that are none", "pass", *ROW, 2, value=lambda t: t[:6] + "1", kinds=GAIN)
+place("signs in a list", "pass", *ROW, 2, value=list, kinds=GAIN)
+place("signs are null", "pass", *ROW, 2, value=7, kinds=GAIN)
+place("opposite signs", "pass", *ROW, 2, value=lambda t: t.translate(str.maketrans("+-", "-+")), kinds=GAIN)
+place("signs left out", "pass", *ROW, value=lambda row: row[:2], kinds=GAIN)
+place("signs of exact constraints", "pass", *ROW, value=lambda row: [*row, "+++++++"], kinds=NETWORK)
+place("opposite readings of the point", "claims", "point", "readings",
+      value=lambda r: [t.translate(str.maketrans("+-", "-+")) for t in r], kinds=GAIN)  # fmt: skip
+place("centres for readings of the point", "claims", "point", "readings", value=None, kinds=GAIN)
+place("a reading of the point too few", "claims", "point", "readings", value=lambda r: r[1:], kinds=GAIN)
+place("a reading of the point with a sign too few", "claims", "point", "readings", 0, value="+++", kinds=GAIN)
+place("signs of readings of constraints", "claims", "point", "readings", value=lambda _: ["+"] * 14, kinds=NETWORK)
 # constraints
 place("objective too many", "header", "objective", value=4, kinds=NETWORK)
 place("objective by its name", "header", "objective", value="t", kinds=NETWORK)
@@ -349,8 +382,9 @@ def roots_and_squares_swapped(lines: Lines, proof: Any) -> str:
 
 def used(lines: Lines, proof: Any, side: str) -> dict[str, Any]:
     """A constraint that counts for the bound on the objective, with that side."""
-    rows = lines[proof.index("pass")]["bounds"][0][3]["rows"]
-    return next(lines[1 + k] for s, k, _ in rows if s == side and lines[1 + k]["root"])
+    step = lines[proof.index("pass")]
+    rows = [step["rows"][n] for n, _ in step["bounds"][0][3]["rows"]]
+    return next(lines[1 + k] for s, k in rows if s == side and lines[1 + k]["root"])
 
 
 @forgery("network")
@@ -410,7 +444,8 @@ def about_beside_the_campaign(lines: Lines, proof: Any) -> str:
 
 @forgery("leg")
 def a_weight_on_a_measurement_left_out(lines: Lines, proof: Any) -> str:
-    k = lines[proof.index("exclude")]["weights"]["rows"][0][1]
+    step = lines[proof.index("exclude")]
+    k = step["rows"][step["weights"]["rows"][0][0]][1]
     lines[0]["only"] = [n for n in range(lines[0]["measurements"]) if n != k]
     return "exclude"
 
@@ -425,7 +460,7 @@ def a_measurement_left_out_judges_the_point(lines: Lines, proof: Any) -> str:
 @forgery("leg")
 def a_measurement_left_out_refutes_the_point(lines: Lines, proof: Any) -> str:
     lines[0]["only"] = list(range(lines[0]["measurements"] - 1))
-    lines[proof.head]["point"].update(at=["0x1p+20"] * 8, holds=[], fails=[lines[0]["measurements"] - 1])
+    lines[proof.head]["point"].update(at=["0x1p+20"] * 8, holds=[], fails=[["upper", lines[0]["measurements"] - 1]])
     return "claims"
 
 
@@ -437,8 +472,8 @@ def rows_of_another_leg_without_a_point(lines: Lines, proof: Any) -> str:
 
 
 @forgery("gain")
-def the_header_of_version_2(lines: Lines, proof: Any) -> str:
-    lines[0]["format"] = "cpcal-certificate/2"
+def the_header_of_version_3(lines: Lines, proof: Any) -> str:
+    lines[0]["format"] = "cpcal-certificate/3"
     del lines[0]["model"]
     return "header"
 
@@ -461,9 +496,9 @@ def a_proof_of_the_plain_model_for_the_gain_model(lines: Lines, proof: Any) -> s
 def the_point_holds_where_it_fails(lines: Lines, proof: Any) -> str:
     claims = lines[proof.head]
     x = [*proof.point[:-1], 0.0]
-    bad = next(k for k in range(proof.problem.count) if proof.problem.fails(k, tuple(map(F, x))))
+    bad = next(k for k in range(proof.problem.count) if proof.fails(k, x))
     claims["epsilon"]["hi"] = None
-    claims["point"] = {"at": [v.hex() for v in x], "holds": [bad], "fails": []}
+    claims["point"] = {"at": [v.hex() for v in x], "holds": [bad], "readings": None, "fails": []}
     return "claims"
 
 
@@ -471,11 +506,11 @@ def the_point_holds_where_it_fails(lines: Lines, proof: Any) -> str:
 def the_point_fails_where_it_holds(lines: Lines, proof: Any) -> str:
     claims = lines[proof.head]
     x = [*proof.point[:-1], 0.5 * proof.eps_hi]
-    exact = tuple(map(F, x))
-    assert any(proof.problem.fails(k, exact) for k in range(proof.problem.count))
-    good = next(k for k in range(proof.problem.count) if not proof.problem.fails(k, exact))
+    rows = [proof.fails(k, x) for k in range(proof.problem.count)]
+    bad = next(row for row in rows if row is not None)
     claims["epsilon"]["hi"] = None
-    claims["point"] = {"at": [v.hex() for v in x], "holds": [], "fails": [good]}
+    claims["point"] = {"at": [v.hex() for v in x], "holds": [], "readings": None}
+    claims["point"]["fails"] = [[bad[0], rows.index(None), *bad[2:]]]
     return "claims"
 
 
@@ -517,7 +552,7 @@ def unknown_key_in_the_claims(lines: Lines, proof: Any) -> str:
 
 @forgery()
 def unknown_key_in_the_point(lines: Lines, proof: Any) -> str:
-    lines[proof.head]["point"]["readings"] = []
+    lines[proof.head]["point"]["reading"] = []
     return "claims"
 
 

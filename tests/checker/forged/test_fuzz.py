@@ -15,12 +15,10 @@ from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
-import flint
 import pytest
 
-from cpcal.checker.checker import check
-from cpcal.checker.claims import Accepted
-from cpcal.checker.refusal import Refused
+from cpcal.checker import Accepted, Refused, check
+from cpcal.files.campaign_json import NAME
 
 TOTAL = int(os.environ.get("CPCAL_MUTATIONS", "2000"))
 SHARE = {
@@ -98,9 +96,12 @@ def changed(value: Any, rng: random.Random, numbers: list[str]) -> Any:
         else:
             rng.shuffle(copied)
         return copied
+    if isinstance(value, str) and value and set(value) <= set("-0+"):
+        at = rng.randrange(len(value))
+        return value[:at] + rng.choice("-0+") + value[at + 1 :]
     if value in ("lo", "hi"):
         return "hi" if value == "lo" else "lo"
-    return rng.choice(["upper", "lower", "length", "sign"]) if isinstance(value, str) else rng.choice(ODD)
+    return rng.choice(["upper", "lower", "length", "sign", "body"]) if isinstance(value, str) else rng.choice(ODD)
 
 
 def bolder(lines: list[Any], head: int, rng: random.Random) -> None:
@@ -124,7 +125,10 @@ def bolder(lines: list[Any], head: int, rng: random.Random) -> None:
         some = sorted(rng.sample(range(count), rng.randint(0, 3)))
         epsilon["hi"] = None
         point["at"][-1] = (float.fromhex(point["at"][-1]) * (1 - part)).hex()
-        point.update(holds=[k for k in range(count) if k not in some], fails=some)
+        signs = point["readings"]
+        good = [k for k in range(count) if k not in some]
+        point.update(holds=good, readings=signs and [signs[k] for k in good])
+        point["fails"] = [[rng.choice(["upper", "lower"]), k] for k in some]
     elif "only" in lines[0]:
         count = lines[0]["measurements"]
         lines[0]["only"] = sorted(rng.sample(range(count), count - rng.randint(0, 4)))
@@ -179,7 +183,7 @@ def solves(m: Any, x: Vector) -> bool:
     u = [q[1] * t[2] - q[2] * t[1], q[2] * t[0] - q[0] * t[2], q[0] * t[1] - q[1] * t[0]]
     v = [m.position[i] + b[i] + (w * t[i] + u[i]) / scale - x[i] for i in range(3)]
     square, base, eps = sum((c * c for c in v), F(0)), m.length + x[6], x[-1]
-    if eps < 0 or base - m.length_radius < eps:
+    if eps < 0 or base - m.radii[6] < eps:
         return False
     base += m.length * sum(x[7:-1], F(0))
     return base >= eps and (base - eps) ** 2 <= square <= (base + eps) ** 2
@@ -205,10 +209,10 @@ class Truth:
         problem = self.proof.problem
         if self.proof.folder is None:
             return all(obeys(c, x) for c in self.proof.lines[1 : self.proof.head])
-        return all(solves(problem.equation(k).measurement, x) for k in range(problem.count))
+        return all(solves(problem.item(k).measurement, x) for k in range(problem.count))
 
     def holds(self, lines: Any, found: Accepted, k: int, x: Vector) -> bool:
-        return obeys(lines[1 + k], x) if found.leg is None else solves(self.proof.problem.equation(k).measurement, x)
+        return obeys(lines[1 + k], x) if found.leg is None else solves(self.proof.problem.item(k).measurement, x)
 
     def false(self, lines: Any, found: Accepted) -> str | None:
         """What is false of an accepted certificate."""
@@ -216,7 +220,7 @@ class Truth:
         if found.leg is not None and (found.leg, found.model) != tuple(proof.lines[0][k] for k in ("leg", "model")):
             silent = claims.eps_hi is None and claims.eps_lo in (None, 0) and not claims.infeasible
             return None if silent else "another leg, or another model"
-        exact_readings = found.leg is None or not any(proof.problem.equation(0).measurement.position_radius)
+        exact_readings = found.leg is None or not any(proof.problem.item(0).radii)
         if claims.point is not None:
             for k in claims.point.holds:
                 if exact_readings and not self.holds(lines, found, k, claims.point.at):
@@ -259,13 +263,6 @@ class Truth:
         return None
 
 
-def same(path: Path, folder: Path | None, refused: Refused) -> bool:
-    """Whether Python's fractions are refused in the same words."""
-    with pytest.raises(Refused) as again:
-        check(path, folder)
-    return (again.value.line, again.value.reason) == (refused.line, refused.reason)
-
-
 @pytest.mark.parametrize("name", SHARE)
 def test_no_mutation_is_believed(name: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     proof, rng, accepted, rounds = request.getfixturevalue(name), random.Random(name), 0, int(TOTAL * SHARE[name])
@@ -277,11 +274,9 @@ def test_no_mutation_is_believed(name: str, request: pytest.FixtureRequest, tmp_
         mutate(lines, proof.head, rng)
         path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
         try:
-            found = check(path, proof.folder, rational=flint.fmpq)
-        except Refused as refused:
-            assert number % 10 or same(path, proof.folder, refused)  # noqa: PT017
+            found = check(path, proof.folder and proof.folder / NAME)
+        except Refused:
             continue
-        assert number % 10 or check(path, proof.folder) == found
         accepted += 1
         wrong = truth.false(lines, found)
         assert wrong is None, (number, wrong, json.dumps(lines)[:2000])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import shutil
 from collections.abc import Callable
@@ -11,8 +13,9 @@ from typing import Any
 
 import pytest
 
-from cpcal.checker.campaign import ExactCampaign
-from cpcal.checker.refusal import Refused
+from cpcal.checker import ExactCampaign, Refused, Unusable, check
+from cpcal.files.campaign_json import NAME
+from cpcal.solver.certificate.readings import at_point, holding, stretching
 
 UP, DOWN = math.inf, -math.inf
 
@@ -47,7 +50,11 @@ def with_eps(proof: Any, eps: float) -> list[dict[str, Any]]:
     claims = lines[proof.head]
     claims["cap"] = lines[0]["hi"][-1]
     claims.update(epsilon={"lo": "0x0p+0", "hi": eps.hex()}, enclosure=None)
-    claims["point"]["at"][-1] = eps.hex()
+    point = claims["point"]
+    point["at"][-1] = eps.hex()
+    if point["readings"] is not None:
+        x = at_point([float.fromhex(v) for v in point["at"]])
+        point["readings"] = [stretching(proof.problem, x, k) for k in proof.problem.chosen]
     return lines[: proof.head + 1]
 
 
@@ -67,8 +74,8 @@ def test_bounds_one_ulp_beyond_the_proof(name: str, request: pytest.FixtureReque
 def test_eps_one_ulp_below_the_least_that_the_point_shows(verdict: Any, exact_proof: Any) -> None:
     """For exact readings that is the largest | ||v|| - (L + l) |; here it is found by bisection."""
     x = [F(v) for v in exact_proof.point]
-    exact = ExactCampaign(exact_proof.folder, 1)
-    rows = [exact.measurement(k) for k in range(len(exact))]
+    exact = ExactCampaign(exact_proof.folder / NAME)
+    rows = [exact.measurement(k, 1) for k in range(len(exact))]
 
     def shown(eps: float) -> bool:
         return all((m.length + x[6] - F(eps)) ** 2 <= length(m, x) <= (m.length + x[6] + F(eps)) ** 2 for m in rows)
@@ -92,24 +99,27 @@ def test_a_point_of_the_uncertain_campaign_that_fails_is_proved_to_fail(verdict:
     lines = with_eps(uncertain_proof, 0.5 * uncertain_proof.eps_hi)
     claims = lines[uncertain_proof.head]
     x = tuple(float.fromhex(v) for v in claims["point"]["at"])
-    bad = [k for k in range(16) if uncertain_proof.problem.fails(k, tuple(map(F, x)))]
-    good = [k for k in range(16) if uncertain_proof.problem.holds(k, tuple(map(F, x)))]
+    rows = [uncertain_proof.fails(k, x) for k in range(16)]
+    at = at_point(x)
+    signs = [holding(uncertain_proof.problem, at, k) for k in range(16)]
+    bad = [k for k in range(16) if rows[k] is not None]
+    good = [k for k in range(16) if signs[k] is not None]
     assert bad
     assert not set(bad) & set(good)
     claims["epsilon"]["hi"] = None
-    claims["point"].update(holds=good, fails=bad)
+    claims["point"].update(holds=good, readings=[signs[k] for k in good], fails=[[*rows[k]] for k in bad])
     point = verdict(lines, uncertain_proof.folder).claims.point
     assert (point.holds, point.fails) == (tuple(good), tuple(bad))
     for k in set(range(16)) - set(bad):
-        claims["point"].update(holds=[], fails=[k])
+        claims["point"].update(holds=[], readings=None, fails=[[*rows[bad[0]][:1], k, *rows[bad[0]][2:]]])
         with pytest.raises(Refused, match="not proved that the point fails"):
             verdict(lines, uncertain_proof.folder)
 
 
 def test_a_leg_shorter_than_eps(verdict: Any, exact_proof: Any) -> None:
     """With eps a little larger than the shortest leg all squares are in order; the leg itself is not."""
-    rows = ExactCampaign(exact_proof.folder, 1)
-    shortest = min(float(rows.measurement(k).length) for k in range(len(rows))) + exact_proof.point[6]
+    rows = ExactCampaign(exact_proof.folder / NAME)
+    shortest = min(float(rows.measurement(k, 1).length) for k in range(len(rows))) + exact_proof.point[6]
     below, above = with_eps(exact_proof, 0.99 * shortest), with_eps(exact_proof, 1.01 * shortest)
     assert verdict(below, exact_proof.folder).claims.eps_hi == F(0.99 * shortest)
     with pytest.raises(Refused, match="not proved that the point satisfies"):
@@ -126,91 +136,132 @@ def moved_campaign(tmp_path: Path, exact_proof: Any) -> Path:
     return folder
 
 
-def rewritten(folder: Path, change: Callable[[dict[str, str]], None], rows: slice = slice(None)) -> str:
-    """The digest of the campaign with some rows changed."""
-    file = folder / "measurements.csv"
-    names, *cells = [row.split(",") for row in file.read_text().splitlines()]
-    found = [dict(zip(names, row, strict=True)) for row in cells]
-    for row in found[rows]:
-        change(row)
-    file.write_text("\n".join(",".join(row.values()) for row in [dict(zip(names, names, strict=True)), *found]) + "\n")
-    return ExactCampaign(folder, 1).sha256
+def rewritten(folder: Path, change: Callable[[list[list[Any]]], None]) -> str:
+    """The digest of the campaign after a change of its measurements."""
+    data = json.loads((folder / NAME).read_text())
+    change(data["measurements"])
+    (folder / NAME).write_text(json.dumps(data))
+    return hashlib.sha256((folder / NAME).read_bytes()).hexdigest()
 
 
-@pytest.mark.parametrize("name", ["campaign.toml", "measurements.csv"])
-def test_a_campaign_changed_after_the_fact(name: str, verdict: Any, exact_proof: Any, moved_campaign: Path) -> None:
-    file = moved_campaign / name
+def test_a_campaign_changed_after_the_fact(verdict: Any, exact_proof: Any, moved_campaign: Path) -> None:
+    """A byte more, or a digit less, and the digest is another one."""
+    file = moved_campaign / NAME
     content = file.read_bytes()
-    file.write_bytes(content + b"\n")
-    with pytest.raises(Refused, match="SHA-256") as caught:
-        verdict(exact_proof.lines, moved_campaign)
-    assert caught.value.line == 1
     digit = max(content.rfind(d) for d in b"123456789")
-    file.write_bytes(content[:digit] + b"0" + content[digit + 1 :])
-    with pytest.raises(Refused, match="SHA-256"):
-        verdict(exact_proof.lines, moved_campaign)
+    for changed in (content + b"\n", content[:digit] + b"0" + content[digit + 1 :]):
+        file.write_bytes(changed)
+        with pytest.raises(Refused, match="SHA-256") as caught:
+            verdict(exact_proof.lines, moved_campaign)
+        assert caught.value.line == 1
 
 
 def test_another_campaign_with_its_own_digest(verdict: Any, exact_proof: Any, moved_campaign: Path) -> None:
     """The digest is put right again; the proof is not."""
 
-    def longer(row: dict[str, str]) -> None:
-        row["L1"] = repr(float(row["L1"]) + 1.0)
+    def longer(rows: list[list[Any]]) -> None:
+        rows[0][9] = repr(float(rows[0][9]) + 1.0)
 
     lines = exact_proof.copy()
-    lines[0]["campaign"] = rewritten(moved_campaign, longer, slice(1))
+    lines[0]["campaign"] = rewritten(moved_campaign, longer)
     with pytest.raises(Refused, match="point satisfies measurement 0"):
         verdict(lines, moved_campaign)
     lines[1]["point"] = lines[1]["epsilon"]["hi"] = None
     lines[2]["bounds"] = [e for e in lines[2]["bounds"] if e[0] == 7]
-    assert 0 in {k for _, k, _ in lines[2]["bounds"][0][3]["rows"]}
+    assert 0 in {lines[2]["rows"][n][1] for n, _ in lines[2]["bounds"][0][3]["rows"]}
     with pytest.raises(Refused):
         verdict(lines, moved_campaign)
 
 
-@pytest.mark.parametrize(
-    ("cells", "reason"),
-    [
-        ({"qw": "0", "qx": "0", "qy": "0", "qz": "0"}, "no rotation"),
-        ({"qw": "nan"}, "cannot be read"),
-        ({"L1": "inf"}, "cannot be read"),
-        ({"L1": ""}, "cannot be read"),
-        ({"x": "1e999"}, "cannot be read"),
-        ({"y": "one"}, "cannot be read"),
-    ],
-)
+CELLS: list[tuple[int, Any, str]] = [
+    (5, "0", "no rotation"),
+    (5, "nan", "no decimal"),
+    (9, "inf", "no decimal"),
+    (9, "", "no decimal"),
+    (2, "1e999", "too large"),
+    (2, "9" * 40, "no decimal"),
+    (3, "one", "no decimal"),
+    (3, "0x1p+0", "no decimal"),
+    (3, " 1", "no decimal"),
+    (3, "1_0", "no decimal"),
+    (3, "\uff11", "no decimal"),
+    (3, 1, "no decimal"),
+    (3, True, "no decimal"),
+    (3, None, "no decimal"),
+    (3, ["1"], "no decimal"),
+    (15, "-1.0", "negative half-width"),
+    (18, "-1e-300", "negative half-width"),
+    (21, "-1.0", "negative half-width"),
+]
+
+
+@pytest.mark.parametrize(("column", "cell", "reason"), CELLS)
 def test_a_row_that_is_none(
-    cells: dict[str, str], reason: str, verdict: Any, exact_proof: Any, moved_campaign: Path
+    column: int, cell: Any, reason: str, verdict: Any, exact_proof: Any, moved_campaign: Path
 ) -> None:
+    def change(rows: list[list[Any]]) -> None:
+        for row in rows:
+            row[column] = cell
+            if reason == "no rotation":
+                row[6:9] = "000"
+
     lines = exact_proof.copy()
-    lines[0]["campaign"] = rewritten(moved_campaign, lambda row: row.update(cells))
+    lines[0]["campaign"] = rewritten(moved_campaign, change)
     with pytest.raises(Refused, match=reason) as caught:
         verdict(lines, moved_campaign)
     assert caught.value.line == 0
 
 
-def test_a_negative_half_width(verdict: Any, exact_proof: Any, moved_campaign: Path) -> None:
-    file = moved_campaign / "measurements.csv"
-    first, *rows = file.read_text().splitlines()
-    file.write_text("\n".join([first + ",dx", *(row + ",-1.0" for row in rows)]) + "\n")
-    lines = exact_proof.copy()
-    lines[0]["campaign"] = ExactCampaign(moved_campaign, 1).sha256
-    with pytest.raises(Refused, match="negative half-width"):
+OTHERS: dict[str, Callable[[dict[str, Any]], object]] = {
+    "another format": lambda d: d.update(format="cpcal-campaign-exact/2"),
+    "no format": lambda d: d.pop("format"),
+    "an unknown key": lambda d: d.update(note="trust me"),
+    "no robot": lambda d: d.pop("robot"),
+    "no measurements": lambda d: d.update(measurements=[]),
+    "measurements in an object": lambda d: d.update(measurements={}),
+    "a row too short": lambda d: d["measurements"][3].pop(),
+    "a row too long": lambda d: d["measurements"][3].append("0"),
+    "all rows shorter": lambda d: [row.pop() for row in d["measurements"]],
+    "a row that is a text": lambda d: d["measurements"].append("row"),
+    "rows of nothing": lambda d: d.update(measurements=[[], []]),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_files_that_are_no_campaign(name: str, verdict: Any, exact_proof: Any, moved_campaign: Path) -> None:
+    data, lines = json.loads((moved_campaign / NAME).read_text()), exact_proof.copy()
+    OTHERS[name](data)
+    (moved_campaign / NAME).write_text(json.dumps(data))
+    lines[0]["campaign"] = hashlib.sha256((moved_campaign / NAME).read_bytes()).hexdigest()
+    with pytest.raises(Refused, match=r"campaign\.json") as caught:
         verdict(lines, moved_campaign)
+    assert caught.value.line == 0
 
 
 def test_no_campaign(verdict: Any, exact_proof: Any, tmp_path: Path) -> None:
-    with pytest.raises(Refused, match="cannot be read"):
-        verdict(exact_proof.lines, tmp_path / "nowhere")
-    with pytest.raises(Refused, match="is needed"):
-        verdict(exact_proof.lines, None)
+    for folder in (tmp_path / "nowhere", None):
+        with pytest.raises(Unusable, match="cannot be read"):
+            verdict(exact_proof.lines, folder)
+
+
+def test_the_campaign_beside_a_certificate_is_found(tmp_path: Path, exact_proof: Any) -> None:
+    """By its digest, among others."""
+    path = tmp_path / "leg1.cert.jsonl"
+    path.write_text("".join(json.dumps(line) + "\n" for line in exact_proof.lines))
+    shutil.copy(exact_proof.folder / NAME, tmp_path / "z.campaign.json")
+    data = (exact_proof.folder / NAME).read_bytes()
+    (tmp_path / NAME).write_bytes(data + b"\n")
+    assert check(path).claims.eps_lo == F(exact_proof.eps_lo)
+    (tmp_path / "z.campaign.json").unlink()
+    with pytest.raises(Refused, match="SHA-256"):
+        check(path)
 
 
 # limits of the checker, here so low that they are reached -----------------------------------------------------------
 
 
 def test_too_many_open_boxes(verdict: Any, network_proof: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cpcal.checker.checker._MOST_OPEN", 5)
+    monkeypatch.setattr("cpcal.checker.certificate._MOST_OPEN", 5)
     lines = network_proof.copy()[:-1]
     lines[-1].update(epsilon=None, enclosure=None)
     cut = lines[0]["lo"][0]
@@ -222,22 +273,32 @@ def test_too_many_open_boxes(verdict: Any, network_proof: Any, monkeypatch: pyte
     assert caught.value.line == len(lines)
 
 
-def test_too_many_steps(verdict: Any, network_proof: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cpcal.checker.checker._MOST_STEPS", 3)
-    lines = network_proof.copy()
-    idle = {"pass": 0, "cap": lines[-1]["cap"], "bounds": []}
-    assert verdict([*lines, idle, idle], None).steps == 3
-    with pytest.raises(Refused, match="more than 3 steps") as caught:
-        verdict([*lines, idle, idle, idle], None)
-    assert caught.value.line == len(lines) + 3
+def test_too_much_work(tmp_path: Path, network_proof: Any) -> None:
+    """It is counted as the check goes on, and the refusal names the line where it is used up."""
+    lines, path = network_proof.copy(), tmp_path / "c.jsonl"
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    low, high = 0, 1 << 20
+    while high - low > 1:
+        middle = (low + high) // 2
+        try:
+            check(path, work=middle)
+            high = middle
+        except Refused as refused:
+            assert "work" in refused.reason  # noqa: PT017
+            low = middle
+    idle = {"pass": 0, "cap": lines[-1]["cap"], "rows": [], "bounds": []}
+    path.write_text("".join(json.dumps(line) + "\n" for line in [*lines, idle]))
+    with pytest.raises(Refused, match="more work than") as caught:
+        check(path, work=high)
+    assert caught.value.line == len(lines) + 1
 
 
 def test_too_many_terms(verdict: Any, network_proof: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     lines = network_proof.lines
     terms = [sum(len(c[p] or []) for p in ("body", "at_least", "at_most")) for c in lines[1 : network_proof.head]]
-    monkeypatch.setattr("cpcal.checker.constraints._MOST_TERMS", sum(terms))
+    monkeypatch.setattr("cpcal.checker.certificate._MOST_TERMS", sum(terms))
     verdict(lines, None)
-    monkeypatch.setattr("cpcal.checker.constraints._MOST_TERMS", sum(terms) - 1)
+    monkeypatch.setattr("cpcal.checker.certificate._MOST_TERMS", sum(terms) - 1)
     with pytest.raises(Refused, match="terms") as caught:
         verdict(lines, None)
     assert caught.value.line == network_proof.head
@@ -252,10 +313,8 @@ def test_claims_about_no_measurements(verdict: Any, exact_proof: Any) -> None:
 
 def test_too_many_unknowns(verdict: Any, tmp_path: Path) -> None:
     """So that open boxes stay small."""
-    from cpcal.checker.constraints import MOST_UNKNOWNS
-
-    many = MOST_UNKNOWNS + 1
-    header = {"format": "cpcal-certificate/3", "about": "", "unknowns": [f"x{k}" for k in range(many)], "objective": 0}
+    many = 1001
+    header = {"format": "cpcal-certificate/4", "about": "", "unknowns": [f"x{k}" for k in range(many)], "objective": 0}
     box = {"constraints": 0, "lo": ["0x0p+0"] * many, "hi": ["0x1p+0"] * many}
     with pytest.raises(Refused, match="unknowns") as caught:
         verdict([header | box], tmp_path)

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from cpcal.checker.checker import check
-from cpcal.checker.refusal import Refused
+from cpcal.checker import Refused, Unusable, check
+from cpcal.files.campaign_json import NAME
 
 Lines = list[dict[str, Any]]
 
@@ -52,13 +52,13 @@ def test_every_truncation_is_refused(judged: Any, short_proof: Any) -> None:
         b'{"format": NaN}\n',
         b'{"format": Infinity}\n',
         b'{"leg": ' + b"9" * 5000 + b"}\n",
-        b'{"format": "cpcal-certificate/3", "leg": 1e999}\n',
+        b'{"format": "cpcal-certificate/4", "leg": 1e999}\n',
         b'{"\\ud800": "\\ud800"}\n',
         b'{"format": "\\ud800"}\n',
         b"[" * 100_000 + b"]" * 100_000,
         b'{"a":' * 100_000 + b"1" + b"}" * 100_000,
         b"{" + b" " * (5 << 20) + b"}\n",
-        b'{"format": "cpcal-certificate/3"} {}\n',
+        b'{"format": "cpcal-certificate/4"} {}\n',
     ],
     ids=range(18),
 )
@@ -114,7 +114,12 @@ def test_hostile_values_do_not_reach_the_terminal(value: Any, judged: Any, short
         (last, ("bounds", 0, 0)),
         (last, ("bounds", 0, 1)),
         (last, (*weights[1], "rows", 0, 0)),
-        (last, (*weights[1], "rows", 0, 2)),
+        (last, (*weights[1], "rows", 0, 1)),
+        (last, ("rows", 0, 0)),
+        (last, ("rows", 0, 1)),
+        (last, ("rows", 0)),
+        (head, ("point", "readings")),
+        (head, ("point", "fails")),
         (last, (*weights[1], "exponents", 0)),
     ]
     if short_proof.folder is None:
@@ -139,7 +144,7 @@ def test_deep_values(depth: int, judged: Any, short_proof: Any) -> None:
     for key in (b"cap", b"infeasible", b"epsilon", b"enclosure", b"point"):
         line = claims.replace(b'"' + key + b'": 1', b'"' + key + b'": ' + deep)
         assert refused(judged, b"".join([*lines[:head], line]), short_proof.folder).line == head + 1
-    step = b'{"pass": ' + deep + b', "cap": null, "bounds": []}\n'
+    step = b'{"pass": ' + deep + b', "cap": null, "rows": [], "bounds": []}\n'
     assert refused(judged, b"".join([*lines[:-1], step]), short_proof.folder).line == len(lines)
     if short_proof.folder is None:
         for key in (b"body", b"name", b"root"):
@@ -151,7 +156,7 @@ def peak_of(path: Path, folder: Path | None, match: str) -> int:
     tracemalloc.start()
     try:
         with pytest.raises(Refused, match=match):
-            check(path, folder)
+            check(path, folder and folder / NAME)
         return tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -179,6 +184,5 @@ def test_a_long_file_takes_little_memory(tmp_path: Path, network_proof: Any) -> 
 
 def test_a_directory_and_a_missing_file(tmp_path: Path, exact_proof: Any) -> None:
     for path in (tmp_path, tmp_path / "missing"):
-        with pytest.raises(Refused) as caught:
-            check(path, exact_proof.folder)
-        assert caught.value.line == 0
+        with pytest.raises(Unusable, match=r"regular|cannot be read"):
+            check(path, exact_proof.folder / NAME)

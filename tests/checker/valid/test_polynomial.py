@@ -1,38 +1,39 @@
-"""Polynomials of the checker up to degree 4, and constraints, against direct evaluation."""
+"""Polynomials of the checker up to degree 4, and stated constraints, against direct evaluation."""
 
 from __future__ import annotations
 
 import random
 from fractions import Fraction as F
 
-import flint
 import pytest
 
-from cpcal.checker.constraints import Constraint, Constraints
-from cpcal.checker.polynomial import ExactBox, Polynomial, combined, least, shifted, span, square, value
+from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, TooLarge, combined, constant, least, signed
+from cpcal.checker.problem import SIDES, Box, Problem, Stated, Unknowns, substituted
+from cpcal.solver.certificate.readings import failing, free, holding
 
 UNKNOWNS = 4
+Given = dict[tuple[int, ...], F]
 
 
-def some(rng: random.Random, degree: int = 4) -> Polynomial:
-    p: Polynomial = {(): fraction(rng)} if rng.random() < 0.8 else {}
+def some(rng: random.Random, degree: int = 4) -> Given:
+    p: Given = {(): fraction(rng)} if rng.random() < 0.8 else {}
     for _ in range(rng.randint(0, 9)):
         p[tuple(sorted(rng.choices(range(UNKNOWNS), k=rng.randint(1, degree))))] = fraction(rng)
     return p
 
 
 def fraction(rng: random.Random, size: int = 9) -> F:
-    return F(rng.randint(-1000 * size, 1000 * size), 1000)
+    return F(rng.randint(-1024 * size, 1024 * size), 1024)
 
 
-def box_of(rng: random.Random) -> ExactBox:
+def box_of(rng: random.Random) -> Box:
     centers = [rng.choice([F(0), fraction(rng)]) for _ in range(UNKNOWNS)]
     radii = [rng.choice([F(0), F(1), abs(fraction(rng))]) for _ in range(UNKNOWNS)]
     lo, hi = (tuple(c + s * r for c, r in zip(centers, radii, strict=True)) for s in (-1, 1))
-    return ExactBox(lo, hi)
+    return Box(lo, hi)
 
 
-def direct(p: Polynomial, x: list[F]) -> F:
+def direct(p: Given, x: list[F]) -> F:
     total = F(0)
     for monomial, c in p.items():
         term = F(c)
@@ -42,70 +43,97 @@ def direct(p: Polynomial, x: list[F]) -> F:
     return total
 
 
+def value(p: Polynomial, u: list[F]) -> F:
+    total = F(0)
+    for monomial, c in p.terms.items():
+        term = F(c)
+        for i, v in enumerate(u):
+            term *= v ** (monomial >> FIELD * (READINGS + i) & (1 << FIELD) - 1)
+        total += term
+    return total * F(2) ** p.exponent
+
+
 def unit(rng: random.Random) -> list[F]:
     return [rng.choice([F(-1), F(0), F(1), F(rng.randint(-8, 8), 8)]) for _ in range(UNKNOWNS)]
 
 
-def inside(box: ExactBox, u: list[F]) -> list[F]:
-    return [c + r * t for c, r, t in zip(box.center, box.radius, u, strict=True)]
+def inside(x: Unknowns, u: list[F]) -> list[F]:
+    return [x.center(i) + x.radius(i) * v for i, v in enumerate(u)]
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_values_shifts_sums_squares_and_bounds(seed: int) -> None:
+def test_values_substitutions_sums_products_and_bounds(seed: int) -> None:
     rng = random.Random(seed)
-    p, q, box = some(rng), some(rng), box_of(rng)
-    moved, total, squared = shifted(p, box), combined((3, p), (-2, q), (0, q)), square(p)
-    middle, radius = span(moved)
-    corners = [unit(rng) for _ in range(12)]
-    for u in corners:
-        x = inside(box, u)
-        here = direct(p, x)
-        assert value(p, x) == here
-        assert value(moved, u) == here
-        assert value(total, x) == 3 * here - 2 * direct(q, x)
-        assert value(squared, x) == here * here
-        assert least(moved) <= here
-        assert abs(here - middle) <= radius
-    assert all(m == tuple(sorted(m)) for each in (moved, total, squared) for m in each)
+    p, q, x = some(rng), some(rng), Unknowns(box_of(rng), free)
+    one, two = (substituted(tuple(given.items()), x) for given in (p, q))
+    total, product = combined([(3, one), (-2, two), (0, two)], free), one * two
+    for u in [unit(rng) for _ in range(12)]:
+        at = inside(x, u)
+        here, there = direct(p, at), direct(q, at)
+        assert value(one, u) == here
+        assert value(total, u) == 3 * here - 2 * there
+        assert value(product, u) == here * there
+        assert value(one.squared(), u) == here * here
+        assert value(one + two, u) == here + there
+        assert value(one - two, u) == here - there
+        assert value(one.times(-3, 5), u) == -96 * here
+        assert least(one, signed(UNKNOWNS)) <= here
+    assert one.constant == direct(p, inside(x, [F(0)] * UNKNOWNS))
 
 
 def test_least_is_attained_where_monomials_do_not_compete() -> None:
-    assert least({(): F(5), (0, 0): F(2), (1, 1): F(-3), (2,): F(1), (0, 1): F(0)}) == 5 - 3 - 1
-    assert least({(0, 0, 1, 1): F(-2)}) == -2
-    assert least({(0, 0, 1, 1): F(2)}) == 0
-    assert least({(0, 0, 0): F(2)}) == -2  # a cube can be negative
-    assert least({(0, 0, 0, 1): F(2)}) == -2
-    assert least({(0, 0, 0, 0): F(2)}) == 0
-    assert least({}) == 0
+    def lowest(terms: dict[tuple[int, ...], int]) -> F:
+        coded = {sum(1 << FIELD * (READINGS + i) for i in monomial): c for monomial, c in terms.items()}
+        return least(Polynomial(coded, 0, free), signed(UNKNOWNS))
+
+    assert lowest({(): 5, (0, 0): 2, (1, 1): -3, (2,): 1, (0, 1): 0}) == 5 - 3 - 1
+    assert lowest({(0, 0, 1, 1): -2}) == -2
+    assert lowest({(0, 0, 1, 1): 2}) == 0
+    assert lowest({(0, 0, 0): 2}) == -2  # a cube can be negative
+    assert lowest({(0, 0, 0, 1): 2}) == -2
+    assert lowest({(0, 0, 0, 0): 2}) == 0
+    assert lowest({}) == 0
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_the_same_with_other_numbers(seed: int) -> None:
-    rng = random.Random(seed)
-    p, box, u = some(rng), box_of(rng), unit(rng)
-
-    def other(v: F) -> F:
-        return flint.fmpq(v.numerator, v.denominator)  # type: ignore[no-any-return]
-
-    q: Polynomial = {m: other(c) for m, c in p.items()}
-    same = ExactBox(tuple(map(other, box.lo)), tuple(map(other, box.hi)))
-    for ours, theirs in (
-        (value(p, u), value(q, list(map(other, u)))),
-        (least(shifted(p, box)), least(shifted(q, same))),
-        (direct(square(p), u), direct(square({m: F(str(c)) for m, c in q.items()}), u)),
-    ):
-        assert F(str(theirs)) == ours
+def test_a_reading_at_an_end_is_never_negative() -> None:
+    """One at the centre may be."""
+    y = Polynomial({1: 2, 1 << FIELD: -3}, 0, free)
+    assert least(y, signed(0, "+-")) == -3
+    assert least(y, signed(0, "0-")) == -5
 
 
-def satisfied(c: Constraint, x: list[F]) -> bool:
+def test_degrees_do_not_run_into_each_other() -> None:
+    """Of the highest degree that a row can have: a bound of degree 8, squared."""
+    x = Unknowns(Box((F(-3),), (F(5),)), free)
+    p = x.product((0,) * 8)
+    assert value(p * p, [F(1)]) == 5**16
+    assert value(p * p, [F(-1)]) == 3**16
+
+
+def test_what_is_too_large_is_not_calculated() -> None:
+    long = constant(F(2) ** 3000 + 1, free)
+    with pytest.raises(TooLarge, match="bits"):
+        long * long
+    with pytest.raises(TooLarge, match="bits"):
+        constant(F(1, 2**5000), free) + constant(F(1), free)
+    wide = Polynomial({1 << FIELD * i: 1 for i in range(400)}, 0, free)
+    with pytest.raises(TooLarge, match="terms"):
+        wide * wide * wide
+    spent: list[int] = []
+    p = Polynomial(dict.fromkeys(range(50), 1), 0, spent.append)
+    p * p
+    assert spent == [2510]
+
+
+def satisfied(c: Stated, x: list[F]) -> bool:
     """With square roots compared in the way of the definition, by bisection of nothing: squares and signs."""
-    body = direct(c.body, x)
+    body = direct(dict(c.body), x)
     if c.root and body < 0:
         return False
     for bound, sign in ((c.at_least, 1), (c.at_most, -1)):
         if bound is None:
             continue
-        b = direct(bound, x)
+        b = direct(dict(bound), x)
         if not c.root:
             if sign * (body - b) < 0:
                 return False
@@ -120,18 +148,23 @@ def satisfied(c: Constraint, x: list[F]) -> bool:
 @pytest.mark.parametrize("seed", range(25))
 def test_rows_are_not_positive_at_solutions(seed: int, root: bool) -> None:
     rng = random.Random(f"{seed}{root}")
-    p = square(some(rng, 2)) if root and rng.random() < 0.7 else some(rng)
+    p = some(rng)
+    if root and rng.random() < 0.7:
+        p = {}
+        for m, c in some(rng, 2).items():
+            key = tuple(sorted(m + m))
+            p[key] = p.get(key, F(0)) + c * c
     low, high = (None if rng.random() < 0.3 else some(rng, 1) for _ in "12")
     if high is not None and rng.random() < 0.7:
         high[()] = high.get((), F(0)) + 20
-    c = Constraint("c", root, p, low, high)
-    problem, box = Constraints(("a", "b", "c", "d"), None, (c,)), box_of(rng)
+    parts = (None if given is None else tuple(given.items()) for given in (low, high))
+    stated = Stated("c", root, tuple(p.items()), *parts)
+    problem, x = Problem(("a", "b", "c", "d"), None, 1, (0,), SIDES, [stated].__getitem__), Unknowns(box_of(rng), free)
     for _ in range(25):
-        x = inside(box, unit(rng))
-        good = satisfied(c, x)
-        assert problem.holds(0, tuple(x)) == good
-        assert problem.fails(0, tuple(x)) != good
+        u = unit(rng)
+        at = inside(x, u)
+        good, point = satisfied(stated, at), Unknowns(Box(tuple(at), tuple(at)), free)
+        assert (holding(problem, point, 0) is not None) == good
+        assert (failing(problem, point, 0) is not None) != good
         if good:
-            assert all(direct(problem.row(side, 0, box), x) <= 0 for side in problem.sides)
-        elif not root:
-            assert any(direct(problem.row(side, 0, box), x) > 0 for side in problem.sides)
+            assert all(value(problem.row(x, side, 0, ""), u) <= 0 for side in SIDES)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import cpcal
-from cpcal.checker.checker import check
+from cpcal.checker import check
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Contraction

@@ -2,41 +2,26 @@
 
 from __future__ import annotations
 
+import ast
 import random
+import shutil
 import subprocess
 import sys
 from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
-import flint
 import numpy as np
 import pytest
 
 import cpcal
-from cpcal.checker.campaign import ExactCampaign
-from cpcal.checker.checker import check
-from cpcal.checker.measurement import Measurement
+from cpcal.checker import ExactCampaign, check
+from cpcal.checker.leg import Measurement
+from cpcal.files.campaign_json import NAME, save_campaign_json
 from cpcal.legs import leg_statement
+from cpcal.results import save_result
 
 SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}
-
-ALONE = """
-import sys, types
-blocked = ("numpy", "scipy", "ortools", "flint", "jinja2", "gmpy2")
-for name in blocked:
-    sys.modules[name] = None
-parent = types.ModuleType("cpcal")
-parent.__path__ = [sys.argv[1]]
-sys.modules["cpcal"] = parent
-from pathlib import Path
-from cpcal.checker.checker import check
-found = check(Path(sys.argv[2]), Path(sys.argv[3]) if len(sys.argv) > 3 else None)
-ours = sorted(name for name in sys.modules if name.split(".")[0] == "cpcal")
-theirs = [n for n in sys.modules if n.split(".")[0] not in sys.stdlib_module_names and n.split(".")[0] != "cpcal"]
-assert set(theirs) <= {"__main__", "__mp_main__", *blocked}, theirs
-print(ours, found.claims.eps_lo, found.claims.eps_hi)
-"""
 
 
 def test_handmade_certificates_are_accepted(verdict: Any, any_proof: Any) -> None:
@@ -113,20 +98,20 @@ def test_only_the_measurements_with_weights(verdict: Any, exact_proof: Any) -> N
 
 def test_the_largest_numbers_and_degrees(verdict: Any, network_proof: Any) -> None:
     lines = network_proof.copy()
-    lines[1]["body"].append([[0] * 8, "0x" + "0" * 64 + "." + "0" * 64 + "p+9999"])
+    lines[1]["body"].append([[0] * 8, "0x" + "0" * 64 + "." + "0" * 64 + "p+1100"])
     lines[-1]["bounds"][0][3]["products"].append([0, 0, -1, 1, 0])
-    lines[-1]["bounds"][0][3]["tangents"].append([0, "0x1p-9999", 0])
+    lines[-1]["bounds"][0][3]["tangents"].append([0, "0x1p-1100", 0])
     assert verdict(lines, None).claims == verdict(network_proof.lines, None).claims
-    lines[-1]["bounds"] = [[0, "lo", "-0x1p+9999", {"rows": [["upper", 0, (1 << 60) - 1]], "products": [],
-                                                    "tangents": [], "exponents": [999, -1000, -1000]}]]  # fmt: skip
+    weights = {"rows": [[0, (1 << 60) - 1]], "products": [], "tangents": [], "exponents": [999, -1000, -1000]}
+    lines[-1].update(rows=[["upper", 0]], bounds=[[0, "lo", "-0x1p+1100", weights]])
     lines[network_proof.head].update(epsilon=None, enclosure=None)
     assert verdict(lines, None).used == {0}
 
 
 @pytest.mark.parametrize("factor", [0.0, 3.0])
-def test_the_checker_needs_the_standard_library_only(certified: Any, factor: float) -> None:
+def test_the_checker_needs_the_standard_library_only(certified: Any, factor: float, tmp_path: Path) -> None:
     made = certified(factor=factor, **SMALL)
-    alone(check(made.path, made.folder), made.path, made.folder)
+    alone(check(made.path), made.path, tmp_path)
 
 
 @pytest.mark.parametrize("model", ["gain", "linear", "lateral"])
@@ -134,28 +119,56 @@ def test_whole_proofs_of_models(certified: Any, model: str) -> None:
     """Of uncertain readings; the result says what they prove, the checker alone as well."""
     ask = {"delta": 2.0, "model": model, "half_widths": {"linear": {"s": 0.01, "tx": 1.0}}.get(model)}
     made = certified(ask, factor=1.0, extremal=False, random_poses=24, joint_error=10.0)
-    found = check(made.path, made.folder)
-    assert check(made.path, made.folder, rational=flint.fmpq) == found
+    found = check(made.path)
     assert found.model == model
     assert (found.claims.eps_lo, found.claims.eps_hi) == (made.leg.eps_lo, made.leg.eps_hi)
     assert made.leg.eps_hi > made.leg.eps_lo > 0
     assert (found.claims.eps_hi - found.claims.eps_lo) < F(1, 1000)
-    alone(found, made.path, made.folder)
 
 
 def test_nor_does_it_for_constraints(network_split_proof: Any, tmp_path: Path, verdict: Any) -> None:
     found = verdict(network_split_proof.lines, None)
-    alone(found, tmp_path / "certificate.jsonl")
+    alone(found, tmp_path / "certificate.jsonl", tmp_path / "elsewhere")
 
 
-def alone(found: Any, *paths: Path) -> None:
-    package = str(Path(cpcal.__file__).parent)
-    command = [sys.executable, "-I", "-S", "-c", ALONE, package, *map(str, paths)]
+def bare(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """The checker's folder alone, copied into an empty one under another name, by a bare Python."""
+    copy = folder / "proofreader"
+    shutil.copytree(Path(cpcal.__file__).parent / "checker", copy, ignore=shutil.ignore_patterns("__pycache__"))
+    command = [sys.executable, "-I", "-S", "-B", str(copy), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, cwd=folder)
+
+
+def alone(found: Any, path: Path, folder: Path) -> None:
+    folder.mkdir(exist_ok=True)
+    done = bare(folder, path)
+    assert done.returncode == 0, done.stderr
+    assert f"eps >= {float(found.claims.eps_lo):.6f}"[:-1] in done.stdout
+
+
+def test_a_whole_run_is_accepted_by_the_folder_alone(certified: Any, tmp_path: Path) -> None:
+    made = certified(factor=3.0, **SMALL)
+    shutil.copytree(made.path.parent, tmp_path / "moved")
+    save_result(made.result, tmp_path / "moved")
+    done = bare(tmp_path, tmp_path / "moved")
+    assert done.returncode == 0, done.stderr
+    assert "leg 1: PROVED" in done.stdout
+
+
+def test_the_package_runs_as_a_module() -> None:
+    command = [sys.executable, "-m", "cpcal.checker", "--help"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
-    assert f"{found.claims.eps_lo} {found.claims.eps_hi}" in done.stdout
-    for name in ("writer", "statement", "exact_network"):
-        assert f"cpcal.checker.{name}" not in done.stdout
+
+
+def test_the_checker_imports_nobody() -> None:
+    for path in (Path(cpcal.__file__).parent / "checker").glob("*.py"):
+        tree = ast.parse(path.read_text())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                assert all(name.name.split(".")[0] in sys.stdlib_module_names for name in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level == 1 or str(node.module).split(".")[0] in sys.stdlib_module_names
 
 
 # the statement ------------------------------------------------------------------------------------------------------
@@ -182,9 +195,9 @@ def gap(m: Measurement, x: list[F], reading: list[F]) -> tuple[F, F]:
 def test_no_point_violates_what_was_accepted(certified: Any, factor: float) -> None:
     """Random points of the box, random readings of the sets: none is a solution that the claims deny."""
     made, rng = certified(factor=factor, **SMALL), random.Random(1)
-    found, rows = check(made.path, made.folder), ExactCampaign(made.folder, 1)
+    found, rows = check(made.path), ExactCampaign(made.path.parent / NAME).of(1)
     claims, best = found.claims, [F(v) for v in made.leg.point]
-    measurements = [rows.measurement(k) for k in range(len(rows))]
+    measurements = [rows[k] for k in range(len(rows))]
     assert found.chosen == tuple(range(16))
 
     def drawn(radius: F) -> F:
@@ -192,10 +205,9 @@ def test_no_point_violates_what_was_accepted(certified: Any, factor: float) -> N
 
     def solves(x: list[F], eps: F) -> bool:
         for m in measurements:
-            tried = [[*map(drawn, m.position_radius), *(drawn(r / 2) for r in m.rotation_radius),
-                      drawn(m.length_radius)] for _ in "1234"]  # fmt: skip
+            tried = [[*map(drawn, m.radii)] for _ in "1234"]
             gaps = [gap(m, x, reading) for reading in ([[F(0)] * 7, *tried] if factor else [[F(0)] * 7])]
-            short_enough = m.length - m.length_radius + x[6] >= eps
+            short_enough = m.length - m.radii[6] + x[6] >= eps
             if not short_enough or not any((base - eps) ** 2 <= square <= (base + eps) ** 2 for square, base in gaps):
                 return False
         return True
@@ -219,10 +231,10 @@ def test_no_point_violates_what_was_accepted(certified: Any, factor: float) -> N
 
 def test_the_known_best_point_is_a_solution_by_the_same_words(certified: Any) -> None:
     made = certified(factor=0.0, **SMALL)
-    rows, best = ExactCampaign(made.folder, 1), [F(v) for v in made.leg.point]
+    rows, best = ExactCampaign(made.path.parent / NAME).of(1), [F(v) for v in made.leg.point]
     for scale, good in ((1, True), (F(99, 100), False)):
         eps = F(made.leg.eps_hi) * scale
-        pairs = [gap(rows.measurement(k), best, [F(0)] * 7) for k in range(16)]
+        pairs = [gap(rows[k], best, [F(0)] * 7) for k in range(16)]
         assert all((base - eps) ** 2 <= square <= (base + eps) ** 2 for square, base in pairs) == good
 
 
@@ -246,13 +258,15 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
     odd = cpcal.Campaign.from_arrays(campaign.robot, campaign.position, quaternion, campaign.length, **radii)
     cpcal.save_campaign(odd, tmp_path / "odd")
     loaded = cpcal.load_campaign(tmp_path / "odd")
+    file = save_campaign_json(loaded, tmp_path)
     for leg in (1, 4, 6):
-        files, statement = ExactCampaign(tmp_path / "odd", leg), leg_statement(loaded, leg)
+        files, statement = ExactCampaign(file), leg_statement(loaded, leg)
         assert statement.sha256 == files.sha256
         assert statement.problem.count == len(files) == 7
         for k in range(7):
-            ours = statement.problem.equation(k).measurement
-            assert ours == files.measurement(k)
-            assert any(ours.position_radius) == (factor > 0 or overrides) or overrides
+            item: Any = statement.problem.item(k)
+            ours = item.measurement
+            assert ours == files.measurement(k, leg)
+            assert any(ours.radii[:3]) == (factor > 0 or overrides) or overrides
     if overrides:
         assert "dL3" in (tmp_path / "odd" / "measurements.csv").read_text().splitlines()[0]

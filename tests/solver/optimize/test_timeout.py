@@ -10,7 +10,7 @@ import pytest
 
 import cpcal
 from contractors import Lifted
-from cpcal.checker.checker import check
+from cpcal.checker import check
 from cpcal.solver import plugins
 from cpcal.solver.contract import Composable, Contraction, Limits, Step
 from cpcal.solver.interval import Box
@@ -104,7 +104,7 @@ def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
     assert infeasible
     assert all(t.checked for t in infeasible)
     assert leg.certificate is not None
-    claims = check(tmp_path / "run" / leg.certificate, tmp_path).claims
+    claims = check(tmp_path / "run" / leg.certificate).claims
     assert claims.infeasible
     assert float(claims.eps_lo or 0) == leg.eps_lo > 0
     assert claims.point is not None
@@ -158,7 +158,7 @@ def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_boun
     assert leg.verdict is cpcal.Verdict.UNKNOWN
     assert "the certificate proves 0." in leg.status
     assert leg.certificate is not None
-    claims = check(tmp_path / "run" / leg.certificate, tmp_path / "campaign").claims
+    claims = check(tmp_path / "run" / leg.certificate).claims
     assert claims.eps_lo is None
 
 

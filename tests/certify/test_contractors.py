@@ -12,7 +12,7 @@ import pytest
 
 import cpcal
 from contractors import HC4, Lifted
-from cpcal.checker.checker import check
+from cpcal.checker import check
 from cpcal.files.codec import decoded, encoded
 from cpcal.numbers import at_least
 from cpcal.solver import plugins
@@ -83,7 +83,7 @@ def test_hc4_is_called_in_a_search_that_writes_certificates(
     held = sum(len(line.get("bounds", ())) for line in lines) + sum("exclude" in line for line in lines)
     assert lifted.certified_steps == held > 0
     assert lifted.steps >= lifted.certified_steps
-    assert check(tmp_path / "leg1.cert.jsonl", campaign[1]).claims.eps_lo == F(leg.eps_lo)
+    assert check(tmp_path / "leg1.cert.jsonl").claims.eps_lo == F(leg.eps_lo)
 
 
 def test_contractors_used_are_in_the_file_of_results(campaign: tuple[cpcal.Campaign, Path], tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_what_weights_do_not_prove_in_time_is_found_but_not_certified(
     oracle, lifted = leg.contractors_used
     assert (oracle.steps > 0, oracle.certified_steps, lifted.certified_steps) == (True, 0, 0)
     assert leg.certificate is not None
-    claims = check(tmp_path / leg.certificate, campaign[1]).claims
+    claims = check(tmp_path / leg.certificate).claims
     assert claims.eps_lo == F(leg.eps_lo)
     assert claims.eps_hi == F(leg.eps_hi)
     assert decoded(cpcal.LegResult, encoded(leg)).found_lo == known

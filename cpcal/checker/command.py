@@ -1,0 +1,83 @@
+"""The command line of the checker. Exit status: 0 proved, 1 refused, 2 nothing to check, 3 an error of the checker."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+from .certificate import check
+from .claims import Accepted
+from .refusal import Refused, Unusable
+from .run import check_run
+from .strict import WORK
+
+PROVED, REFUSED, UNUSABLE, INTERNAL = 0, 1, 2, 3
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Check a run, or one certificate of it; the exit status."""
+    parser = argparse.ArgumentParser("checker", description="Check the certificates of a run in exact arithmetic.")
+    parser.add_argument("target", type=Path, help="the folder of a run, or a certificate (*.cert.jsonl)")
+    parser.add_argument("--campaign", type=Path, help="the campaign.json that a certificate speaks of")
+    parser.add_argument("--work", type=int, default=WORK, help="multiplications that a certificate may cost")
+    given = parser.parse_args(arguments)
+    try:
+        if given.target.is_dir():
+            return _run(given.target, given.work)
+        print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work))}")
+        return PROVED
+    except Refused as reason:
+        print(f"REFUSED: {reason}")
+        return REFUSED
+    except Unusable as reason:
+        print(f"Nothing to check: {reason}.", file=sys.stderr)
+        return UNUSABLE
+    except Exception:
+        traceback.print_exc()
+        print("The checker itself failed: this says nothing of the certificate.", file=sys.stderr)
+        return INTERNAL
+
+
+def _run(folder: Path, work: int) -> int:
+    legs = check_run(folder, work=work)
+    for leg in legs:
+        if leg.accepted is not None:
+            print(f"leg {leg.leg}: PROVED: {stated(leg.accepted)}")
+        elif leg.refused is not None:
+            print(f"leg {leg.leg}: REFUSED: {leg.refused}")
+        else:
+            print(f"leg {leg.leg}: not certified")
+    if any(leg.refused is not None for leg in legs):
+        return REFUSED
+    if not any(leg.accepted for leg in legs):
+        raise Unusable("no leg of the run is certified")
+    return PROVED
+
+
+def stated(accepted: Accepted) -> str:
+    """The claims, in numbers that lie on the safe side of what is proved."""
+    claims, out = accepted.claims, []
+    if claims.infeasible:
+        out.append("no solution" + ("" if claims.cap is None else f" up to {_down(claims.cap)}"))
+    elif claims.eps_lo is not None:
+        out.append(f"eps >= {_down(claims.eps_lo)}")
+    if claims.eps_hi is not None:
+        out.append(f"eps <= {-_down(-claims.eps_hi)}")
+    if claims.point is not None:
+        out.append(
+            f"the point satisfies {len(claims.point.holds)} of {accepted.count}, fails {len(claims.point.fails)}"
+        )
+    if claims.enclosure is not None:
+        out.append("the enclosure holds all solutions")
+    return "; ".join(out) or "nothing is claimed"
+
+
+def _down(value: object) -> float:
+    """Cut to nine decimals, downward."""
+    from fractions import Fraction as F
+
+    assert isinstance(value, F)
+    return (value * 10**9).__floor__() / 10**9

@@ -1,0 +1,90 @@
+"""Proposes readings for the checker: where a row is used, and where a point is a solution. Nothing of it is trusted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction as F
+
+from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, signed
+from cpcal.checker.problem import Box, Problem, Unknowns
+from cpcal.checker.rule import Row
+
+
+def free(_: int) -> None:
+    """Work that nobody limits."""
+
+
+def row_of(problem: Problem, x: Unknowns, side: str, k: int) -> Row:
+    """The row with the reference reading that costs least, component by component, on the box of x."""
+    item = problem.item(k)
+    center = "0" * len(item.radii)
+    if side == "length" or not any(item.radii):
+        return side, k, center
+    q = item.at(x, x.readings(item.radii, center)).row(side, signed(len(x)))
+    return side, k, "".join(_best(*span) for span in _slopes(q))
+
+
+def _best(low: int, high: int) -> str:
+    """By the range of the derivative: at an end it costs what the row may fall from there, at the centre half of it."""
+    choices = ((max(-low, high), "0"), (2 * max(0, -low), "-"), (2 * max(0, high), "+"))
+    return min(choices, key=lambda choice: choice[0])[1]
+
+
+def _slopes(q: Polynomial) -> list[tuple[int, int]]:
+    """For each reading the range over the box of the derivative at the centre, in common units."""
+    low = (1 << FIELD * READINGS) - 1
+    middle, half = [0] * READINGS, [0] * READINGS
+    for monomial, c in q.terms.items():
+        reading = monomial & low
+        if reading and reading & (reading - 1) == 0 and (reading.bit_length() - 1) % FIELD == 0:
+            j = (reading.bit_length() - 1) // FIELD
+            if monomial == reading:
+                middle[j] += c
+            else:
+                half[j] += abs(c)
+    return [(m - h, m + h) for m, h in zip(middle, half, strict=True)]
+
+
+def stretching(problem: Problem, x: Unknowns, k: int) -> str:
+    """The end of the reading set, in signs, at which sqrt(body) is largest compared to its bounds, at a point."""
+    item = problem.item(k)
+    if not any(item.radii):
+        return "0" * len(item.radii)
+    c = item.at(x, x.readings(item.radii, "0" * len(item.radii)))
+    assert c.factor is not None
+    assert c.at_least is not None
+    assert c.at_most is not None
+    (body, of_body), (factor, of_factor) = _linear(c.body), _linear(c.factor)
+    _, of_length = _linear((c.at_least + c.at_most).times(1, -1))
+    square = body / factor
+    slopes = (
+        (b - square * f) / factor - 2.0 * math.sqrt(max(square, 0.0)) * u
+        for b, f, u in zip(of_body, of_factor, of_length, strict=True)
+    )
+    return "".join("+" if slope > 0.0 else "-" if slope < 0.0 else "0" for slope in slopes)
+
+
+def _linear(p: Polynomial) -> tuple[float, list[float]]:
+    """The constant of a polynomial in readings, and the coefficients of each alone."""
+    unit = F(2) ** p.exponent
+    values = [float(unit * p.terms.get(1 << FIELD * j, 0)) for j in range(READINGS)]
+    return float(p.constant), values
+
+
+def at_point(point: Sequence[float]) -> Unknowns:
+    """The unknowns on a box of width zero."""
+    x = tuple(F(float(v)) for v in point)
+    return Unknowns(Box(x, x), free)
+
+
+def failing(problem: Problem, x: Unknowns, k: int) -> Row | None:
+    """The row that proves that the point fails at k."""
+    rows = (row_of(problem, x, side, k) for side in problem.sides)
+    return next((row for row in rows if problem.fails(x, *row)), None)
+
+
+def holding(problem: Problem, x: Unknowns, k: int) -> str | None:
+    """The signs of the readings that prove that it satisfies k."""
+    signs = stretching(problem, x, k)
+    return signs if problem.holds(x, k, signs) else None
