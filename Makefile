@@ -1,8 +1,8 @@
-# Two commands do it all on a fresh machine with Python 3.11 or newer: `make demo` and `make test`.
+# On a fresh machine with Python 3.11 or newer: `make demo`, `make test`, `make check`, `make docs`.
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check docs clean
+.PHONY: demo test check docs drawings clean
 
 # `make demo`: the paper's whole study on a simulated DeltaLab platform; says where the report is.
 demo: .venv/.installed
@@ -16,6 +16,14 @@ check: .venv/.installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# `make drawings`: the imports of today, for docs/architecture.md; its table has the counts that are printed.
+drawings: .venv/.installed-dev
+	$(BIN)/python docs/draw_imports.py -o docs/pictures/imports-today.svg
+	$(BIN)/python docs/draw_imports.py --inside cpcal.solver -o docs/pictures/imports-solver.svg
+	$(BIN)/python docs/draw_imports.py --folders
+	$(BIN)/python docs/trace_rooms.py file
+	$(BIN)/python docs/trace_rooms.py image
 
 # `make docs`: the documentation as a site in build/docs; runs the examples of its gallery.
 docs: .venv/.installed-docs

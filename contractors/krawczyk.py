@@ -63,7 +63,7 @@ class Krawczyk(Composable):
         polyhedron, origin = _cutting(box, parts)
         if not origin.size:
             return Contraction(box)
-        return Programs(self.name, polyhedron, origin, box, self._arithmetic, self._engine).run(self._objective)
+        return Programs(self.name, polyhedron, origin, box, self._arithmetic, self._engine()).run(self._objective)
 
     def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:
         """The interval-linear rows on a box, and how each block of them becomes real."""

@@ -7,7 +7,7 @@ are ever active: the programs start with some dozens, and violated ones are adde
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,8 +18,7 @@ from contractors.directions import Directions, over_box
 from contractors.relaxation import Relaxation, Structure
 from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.linear import Glop, LazyRows, lower_bound
-from cpcal.solver.linear.engine import LinearEngine, LinearSolution, LinearStatus
+from cpcal.solver.linear import Glop, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.network.monotone import DecisiveReadings
 from cpcal.solver.network.restrict import restricted
@@ -31,7 +30,6 @@ Carriers = tuple[tuple[tuple[int, int], ...], StepWeights | None]
 
 _MANY = 4096  # measurements, beyond which only the rows likely to matter on a box are expanded
 _LIKELY = 1024  # of them for each side of a constraint
-_WORTHWHILE = 1e-3  # a bound that the current vertex already meets to this (in [-1, 1]) needs no program
 
 
 class Lifted(Composable):
@@ -69,7 +67,7 @@ class Lifted(Composable):
         structure = self._structure or self._structure_on(box)
         if not structure.positions:
             return Contraction(box)
-        return _Programs(structure, self._arithmetic, self._engine(), box).run(self._objective)
+        return tightened(_Programs(structure, self._arithmetic, self._engine(), box), box, self._objective)
 
     def support_function(self, box: Box, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`, for `directions` (m, n).
@@ -134,48 +132,15 @@ class _Programs:
         self._relaxation = Relaxation(structure, self._arithmetic, box)
         self._box = box
         self._columns = np.flatnonzero(structure.used)
-        self._rows = self._polyhedron(engine)
-        self._steps: list[Step] = []
-        self._extremes: list[Floats] = []
+        self._rows = self._relaxation.program(engine)
 
-    def _polyhedron(self, engine: LinearEngine) -> LazyRows:
-        products, relaxation = self._structure.products, self._relaxation
-        bounds = self._structure.columns[self._columns]
-        return LazyRows(
-            engine,
-            (products.matrix[:, self._columns], products.rhs),
-            (relaxation.matrix[:, self._columns], relaxation.rhs),
-            (bounds.lo, bounds.hi),
-        )
+    @property
+    def variables(self) -> Collection[int]:
+        return self._structure.positions
 
-    def run(self, first: int | None) -> Contraction:
-        lo, hi = self._box.lo.copy(), self._box.hi.copy()
-        point: Floats | None = None
-        for variable, side in self._order(first):
-            if self._box.rad[variable] == 0.0 or self._already_met(variable, side):
-                continue
-            solution = self._solve(variable, side)
-            if solution.status is LinearStatus.INFEASIBLE and self._proved_empty(solution):
-                return Contraction(Box.empty(self._box.names), tuple(self._steps), None, self._rows.programs)
-            if solution.status is not LinearStatus.OPTIMAL:
-                continue
-            if point is None:
-                point = self._point(solution)
-            if self._already_met(variable, side):
-                continue
-            bound = self._bound(variable, side, solution)
-            if bound is None:
-                continue
-            if side == "lo":
-                lo[variable] = max(lo[variable], bound)
-            else:
-                hi[variable] = min(hi[variable], bound)
-            if lo[variable] > hi[variable]:
-                return Contraction(Box.empty(self._box.names), tuple(self._steps), None, self._rows.programs)
-        box = self._box.with_bounds(lo, hi)
-        if point is not None:
-            point = np.clip(point, box.lo, box.hi)
-        return Contraction(box, tuple(self._steps), point, self._rows.programs)
+    @property
+    def count(self) -> int:
+        return self._rows.programs
 
     def support_function(self, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x`; infinite where a program fails."""
@@ -191,33 +156,25 @@ class _Programs:
     def _lowest(self, objective: Floats) -> float:
         """A proved lower bound of an objective: inf when the box is proved empty, -inf when none is known."""
         solution = self._rows.minimize(objective[self._columns])
-        if solution.status is LinearStatus.INFEASIBLE and self._proved_empty(solution):
+        if solution.status is LinearStatus.INFEASIBLE and self.empty(solution) is not None:
             return np.inf
         return self._proved(solution, objective).bound if solution.status is LinearStatus.OPTIMAL else -np.inf
 
-    def _order(self, first: int | None) -> list[tuple[int, str]]:
-        """The objective's lower bound first; its upper one last, which the vertices before mostly meet."""
-        others = [(v, side) for v in sorted(self._structure.positions) for side in ("lo", "hi") if v != first]
-        if first is None or first not in self._structure.positions:
-            return others
-        return [(first, "lo"), *others, (first, "hi")]
+    def minimize(self, variable: int, sign: float) -> LinearSolution:
+        return self._rows.minimize(self._objective(variable, sign)[self._columns])
 
-    def _already_met(self, variable: int, side: str) -> bool:
-        """Whether a vertex of an earlier program shows that this bound cannot move by much (or its own)."""
-        k = self._structure.positions[variable]
-        sign = 1.0 if side == "lo" else -1.0
-        return any(sign * w[k] < -1.0 + _WORTHWHILE for w in self._extremes)
+    def coordinates(self, solution: LinearSolution) -> Floats:
+        vertex = np.zeros(len(self._structure.used))
+        vertex[self._columns] = solution.point
+        u = np.zeros(len(self._box))
+        for variable, k in self._structure.positions.items():
+            u[variable] = vertex[k]
+        return u
 
-    def _solve(self, variable: int, side: str) -> LinearSolution:
-        objective = np.zeros(len(self._columns))
-        where = np.searchsorted(self._columns, self._structure.positions[variable])
-        objective[where] = 1.0 if side == "lo" else -1.0
-        solution = self._rows.minimize(objective)
-        if solution.status is LinearStatus.OPTIMAL:
-            vertex = np.zeros(len(self._structure.used))
-            vertex[self._columns] = solution.point
-            self._extremes.append(vertex)
-        return solution
+    def _objective(self, variable: int, sign: float) -> Floats:
+        objective = np.zeros(len(self._structure.used))
+        objective[self._structure.positions[variable]] = sign
+        return objective
 
     # proofs ---------------------------------------------------------------------------------------------
 
@@ -266,18 +223,13 @@ class _Programs:
                 tangents.append((beta[0], 0.5 * on_beta, weight))
         return StepWeights(rows, tuple(pairs), tuple(tangents))
 
-    def _proved_empty(self, solution: LinearSolution) -> bool:
+    def empty(self, solution: LinearSolution) -> Step | None:
         proof = self._proved(solution, np.zeros(len(self._structure.used)))
-        if proof.bound > 0.0:
-            self._steps.append(Step("lifted", None, "", np.nan, *self._carriers(proof)))
-        return proof.bound > 0.0
+        return Step("lifted", None, "", np.nan, *self._carriers(proof)) if proof.bound > 0.0 else None
 
-    def _bound(self, variable: int, side: str, solution: LinearSolution) -> float | None:
-        """The proved new bound of a variable, or None when it is no better than the old one."""
+    def bound(self, variable: int, side: str, solution: LinearSolution) -> Step | None:
         sign = 1.0 if side == "lo" else -1.0
-        objective = np.zeros(len(self._structure.used))
-        objective[self._structure.positions[variable]] = sign
-        proof = self._proved(solution, objective)
+        proof = self._proved(solution, self._objective(variable, sign))
         if not -1.0 < proof.bound < np.inf:
             return None
         value = self._relaxation.value(variable, sign * proof.bound)
@@ -285,11 +237,4 @@ class _Programs:
         old = self._box.lo[variable] if side == "lo" else self._box.hi[variable]
         if sign * (new - old) <= 0.0:
             return None
-        self._steps.append(Step("lifted", self._box.names[variable], side, new, *self._carriers(proof)))
-        return new
-
-    def _point(self, solution: LinearSolution) -> Floats:
-        u = np.zeros(len(self._box.names))
-        for variable, k in self._structure.positions.items():
-            u[variable] = solution.point[np.searchsorted(self._columns, k)]
-        return np.asarray(self._relaxation.center + self._relaxation.radius * u, dtype=np.float64)
+        return Step("lifted", self._box.names[variable], side, new, *self._carriers(proof))

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from contractors.monomials import Shift, column_bounds, product_rows
 from cpcal.solver.arrays import Floats, Indices
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
+from cpcal.solver.linear import LazyRows, LinearEngine
 from cpcal.solver.network import PolynomialSystem
 
 
@@ -72,6 +73,17 @@ class Relaxation:
         self.rhs = (widening - rows[0, :, 0]) / self.scale
         lost = ~(np.isfinite(self.matrix).all(axis=1) & np.isfinite(self.rhs))  # overflow: these say nothing
         self.matrix[lost], self.rhs[lost], self.scale[lost] = 0.0, 1.0, 1.0
+
+    def program(self, engine: LinearEngine) -> LazyRows:
+        """Its rows as a linear program in the used columns."""
+        columns, products = np.flatnonzero(self._structure.used), self._structure.products
+        bounds = self._structure.columns[columns]
+        return LazyRows(
+            engine,
+            (products.matrix[:, columns], products.rhs),
+            (self.matrix[:, columns], self.rhs),
+            (bounds.lo, bounds.hi),
+        )
 
     def rigorous(self, rows: Indices) -> tuple[IntervalArray, Floats]:
         """Enclosures of the given rows and upper bounds of their right sides (not scaled)."""

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
 from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.linear import Glop, LazyRows
+from cpcal.solver.linear import Glop
 from cpcal.solver.linear.engine import LinearEngine, LinearStatus
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.search import LargestFirst
@@ -63,17 +63,7 @@ class MostViolated(LargestFirst):
     def _vertices(self, box: Box) -> list[Floats]:
         structure = self._structure
         columns = np.flatnonzero(structure.used)
-        relaxation, products, bounds = (
-            Relaxation(structure, self._arithmetic, box),
-            structure.products,
-            structure.columns,
-        )
-        rows = LazyRows(
-            self._engine(),
-            (products.matrix[:, columns], products.rhs),
-            (relaxation.matrix[:, columns], relaxation.rhs),
-            (bounds.lo[columns], bounds.hi[columns]),
-        )
+        rows = Relaxation(structure, self._arithmetic, box).program(self._engine())
         vertices = []
         for sign in (1.0, -1.0):
             objective = np.zeros(len(structure.used))

@@ -11,6 +11,7 @@ from .results import (
     load_result,
     save_comparison,
     save_result,
+    verdict_of,
 )
 from .robot import Campaign, Robot
 from .simulate import simulate
@@ -67,4 +68,5 @@ __all__ = [
     "simulate",
     "sqr",
     "sqrt",
+    "verdict_of",
 ]

@@ -66,8 +66,8 @@ def room(module: str, inside: str) -> str | None:
     return ".".join(parts[: depth + 1]) if f"{module}.".startswith(f"{inside}.") else None
 
 
-def plan(folder: Path, inside: str = "cpcal") -> Plan:
-    """The rooms of the packages in `folder`."""
+def plan(folder: Path, inside: str = "cpcal", without: tuple[str, ...] = ()) -> Plan:
+    """The rooms of the packages in `folder`, but those `without` which it is asked for."""
     sys.path.insert(0, str(folder))
     try:
         graph = grimp.build_graph(*PACKAGES, cache_dir=None, exclude_type_checking_imports=False)
@@ -76,12 +76,12 @@ def plan(folder: Path, inside: str = "cpcal") -> Plan:
     rooms, arrows = set(), set()
     for module in graph.modules:
         importer = room(module, inside)
-        if importer is None:
+        if importer is None or importer in without:
             continue
         rooms.add(importer)
         for name in graph.find_modules_directly_imported_by(module):
             imported = room(name, inside)
-            if imported is not None and imported != importer:
+            if imported is not None and imported not in (importer, *without):
                 arrows.add((importer, imported))
     return arranged(rooms, arrows)
 
@@ -148,11 +148,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--revision", help="of git (default: the files as they are)")
     parser.add_argument("--inside", default="cpcal", help="the package whose members are the rooms")
+    parser.add_argument("--folders", action="store_true", help="leave out single files, benchmarks, the public names")
     parser.add_argument("-o", "--output", type=Path, help="the drawing, as SVG")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         checked_out(Path(__file__).parents[1], options.revision, Path(folder))
-        drawn = plan(Path(folder), options.inside)
+        files = tuple(f"cpcal.{path.stem}" for path in Path(folder, "cpcal").glob("*.py"))
+        drawn = plan(Path(folder), options.inside, ("cpcal", "benchmarks", *files) if options.folders else ())
     print(drawn.counts())
     for k, floor in reversed(list(enumerate(drawn.floors))):
         print(f"{k:3}  {', '.join(floor)}")

@@ -1,7 +1,9 @@
 """What the pages must keep up with."""
 
 import re
+import runpy
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cpcal
 
@@ -28,3 +30,14 @@ def test_the_files_that_contributors_are_sent_to_are_there():
 
 def test_the_citation_names_this_version():
     assert f"\nversion: {cpcal.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_the_drawing_of_imports_finds_floors_and_circles():
+    draw = runpy.run_path(str(ROOT / "docs" / "draw_imports.py"))
+    drawn = draw["arranged"]({"top", "a", "b", "low"}, {("top", "a"), ("a", "b"), ("b", "a"), ("b", "low")})
+    assert drawn.floors == (("low",), ("a", "b"), ("top",))
+    assert drawn.circles == (("a", "b"),)
+    picture = ElementTree.fromstring(draw["svg"](drawn, "a < b"))
+    assert len(picture.findall("{*}path")) == 4
+    assert draw["room"]("cpcal.solver.search.search", "cpcal.solver") == "cpcal.solver.search"
+    assert draw["room"]("cpcal.robot", "cpcal.solver") is None

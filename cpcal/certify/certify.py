@@ -13,7 +13,6 @@ from cpcal.certify.leg import certify_leg
 from cpcal.certify.model import chosen_model
 from cpcal.certify.question import Progress, Question, absent_legs
 from cpcal.errors import InputError, Problem
-from cpcal.files.campaign_json import NAME, keep_beside
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.legs import LegModel
 from cpcal.results import CampaignNote, LegResult, ModelNote, Options, Result
@@ -52,8 +51,9 @@ def certify(
     `support` "irreducible" leaves out of each leg's support every measurement that the proof can do without; "few" does
     not try; with "none" no support is sought. `certificates` names a folder for `legN.cert.jsonl`, which prove the
     answers to `cpcal verify` (and `legN.support.cert.jsonl`, that an irreducible support alone proves eps_lo): then
-    every step is proved once more in exact arithmetic before it counts, and only contractors that give weights take
-    part, if there is one (lifted). They replace those of an earlier run, and its answers, when all legs are done.
+    every step of a contractor that gives weights (lifted) is proved once more in exact arithmetic before it counts for
+    the answer. All contractors take part; what they prove beyond the certificate is told as found (`found_lo`).
+    Certificates replace those of an earlier run, and its answers, when all legs are done.
 
     `method` "bound" is branch and bound on eps; "timeout" is the script of the paper's section 5.2.1, which asks a
     solver made of the contractors for points at one eps after the other, and needs a `time_limit`.
@@ -83,7 +83,7 @@ def certify(
     question = Question(campaign=campaign, options=options, model=corrected, progress=progress)
     if certificates is None:
         return answered(question)
-    with answers_into(certificates, RUN) as draft:
+    with answers_into(certificates, RUN, campaign) as draft:
         return answered(replace(question, certificates=draft))
 
 
@@ -109,8 +109,6 @@ def checked_options(campaign: Campaign, others: Sequence[Problem] = (), **given:
 def answered(question: Question) -> Result:
     """The legs one after the other. Raises InputError when a certificate cannot be written."""
     campaign, model = question.campaign, question.model
-    if question.certificates is not None:
-        keep_beside(campaign, question.certificates / NAME)
     done: list[LegResult] = []
     interrupted = False
     for leg in question.options.legs or range(1, campaign.legs + 1):

@@ -60,7 +60,7 @@ def compare(
     )
     if certificates is None:
         return compared(question, chosen, progress)
-    with answers_into(certificates, FOLDER) as draft:
+    with answers_into(certificates, FOLDER, campaign) as draft:
         return compared(replace(question, certificates=draft), chosen, progress)
 
 
@@ -142,5 +142,6 @@ def _entry(found: LegResult, model: LegModel) -> Entry:
         certificate=found.certificate,
         status=found.status,
         seconds=found.seconds,
+        determination=found.determination,
         not_certified=found.not_certified,
     )

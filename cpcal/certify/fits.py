@@ -59,7 +59,7 @@ def certify_fits(
     if record.campaign_sha256 != campaign.sha256:
         raise InputError([Problem("calibration record", "is of another campaign", "calibrate again")])
     both = (("x_c", record.x_c.values), ("x_c_sigma", record.x_c_sigma.values))
-    with answers_into(folder, FITTED) as draft:
+    with answers_into(folder, FITTED, campaign) as draft:
         fits = {name: _verified(campaign, name, values, draft, legs) for name, values in both}
         found = CertifiedFits(campaign.sha256, fits["x_c"], fits["x_c_sigma"])
         save(found, draft / FITS_NAME, FORMAT)

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from cpcal.certify.bracket import Answered, by_bound, prove_support
+from cpcal.certify.determination import determination
 from cpcal.certify.point import verified_rows
 from cpcal.certify.question import Floats, Question
 from cpcal.certify.timeout_method import by_timeout
 from cpcal.legs import built_in, exactly_read, leg_statement
 from cpcal.numbers import stated
-from cpcal.results import LegResult, VerifiedPoint
+from cpcal.results import Determination, LegResult, VerifiedPoint
 from cpcal.solver.certificate.readings import at_point, holding
 from cpcal.solver.contract import Verdict
 from cpcal.solver.network import ConstraintNetwork
@@ -84,10 +85,19 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
         certificate=answer.certificate,
         not_certified=_not_certified(question, leg, answer),
         verified=VerifiedPoint(eps, len(good), len(bad), len(question.campaign)),
+        determination=_determination(question, leg, middle, found),
         trials=answer.trials,
         contractors_used=found.contractors_used,
         found_lo=found.found.lo if found.found is not None and found.found.lo > found.lo else None,
     )
+
+
+def _determination(question: Question, leg: int, middle: Floats, found: Minimum) -> Determination | None:
+    """At the proved point, or the middle of the box; None for a box that is a point."""
+    if question.options.delta == 0.0:
+        return None
+    at = middle if found.witness is None else found.witness.point[:-1]
+    return determination(question.campaign, leg, at, question.model)
 
 
 def _not_certified(question: Question, leg: int, answer: Answered) -> str:
@@ -114,9 +124,7 @@ def _sentence(question: Question, leg: int, found: Minimum) -> str:
         }[found.verdict] + found.beyond
     if found.witness is not None and found.hi == 0.0:
         how = "proved in exact arithmetic" if _solves_exactly(question, leg, found.witness.point) else "proved"
-        return (
-            f"The model is not refuted: some x satisfies every equation exactly for some readings: {how}.{found.beyond}"
-        )
+        return f"Some x in the box satisfies every equation exactly for some readings: {how}.{found.beyond}"
     return found.status
 
 

@@ -19,6 +19,7 @@ RESULT_NAME = "result.json"
 RESULT_FORMAT = "cpcal-result/2"
 _LARGEST = 16 << 20  # bytes
 _CERTIFICATE = re.compile(r"[A-Za-z0-9_.-]{1,200}\.cert\.jsonl")
+_CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _PARAMETERS = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
 
 
@@ -73,6 +74,9 @@ class _Run:
         numbers = [leg["leg"] for leg in legs]
         if any(type(n) is not int or not 1 <= n <= campaign.legs for n in numbers) or len(set(numbers)) < len(numbers):
             raise ValueError("names a leg that the campaign has not, or one twice")
+        wanted = self.result["options"]["legs"] or list(range(1, campaign.legs + 1))
+        if self.result["interrupted"] is not True and numbers != wanted:
+            raise ValueError("lacks legs that it was asked about, and does not say that it was interrupted")
         named = {str(leg["certificate"]) for leg in legs if leg["certificate"] is not None}
         named |= {self._support(leg).name for leg in legs if self._support(leg).exists()}
         for name in sorted({path.name for path in self.folder.glob("*.cert.jsonl")} - named):
@@ -86,6 +90,10 @@ class _Run:
     @property
     def _extra(self) -> list[Any]:
         return list(self.result["model"]["parameters"])
+
+    @property
+    def _parameters(self) -> list[str]:
+        return [*_PARAMETERS, *(p["name"] for p in self._extra)]
 
     def _support(self, leg: dict[str, Any]) -> Path:
         return self.folder / f"leg{leg['leg']}.support.cert.jsonl"
@@ -125,7 +133,7 @@ class _Run:
         model, count = self._model, len(self.campaign)
         if model not in EXTRA:  # one of the user's own: the certificate states its constraints
             _same("problem", accepted.about, f"leg {leg}, model {model}, campaign {self.campaign.sha256}")
-            _same("unknowns", list(accepted.unknowns), [*_PARAMETERS, *(p["name"] for p in self._extra), "eps"])
+            _same("unknowns", list(accepted.unknowns), [*self._parameters, "eps"])
             return
         _same("leg of the certificate", accepted.leg, leg)
         _same("model", accepted.model, model)
@@ -160,12 +168,16 @@ class _Run:
         _same("eps_lo", leg["eps_lo"], "inf" if refuted else lo)
         _same("eps_hi", leg["eps_hi"], "inf" if at is None else at[-1])
         _same("point", leg["point"] and [_exact(v) for v in leg["point"]], at and list(at[:-1]))
-        box = leg["enclosure"]
-        _same("names", box["names"], [*_PARAMETERS, *(p["name"] for p in self._extra)])
-        hull = None if box["lo"] is None else [[_exact(v) for v in box[side]] for side in ("lo", "hi")]
+        _same("parameters", leg["enclosure"]["names"], self._parameters)
+        sides = [leg["enclosure"][side] for side in ("lo", "hi")]
+        hull = None if sides == [None, None] else [[_exact(v) for v in side] for side in sides]
         _same("enclosure", hull, claims.enclosure and [list(side[:-1]) for side in claims.enclosure])
         if (leg["status"] == "refuted") != refuted or (leg["status"] == "proved" and at is None):
             raise ValueError("states another verdict than is proved")
+        if leg["status"] == "proved" and asked is None and at is not None:
+            gap = max(_exact(self.result["options"]["gap"]) * at[-1], _CLOSED, _exact(leg["floor"]))
+            if at[-1] - lo > gap * F(2**20 + 1, 2**20):
+                raise ValueError("calls a bracket closed that is wider than the gap")
 
     def _all_of_it(self, accepted: Accepted) -> bool:
         """Whether the cap is above every eps for which legs can be longer than eps."""

@@ -52,7 +52,9 @@ class CertifyFlags:
     eps: Annotated[
         float | None, typer.Option(metavar="MM", help="Ask instead whether any parameters reach this eps.")
     ] = None
-    tolerance: Annotated[float | None, typer.Option(metavar="MM", help="The error that the robot may have.")] = None
+    tolerance: Annotated[
+        float | None, typer.Option(metavar="MM", help="Pass or fail: may the model be off by this much?")
+    ] = None
     support: Annotated[
         Support, typer.Option(help="Few measurements that prove the bound alone, or none that could be left out.")
     ] = Support.FEW

@@ -16,7 +16,7 @@ from cpcal.certify.compare import compared, comparison_question
 from cpcal.cli.certify import Engine, names_of, numbers_of
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
-from cpcal.cli.show import terminal
+from cpcal.cli.show import STYLES, terminal
 from cpcal.cli.status import Status
 from cpcal.cli.suspected import read_campaign
 from cpcal.errors import InputError, printable
@@ -31,11 +31,8 @@ from cpcal.report.comparison import (
     said,
     write_comparison,
 )
-from cpcal.results import Comparison, Entry, comparison_text, save_comparison
+from cpcal.results import Comparison, Entry, Explained, comparison_text, save_comparison
 from cpcal.robot import Campaign
-from cpcal.solver.contract import Verdict
-
-_STYLES = {Verdict.PROVED: "bold green", Verdict.REFUTED: "bold red", Verdict.UNKNOWN: "bold yellow"}
 
 
 @dataclass(frozen=True)
@@ -108,7 +105,7 @@ def _written(
 
     found: Comparison | None = None
     try:
-        with answers_into(folder, FOLDER) as draft:
+        with answers_into(folder, FOLDER, campaign) as draft:
             found = compared(replace(question, certificates=draft), models, tell)
             save_comparison(found, draft)
             write_comparison(found, draft)
@@ -135,7 +132,7 @@ def _table(found: Comparison) -> Table:
     for entry in found.entries:
         cells = [Text(printable(cell)) for cell in comparison_row(found, entry)]
         if found.tolerance is not None:
-            cells[4].stylize(_STYLES[entry.verdict(found.tolerance)])
+            cells[4].stylize(STYLES[entry.leg_verdict(found.tolerance).kind])
         if len(entry.enclosure.names) > 8:
             cells[6] = Text(f"{len(entry.enclosure.names) - 7}, see the page", style="dim")
         table.add_row(*cells)
@@ -143,9 +140,11 @@ def _table(found: Comparison) -> Table:
 
 
 def _status(found: Comparison) -> Status:
-    """As of `certify`; without a tolerance every bracket is an answer."""
+    """Without a tolerance every bracket is an answer; with one, each leg needs a model that passes."""
     if found.interrupted:
         return Status.INTERRUPTED
-    at = found.tolerance
-    unknown = at is not None and any(e.verdict(at) is Verdict.UNKNOWN for e in found.entries)
-    return Status.UNKNOWN if unknown else Status.ANSWERED
+    at, subjects = found.tolerance, {entry.subject for entry in found.entries}
+    if at is None:
+        return Status.ANSWERED
+    passed = {entry.subject for entry in found.entries if isinstance(entry.leg_verdict(at), Explained)}
+    return Status.ANSWERED if passed == subjects else Status.UNKNOWN

@@ -32,6 +32,15 @@ def check_new(folder: Path, *, force: bool) -> None:
         raise InputError([Problem(str(folder), "is a folder that is not empty", remedy)])
 
 
+def is_earlier_demo(folder: Path) -> bool:
+    """Whether a folder holds a study that `cpcal demo` wrote, and nothing besides."""
+    files = {"calibration.json", "images", "images.json", "report.html"}
+    known = files | {STUDY, CAMPAIGN, VALIDATION, FITS, RUN, SCRIPT, PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN}
+    if not (folder / STUDY / "study.toml").is_file():
+        return False
+    return all(path.name in known or path.name.startswith("poses-") for path in folder.iterdir())
+
+
 def check_writable(folder: Path) -> None:
     """InputError when `folder` is no folder that can be written, or made."""
     ancestor = folder.absolute()

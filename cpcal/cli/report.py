@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cpcal.atomic import write_file
-from cpcal.cli.folders import CAMPAIGN, check_writable
+from cpcal.cli.folders import check_writable, output_path
 from cpcal.cli.show import terminal
 from cpcal.cli.study_page import holds_study, study_found
 from cpcal.errors import InputError, Problem
-from cpcal.files import load_campaign
+from cpcal.files import load_campaign, load_campaign_json
 from cpcal.report import REPORT_NAME
 from cpcal.report.page import render
 from cpcal.report.study import render_study
@@ -24,17 +23,24 @@ def report(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder that certify wrote, or demo.")],
     campaign: Annotated[
         Path | None,
-        typer.Option(metavar="CAMPAIGN", help="Folder of the campaign.", show_default="RUN/../campaign"),
+        typer.Option(metavar="CAMPAIGN", help="Folder of the original campaign, to compare the run's with."),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="FILE", help="The page; replaced.", show_default="RUN/report.html"),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            parser=output_path,
+            help="The page; replaced.",
+            show_default="RUN/report.html",
+        ),
     ] = None,
 ) -> None:
-    """Write the HTML page of a RUN again, from its result.json and the CAMPAIGN that was certified.
+    """Write the HTML page of a RUN again, from its result.json and campaign.json.
 
-    One self-contained file: it loads nothing, runs nothing, and prints. A campaign other than the one that was
-    certified is refused: the run has its SHA-256. Of a folder that `cpcal demo` wrote it is the page of the whole
+    One self-contained file: it loads nothing, runs nothing, and prints. With --campaign, another campaign
+    than the one that was certified is refused. Of a folder that `cpcal demo` wrote it is the page of the whole
     study; its certificates are checked anew.
     """
     file = run / REPORT_NAME if output is None else output
@@ -47,8 +53,11 @@ def report(
 
 
 def _run(run: Path, campaign: Path | None) -> str:
-    result = load_result(run)
-    return render(load_campaign(beside(run) if campaign is None else campaign), result)
+    result, kept = load_result(run), load_campaign_json(run)
+    if campaign is not None and load_campaign(campaign).sha256 != kept.sha256:
+        what = "is another campaign than the run's: its SHA-256 differs"
+        raise InputError([Problem(str(campaign), what, "name the campaign that was certified, or leave it out")])
+    return render(kept, result)
 
 
 def _study(folder: Path, campaign: Path | None) -> str:
@@ -57,12 +66,3 @@ def _study(folder: Path, campaign: Path | None) -> str:
             [Problem("option --campaign", "has no meaning for a study, which holds its own", "leave it out")]
         )
     return render_study(study_found(folder)[1])
-
-
-def beside(run: Path) -> Path:
-    """The campaign next to a run, as `cpcal demo` leaves it."""
-    folder = Path(os.path.abspath(run)).parent / CAMPAIGN
-    if not (folder / "campaign.toml").is_file():
-        what = f"there is no campaign beside it ({folder}), and the measurements are needed"
-        raise InputError([Problem(str(run), what, "name the campaign that was certified with --campaign")])
-    return folder

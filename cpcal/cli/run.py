@@ -19,7 +19,7 @@ from cpcal.cli.status import Status
 from cpcal.errors import InputError
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.report import REPORT_NAME, write_report
-from cpcal.results import Result, result_text, save_result
+from cpcal.results import Explained, Result, result_text, save_result, verdict_of
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 
@@ -34,7 +34,7 @@ def certified_into(run: Path, campaign: Campaign, given: Mapping[str, Any], *, a
     result: Result | None = None
     failure: InputError | None = None
     try:
-        with answers_into(run, RUN) as draft:
+        with answers_into(run, RUN, campaign) as draft:
             result = _watched(question, draft, quiet=as_json)
             save_result(result, draft)
             write_report(campaign, result, draft)
@@ -67,5 +67,8 @@ def status_of(result: Result) -> Status:
     """The exit status that tells of a result."""
     if result.interrupted:
         return Status.INTERRUPTED
-    unknown = any(leg.verdict is Verdict.UNKNOWN for leg in result.legs)
-    return Status.UNKNOWN if unknown else Status.ANSWERED
+    if result.options.tolerance is None:
+        good = all(leg.verdict is not Verdict.UNKNOWN for leg in result.legs)
+    else:
+        good = all(isinstance(verdict_of(result, leg), Explained) for leg in result.legs)
+    return Status.ANSWERED if good else Status.UNKNOWN

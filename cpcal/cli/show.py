@@ -11,10 +11,15 @@ from rich.text import Text
 
 from cpcal.errors import printable
 from cpcal.report import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs, result_table
-from cpcal.results import Result
-from cpcal.solver.contract import Verdict
+from cpcal.results import Result, verdict_of
 
-_STYLES = {Verdict.PROVED: "bold green", Verdict.REFUTED: "bold red", Verdict.UNKNOWN: "bold yellow"}
+STYLES = {  # by the kind of a verdict
+    "explained": "bold green",
+    "unexplained": "bold red",
+    "bounded": "bold cyan",
+    "undecided": "bold yellow",
+    "undetermined": "bold magenta",
+}
 _WIDE = 120  # where there is no terminal to fit
 
 
@@ -38,7 +43,8 @@ def show_result(console: Console, result: Result, legs: int) -> None:
     console.print(Text(f"{printable(result.robot)}: {result.measurements:,} measurements", style="bold"))
     console.print(_table(result))
     for leg in result.legs:
-        line = Text(f"Leg {leg.leg}: ").append(leg.verdict.value, style=_STYLES[leg.verdict])
+        verdict = verdict_of(result, leg)
+        line = Text(f"Leg {leg.leg}: ").append(verdict.word, style=STYLES[verdict.kind])
         said = [leg_sentence(result, leg), center_sentence(result, leg) or ""]
         console.print(line.append(f". {printable(' '.join(said).strip())}"), soft_wrap=not console.is_terminal)
     missing = missing_legs(result, legs)
@@ -53,6 +59,6 @@ def _table(result: Result) -> Table:
     for name in content.header:
         table.add_column(name, justify="left" if name == "verdict" else "right", overflow="fold")
     for row in content.rows:
-        word = Text(row.verdict.value, style=_STYLES[row.verdict])
+        word = Text(row.verdict.word, style=STYLES[row.verdict.kind])
         table.add_row(str(row.leg), word, *row.cells)
     return table

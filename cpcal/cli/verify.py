@@ -1,18 +1,22 @@
-"""`cpcal verify`: certificates checked again, in exact arithmetic and without a solver."""
+"""`cpcal verify`: runs and certificates checked again, in exact arithmetic and without a solver."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cpcal.checker import Refused, Unusable, check
+from cpcal.certify.fits import FITS_NAME, load_fits
+from cpcal.checker import Accepted, Refused, Unusable, check, check_run
 from cpcal.cli.claims import sentences
 from cpcal.errors import InputError, Problem, printable
-from cpcal.files import load_campaign
+from cpcal.files import load_campaign, load_campaign_json
+from cpcal.files.run_folder import unfinished
 from cpcal.numbers import nearest
+from cpcal.results import COMPARISON_NAME, RESULT_NAME, load_comparison, load_result
 
 
 def verify(
@@ -22,34 +26,132 @@ def verify(
         typer.Option(metavar="CAMPAIGN", help="Folder of the original campaign, to compare the run's with."),
     ] = None,
 ) -> None:
-    """Check the certificates of a RUN, or one CERTIFICATE, against the campaign.json beside them.
+    """Check a RUN, or one CERTIFICATE, against the campaign.json beside the certificates.
 
-    The checker forms every polynomial again from the campaign's numbers, or from the constraints that the certificate
-    states, in exact rational arithmetic; it uses no solver and no rounding. docs/certificate-format.md says what a
-    certificate claims and when it is accepted.
+    Every number that the run's result.json states must be claimed by a certificate, and every certificate must be
+    accepted; a leg that is not certified is named. The checker forms every polynomial again from the campaign's
+    numbers, or from the constraints that the certificate states, in exact rational arithmetic; it uses no solver and no
+    rounding. docs/certificate-format.md says what a certificate claims and when it is accepted.
     """
-    certificates = sorted(target.glob("*.cert.jsonl")) if target.is_dir() else [target]
-    if not certificates or not all(path.is_file() for path in certificates):
-        what = "holds no certificate (*.cert.jsonl)" if target.is_dir() else "is no file"
-        raise InputError([Problem(str(target), what, "name the folder of a run, or a certificate in it")])
-    digest = None if campaign is None else load_campaign(campaign).sha256
-    accepted = [_verified(path, digest) for path in certificates]
-    raise typer.Exit(0 if all(accepted) else 1)
+    same = campaign is None or _same_campaign(target, campaign)
+    if not target.is_dir():
+        accepted = _certificate(target)
+    elif (target / RESULT_NAME).exists():
+        accepted = _run(target)
+    else:
+        found = [_certificate(path) for path in _certificates(target)]
+        accepted = all(found) and _as_stated(target)
+    raise typer.Exit(0 if accepted and same else 1)
 
 
-def _verified(path: Path, digest: str | None) -> bool:
+def _same_campaign(target: Path, campaign: Path) -> bool:
+    """Whether the run's campaign is the one in the folder. Raises InputError."""
+    kept = load_campaign_json(target if target.is_dir() else target.parent)
+    if kept.sha256 == load_campaign(campaign).sha256:
+        return True
+    typer.echo("campaign.json: REFUSED, the campaign is another one: its SHA-256 differs")
+    return False
+
+
+def _run(run: Path) -> bool:
+    """All legs of a run. Raises InputError where there is nothing to check."""
+    result = load_result(run)
+    if unfinished(run):
+        typer.echo("Another run into this folder is at work, or was killed: these are the answers before it.")
+    try:
+        legs = check_run(run)
+    except Unusable as reason:
+        raise InputError([Problem(str(run), str(reason), "name the folder of a run")]) from None
+    except Refused as reason:
+        typer.echo(printable(f"{RESULT_NAME}: REFUSED, {reason}"))
+        return False
+    if result.interrupted:
+        typer.echo("The run was interrupted: legs may be missing.")
+    for leg, found in zip(legs, result.legs, strict=True):
+        if leg.refused is not None:
+            typer.echo(printable(f"leg {leg.leg}: REFUSED, {leg.refused}"))
+        elif leg.accepted is None:
+            typer.echo(printable(f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}"))
+        for name, accepted in ((leg.certificate, leg.accepted), (f"leg{leg.leg}.support.cert.jsonl", leg.support)):
+            if accepted is not None and name is not None:
+                _tell(name, accepted)
+    if not any(leg.accepted or leg.refused for leg in legs):
+        what = "holds no leg that is certified"
+        raise InputError([Problem(str(run), what, "certify again, without a time limit that ends it too early")])
+    return all(leg.refused is None for leg in legs)
+
+
+def _certificates(folder: Path) -> list[Path]:
+    """Those of a folder without result.json. Raises InputError where there are none."""
+    found = sorted(folder.glob("*.cert.jsonl"))
+    if unfinished(folder):
+        what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
+        raise InputError([Problem(str(folder), what, "wait for it, or run certify again")])
+    if not found:
+        what = f"holds neither {RESULT_NAME} nor a certificate (*.cert.jsonl)"
+        raise InputError([Problem(str(folder), what, "name the folder of a run, or a certificate in it")])
+    return found
+
+
+def _certificate(path: Path) -> bool:
+    """One certificate by itself. Raises InputError where it cannot be read."""
     began = time.monotonic()
     try:
         accepted = check(path)
     except Unusable as reason:
-        raise InputError([Problem(str(path), str(reason), "name the folder of a run")]) from None
+        raise InputError([Problem(str(path), str(reason), "name the folder of a run, or a certificate")]) from None
     except Refused as reason:
         typer.echo(printable(f"{path.name}: REFUSED, {reason}"))
         return False
-    if digest not in (None, accepted.campaign):
-        typer.echo(f"{path.name}: REFUSED, the campaign is another one: its SHA-256 differs")
-        return False
-    work = f"{accepted.steps} steps, {nearest(time.monotonic() - began, 1)} s"
-    for sentence in sentences(accepted):
-        typer.echo(printable(f"{path.name}: {sentence}: PROVED, {work}"))
+    _tell(path.name, accepted, time.monotonic() - began)
     return True
+
+
+def _tell(name: str, accepted: Accepted, seconds: float | None = None) -> None:
+    work = f"{accepted.steps} steps" + ("" if seconds is None else f", {nearest(seconds, 1)} s")
+    for sentence in sentences(accepted):
+        typer.echo(printable(f"{name}: {sentence}: PROVED, {work}"))
+
+
+def _as_stated(folder: Path) -> bool:
+    """Whether the accepted certificates claim what the folder's compare.json or fits.json states. Raises InputError."""
+    wrong = [*_other_comparison(folder), *_other_fits(folder)]
+    for line in wrong:
+        typer.echo(printable(f"{line}: REFUSED, states other numbers than are proved"))
+    return not wrong
+
+
+def _other_comparison(folder: Path) -> Iterator[str]:
+    if not (folder / COMPARISON_NAME).exists():
+        return
+    for entry in load_comparison(folder).entries:
+        if entry.certificate is None:
+            typer.echo(printable(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}"))
+            continue
+        claims = _claimed(folder, entry.certificate).claims
+        proved = (
+            float("inf") if claims.infeasible else float(claims.eps_lo or 0),
+            float("inf") if claims.eps_hi is None else float(claims.eps_hi),
+        )
+        if (entry.eps_lo, entry.eps_hi) != proved:
+            yield f"{entry.subject}, {entry.model}"
+
+
+def _other_fits(folder: Path) -> Iterator[str]:
+    if not (folder / FITS_NAME).exists():
+        return
+    for name, fits in load_fits(folder).both:
+        for fit in fits:
+            accepted = _claimed(folder, fit.certificate)
+            point = accepted.claims.point
+            found = (0, 0) if point is None else (len(point.holds), len(point.fails))
+            if (accepted.leg, *found) != (fit.leg, fit.verified.holds, fit.verified.fails):
+                yield f"{name}, leg {fit.leg}"
+
+
+def _claimed(folder: Path, name: str) -> Accepted:
+    """The claims of a certificate in the folder. Raises InputError for one that is missing or refused."""
+    try:
+        return check(folder / Path(name).name)
+    except (Unusable, Refused) as reason:
+        raise InputError([Problem(str(folder / name), str(reason), "run the command again that wrote it")]) from None

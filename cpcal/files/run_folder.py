@@ -17,6 +17,8 @@ from pathlib import Path
 
 from cpcal.atomic import draft_name, put_in_place, unwritable
 from cpcal.errors import InputError, Problem
+from cpcal.files.campaign_json import save_campaign_json
+from cpcal.robot import Campaign
 
 LOCK_NAME = ".cpcal-lock"
 _DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
@@ -47,10 +49,11 @@ POSE_SETS = Kind("sets.json")  # certificates of images, without a head
 
 
 @contextmanager
-def answers_into(folder: str | os.PathLike[str], kind: Kind) -> Iterator[Path]:
+def answers_into(folder: str | os.PathLike[str], kind: Kind, campaign: Campaign | None = None) -> Iterator[Path]:
     """A folder aside to write into; when the block ends without an error its files replace the older answers.
 
-    Until then the older answers stay. Raises InputError when another process writes there, when files are in the way
+    Until then the older answers stay. The campaign that they are about goes with them, as campaign.json.
+    Raises InputError when another process writes there, when files are in the way
     that cpcal did not write, or when the folder cannot be written.
     """
     target = Path(folder)
@@ -61,6 +64,8 @@ def answers_into(folder: str | os.PathLike[str], kind: Kind) -> Iterator[Path]:
         draft = target / draft_name()
         try:
             draft.mkdir()
+            if campaign is not None:
+                save_campaign_json(campaign, draft)
             yield draft
             lock.check(target)
             put_in_place(

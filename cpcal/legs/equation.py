@@ -75,7 +75,7 @@ def leg_equation(
 ) -> LegEquation:
     """The equation of a leg, without a tolerance yet.
 
-    Exact readings in a model of one's own: all is multiplied by `scale` = |q|^2, so that a certificate can
+    Exact readings in a user-defined model: all is multiplied by `scale` = |q|^2, so that a certificate can
     state it in dyadic numbers. `stated`: rotations and scale are then rational expressions of the quaternions, exactly;
     otherwise enclosures, which is the same constraint in less time.
     """

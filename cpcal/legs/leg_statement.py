@@ -51,7 +51,7 @@ def model_statement(
     """What a certificate says: for a model that comes with cpcal the leg, for others the constraints themselves.
 
     `domain` holds the parameters and, last, eps. None where constraints have no exact polynomial form, as those of a
-    model of one's own with uncertain readings.
+    user-defined model with uncertain readings.
     """
     if built_in(model):
         return leg_statement(campaign, leg, only, model.name)

@@ -20,21 +20,21 @@ _CENTERS = {
 
 def assumptions(campaign: Campaign, result: Result) -> list[tuple[str, str]]:
     """Pairs of a heading and a paragraph."""
+    asked = result.options
     return [
         ("Model", _model(result)),
         ("For which readings", QUANTIFIER),
         ("Reading sets", _readings(campaign)),
         (
             "Parameters",
-            f"Each of the seven parameters (a, b, l) of a leg is looked for within "
-            f"±{stated(result.options.delta)} mm of "
-            f"{_CENTERS.get(result.options.center, 'the center listed with it')}{_extra(result)}. "
+            f"Each of the seven parameters (a, b, l) of a leg is looked for within ±{stated(asked.delta)} mm of "
+            f"{_CENTERS.get(asked.center, 'the center listed with it')}{_extra(result)}. "
             "Nothing is said of parameters outside this box.",
         ),
         (
             "Arithmetic",
-            f"Every bound is derived in outward-rounded arithmetic ({result.options.arithmetic}) by the contractors "
-            f"{', '.join(result.options.contractors)}; no answer of a linear-programming solver is trusted. "
+            f"Every bound is derived in outward-rounded arithmetic ({asked.arithmetic}) by the contractors "
+            f"{', '.join(asked.contractors)}; no answer of a linear-programming solver is trusted. "
             "Tables print lower bounds rounded down and upper bounds rounded up; the figures are drawn in "
             "plain floating point.",
         ),

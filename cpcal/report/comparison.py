@@ -15,12 +15,10 @@ from cpcal.report.dots import comparison_svg, legend
 from cpcal.report.origin import versions
 from cpcal.report.template import rendered
 from cpcal.report.words import LONGER, QUANTIFIER
-from cpcal.results import Comparison, Entry
+from cpcal.results import Comparison, Entry, Undetermined
 from cpcal.solver.contract import Verdict
 
 COMPARISON_PAGE = "compare.html"
-
-_STYLES = {Verdict.PROVED: "proved", Verdict.REFUTED: "refuted", Verdict.UNKNOWN: "unknown"}
 
 
 def comparison_header(comparison: Comparison) -> tuple[str, ...]:
@@ -80,6 +78,9 @@ def comparison_sentences(comparison: Comparison) -> list[str]:
             text = f"{model} is refuted at {at} for none of {len(entries)}."
         if open_ones:
             text += f" Not known for {', '.join(e.subject for e in open_ones)}."
+        poor = [e for e in entries if isinstance(e.leg_verdict(tolerance), Undetermined)]
+        if poor:
+            text += f" Undetermined for {', '.join(e.subject for e in poor)}: the measurements leave parameters open."
         out.append(text)
     return out
 
@@ -93,7 +94,7 @@ def _context(comparison: Comparison) -> dict[str, Any]:
     tolerance = comparison.tolerance
     rows = []
     for entry in comparison.entries:
-        style = "" if tolerance is None else _STYLES[entry.verdict(tolerance)]
+        style = "" if tolerance is None else entry.leg_verdict(tolerance).kind
         rows.append({"cells": comparison_row(comparison, entry), "style": style})
     return {
         "title": printable(comparison.title),

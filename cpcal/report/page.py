@@ -22,8 +22,8 @@ from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
 from cpcal.report.sensitivity import reading_sensitivity
 from cpcal.report.table import result_table
 from cpcal.report.template import rendered
-from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
-from cpcal.results import LegResult, Result, model_of
+from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs, summary
+from cpcal.results import LegResult, Result, model_of, verdict_of
 from cpcal.robot import Campaign
 from cpcal.solver.optimize import Answer, Trial
 
@@ -69,6 +69,8 @@ def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict
         "robot": campaign.robot.name,
         "count": len(campaign),
         "result": result,
+        "tolerance": None if result.options.tolerance is None else stated(result.options.tolerance),
+        "summary": summary(result),
         "asked": None if result.options.eps is None else stated(result.options.eps),
         "interrupted": missing_legs(result, campaign.legs),
         "table": table,
@@ -100,7 +102,7 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | N
     names = leg.support[:_MOST_NAMES]
     return {
         "number": leg.leg,
-        "verdict": leg.verdict.value,
+        "verdict": verdict_of(result, leg),
         "sentence": leg_sentence(result, leg),
         "center": center_sentence(result, leg),
         "trials": [_trial(leg, trial) for trial in leg.trials],

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cpcal.numbers import bracket_text, gap_text, nearest, stated
-from cpcal.results import LegResult, Result
-from cpcal.solver.contract import Verdict
+from cpcal.results import LegResult, LegVerdict, Result, verdict_of
 
 
 @dataclass(frozen=True)
@@ -14,7 +13,7 @@ class Row:
     """One leg; `cells` are those after leg and verdict."""
 
     leg: int
-    verdict: Verdict
+    verdict: LegVerdict
     cells: tuple[str, ...]
 
 
@@ -29,12 +28,18 @@ class Table:
 def result_table(result: Result) -> Table:
     """A row a leg. Bounds are rounded to the side on which they stay proved."""
     bounds = ("eps_lo [mm]", "eps_hi [mm]", "gap [mm]") if result.options.eps is None else ("eps asked [mm]",)
-    header = ("leg", "verdict", *bounds, "support", "nodes", "LPs", "seconds")
-    return Table(header, tuple(Row(leg.leg, leg.verdict, _cells(result, leg)) for leg in result.legs))
+    header = ("leg", "verdict", *bounds, "certified", "support", "nodes", "LPs", "seconds")
+    return Table(header, tuple(Row(leg.leg, verdict_of(result, leg), _cells(result, leg)) for leg in result.legs))
 
 
 def _cells(result: Result, leg: LegResult) -> tuple[str, ...]:
-    work = (str(len(leg.support)), f"{leg.nodes:,}", f"{leg.programs:,}", nearest(leg.seconds, 2))
+    work = (
+        "yes" if leg.certified else "no",
+        str(len(leg.support)),
+        f"{leg.nodes:,}",
+        f"{leg.programs:,}",
+        nearest(leg.seconds, 2),
+    )
     if result.options.eps is not None:
         return (stated(result.options.eps), *work)
     return (*bracket_text(leg.eps_lo, leg.eps_hi), gap_text(leg.eps_lo, leg.eps_hi), *work)

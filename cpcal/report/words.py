@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-import math
-
-from cpcal.numbers import bracket_text
-from cpcal.results import LegResult, Result
-from cpcal.solver.contract import Verdict
+from cpcal.results import LegResult, Result, Undetermined, verdict_of
 
 QUANTIFIER = (
-    "To satisfy the equations to within eps means: for every measurement there exists a reading in its set "
-    "at which the leg equation is off by at most eps."
+    "To explain the data, or satisfy the equations, to within eps means: for every measurement there exists a reading "
+    "in its set at which the leg equation is off by at most eps."
 )
 LONGER = "The model takes each leg to be longer than eps."
 
 
 def leg_sentence(result: Result, leg: LegResult) -> str:
-    """The answer for one leg, without its number."""
-    if result.options.eps is not None or leg.not_refuted or leg.verdict is Verdict.REFUTED:
-        return leg.status
-    lo, hi = bracket_text(leg.eps_lo, leg.eps_hi)
-    if math.isfinite(leg.eps_hi):
-        return f"The smallest model error lies between {lo} and {hi} mm. {leg.status}"
-    return f"The smallest model error is at least {lo} mm. {leg.status}"
+    """The answer for one leg, without its number: the verdict, what was proved, and whether that can be checked."""
+    verdict = verdict_of(result, leg)
+    said = [verdict.sentence]
+    if not isinstance(verdict, Undetermined):
+        said.append(leg.status)
+    if leg.not_certified:
+        said.append(f"Not certified: {leg.not_certified}.")
+    return " ".join(said)
+
+
+def summary(result: Result) -> str:
+    """The verdicts in one line, the same ones together."""
+    legs: dict[str, list[str]] = {}
+    for leg in result.legs:
+        legs.setdefault(verdict_of(result, leg).word, []).append(str(leg.leg))
+    return " ".join(f"Leg {', '.join(numbers)}: {word}." for word, numbers in legs.items())
 
 
 def center_sentence(result: Result, leg: LegResult) -> str | None:

@@ -1,4 +1,15 @@
 from .comparison import COMPARISON_NAME, Comparison, Entry, comparison_text, load_comparison, save_comparison
+from .determination import Determination
+from .leg_verdict import (
+    Bounded,
+    Explained,
+    LegVerdict,
+    Undecided,
+    Undetermined,
+    Unexplained,
+    verdict_of,
+    verdict_on,
+)
 from .options import ARITHMETICS, CENTERS, METHODS, SUPPORTS, Options
 from .projection import Projection, Projections
 from .result import (
@@ -21,15 +32,22 @@ __all__ = [
     "METHODS",
     "RESULT_NAME",
     "SUPPORTS",
+    "Bounded",
     "CampaignNote",
     "Comparison",
+    "Determination",
     "Entry",
+    "Explained",
     "LegResult",
+    "LegVerdict",
     "ModelNote",
     "Options",
     "Projection",
     "Projections",
     "Result",
+    "Undecided",
+    "Undetermined",
+    "Unexplained",
     "VerifiedPoint",
     "comparison_text",
     "load_comparison",
@@ -38,4 +56,6 @@ __all__ = [
     "result_text",
     "save_comparison",
     "save_result",
+    "verdict_of",
+    "verdict_on",
 ]

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cpcal.files.codec import load, save, text_of
+from cpcal.results.determination import Determination
+from cpcal.results.leg_verdict import Bracket, LegVerdict, Undecided, Undetermined, Unexplained, verdict_on
 from cpcal.results.options import Options
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
@@ -34,6 +36,7 @@ class Entry:
     certificate: str | None
     status: str
     seconds: float
+    determination: Determination | None = None
     not_certified: str = ""  # why there is no certificate
 
     def __post_init__(self) -> None:
@@ -47,14 +50,19 @@ class Entry:
             return Verdict.REFUTED
         return Verdict.PROVED if self.eps_hi <= tolerance else Verdict.UNKNOWN
 
+    def leg_verdict(self, tolerance: float) -> LegVerdict:
+        """The same as of a leg: a pass only where the measurements suffice to test the model."""
+        return verdict_on(Bracket(self.eps_lo, self.eps_hi), tolerance, determination=self.determination)
+
     def word(self, tolerance: float | None) -> str:
         """The same for a table."""
         if tolerance is None:
             return "—"
-        words = {Verdict.REFUTED: "refuted", Verdict.PROVED: "not refuted", Verdict.UNKNOWN: "unknown"}
-        verdict = self.verdict(tolerance)
-        unchecked = verdict is not Verdict.UNKNOWN and self.certificate is None
-        return words[verdict] + (", unchecked" if unchecked else "")
+        verdict = self.leg_verdict(tolerance)
+        if isinstance(verdict, Undecided | Undetermined):
+            return verdict.word
+        word = "refuted" if isinstance(verdict, Unexplained) else "not refuted"
+        return word + (", unchecked" if self.certificate is None else "")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import html
 import math
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cpcal.errors import InputError, Problem, printable
+from cpcal.errors import InputError, Problem
 from cpcal.files.codec import load, save, text_of
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
-from cpcal.numbers import bracket_text, stated
+from cpcal.results.determination import Determination
 from cpcal.results.options import Options
 from cpcal.results.projection import Projections
 from cpcal.results.verified_point import VerifiedPoint
@@ -89,6 +88,7 @@ class LegResult:
     projections: Projections | None = None  # what the report draws; see cpcal.certify.projections
     # the center of the box, as a solution at eps = 0 (or the eps asked about)
     verified: VerifiedPoint | None = field(default=None, metadata={"json": "center_verified"})
+    determination: Determination | None = None  # None: nothing is to be determined, or it was not asked
     trials: tuple[Trial, ...] = ()  # calls of the solver, with method "timeout"
     contractors_used: tuple[ContractorUse, ...] = ()  # those asked for: how often each ran, its part in the certificate
     found_lo: float | None = None  # the lower bound of eps by all contractors, where the certificate proves less
@@ -112,11 +112,9 @@ class LegResult:
         return self.point is not None and self.eps_hi == 0.0
 
     def _repr_html_(self) -> str:
-        """For notebooks: the verdict and a sentence. The bracket only where it says more than the sentence."""
-        lo, hi = bracket_text(self.eps_lo, self.eps_hi)
-        between = f"The smallest model error lies between {lo} and {hi} mm. "
-        bracket = between if self.eps_lo < self.eps_hi < math.inf else ""
-        return f"<p><b>Leg {_escaped(self.leg)}: {self.verdict.value}.</b> {bracket}{_escaped(self.status)}</p>"
+        from cpcal.results.notebook import leg_html  # which reads results
+
+        return leg_html(self)
 
 
 @dataclass(frozen=True)
@@ -166,21 +164,9 @@ class Result:
         return self.model.parameters
 
     def _repr_html_(self) -> str:
-        """For notebooks: a table, a row a leg. Bounds are rounded to the side on which they stay proved."""
-        eps = self.options.eps
-        names = ("eps_lo [mm]", "eps_hi [mm]") if eps is None else ("eps asked [mm]",)
-        header = "".join(f"<th>{name}</th>" for name in ("leg", "verdict", *names, "support", "sentence"))
-        rows = []
-        for leg in self.legs:
-            bounds = bracket_text(leg.eps_lo, leg.eps_hi) if eps is None else (stated(eps),)
-            cells = (leg.leg, leg.verdict.value, *bounds, len(leg.support), leg.status)
-            rows.append("<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in cells) + "</tr>")
-        title = f"{_escaped(self.robot)}: {self.measurements:,} measurements"
-        stopped = "; interrupted: what is shown was proved until then" if self.interrupted else ""
-        return (
-            f"<table><caption>{title}{stopped}</caption><thead><tr>{header}</tr></thead>"
-            f"<tbody>{''.join(rows)}</tbody></table>"
-        )
+        from cpcal.results.notebook import result_html
+
+        return result_html(self)
 
 
 def result_text(result: Result) -> str:
@@ -196,8 +182,3 @@ def save_result(result: Result, run: str | os.PathLike[str]) -> Path:
 def load_result(run: str | os.PathLike[str]) -> Result:
     """Read `result.json` from the folder of a run. Raises InputError."""
     return load(Result, Path(run) / RESULT_NAME, FORMAT, remedy="name the folder of a run, or run certify again")
-
-
-def _escaped(value: object) -> str:
-    """As text of an HTML page."""
-    return html.escape(printable(str(value)))

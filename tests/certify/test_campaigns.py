@@ -147,7 +147,7 @@ def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
     assert (found.eps_lo, found.eps_hi) == (0.0, 0.0)
     assert found.not_refuted
     assert found.verdict is Verdict.PROVED
-    assert "not refuted" in found.status
+    assert "satisfies every equation exactly" in found.status
     truth = true_robot(campaign)
     assert truth is not None
     assert truth.parameters[3] in found.enclosure  # all x with eps = 0, the true leg among them
@@ -155,7 +155,7 @@ def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
 
 def test_an_imperfect_robot_is_refuted_with_its_reading_sets(certified: LegResult) -> None:
     assert not certified.not_refuted
-    assert "not refuted" not in certified.status
+    assert "satisfies every equation exactly" not in certified.status
 
 
 # deficient data ---------------------------------------------------------------------------------------------

@@ -18,7 +18,19 @@ exact = st.fractions(-4000, 4000)
 def accepted(claims, lo, hi, *, leg=1, unknowns=(*PARAMETERS, "eps")):
     model, chosen = "plain" if leg else None, tuple(range(64))
     return Accepted(
-        leg, model, "", None, unknowns, len(unknowns) - 1, len(chosen), chosen, lo, hi, claims, frozenset(), 3
+        leg=leg,
+        model=model,
+        about="",
+        campaign=None,
+        unknowns=unknowns,
+        objective=len(unknowns) - 1,
+        count=len(chosen),
+        chosen=chosen,
+        lo=lo,
+        hi=hi,
+        claims=claims,
+        used=frozenset(),
+        steps=3,
     )
 
 

@@ -124,8 +124,8 @@ def test_certify_writes_and_prints_the_answer(certified):
     text = squeezed(outcome.stdout)
     for piece in (
         "eps_lo [mm]",
-        "proved",
-        "Leg 1: proved.",
+        "explains to within ",
+        "Leg 1: explains to within ",
         "there exists a reading in its set",
         "longer than eps",
     ):
@@ -150,14 +150,14 @@ def test_certify_replaces_an_earlier_run(campaign, tmp_path):
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert not (tmp_path / "leg2.cert.jsonl").exists()
     assert cpcal.load_result(tmp_path).legs[0].verdict is cpcal.Verdict.REFUTED
-    assert "refuted" in outcome.stdout
-    assert "refuted" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "cannot explain" in outcome.stdout
+    assert "cannot explain" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_limit_makes_a_leg_unknown(campaign, tmp_path):
     outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--time-limit", "1e-9")
     assert outcome.exit_code == 1
-    assert "unknown" in outcome.stdout
+    assert "undecided" in outcome.stdout
     assert cpcal.load_result(tmp_path).legs[0].verdict is cpcal.Verdict.UNKNOWN
 
 
@@ -214,5 +214,14 @@ def test_an_answer_is_printed_even_if_the_disk_is_full(campaign, tmp_path, monke
     monkeypatch.setattr("cpcal.cli.run.save_result", full)
     outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--eps", "0.1")
     assert outcome.exit_code == 2
-    assert "Leg 1: refuted." in outcome.stdout
+    assert "Leg 1: does not explain." in outcome.stdout
     assert "No space left" in outcome.stderr
+
+
+@pytest.mark.parametrize(("tolerance", "status", "word"), [("50", 0, "pass"), ("0.01", 1, "fail")])
+def test_a_tolerance_is_passed_or_failed(campaign, tmp_path, tolerance, status, word):
+    outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--tolerance", tolerance)
+    assert outcome.exit_code == status
+    assert f"Leg 1: {word}." in outcome.stdout
+    assert f">{word}<" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert cpcal.load_result(tmp_path).options.tolerance == float(tolerance)

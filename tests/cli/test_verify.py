@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import pytest
 from typer.testing import CliRunner
@@ -37,19 +38,12 @@ def test_a_bound_that_is_not_proved_is_refused(run, tmp_path):
     claims["epsilon"]["lo"] = claims["cap"]
     lines[1] = json.dumps(claims)
     forged = tmp_path / "forged.cert.jsonl"
-    (tmp_path / "campaign.json").write_bytes((run / "campaign.json").read_bytes())
     forged.write_text("\n".join(lines) + "\n")
+    shutil.copy(run / "campaign.json", tmp_path)
     done = CliRunner().invoke(app, ["verify", str(forged), "--campaign", str(run.parent / "campaign")])
     assert done.exit_code == 1
     assert "REFUSED" in done.output
     assert "still open below eps_lo" in done.output
-
-
-def test_each_claim_is_a_line(run):
-    """None below, one at, all within the enclosure."""
-    done = CliRunner().invoke(app, ["verify", str(run)])
-    assert done.exit_code == 0
-    assert len(done.output.splitlines()) == 3
 
 
 def test_constraints_of_ones_own_need_no_campaign(tmp_path):

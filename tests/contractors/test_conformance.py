@@ -123,7 +123,7 @@ class Wrapped:
 
 def spoilt(spoil: Callable[[Box, Contraction], Contraction], **attributes: Any) -> ContractorFactory:
     def make(network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64") -> Contractor:
-        contractor = Wrapped(network, spoil)
+        contractor: Any = Wrapped(network, spoil)
         for name, value in attributes.items():
             setattr(contractor, name, value)
         return contractor

@@ -1,14 +1,17 @@
 """The page: self-contained, hostile names do nothing, the same bytes each time, small for large campaigns."""
 
 import dataclasses
+import io
 import math
 import re
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import cpcal
+from cpcal.cli.show import show_result
 from cpcal.report import QUANTIFIER, REPORT_NAME, reading_sensitivity, write_report
 from cpcal.report.page import render
 from tests.report.made import made_result
@@ -148,7 +151,7 @@ def test_a_large_campaign_stays_small():
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"verdict": cpcal.Verdict.UNKNOWN, "eps_hi": math.inf, "point": None}, "is at least 0.08901174 mm"),
+        ({"verdict": cpcal.Verdict.UNKNOWN, "eps_hi": math.inf, "point": None}, "no better than 0.08901174 mm"),
         ({"enclosure": cpcal.Box(NAMES, [-math.inf] * 7, [math.inf] * 7)}, "-∞"),
         (
             {
@@ -188,7 +191,8 @@ def test_a_question_about_one_eps(campaign):
     page = render(campaign, result_of(campaign, refuted, eps=0.05))
     assert "within eps = 0.05 mm" in page
     assert "eps_lo" not in page
-    assert ">refuted<" in page
+    assert ">does not explain<" in page
+    assert "cannot explain the data to within 0.05 mm" in page
 
 
 def test_an_interrupted_run_says_so(campaign):
@@ -236,3 +240,27 @@ def _residual(campaign, x, leg, signs):
     arm = rotation_matrix(quaternion_product(turn, campaign.quaternion)) @ x[3:6]
     position = campaign.position + signs[:3] * campaign.position_radius
     return np.linalg.norm(position + arm - x[:3], axis=1) - campaign.length[:, leg - 1] - x[6]
+
+
+def test_a_tolerance_makes_the_page_say_pass_or_fail(campaign):
+    legs = leg_result(campaign), leg_result(campaign, 2, eps_lo=0.6, eps_hi=0.7)
+    page = render(campaign, result_of(campaign, *legs, tolerance=0.5))
+    assert 'class="verdict explained">pass<' in page
+    assert 'class="verdict unexplained">fail<' in page
+    assert "Leg 1: pass. Leg 2: fail." in page
+
+
+def test_an_unproved_robot_wears_no_badge_that_says_proved(campaign):
+    page = render(campaign, result_of(campaign))
+    assert re.findall(r'class="verdict (\w+)">([^<]*)<', page)[0] == ("bounded", "explains to within 0.08901176 mm")
+    assert not re.search(r'class="verdict[^>]*>proved', page)
+
+
+def test_one_number_has_one_rounding(campaign):
+    """On the page and in the terminal: each text that begins like a bound is that bound's only text."""
+    result = result_of(campaign)
+    printed = io.StringIO()
+    console = Console(file=printed, width=200)
+    show_result(console, result, campaign.legs)
+    for text in (render(campaign, result), printed.getvalue()):
+        assert set(re.findall(r"\b0\.0890\d*", text)) == {"0.08901174", "0.08901176"}

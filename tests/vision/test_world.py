@@ -40,6 +40,13 @@ def test_a_wrong_camera_and_a_bent_plate_are_doubted(numbers, bend):
     assert row.values[SCALE] > 2.0
 
 
+@pytest.mark.parametrize(("name", "said"), [("two targets", "twice"), ("a mirrored copy", "mirror image")])
+def test_a_second_target_and_a_mirrored_one_are_ambiguous(name, said):
+    figures = measured(CONDITIONS[name], 3, 9, TRUE)
+    assert not figures.squares
+    assert all(said in reason for reason in figures.reasons)
+
+
 def test_nothing_is_doubted_where_all_is_as_stated():
     figures = measured(World(gradient=(0.3, 0.2), noise=3.0), 4, 8, TRUE)
     assert len(figures.squares) == 4

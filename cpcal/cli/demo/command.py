@@ -16,7 +16,7 @@ from cpcal.calibration import CalibrationRecord, recorded
 from cpcal.certify import certify
 from cpcal.certify.fits import certify_fits
 from cpcal.cli.calibrate import show_record, write_calibration
-from cpcal.cli.folders import CAMPAIGN, FITS, RUN, SCRIPT, STUDY, check_new, unwritable
+from cpcal.cli.folders import is_earlier_demo, CAMPAIGN, FITS, RUN, SCRIPT, STUDY, check_new, unwritable
 from cpcal.cli.demo.image_study import SUBSET, WHOLE, Photographed, photographed
 from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.demo.pixel_sets import HALF_WIDTH, certify_pixels, with_sets
@@ -75,7 +75,7 @@ def demo(
     """
     if full and not images:
         raise InputError([Problem("option --full", "has no meaning without --images", "add --images, or leave it out")])
-    check_new(output, force=force)
+    check_new(output, force=force or is_earlier_demo(output))
     for name in (REPORT_NAME, IMAGES_NAME):  # what is older must not stand beside newer results
         (output / name).unlink(missing_ok=True)
     console = terminal()

@@ -1,7 +1,7 @@
 """Which found dot is which dot of the target.
 
 Two rows of the target are recognised by cross-ratios along collinear runs (`runs`); together they give a
-homography, and every other dot is predicted and looked for. What is accepted has passed four tests:
+homography, and every other dot is predicted and looked for. What is accepted has passed five tests:
 
 - chance: were the found dots strewn at random, each predicted dot would be hit with a probability p (the share of the
   area near found dots). The expected number of hypotheses as good by accident, hypotheses tried times the binomial tail
@@ -12,6 +12,7 @@ homography, and every other dot is predicted and looked for. What is accepted ha
   singly, in one dot of thirty, that is a likelihood ratio near a million. It is also a guarantee: where a near-symmetry
   makes d errors on the perfect target, it makes at least d - e on one with e errors, so it can only win when
   2 e >= d + 4. For the DeltaLab target d is 18 (its turns), so no ten errors, wherever they are, make it wrong;
+- alone: the dots that are left must not show the target once more, or mirrored;
 - orientation: a camera never sees a target mirrored, and mirrored near-symmetries are rivals like all others.
 """
 
@@ -33,6 +34,8 @@ ACCIDENTS = 1e-9  # expected number of hypotheses as good by chance
 MARGIN = 4  # errors by which every rival must be worse
 FEWEST = 12  # dots: two rows of four, and four more that speak for them
 _SHARE = 0.5
+_ANOTHER = 20  # dots that are not the target's and so may be another one's
+_MIRRORED = "the dots show the target's mirror image"
 _NEARLY = 0.1  # errors per dot with which no better guess of the distortion is looked for
 _EFFORTS = ((8, 3), (8, 5), (10, 7), (24, 16))  # near neighbours that lines start from; span of compared dots
 
@@ -95,6 +98,8 @@ def identify(
     if not seen[0].spacing > 0.0:
         raise Unidentified("most dots lie on one another")
     found = _identified(seen, target)
+    if camera is not None:
+        _check_alone(seen[0], target, found)
     mine = usable[found.found]
     return replace(found, found=mine, false=_others(len(pixels), mine))
 
@@ -104,6 +109,19 @@ def _check_count(count: int, target: Target) -> None:
         raise Unidentified(f"{count} dots are too few: at least {FEWEST} are needed")
     if count > len(target.dots) / _SHARE:
         raise Unidentified(f"{count} dots are too many: the target has {len(target.dots)}")
+
+
+def _check_alone(view: View, target: Target, found: Identification) -> None:
+    """Raises Unidentified when the other dots show the target once more, or its mirror image: which one is meant?"""
+    if len(found.false) < _ANOTHER:
+        return
+    rest = replace(view, points=view.points[found.false])
+    for neighbours, span in _EFFORTS[:2]:
+        answer = _in_view(rest, target, neighbours, span)
+        if isinstance(answer, Identification):
+            raise Unidentified("ambiguous: the target is in sight twice")
+        if answer.reason == _MIRRORED:
+            raise Unidentified("ambiguous: the target and its mirror image are in sight")
 
 
 def _identified(seen: tuple[View, ...], target: Target) -> Identification:
@@ -146,7 +164,7 @@ def _in_view(view: View, target: Target, neighbours: int, span: int) -> Identifi
 
 
 def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> Identification | _Refusal:
-    """The four tests."""
+    """The tests of one hypothesis."""
     in_view = int(fit.in_view.sum())
     by_chance = accidents(view, fit, candidates)
     if by_chance > ACCIDENTS or len(fit.found) < FEWEST:
@@ -157,7 +175,7 @@ def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> 
         return _Refusal(f"only {len(fit.found)} of the {len(view.points)} dots found would be the target's")
     margin, reflected = best_rival(view, target, fit, MARGIN)
     if fit.mirrored:
-        return _Refusal("the dots show the target's mirror image" if margin == MARGIN else "", margin == MARGIN)
+        return _Refusal(_MIRRORED if margin == MARGIN else "", margin == MARGIN)
     if margin < MARGIN:
         other = "the target's mirror image fits" if reflected else "another assignment fits"
         return _Refusal(f"ambiguous: {other} as well or nearly so", margin > -MARGIN)  # else the other is to be found

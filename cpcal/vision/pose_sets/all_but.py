@@ -17,9 +17,8 @@ import numpy.typing as npt
 
 from cpcal.solver.contract import shrunk
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.linear import Glop, LazyRows, lower_bound
-from cpcal.solver.linear.engine import LinearStatus
-from cpcal.vision.pose_sets.enclosed import ENGINE, exact
+from cpcal.solver.linear import BoxProgram, Glop
+from cpcal.vision.pose_sets.enclosed import ENGINE
 from cpcal.vision.pose_sets.pose_enclosure import Found, View
 from cpcal.vision.pose_sets.pose_rows import PoseBox, PoseRows, pose_rows
 
@@ -58,11 +57,6 @@ class _Programs:
 
     def __init__(self, matrix: Array, rhs: Array, box: IntervalArray) -> None:
         self._matrix, self._rhs, self._box = matrix, rhs, box
-        self._center, self._radius = box.mid, box.rad
-        inner = matrix * self._radius
-        largest = np.abs(inner).max(axis=1)
-        self._scale = np.where(largest > 0.0, largest, 1.0)
-        self._scaled = inner / self._scale[:, None], (rhs - matrix @ self._center) / self._scale
         self._known: dict[tuple[int, float, Dots], tuple[float, Dots]] = {}
 
     def least(self, k: int, sign: float, outliers: int, without: Dots = frozenset()) -> float:
@@ -84,21 +78,6 @@ class _Programs:
     def _bound(self, k: int, sign: float, without: Dots) -> tuple[float, Dots]:
         """The bound when all dots but these hold, and those that carry its proof."""
         kept = np.setdiff1d(np.arange(len(self._rhs)), [4 * dot + j for dot in without for j in range(4)])
-        objective = np.zeros(len(self._center))
-        objective[k] = sign
-        ends = (-np.ones(len(objective)), np.ones(len(objective)))
-        nothing = (np.zeros((0, len(objective))), np.zeros(0))
-        rows = LazyRows(Glop(), nothing, (self._scaled[0][kept], self._scaled[1][kept]), ends)
-        solution = rows.minimize(objective)
-        chosen = np.flatnonzero(solution.multipliers > 0.0)
-        used = kept[rows.active[chosen]]
-        weights = solution.multipliers[chosen] / self._scale[used]
-        carriers = frozenset((used // 4).tolist())
-        if solution.status is LinearStatus.INFEASIBLE:
-            empty = self._proved(used, weights, np.zeros(len(objective))) > 0.0
-            return (np.inf if empty else -np.inf), carriers
-        return self._proved(used, weights * self._radius[k], objective), carriers
-
-    def _proved(self, used: npt.NDArray[np.intp], weights: Array, objective: Array) -> float:
-        matrix = exact(self._matrix[used])
-        return lower_bound(ENGINE, matrix, self._rhs[used], weights, objective, self._box)
+        program = BoxProgram(self._matrix[kept], self._rhs[kept], self._box, ENGINE, Glop())
+        bound, rows = program.least(k, sign)
+        return bound, frozenset((kept[rows] // 4).tolist())

@@ -264,9 +264,9 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
         assert statement.sha256 == files.sha256
         assert statement.problem.count == len(files) == 7
         for k in range(7):
-            ours = getattr(statement.problem.item(k), "measurement", None)
+            item: Any = statement.problem.item(k)
+            ours = item.measurement
             assert ours == files.measurement(k, leg)
-            assert ours is not None
             assert any(ours.radii[:3]) == (factor > 0 or overrides) or overrides
     if overrides:
         assert "dL3" in (tmp_path / "odd" / "measurements.csv").read_text().splitlines()[0]

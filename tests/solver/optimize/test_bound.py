@@ -11,7 +11,9 @@ from contractors import HC4, Lifted
 from cpcal import Interval, Limits, Network, Verdict, maximum, norm
 from cpcal.errors import ModelError
 from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.optimize import Bracket, Minimum, minimize
+from cpcal.solver.optimize import Bracket, Minimum, Witness, minimize
+from cpcal.solver.optimize.incumbent import Incumbent
+from cpcal.solver.optimize.minimum import status_of
 
 Problem = tuple[Network, str, float]
 
@@ -223,3 +225,26 @@ def test_readings_bracket_includes_their_first_order_effect() -> None:
     assert 4.0 in found.enclosure["x"]
     net.add(Interval(1, 1) * e <= 0.5)
     assert net.minimize(e).verdict is Verdict.REFUTED
+
+
+@pytest.mark.parametrize(
+    ("lo", "floor", "undecided", "verdict", "words"),
+    [
+        (1.0 - 1e-7, 0.0, 0, Verdict.PROVED, "the gap is closed"),
+        (1.0 - 1e-3, 1e-2, 0, Verdict.UNKNOWN, "is open. The search ends there, because the second-order effect"),
+        (1.0 - 1e-3, 1e-4, 0, Verdict.UNKNOWN, "cannot close the gap"),
+        (1.0 - 1e-3, 1e-2, 3, Verdict.UNKNOWN, "Stopped at a limit with 3 undecided boxes"),
+    ],
+)
+def test_only_the_gap_that_was_asked_for_closes_a_bracket(
+    lo: float, floor: float, undecided: int, verdict: Verdict, words: str
+) -> None:
+    net = Network()
+    net.variable("e", (), (0, 10))
+    incumbent = Incumbent(net, 0, Limits(gap=1e-6), get_arithmetic("float64"))
+    incumbent.witness = Witness(np.array([1.0]), 1.0)
+    incumbent._rows.second_order = lambda point: floor  # type: ignore[method-assign]
+    said = status_of(Bracket(lo, 1.0, 1, 1, 0.0), incumbent, undecided)
+    assert said[0] is verdict
+    assert words in said[1]
+    assert ("closed" in said[1]) == (verdict is Verdict.PROVED)

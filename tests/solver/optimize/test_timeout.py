@@ -158,7 +158,7 @@ def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_boun
     assert leg.verdict is cpcal.Verdict.UNKNOWN
     assert "the certificate proves 0." in leg.status
     assert leg.certificate is not None
-    claims = check(tmp_path / "run" / leg.certificate, tmp_path / "campaign").claims
+    claims = check(tmp_path / "run" / leg.certificate).claims
     assert claims.eps_lo is None
 
 

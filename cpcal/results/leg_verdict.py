@@ -1,0 +1,187 @@
+"""The verdict on a leg: how well its model explains the data, and whether that is good enough.
+
+"Explains the data to within e" means: some parameters in the box satisfy every equation to within e, THERE EXISTS for
+each measurement a reading in its set. Both sides of a verdict are proved; what is not known is of a type of its own.
+
+    Explained       within the tolerance, or without any error: a pass
+    Unexplained     no parameters reach the tolerance: a fail
+    Bounded         no tolerance was given; the smallest error is known from both sides
+    Undecided       a limit came first
+    Undetermined    the parameters fit, but the data are too poor to say that the model does
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from cpcal.numbers import bracket_text, short, stated
+from cpcal.results.determination import Determination
+from cpcal.results.result import LegResult, Result
+from cpcal.solver.contract import Verdict
+
+
+@dataclass(frozen=True)
+class Bracket:
+    """Proved: no error below `lo` explains the data, `hi` does (infinite: none is known to). `unit`: "mm", or none."""
+
+    lo: float
+    hi: float
+    unit: str = "mm"
+
+    @property
+    def no_better(self) -> str:
+        return f"no better than {self._text(0)}"
+
+    @property
+    def within(self) -> str:
+        return "exactly" if self.hi == 0.0 else f"to within {self._text(1)}"
+
+    def _text(self, side: int) -> str:
+        text = bracket_text(self.lo, self.hi)[side]
+        return f"{text if self.lo > 0.0 else short(text)} {self.unit}".strip()
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Pass. `tolerance` None: none was given, and the data are explained without any error, or to the one asked."""
+
+    bracket: Bracket
+    tolerance: float | None
+    kind: ClassVar[str] = "explained"
+
+    @property
+    def word(self) -> str:
+        if self.tolerance is not None:
+            return "pass"
+        return "explains the data" if self.bracket.hi == 0.0 else f"explains {self.bracket.within}"
+
+    @property
+    def sentence(self) -> str:
+        return f"The model explains the data {self.bracket.within}{_asked(self.tolerance, self.bracket)}."
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Fail. `beyond`: the error asked about, which is refuted; None when `bracket.lo` is what is proved."""
+
+    bracket: Bracket
+    tolerance: float | None
+    beyond: float | None = None
+    kind: ClassVar[str] = "unexplained"
+
+    @property
+    def word(self) -> str:
+        return "does not explain" if self.tolerance is None else "fail"
+
+    @property
+    def sentence(self) -> str:
+        if self.beyond is not None:
+            error = "exactly" if self.beyond == 0.0 else f"to within {stated(self.beyond)} {self.bracket.unit}"
+            return f"The model cannot explain the data {error}{_asked(self.tolerance, self.bracket)}."
+        if math.isinf(self.bracket.lo):
+            return "The model cannot explain the data at any error that it allows."
+        asked = _asked(self.tolerance, self.bracket)
+        return f"The model explains the data {self.bracket.no_better}{asked}."
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """Neither pass nor fail: no tolerance was given."""
+
+    bracket: Bracket
+    kind: ClassVar[str] = "bounded"
+
+    @property
+    def word(self) -> str:
+        return f"explains {self.bracket.within}"
+
+    @property
+    def sentence(self) -> str:
+        return f"The model explains the data {self.bracket.within}, and {self.bracket.no_better}."
+
+
+@dataclass(frozen=True)
+class Undecided:
+    bracket: Bracket
+    tolerance: float | None
+    kind: ClassVar[str] = "undecided"
+    word: ClassVar[str] = "undecided"
+
+    @property
+    def sentence(self) -> str:
+        known = []
+        if math.isfinite(self.bracket.hi):
+            known.append(self.bracket.within)
+        if self.bracket.lo > 0.0:
+            known.append(self.bracket.no_better)
+        said = f"The model explains the data {', and '.join(known)}" if known else "Nothing is known of the error"
+        return f"{said}{_asked(self.tolerance, self.bracket)}."
+
+
+@dataclass(frozen=True)
+class Undetermined:
+    """Some parameters fit, but so would those of many another robot. No pass, whatever the tolerance."""
+
+    bracket: Bracket
+    determination: Determination
+    tolerance: float | None
+    kind: ClassVar[str] = "undetermined"
+    word: ClassVar[str] = "undetermined"
+
+    @property
+    def sentence(self) -> str:
+        fits = f" Some parameters explain the data {self.bracket.within}" if math.isfinite(self.bracket.hi) else ""
+        no_test = ", which is no test of the model." if fits else ""
+        return f"{self.determination.sentence}{fits}{no_test}"
+
+
+LegVerdict = Explained | Unexplained | Bounded | Undecided | Undetermined
+
+
+def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -> LegVerdict:
+    """The verdict on a leg of a result; `tolerance` in mm (default: the one that the result was asked with)."""
+    at = result.options.tolerance if tolerance is None else tolerance
+    eps = result.options.eps
+    if eps is not None:
+        return _verdict_at(eps, leg, at)
+    hi = leg.eps_hi if leg.point is not None else math.inf
+    closed = leg.verdict is Verdict.PROVED
+    return verdict_on(Bracket(leg.eps_lo, hi), at, closed=closed, determination=leg.determination)
+
+
+def _verdict_at(eps: float, leg: LegResult, tolerance: float | None) -> LegVerdict:
+    """Where one error was asked about, nothing is known of smaller ones unless it is refuted."""
+    if leg.verdict is Verdict.REFUTED:
+        bracket = Bracket(eps, math.inf)
+        failed = tolerance is None or eps >= tolerance
+        return Unexplained(bracket, tolerance, beyond=eps) if failed else Undecided(bracket, tolerance)
+    bracket = Bracket(0.0, eps if leg.verdict is Verdict.PROVED else math.inf)
+    found = verdict_on(bracket, eps if tolerance is None else tolerance, determination=leg.determination)
+    return found if isinstance(found, Unexplained | Bounded) else replace(found, tolerance=tolerance)
+
+
+def verdict_on(
+    bracket: Bracket,
+    tolerance: float | None,
+    *,
+    closed: bool = False,
+    determination: Determination | None = None,
+) -> LegVerdict:
+    """The verdict on a proved bracket; `closed`: it is as narrow as was asked for."""
+    if math.isinf(bracket.lo) or (tolerance is not None and bracket.lo > tolerance):
+        return Unexplained(bracket, tolerance)
+    if determination is not None and not determination.tests_the_model:
+        return Undetermined(bracket, determination, tolerance)
+    if bracket.hi == 0.0 or (tolerance is not None and bracket.hi <= tolerance):
+        return Explained(bracket, tolerance)
+    if tolerance is None and closed and math.isfinite(bracket.hi):
+        return Bounded(bracket)
+    return Undecided(bracket, tolerance)
+
+
+def _asked(tolerance: float | None, bracket: Bracket) -> str:
+    if tolerance is None:
+        return ""
+    return f"; the tolerance is {f'{stated(tolerance)} {bracket.unit}'.strip()}"

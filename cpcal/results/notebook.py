@@ -1,0 +1,42 @@
+"""What a notebook shows of results, as HTML: text escaped, bounds rounded to the side on which they stay proved."""
+
+from __future__ import annotations
+
+import html
+from typing import TYPE_CHECKING
+
+from cpcal.errors import printable
+from cpcal.numbers import bracket_text, stated
+from cpcal.results.leg_verdict import verdict_of
+
+if TYPE_CHECKING:
+    from cpcal.results.result import LegResult, Result
+
+
+def leg_html(leg: LegResult) -> str:
+    """How the search ended. The verdict needs the question, which the result has."""
+    return f"<p><b>Leg {_escaped(leg.leg)}.</b> {_escaped(leg.status)}</p>"
+
+
+def result_html(result: Result) -> str:
+    """A table, a row a leg."""
+    eps = result.options.eps
+    names = ("eps_lo [mm]", "eps_hi [mm]") if eps is None else ("eps asked [mm]",)
+    header = "".join(f"<th>{name}</th>" for name in ("leg", "verdict", *names, "certified", "support", "sentence"))
+    rows = []
+    for leg in result.legs:
+        verdict = verdict_of(result, leg)
+        bounds = bracket_text(leg.eps_lo, leg.eps_hi) if eps is None else (stated(eps),)
+        certified = "yes" if leg.certified else "no"
+        cells = (leg.leg, verdict.word, *bounds, certified, len(leg.support), verdict.sentence)
+        rows.append("<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in cells) + "</tr>")
+    title = f"{_escaped(result.robot)}: {result.measurements:,} measurements"
+    stopped = "; interrupted: what is shown was proved until then" if result.interrupted else ""
+    return (
+        f"<table><caption>{title}{stopped}</caption><thead><tr>{header}</tr></thead>"
+        f"<tbody>{''.join(rows)}</tbody></table>"
+    )
+
+
+def _escaped(value: object) -> str:
+    return html.escape(printable(str(value)))
