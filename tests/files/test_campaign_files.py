@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from cpcal.errors import InputError
 from cpcal.files import load_campaign, save_campaign
+from cpcal.files.campaign_json import campaign_json, load_campaign_json, save_campaign_json
 from cpcal.robot import DELTALAB, Campaign, Robot, Uncertainty
 from cpcal.simulate import simulate
 
@@ -90,13 +91,16 @@ def test_a_whole_simulated_study_round_trips(tmp_path):
 def test_the_digest_is_of_the_files_as_they_are(tmp_path):
     campaign = simulate(seed=1)
     save_campaign(campaign, tmp_path)
-    toml, table = ((tmp_path / name).read_bytes() for name in ("campaign.toml", "measurements.csv"))
-    assert campaign.sha256 == hashlib.sha256(toml + b"\0" + table).hexdigest()
-    toml += b"# a remark\n"
+    assert load_campaign(tmp_path).sha256 == campaign.sha256 == hashlib.sha256(campaign_json(campaign)).hexdigest()
+    toml = (tmp_path / "campaign.toml").read_bytes() + b"# a remark\n"
     (tmp_path / "campaign.toml").write_bytes(toml)
     loaded = load_campaign(tmp_path)
     assert loaded == campaign
-    assert loaded.sha256 == hashlib.sha256(toml + b"\0" + table).hexdigest() != campaign.sha256
+    assert loaded.sha256 != campaign.sha256
+    assert loaded.files[0] == ("campaign.toml", hashlib.sha256(toml).hexdigest())
+    # the exact file gives it back, with the digests of the originals
+    again = load_campaign_json(save_campaign_json(loaded, tmp_path))
+    assert (again, again.files, again.sha256) == (loaded, loaded.files, loaded.sha256)
     # a changed copy is not tied to the files any more
     assert dataclasses.replace(loaded, length=loaded.length + 1).sha256 not in (
         loaded.sha256,

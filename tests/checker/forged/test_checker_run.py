@@ -1,0 +1,222 @@
+"""A run that was tampered with is refused, leg by leg or as a whole; what is missing is no proof."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cpcal
+from cpcal.checker import PROVED, REFUSED, UNUSABLE, Refused, Unusable, check_run, main
+from cpcal.results import save_result
+
+Data = dict[str, Any]
+
+
+@pytest.fixture(scope="session")
+def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two legs with certificates."""
+    folder = tmp_path_factory.mktemp("run")
+    campaign = cpcal.simulate(seed=1, extremal=False, random_poses=16, joint_error=10.0, factor=1.0)
+    save_result(cpcal.certify(campaign, legs=[1, 2], delta=2.0, certificates=folder), folder)
+    return folder
+
+
+@pytest.fixture
+def run(honest: Path, tmp_path: Path) -> Path:
+    shutil.copytree(honest, tmp_path / "run")
+    return tmp_path / "run"
+
+
+def test_an_honest_run_is_proved_wherever_it_is_moved(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    legs = check_run(run)
+    assert [leg.leg for leg in legs] == [1, 2]
+    assert all(leg.accepted is not None and leg.refused is None for leg in legs)
+    assert main([str(run)]) == PROVED
+    assert capsys.readouterr().out.count("PROVED") == 2
+
+
+def up(value: float) -> float:
+    return math.nextafter(value, math.inf)
+
+
+def changed(*path: Any, to: Any) -> Callable[[Data, Path], None]:
+    """The tampering that puts `to`, or what it makes of the old value, at a path of result.json."""
+
+    def change(data: Data, run: Path) -> None:
+        target: Any = data
+        for key in path[:-1]:
+            target = target[key]
+        target[path[-1]] = to(target[path[-1]]) if callable(to) else to
+
+    return change
+
+
+def of_certificate(line: int, *path: Any, to: Any) -> Callable[[Data, Path], None]:
+    def change(data: Data, run: Path) -> None:
+        file = run / "leg1.cert.jsonl"
+        lines = [json.loads(text) for text in file.read_text().splitlines()]
+        changed(line, *path, to=to)(lines, run)  # type: ignore[arg-type]
+        file.write_text("".join(json.dumps(value) + "\n" for value in lines))
+
+    return change
+
+
+def swapped(data: Data, run: Path) -> None:
+    (run / "leg1.cert.jsonl").rename(run / "x")
+    (run / "leg2.cert.jsonl").rename(run / "leg1.cert.jsonl")
+    (run / "x").rename(run / "leg2.cert.jsonl")
+
+
+def of_campaign(change: Callable[[Data], object]) -> Callable[[Data, Path], None]:
+    def tampered(data: Data, run: Path) -> None:
+        campaign = json.loads((run / "campaign.json").read_text())
+        change(campaign)
+        (run / "campaign.json").write_text(json.dumps(campaign))
+
+    return tampered
+
+
+LEG = ("legs", 0)
+TAMPERED: dict[str, Callable[[Data, Path], object]] = {
+    "eps_lo up": changed(*LEG, "eps_lo", to=up),
+    "eps_lo down": changed(*LEG, "eps_lo", to=lambda v: v / 2),
+    "eps_lo infinite": changed(*LEG, "eps_lo", to="inf"),
+    "eps_lo a text": changed(*LEG, "eps_lo", to="0.1"),
+    "eps_lo true": changed(*LEG, "eps_lo", to=True),
+    "eps_lo null": changed(*LEG, "eps_lo", to=None),
+    "eps_hi down": changed(*LEG, "eps_hi", to=lambda v: math.nextafter(v, 0.0)),
+    "eps_hi up": changed(*LEG, "eps_hi", to=up),
+    "eps_hi zero": changed(*LEG, "eps_hi", to=0),
+    "eps_hi infinite": changed(*LEG, "eps_hi", to="inf"),
+    "the point moved": changed(*LEG, "point", 2, to=up),
+    "the point shorter": changed(*LEG, "point", to=lambda v: v[:-1]),
+    "no point": changed(*LEG, "point", to=None),
+    "an empty point": changed(*LEG, "point", to=[]),
+    "the enclosure smaller": changed(*LEG, "enclosure", "lo", 0, to=up),
+    "the enclosure larger": changed(*LEG, "enclosure", "hi", 0, to=up),
+    "no enclosure": changed(*LEG, "enclosure", "lo", to=None),
+    "an enclosure of other names": changed(*LEG, "enclosure", "names", 0, to="c"),
+    "the center moved": changed(*LEG, "center", 0, to=lambda v: v + 1e-6),
+    "the center shorter": changed(*LEG, "center", to=lambda v: v[:-1]),
+    "a larger box": changed("options", "delta", to=100.0),
+    "a smaller box": changed("options", "delta", to=1.0),
+    "another question": changed("options", "eps", to=0.0),
+    "refuted": changed(*LEG, "status", to="refuted"),
+    "the leg's number": changed(*LEG, "leg", to=3),
+    "the other leg's number": changed(*LEG, "leg", to=2),
+    "a leg that there is not": changed(*LEG, "leg", to=7),
+    "a leg that is a text": changed(*LEG, "leg", to="1"),
+    "a leg twice": changed("legs", to=lambda legs: [legs[0], *legs]),
+    "legs in another order of numbers": changed("legs", to=lambda legs: [{**legs[0], "leg": 2}, {**legs[1], "leg": 1}]),
+    "a leg left out": changed("legs", to=lambda legs: legs[:1]),
+    "no legs": changed("legs", to=[]),
+    "legs that are none": changed("legs", to=[1]),
+    "support of nobody": changed(*LEG, "support", to=["p99/1"]),
+    "support of one twice": changed(*LEG, "support", to=lambda v: [v[0], v[0]]),
+    "not certified, with a certificate": changed(*LEG, "certified", to=False),
+    "certified without a certificate": changed(*LEG, "certificate", to=None),
+    "certified by 1": changed(*LEG, "certified", to=1),
+    "certified left out": lambda data, run: data["legs"][0].pop("certified"),
+    "the other leg's certificate": changed(*LEG, "certificate", to="leg2.cert.jsonl"),
+    "a certificate elsewhere": changed(*LEG, "certificate", to="../leg1.cert.jsonl"),
+    "another model": changed("model", "name", to="lateral"),
+    "a model of one's own": changed("model", "name", to="own"),
+    "another campaign": changed("campaign", "sha256", to=lambda v: "0" * 64),
+    "more measurements": changed("campaign", "measurements", to=64),
+    "another robot": changed("campaign", "robot", to="mine"),
+    "another format": changed("format", to="cpcal-result/1"),
+    "a certificate deleted": lambda data, run: (run / "leg1.cert.jsonl").unlink(),
+    "certificates swapped": swapped,
+    "a certificate beside": lambda data, run: shutil.copy(run / "leg1.cert.jsonl", run / "leg3.cert.jsonl"),
+    "a support beside": lambda data, run: shutil.copy(run / "leg1.cert.jsonl", run / "leg1.support.cert.jsonl"),
+    "the claim of the certificate too": of_certificate(1, "epsilon", "lo", to="0x1p+0"),
+    "a certificate cut": lambda data, run: (run / "leg1.cert.jsonl").write_text("{}\n"),
+    "a certificate that claims less": of_certificate(1, "enclosure", to=None),
+    "a certificate of some measurements": of_certificate(0, "only", to=list(range(15))),
+    "a reading of the campaign": of_campaign(lambda c: c["measurements"][0].__setitem__(9, "100.0")),
+    "a half-width of the campaign": of_campaign(lambda c: c["measurements"][0].__setitem__(15, "5.0")),
+    "the robot of the campaign": of_campaign(lambda c: c["robot"].update(name="mine")),
+    "no measurements in the campaign": of_campaign(lambda c: c.update(measurements=[])),
+}
+
+
+def refused(run: Path) -> str:
+    """Why the run, or a leg of it, is refused."""
+    try:
+        legs = check_run(run)
+    except Refused as reason:
+        return str(reason)
+    return "; ".join(leg.refused for leg in legs if leg.refused is not None)
+
+
+@pytest.mark.parametrize("name", TAMPERED)
+def test_tampering_is_refused(name: str, run: Path) -> None:
+    data = json.loads((run / "result.json").read_text())
+    before = json.dumps(data)
+    TAMPERED[name](data, run)
+    if json.dumps(data) != before:
+        (run / "result.json").write_text(json.dumps(data))
+    reason = refused(run)
+    assert reason
+    assert reason.isascii()
+    assert len(reason) < 300
+    assert main([str(run)]) == REFUSED
+
+
+CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/2"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
+            b'{"format": "cpcal-result/2", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
+
+
+@pytest.mark.parametrize("content", CONTENTS, ids=range(len(CONTENTS)))
+def test_results_that_are_none_are_refused(content: bytes, run: Path) -> None:
+    (run / "result.json").write_bytes(content)
+    assert refused(run).startswith("result.json ")
+
+
+@pytest.mark.parametrize("name", ["result.json", "campaign.json"])
+def test_a_missing_file_is_nothing_to_check(name: str, run: Path) -> None:
+    (run / name).unlink()
+    with pytest.raises(Unusable, match=name):
+        check_run(run)
+    assert main([str(run)]) == UNUSABLE
+    (run / name).mkdir()
+    assert main([str(run)]) == UNUSABLE
+
+
+def test_a_folder_that_there_is_not(tmp_path: Path) -> None:
+    assert main([str(tmp_path / "nowhere")]) == UNUSABLE
+
+
+def test_a_leg_that_says_so_is_not_certified(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is neither proved nor refused; with no leg proved there is nothing to check."""
+    data = json.loads((run / "result.json").read_text())
+    data["legs"][1].update(certified=False, certificate=None)
+    (run / "result.json").write_text(json.dumps(data))
+    (run / "leg2.cert.jsonl").unlink()
+    one, two = check_run(run)
+    assert one.accepted is not None
+    assert (two.accepted, two.refused) == (None, None)
+    assert main([str(run)]) == PROVED
+    assert "leg 2: not certified" in capsys.readouterr().out
+    data["legs"][0].update(certified=False, certificate=None)
+    (run / "result.json").write_text(json.dumps(data))
+    (run / "leg1.cert.jsonl").unlink()
+    assert main([str(run)]) == UNUSABLE
+
+
+@pytest.mark.parametrize("eps", [0.1, 2.0])
+def test_runs_that_asked_for_one_eps(eps: float, tmp_path: Path) -> None:
+    campaign = cpcal.simulate(seed=1, extremal=False, random_poses=16, joint_error=10.0, factor=0.0)
+    save_result(cpcal.certify(campaign, legs=[1], delta=2.0, eps=eps, certificates=tmp_path), tmp_path)
+    (leg,) = check_run(tmp_path)
+    assert leg.accepted is not None, leg.refused
+    data = json.loads((tmp_path / "result.json").read_text())
+    data["options"]["eps"] = up(eps)
+    (tmp_path / "result.json").write_text(json.dumps(data))
+    assert refused(tmp_path)
