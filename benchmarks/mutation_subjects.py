@@ -20,8 +20,7 @@ from cpcal.calibration.record_file import load_record, save_record
 from cpcal.cli import app
 from cpcal.cli.status import Status
 from cpcal.common.values import same
-from cpcal.files import load_campaign, load_study, save_campaign, save_study
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256, load_campaign, load_study, save_campaign, save_study
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, simulate_study
 from cpcal.vision.camera import DELTALAB_CAMERA

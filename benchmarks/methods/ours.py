@@ -15,7 +15,7 @@ from benchmarks.problems import Leg
 from benchmarks.records import Answer
 from benchmarks.tasks import Unsupported
 from contractors import HC4
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.results import LegResult
 from cpcal.solver import plugins
 from cpcal.solver.contract import Limits, Verdict

@@ -18,7 +18,7 @@ from cpcal.calibration.frames import FrameCalibration
 from cpcal.calibration.statistics import Deviations, campaign_deviations
 from cpcal.calibration.study import StudyCalibration, as_campaign
 from cpcal.calibration.validation import PoseErrors, Validation
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.robot import Pose, Study, transformed
 
 Numbers = tuple[float, ...]

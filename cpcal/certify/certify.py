@@ -14,7 +14,7 @@ from cpcal.certify.question import Progress, Question, absent_legs
 from cpcal.common.atomic import unwritable
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.version import __version__
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.legs import LegModel
 from cpcal.results import CampaignNote, LegResult, ModelNote, Options, Result

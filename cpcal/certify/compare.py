@@ -11,7 +11,7 @@ from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.model import chosen_model
 from cpcal.certify.question import Question
 from cpcal.common.errors import Problem
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
 from cpcal.legs import LegModel

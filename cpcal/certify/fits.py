@@ -10,7 +10,7 @@ from pathlib import Path
 from cpcal.calibration import CalibrationRecord
 from cpcal.certify.point import certify_point
 from cpcal.common.errors import InputError, Problem
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.files.codec import load, save
 from cpcal.files.run_folder import FITTED, answers_into
 from cpcal.legs import PLAIN

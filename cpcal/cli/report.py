@@ -12,8 +12,7 @@ from cpcal.cli.show import terminal
 from cpcal.cli.study_page import holds_study, study_found
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
-from cpcal.files import load_campaign, load_campaign_json
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.report import REPORT_NAME
 from cpcal.report.page import render
 from cpcal.report.study import render_study

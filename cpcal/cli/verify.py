@@ -14,8 +14,7 @@ from cpcal.checker import Accepted, Refused, Unusable, check, check_run
 from cpcal.cli.claims import sentences
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import nearest
-from cpcal.files import load_campaign, load_campaign_json
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import unfinished
 from cpcal.results import COMPARISON_NAME, RESULT_NAME, load_comparison, load_result
 

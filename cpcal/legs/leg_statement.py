@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.checker.leg import Measurement, leg_problem
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.legs.equation import exactly_read, leg_network
 from cpcal.legs.models import PLAIN, LegModel, built_in
 from cpcal.robot import Campaign

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cpcal.common.errors import InputError, Problem, printable
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.results import Result
 from cpcal.robot import Campaign
 

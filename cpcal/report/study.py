@@ -16,7 +16,7 @@ from cpcal.certify.fits import CertifiedFits
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import about, bracket_text, nearest, rounded_up, stated
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.report import paper, study_tables
 from cpcal.report.images import ImagesFound
 from cpcal.report.page import render

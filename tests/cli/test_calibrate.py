@@ -6,8 +6,7 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.calibration import calibrate_study, load_record
 from cpcal.cli import app
-from cpcal.files import save_study
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256, save_study
 from cpcal.simulate import simulate_study
 
 runner = CliRunner()

@@ -11,8 +11,7 @@ from cpcal.certify.fits import load_fits
 from cpcal.cli import app
 from cpcal.cli.checked import check_all
 from cpcal.cli.demo.command import Plan
-from cpcal.files import load_study
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256, load_study
 
 SMALL = Plan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), script_seconds=1.0)
 

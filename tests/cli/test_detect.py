@@ -12,7 +12,7 @@ from rich.console import Console
 from tinyhtml5.parser import HTMLParser
 from typer.testing import CliRunner
 
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 

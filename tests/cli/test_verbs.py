@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.cli import app
 from cpcal.common.atomic import unwritable
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 
 runner = CliRunner()
 

@@ -11,7 +11,7 @@ import pytest
 
 import cpcal
 from cpcal.checker.strict import Lines
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.legs import (
     PLAIN,
     ModelResiduals,

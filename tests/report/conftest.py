@@ -10,7 +10,7 @@ import pytest
 import cpcal
 from cpcal.calibration import calibrate_study, recorded
 from cpcal.certify.fits import CertifiedFits, VerifiedFit
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.legs import PARAMETERS
 from cpcal.report import write_page
 from cpcal.report.comparison import write_comparison

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import cpcal
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.results import CampaignNote, Options
 
 

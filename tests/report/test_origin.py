@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.files.codec import encoded
 from cpcal.report.origin import command, versions
 from cpcal.report.page import render

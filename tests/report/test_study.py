@@ -8,7 +8,7 @@ import pytest
 from tinyhtml5.parser import HTMLParser
 
 import cpcal
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256
 from cpcal.report import paper
 from cpcal.report.study import render_study, write_study_page
 from cpcal.results import CampaignNote

@@ -7,8 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from cpcal.files import load_campaign, save_campaign
-from cpcal.files.campaign_json import campaign_sha256
+from cpcal.files import campaign_sha256, load_campaign, save_campaign
 from cpcal.robot import ModelChoice
 from cpcal.simulate import simulate, simulate_study
 
