@@ -11,8 +11,8 @@ from cpcal.certify.determination import determination
 from cpcal.certify.point import verified_rows
 from cpcal.certify.question import Floats, Question
 from cpcal.certify.timeout_method import by_timeout
+from cpcal.common.numbers import stated
 from cpcal.legs import built_in, exactly_read, leg_statement
-from cpcal.numbers import stated
 from cpcal.results import Determination, LegResult, VerifiedPoint
 from cpcal.solver.certificate.readings import at_point, holding
 from cpcal.solver.contract import Verdict

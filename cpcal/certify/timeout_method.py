@@ -12,7 +12,7 @@ import numpy as np
 
 from cpcal.certify.bracket import Answered
 from cpcal.certify.question import Floats, Question
-from cpcal.numbers import gap_text, stated
+from cpcal.common.numbers import gap_text, stated
 from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box

@@ -5,8 +5,8 @@ from __future__ import annotations
 import html
 from typing import TYPE_CHECKING
 
-from cpcal.errors import printable
-from cpcal.numbers import bracket_text, stated
+from cpcal.common.errors import printable
+from cpcal.common.numbers import bracket_text, stated
 from cpcal.results.leg_verdict import verdict_of
 
 if TYPE_CHECKING:
