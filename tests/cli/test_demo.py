@@ -84,10 +84,12 @@ def test_report_writes_the_same_page_again(demo, tmp_path):
     assert "fits.json" in refused.stderr
 
 
-def test_what_is_there_is_not_overwritten(demo):
-    outcome = run("demo", "-o", demo[0])
+def test_what_is_there_and_no_demo_is_not_overwritten(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
+    outcome = run("demo", "-o", tmp_path)
     assert outcome.exit_code == 2
     assert "--force" in outcome.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
 def test_a_forged_certificate_is_told(demo, tmp_path):
