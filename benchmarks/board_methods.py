@@ -26,8 +26,8 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.board_render import Board, render_board
+from cpcal.common.arrays import Floats, Indices
 from cpcal.robot import Pose, quaternion_from_rotation_vector, transformed
-from cpcal.solver.arrays import Floats, Indices
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.measure import NotMeasured, measure_pose

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import chebyshev
 
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose, transformed
-from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene, exposed

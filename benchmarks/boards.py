@@ -34,6 +34,7 @@ from benchmarks.board_methods import AprilTags, Charuco, Dots, Failed, Method
 from benchmarks.isolation import ONE_THREAD
 from benchmarks.machine import machine
 from benchmarks.vision_scenes import FACING, facing_poses, one
+from cpcal.common.arrays import Floats
 from cpcal.robot import (
     Pose,
     quaternion_conjugate,
@@ -42,7 +43,6 @@ from cpcal.robot import (
     rotation_vector,
     transformed,
 )
-from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene

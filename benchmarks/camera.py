@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.vision_scenes import facing_poses, one
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose
-from cpcal.solver.arrays import Floats
 from cpcal.vision.calibration import Calibration, TargetView, calibrate_camera
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers

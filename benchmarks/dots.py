@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cpcal.common.arrays import Floats, Ints
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
-from cpcal.solver.arrays import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import Dots, observe_dots
 from cpcal.vision.opencv import opencv

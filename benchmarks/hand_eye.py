@@ -19,8 +19,8 @@ from kinhec import io, motions, plans, solvers
 from kinhec.generator import generate_sequence
 
 from cpcal.calibration import calibrate_frames
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
-from cpcal.solver.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ from cpcal.calibration import calibrate_study, recorded
 from cpcal.calibration.record_file import load_record, save_record
 from cpcal.cli import app
 from cpcal.cli.status import Status
-from cpcal.files import load_campaign, load_study, save_campaign, save_study
+from cpcal.common.values import same
+from cpcal.files import campaign_sha256, load_campaign, load_study, save_campaign, save_study
 from cpcal.report import REPORT_NAME
 from cpcal.results import Result, load_result
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, simulate_study
 from cpcal.solver.contract import Verdict
-from cpcal.values import same
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.camera_file import load_camera, save_camera
 from cpcal.vision.files.target_file import load_target, save_target
@@ -59,7 +59,7 @@ def _input(save: Callable[[Any, Path], object], load: Callable[[Path], Any]) -> 
             save(found, Path(folder) / "again")
             if load(Path(folder) / "again") != found:
                 return None
-        if isinstance(found, Campaign) and found.sha256 == good.sha256:
+        if isinstance(found, Campaign) and campaign_sha256(found) == campaign_sha256(good):
             return None
         differs = [f.name for f in fields(found) if not same(getattr(found, f.name), getattr(good, f.name))]
         return f"another input, which says so: {', '.join(differs)}"

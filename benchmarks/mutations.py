@@ -32,7 +32,7 @@ from typing import Any
 
 from benchmarks.mutants import mutated
 from benchmarks.mutation_subjects import SUBJECTS, Refusal, Subject
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 
 BAD = ("CHANGED", "TRACEBACK")
 

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, transformed
-from cpcal.solver.arrays import Floats
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera, distortion_jacobian
 from cpcal.vision.pose_sets import PixelBoxes, enclose_pose

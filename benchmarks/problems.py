@@ -21,10 +21,10 @@ import numpy as np
 
 import cpcal
 from cpcal.calibration import least_squares
+from cpcal.common.arrays import Floats
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 

@@ -11,7 +11,7 @@ from benchmarks.methods import method
 from benchmarks.records import ANSWERED, SKIPPED, Results, Run
 from benchmarks.suites import REFERENCE, SUITES
 from benchmarks.tasks import KINDS, Task
-from cpcal.numbers import bracket_text
+from cpcal.common.numbers import bracket_text
 
 _SEPARATE = ("lo", "hi", "nodes", "programs", "linear", "eps")  # have a place of their own
 _UNITS = {"width": "mm", "mean width": "mm", "check": "s", "size": "kB"}

@@ -23,8 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.vision_scenes import facing_poses, found_dots, one
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.identify import Unidentified, identify
 from cpcal.vision.measure import NotMeasured, measure_pose

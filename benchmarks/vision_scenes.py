@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpcal.common.arrays import Floats, Ints
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
-from cpcal.solver.arrays import Floats, Ints
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predicted_centers
 from cpcal.vision.target import Target

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.arrays import Floats, Indices
+from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.contract import Polyhedron
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import CentredForm, ConstraintNetwork, one_sided_rows

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpcal.solver.arrays import Floats, Indices
+from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.contract import Contraction, Polyhedron, Step
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.linear import BoxProgram, LinearEngine, LinearSolution, tightened

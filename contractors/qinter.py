@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.hc4 import HC4, moved_bounds
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Composable, Contraction, Contractor, Step, monotone_tolerance
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork

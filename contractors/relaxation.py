@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contractors.monomials import Shift, column_bounds, product_rows
-from cpcal.solver.arrays import Floats, Indices
+from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.linear import LazyRows, LinearEngine
 from cpcal.solver.network import PolynomialSystem

@@ -1,5 +1,6 @@
 from .certify import PointResult, certify, certify_point, compare, compare_networks
-from .errors import CpcalError, InputError, ModelError, PluginError
+from .common.errors import CpcalError, InputError, ModelError, PluginError
+from .common.version import __version__
 from .files import load_campaign, save_campaign
 from .legs import LegModel, Measured, Parameter
 from .results import (
@@ -19,7 +20,6 @@ from .solver.contract import Contraction, Contractor, Limits, Polyhedron, Step, 
 from .solver.interval import Box, Interval
 from .solver.model import Network, Paving, Solution
 from .solver.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
-from .version import __version__
 
 __all__ = [
     "Box",

@@ -7,7 +7,7 @@ browser of the repository.
 import re
 from typing import Any
 
-from cpcal.version import __version__
+from cpcal.common.version import __version__
 
 project = "cpcal"
 author = "cpcal developers"

@@ -23,8 +23,8 @@ from benchmarks.methods.method import HULL_GAP, Question, Work
 from benchmarks.problems import Leg
 from benchmarks.records import Answer
 from benchmarks.tasks import Unsupported
+from cpcal.common.arrays import Floats
 from cpcal.robot import rotation_matrix
-from cpcal.solver.arrays import Floats
 
 A, B, OFFSET, Q = range(3), range(3, 6), 6, 7  # columns: a, b, l, q, then the products
 AB = {(i, j): 8 + 3 * i + j for i in range(3) for j in range(3)}

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import optimize
 
 from benchmarks.problems import Leg
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import Glop
 from cpcal.solver.network import ConstraintNetwork

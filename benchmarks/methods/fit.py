@@ -8,8 +8,8 @@ from scipy import optimize
 from benchmarks.methods.method import Question, Work
 from benchmarks.records import Answer
 from benchmarks.tasks import Unsupported
+from cpcal.common.arrays import Floats
 from cpcal.robot import rotation_matrix
-from cpcal.solver.arrays import Floats
 
 
 class LeastSquares:

@@ -15,6 +15,7 @@ from benchmarks.problems import Leg
 from benchmarks.records import Answer
 from benchmarks.tasks import Unsupported
 from contractors import HC4
+from cpcal.files import campaign_sha256
 from cpcal.results import LegResult
 from cpcal.solver import plugins
 from cpcal.solver.contract import Limits, Verdict
@@ -130,7 +131,7 @@ def _ready(question: Question) -> None:
     problem = question.problem
     _ = problem.measurements, problem.start
     if isinstance(problem, Leg):
-        _ = problem.campaign.sha256  # belongs to reading the files
+        _ = campaign_sha256(problem.campaign)  # belongs to reading the files
 
 
 def _figures(found: Minimum) -> dict[str, float]:

@@ -20,9 +20,9 @@ import numpy.typing as npt
 
 from cpcal.calibration.statistics import Deviations, campaign_deviations, mean_rotations
 from cpcal.calibration.tolerance import Method, half_widths
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Campaign, Uncertainty
-from cpcal.solver.arrays import Floats
 
 Of = Literal["single", "mean"]
 

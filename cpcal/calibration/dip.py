@@ -12,8 +12,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
-from cpcal.solver.arrays import Floats, Ints
+from cpcal.common.arrays import Floats, Ints
+from cpcal.common.errors import InputError, Problem
 
 _REPLICATES = 499
 _NULL_SIZE = 1000  # sqrt(n) dip has nearly its limiting law from here on

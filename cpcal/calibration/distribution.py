@@ -15,7 +15,7 @@ import numpy as np
 
 from cpcal.calibration.dip import dip_p_value
 from cpcal.calibration.statistics import Deviations
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 
 _SHAPIRO_MAX = 5000  # readings; beyond, scipy's p-value is not accurate
 _DAGOSTINO_MIN = 20

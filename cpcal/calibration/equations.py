@@ -16,8 +16,8 @@ from typing import Literal
 
 import numpy as np
 
+from cpcal.common.arrays import Floats
 from cpcal.robot import Campaign, rotation_matrix
-from cpcal.solver.arrays import Floats
 
 Form = Literal["f", "g"]
 

@@ -23,8 +23,8 @@ from cpcal.calibration.equations import Form, LegEquations, weighted_jacobian
 from cpcal.calibration.losses import Loss, pseudo_residuals
 from cpcal.calibration.reliability import noise_share
 from cpcal.calibration.weights import Noise, Weights
-from cpcal.errors import InputError, Problem
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 
 SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 

@@ -21,9 +21,9 @@ from cpcal.calibration.equations import Form, LegEquations, weighted_jacobian
 from cpcal.calibration.estimate import Estimate, Fit
 from cpcal.calibration.losses import LOSSES, Loss, robust_scale
 from cpcal.calibration.weights import Noise, Weights, whitening
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Campaign
-from cpcal.solver.arrays import Floats
 
 __all__ = ["Fit", "fit"]
 

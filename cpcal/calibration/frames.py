@@ -21,9 +21,9 @@ import numpy.typing as npt
 from cpcal.calibration.hand_eye_methods import andreff, andreff_hand_eye, shah
 from cpcal.calibration.pose_pairs import Pairs, Spreads, motion_spreads, pose_pairs, pose_spreads
 from cpcal.calibration.refine import Refined, refined, residuals
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Pose, Robot, inverse, transformed
-from cpcal.solver.arrays import Floats
 
 METHODS: dict[str, Callable[[Pairs], tuple[Pose, Pose]]] = {"shah": shah, "andreff": andreff}
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.pose_pairs import Pairs
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose, compose, inverse, quaternion_from_matrix
-from cpcal.solver.arrays import Floats
 
 _MOTIONS_MAX = 5_000  # pairs of poses that Andreff's method uses
 

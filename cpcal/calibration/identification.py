@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.equations import Form, LegEquations
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Pose, Robot
-from cpcal.solver.arrays import Floats
 
 
 def leg_jacobian(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.calibration.fit import fit
+from cpcal.common.arrays import Floats
 from cpcal.robot import Campaign
-from cpcal.solver.arrays import Floats
 
 _TOLERANCE = 1e-8  # scipy's own; a box of X0 is centred here, so closer adds nothing
 

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 
 Loss = Literal["linear", "soft_l1", "huber", "cauchy", "arctan"]
 LOSSES: tuple[Loss, ...] = get_args(Loss)

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 
 
 @dataclass(frozen=True, eq=False)

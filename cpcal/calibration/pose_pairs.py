@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Pose, normalised
-from cpcal.solver.arrays import Floats
 
 LEAST_SPREAD = 1e-6  # rad: below it the data are degenerate to rounding
 _LISTED = 20  # unusable poses that a message lists

@@ -18,6 +18,7 @@ from cpcal.calibration.frames import FrameCalibration
 from cpcal.calibration.statistics import Deviations, campaign_deviations
 from cpcal.calibration.study import StudyCalibration, as_campaign
 from cpcal.calibration.validation import PoseErrors, Validation
+from cpcal.files import campaign_sha256
 from cpcal.robot import Pose, Study, transformed
 
 Numbers = tuple[float, ...]
@@ -187,8 +188,8 @@ def recorded(study: Study, found: StudyCalibration, *, factor: float) -> Calibra
     return CalibrationRecord(
         robot=study.robot.name,
         drawing=_rows(study.robot.parameters),
-        campaign_sha256=found.campaign.sha256,
-        check_sha256=found.check.sha256,
+        campaign_sha256=campaign_sha256(found.campaign),
+        check_sha256=campaign_sha256(found.check),
         readings=len(study.calibration),
         configurations=len(spread.names),
         factor=factor,

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from cpcal.calibration.pose_pairs import Pairs
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_vector
-from cpcal.solver.arrays import Floats
 
 _TELL_AXES = 10  # pairs from which on the axes have standard deviations of their own
 _FLOOR = 1e-13  # of standard deviations, for data without noise

@@ -15,8 +15,8 @@ import numpy as np
 
 from cpcal.calibration.equations import LegEquations, weighted_jacobian
 from cpcal.calibration.weights import Noise
+from cpcal.common.arrays import Floats
 from cpcal.robot import quaternion_from_rotation_vector, rotation_matrix
-from cpcal.solver.arrays import Floats
 
 
 def noise_share(

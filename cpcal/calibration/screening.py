@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.statistics import Deviations
-from cpcal.errors import InputError, Problem
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 
 _QUARTILE = 0.6744897501960817  # of |z| for a standard normal z
 _SAMPLES = 40_000  # groups that the medians of small groups are simulated with: to about 0.005

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.observability import INDICES, Observability, observability, scaled_blocks
-from cpcal.errors import InputError, Problem
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 
 _GAIN = 1e-9  # the relative improvement that counts as one
 _SEED = 1e-9  # of the mean information: makes the greedy start's matrices regular before they are so by themselves

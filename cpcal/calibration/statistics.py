@@ -15,10 +15,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats, Ints
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import frozen_array
 from cpcal.robot import Campaign, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.solver.arrays import Floats, Ints
-from cpcal.values import frozen_array
 
 POSE_CHANNELS = ("x", "y", "z", "rx", "ry", "rz")  # mm and rad
 

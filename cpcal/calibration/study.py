@@ -21,8 +21,8 @@ from cpcal.calibration.screening import Screening, screen
 from cpcal.calibration.statistics import campaign_deviations
 from cpcal.calibration.validation import Validation, validate
 from cpcal.calibration.weights import Noise
+from cpcal.common.arrays import Bools, Floats
 from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, central_pose, forward_kinematics, forward_poses
-from cpcal.solver.arrays import Bools, Floats
 
 
 @dataclass(frozen=True, eq=False)

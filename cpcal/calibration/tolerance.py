@@ -14,8 +14,8 @@ import numpy.typing as npt
 from scipy import special
 
 from cpcal.calibration.statistics import Deviations
-from cpcal.errors import InputError, Problem
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 
 Method = Literal["sigma", "extreme", "tolerance"]
 

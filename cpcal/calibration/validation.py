@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Bools, Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import frozen_array
 from cpcal.robot import Campaign, Pose, quaternion_conjugate, quaternion_product, rotation_vector
-from cpcal.solver.arrays import Bools, Floats
-from cpcal.values import frozen_array
 
 # forward(parameters (n, 7), lengths (N, n), guess): position (N, 3) mm, quaternion (N, 4), converged (N,). The guess
 # holds the N measured poses: the solution wanted is that of their assembly branch.

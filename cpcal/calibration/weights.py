@@ -19,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.equations import LegEquations
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import frozen_array
 from cpcal.robot import Campaign
-from cpcal.solver.arrays import Floats
-from cpcal.values import frozen_array
 
 Weights = Literal["none", "legs", "joint"]
 

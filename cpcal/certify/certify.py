@@ -8,17 +8,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cpcal.atomic import unwritable
 from cpcal.certify.leg import certify_leg
 from cpcal.certify.model import chosen_model
 from cpcal.certify.question import Progress, Question, absent_legs
-from cpcal.errors import InputError, Problem
+from cpcal.common.atomic import unwritable
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.version import __version__
+from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.legs import LegModel
 from cpcal.results import CampaignNote, LegResult, ModelNote, Options, Result
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.version import __version__
 
 
 def certify(
@@ -123,7 +124,7 @@ def answered(question: Question) -> Result:
         if interrupted:
             break
     return Result(
-        campaign=CampaignNote(campaign.sha256, campaign.robot.name, len(campaign)),
+        campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         options=question.options,
         model=ModelNote(model.name, model.summary, model.extra),
         version=__version__,

@@ -10,7 +10,8 @@ from typing import Any
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.model import chosen_model
 from cpcal.certify.question import Question
-from cpcal.errors import Problem
+from cpcal.common.errors import Problem
+from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
 from cpcal.legs import LegModel
@@ -106,7 +107,7 @@ def compared(question: Question, models: Sequence[LegModel], progress: Callable[
         tolerance=options.tolerance,
         models={model.name: model.summary for model in models},
         entries=tuple(entries),
-        campaign_sha256=campaign.sha256,
+        campaign_sha256=campaign_sha256(campaign),
         options=options,
         interrupted=interrupted,
     )

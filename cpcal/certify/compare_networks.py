@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
 from cpcal.files.run_folder import COMPARED, answers_into
 from cpcal.results import Comparison, Entry
 from cpcal.solver.certificate.exact_network import NotStated

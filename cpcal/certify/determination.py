@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpcal.common.arrays import Floats
 from cpcal.legs import LegModel, ModelResiduals
 from cpcal.results.determination import Determination
 from cpcal.robot import Campaign
-from cpcal.solver.arrays import Floats
 
 # Of the equations' change (root mean square), when each column of the Jacobian is scaled to one: a direction of the
 # parameters that changes them less is not told from an error of 0.01 mm within some 10 mm.

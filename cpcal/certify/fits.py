@@ -9,7 +9,8 @@ from pathlib import Path
 
 from cpcal.calibration import CalibrationRecord
 from cpcal.certify.point import certify_point
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
+from cpcal.files import campaign_sha256
 from cpcal.files.codec import load, save
 from cpcal.files.run_folder import FITTED, answers_into
 from cpcal.legs import PLAIN
@@ -56,12 +57,12 @@ def certify_fits(
     which the leg equation holds.
     Raises InputError when the record is of another campaign, or the folder cannot be written.
     """
-    if record.campaign_sha256 != campaign.sha256:
+    if record.campaign_sha256 != campaign_sha256(campaign):
         raise InputError([Problem("calibration record", "is of another campaign", "calibrate again")])
     both = (("x_c", record.x_c.values), ("x_c_sigma", record.x_c_sigma.values))
     with answers_into(folder, FITTED, campaign) as draft:
         fits = {name: _verified(campaign, name, values, draft, legs) for name, values in both}
-        found = CertifiedFits(campaign.sha256, fits["x_c"], fits["x_c_sigma"])
+        found = CertifiedFits(campaign_sha256(campaign), fits["x_c"], fits["x_c_sigma"])
         save(found, draft / FITS_NAME, FORMAT)
     return found
 

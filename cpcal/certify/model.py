@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
 from cpcal.legs import PLAIN, LegModel, half_width_problems, leg_model
 from cpcal.robot import Campaign
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.certify.model import chosen_model
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
 from cpcal.files.campaign_json import keep_beside
 from cpcal.legs import PLAIN, LegModel, built_in, leg_box, leg_network, leg_statement
 from cpcal.results import VerifiedPoint

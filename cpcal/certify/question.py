@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import Problem
+from cpcal.common.errors import Problem
 from cpcal.legs import PLAIN, LegModel, fit_model, leg_box, leg_network, model_statement
 from cpcal.results import Options
 from cpcal.robot import Campaign

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from cpcal.certify.determination import determination
-from cpcal.errors import InputError, PluginError
+from cpcal.common.errors import InputError, PluginError
 from cpcal.legs import LegModel, Parameter, leg_model
 from cpcal.results import LegResult, Result
 from cpcal.robot import Campaign

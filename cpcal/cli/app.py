@@ -10,7 +10,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from cpcal.cli.leaving import leaving, refuse_empty
 from cpcal.cli.status import STATUS_HELP, VERIFY_STATUS_HELP
-from cpcal.version import __version__
+from cpcal.common.version import __version__
 
 
 class Verb(NamedTuple):

@@ -16,7 +16,7 @@ from cpcal.calibration import RECORD_NAME, CalibrationRecord, StudyCalibration, 
 from cpcal.cli.folders import CAMPAIGN, VALIDATION, check_writable, unwritable
 from cpcal.cli.show import terminal
 from cpcal.cli.suspected import warn
-from cpcal.errors import InputError, Problem, printable
+from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import load_study, save_campaign
 from cpcal.report import study_tables
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from fractions import Fraction as F
 
 from cpcal.checker import Accepted, Point
-from cpcal.errors import printable
-from cpcal.numbers import bracket_text, inner_text, plain_gap, short
+from cpcal.common.errors import printable
+from cpcal.common.numbers import bracket_text, inner_text, plain_gap, short
 
 Hull = tuple[tuple[F, ...], tuple[F, ...]]
 

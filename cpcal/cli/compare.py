@@ -19,10 +19,10 @@ from cpcal.cli.grouped import grouped
 from cpcal.cli.show import STYLES, terminal
 from cpcal.cli.status import Status
 from cpcal.cli.suspected import read_campaign
-from cpcal.errors import InputError, printable
+from cpcal.common.errors import InputError, printable
+from cpcal.common.numbers import nearest
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
-from cpcal.numbers import nearest
 from cpcal.report.comparison import (
     COMPARISON_PAGE,
     comparison_header,

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 import typer
 
-from cpcal.atomic import write_file
 from cpcal.cli.folders import check_writable, made
 from cpcal.cli.progress import bar
-from cpcal.errors import InputError, Problem, printable
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files.study_writer import table_bytes
 from cpcal.vision.batch.detect import Detections, ImageFolder, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table

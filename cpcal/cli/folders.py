@@ -7,8 +7,8 @@ from pathlib import Path
 
 import typer
 
-from cpcal.atomic import unwritable
-from cpcal.errors import InputError, Problem
+from cpcal.common.atomic import unwritable
+from cpcal.common.errors import InputError, Problem
 from cpcal.files.run_folder import Kind, check_replaceable
 
 __all__ = ["check_new", "check_target", "check_writable", "made", "output_path", "unwritable"]

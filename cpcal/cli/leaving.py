@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 import typer
 
 from cpcal.cli.status import Status
-from cpcal.errors import CpcalError, InputError, Problem, printable
+from cpcal.common.errors import CpcalError, InputError, Problem, printable
 
 # typer's own way out; its ClickException has no public name: UsageError's base, which is BadParameter's
 _TYPER: tuple[type[BaseException], ...] = (typer.Exit, typer.Abort, typer.BadParameter.__mro__[2])

@@ -8,7 +8,7 @@ from rich import box
 from rich.table import Table
 
 from cpcal.cli.show import terminal
-from cpcal.errors import CpcalError, printable
+from cpcal.common.errors import CpcalError, printable
 from cpcal.legs import known, leg_model
 from cpcal.solver import plugins as registry
 

@@ -21,7 +21,7 @@ from rich.progress import (
 from rich.progress_bar import ProgressBar
 from rich.text import Text
 
-from cpcal.numbers import bracket_text, nearest
+from cpcal.common.numbers import bracket_text, nearest
 from cpcal.solver.optimize import Bracket
 
 _CLOSED = 1e-9  # mm, as in Limits.gap_absolute

@@ -7,15 +7,15 @@ from typing import Annotated
 
 import typer
 
-from cpcal.atomic import write_file
 from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import Refused, Unusable, check_run
 from cpcal.cli.folders import check_writable, output_path
 from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import holds_study, study_found
-from cpcal.errors import InputError, Problem, printable
-from cpcal.files import load_campaign, load_campaign_json
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError, Problem, printable
+from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.report import REPORT_NAME
 from cpcal.report.match import check_match
 from cpcal.report.page import render
@@ -58,7 +58,7 @@ def report(
 
 def _run(run: Path, campaign: Path | None) -> str:
     result, kept = load_result(run), load_campaign_json(run)
-    if campaign is not None and load_campaign(campaign).sha256 != kept.sha256:
+    if campaign is not None and campaign_sha256(load_campaign(campaign)) != campaign_sha256(kept):
         what = "is another campaign than the run's: its SHA-256 differs"
         raise InputError([Problem(str(campaign), what, "name the campaign that was certified, or leave it out")])
     check_match(kept, result)

@@ -16,7 +16,7 @@ from cpcal.certify.question import Question
 from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result, terminal
 from cpcal.cli.status import Status
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.report import REPORT_NAME, write_report
 from cpcal.results import Explained, Result, result_text, save_result, verdict_of

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cpcal.errors import printable
+from cpcal.common.errors import printable
 from cpcal.report import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs, result_table
 from cpcal.results import Result, verdict_of
 

@@ -11,7 +11,7 @@ from cpcal.cli.folders import check_new
 from cpcal.cli.grouped import grouped
 from cpcal.cli.shots import shot_study, write_shots
 from cpcal.cli.simulate_flags import CampaignFlags, CommonFlags, LegFlags, SimulateFlags, StudyFlags
-from cpcal.errors import InputError, Problem, printable
+from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import save_campaign, save_study
 from cpcal.robot import ROBOTS, Robot, known_robot
 from cpcal.simulate import simulate as simulate_campaign

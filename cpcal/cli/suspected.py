@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from cpcal.errors import printable
+from cpcal.common.errors import printable
 from cpcal.files import load_campaign
 from cpcal.robot import Campaign
 from cpcal.robot.suspicions import suspicions

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from cpcal.cli.folders import check_writable
-from cpcal.errors import InputError, Problem, printable
+from cpcal.common.errors import InputError, Problem, printable
 from cpcal.vision.files.target_file import load_target, save_target
 from cpcal.vision.files.target_print import print_target
 from cpcal.vision.target import DELTALAB_TARGET

@@ -13,10 +13,10 @@ from cpcal.certify.fits import FITS_NAME, load_fits
 from cpcal.certify.recomputed import INFORMATION, stated_otherwise
 from cpcal.checker import Accepted, Refused, Unusable, check, check_run
 from cpcal.cli.claims import sentences
-from cpcal.errors import InputError, Problem, printable
-from cpcal.files import load_campaign, load_campaign_json
+from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.numbers import nearest
+from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import unfinished
-from cpcal.numbers import nearest
 from cpcal.report import REPORT_NAME
 from cpcal.results import COMPARISON_NAME, RESULT_NAME, information, load_comparison, load_result
 
@@ -49,7 +49,7 @@ def verify(
 def _same_campaign(target: Path, campaign: Path) -> bool:
     """Whether the run's campaign is the one in the folder. Raises InputError."""
     kept = load_campaign_json(target if target.is_dir() else target.parent)
-    if kept.sha256 == load_campaign(campaign).sha256:
+    if campaign_sha256(kept) == campaign_sha256(load_campaign(campaign)):
         return True
     typer.echo("campaign.json: REFUSED, the campaign is another one: its SHA-256 differs")
     return False

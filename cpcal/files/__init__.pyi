@@ -1,4 +1,5 @@
 from .campaign_json import (
+    campaign_sha256,
     load_campaign_json,
     save_campaign_json,
 )
@@ -16,6 +17,7 @@ from .study_writer import (
 )
 
 __all__ = [
+    "campaign_sha256",
     "load_campaign",
     "load_campaign_json",
     "load_study",

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.atomic import write_file
-from cpcal.errors import InputError, Problem
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError, Problem
 from cpcal.files.campaign_writer import CSV_NAME, TOML_NAME, csv_bytes, toml_bytes
 from cpcal.robot import Campaign, Robot
 from cpcal.robot.model_choice import ModelChoice
@@ -61,8 +61,11 @@ def campaign_json(campaign: Campaign) -> bytes:
 
 
 def campaign_sha256(campaign: Campaign) -> str:
-    """SHA-256 of the bytes of campaign.json, in hex."""
-    return hashlib.sha256(campaign_json(campaign)).hexdigest()
+    """SHA-256 of the bytes of campaign.json, in hex; computed once for each campaign."""
+    kept = vars(campaign)
+    if "_sha256" not in kept:
+        kept["_sha256"] = hashlib.sha256(campaign_json(campaign)).hexdigest()
+    return str(kept["_sha256"])
 
 
 def save_campaign_json(campaign: Campaign, folder: str | os.PathLike[str], name: str = NAME) -> Path:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import Problem, Problems
+from cpcal.common.errors import Problem, Problems
 from cpcal.files.campaign_settings import Settings, read_settings
 from cpcal.files.campaign_writer import CSV_NAME, TOML_NAME, override_columns
 from cpcal.files.documents import open_regular, small_file, unreadable

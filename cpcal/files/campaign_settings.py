@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.errors import InputError, Problems, shown
+from cpcal.common.errors import InputError, Problems, shown
+from cpcal.common.names import NAME_MAX
 from cpcal.files.campaign_writer import FORMAT
 from cpcal.files.toml_reader import Table, TomlReader
-from cpcal.names import NAME_MAX
 from cpcal.robot import EXACT_OR_NOT, ModelChoice, Robot, Uncertainty
 
 _SECTIONS = ("robot", "uncertainty", "model", "provenance")

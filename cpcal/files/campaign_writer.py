@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.atomic import write_folder
+from cpcal.common.atomic import write_folder
 from cpcal.files.cells import csv_table
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from cpcal.atomic import write_file
-from cpcal.errors import CpcalError, InputError, Problem, shown
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import CpcalError, InputError, Problem, shown
 from cpcal.files.documents import json_object
 from cpcal.solver.interval import Box
 

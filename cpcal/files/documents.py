@@ -17,7 +17,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
-from cpcal.errors import InputError, Problem, Problems, shown
+from cpcal.common.errors import InputError, Problem, Problems, shown
 
 SETTINGS_MAX = 2**20  # bytes of a TOML file; a sensible one is hundreds of times smaller
 JSON_MAX = 2**27  # bytes of a JSON file

@@ -15,8 +15,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from cpcal.atomic import draft_name, put_in_place, unwritable
-from cpcal.errors import InputError, Problem
+from cpcal.common.atomic import draft_name, put_in_place, unwritable
+from cpcal.common.errors import InputError, Problem
 from cpcal.files.campaign_json import save_campaign_json
 from cpcal.robot import Campaign
 

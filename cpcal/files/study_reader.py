@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.errors import Problem, Problems
+from cpcal.common.errors import Problem, Problems
 from cpcal.files.documents import open_regular, small_file, unreadable
 from cpcal.files.study_settings import StudySettings, read_study_settings
 from cpcal.files.study_writer import CALIBRATION_NAME, STUDY_NAME, VALIDATION_NAME

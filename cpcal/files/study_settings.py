@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.errors import Problems, shown
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import Problems, shown
 from cpcal.files.campaign_settings import SettingsReader
 from cpcal.files.study_writer import STUDY_FORMAT
 from cpcal.files.toml_reader import Table
 from cpcal.robot import Mechanisms, Pose, Robot, Truth
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.mechanisms import FIELDS, wrong_value
-from cpcal.solver.arrays import Floats
 
 _SECTIONS = ("robot", "provenance", "truth")
 _TRUTH_KEYS = ("seed", "parameters", "camera", "target", "mechanisms")

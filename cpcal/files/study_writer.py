@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.atomic import write_folder
+from cpcal.common.atomic import write_folder
 from cpcal.files.campaign_writer import (
     matrix,
     provenance_lines,

@@ -13,10 +13,10 @@ from typing import BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import Problem, Problems, shown
+from cpcal.common.errors import Problem, Problems, shown
+from cpcal.common.names import IDENTIFIER_REMEDY, is_identifier
 from cpcal.files.campaign_writer import override_columns, reading_columns
 from cpcal.files.cells import unguarded
-from cpcal.names import IDENTIFIER_REMEDY, is_identifier
 from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.robot import LARGEST
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable
 from typing import Self
 
-from cpcal.errors import Problem, Problems, shown
+from cpcal.common.errors import Problem, Problems, shown
+from cpcal.common.names import NAME_REMEDY, TEXT_REMEDY, is_name, is_text
 from cpcal.files.documents import toml_document
-from cpcal.names import NAME_REMEDY, TEXT_REMEDY, is_name, is_text
 from cpcal.robot.robot import LARGEST
 
 Path = tuple[str, ...]

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.legs.models import PLAIN, LegModel, Measured, built_in
 from cpcal.robot import Campaign, rotation_matrix
 from cpcal.robot.rotation import rotation_numerators
-from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr
 from cpcal.solver.network.expression import as_expr

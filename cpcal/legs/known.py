@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cpcal.errors import InputError, PluginError, Problem
+from cpcal.common.errors import InputError, PluginError, Problem
 from cpcal.legs.models import BUILT_IN, LegModel, built_in, model_problems
 from cpcal.solver import plugins
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.checker.leg import Measurement, leg_problem
+from cpcal.files import campaign_sha256
 from cpcal.legs.equation import exactly_read, leg_network
 from cpcal.legs.models import PLAIN, LegModel, built_in
 from cpcal.robot import Campaign
@@ -42,7 +43,7 @@ def leg_statement(
 
     `model` is the name of one that comes with cpcal: those the checker knows.
     """
-    return LegStatement(leg_problem(LegReadings(campaign, leg), model, only), campaign.sha256, leg, only)
+    return LegStatement(leg_problem(LegReadings(campaign, leg), model, only), campaign_sha256(campaign), leg, only)
 
 
 def model_statement(
@@ -63,7 +64,7 @@ def model_statement(
     if only is not None:
         network = restricted(network, [np.array(only, dtype=np.intp)] * len(network.constraints))
     try:
-        return network_statement(network, "eps", f"leg {leg}, model {model.name}, campaign {campaign.sha256}")
+        return network_statement(network, "eps", f"leg {leg}, model {model.name}, campaign {campaign_sha256(campaign)}")
     except NotStated:
         return None
 

@@ -9,10 +9,10 @@ import numpy.typing as npt
 from scipy import optimize
 
 from cpcal.calibration import least_squares
+from cpcal.common.arrays import Floats
 from cpcal.legs.equation import leg_box, leg_equation, residuals
 from cpcal.legs.models import PLAIN, LegModel
 from cpcal.robot import Campaign
-from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 from cpcal.solver.network.point import Point
 from cpcal.solver.network.rows import Extremes, Rows

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, ModelError, Problem
+from cpcal.common.errors import InputError, ModelError, Problem
 from cpcal.solver.network import Expr, norm, sqr, sqrt
 from cpcal.solver.network.expression import as_expr
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.numbers import about, stated
 from cpcal.legs import PLAIN
-from cpcal.numbers import about, stated
 from cpcal.report.words import LONGER, QUANTIFIER
 from cpcal.results import Result
 from cpcal.robot import Campaign

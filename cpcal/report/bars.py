@@ -10,9 +10,9 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cpcal.numbers import plain_gap
+from cpcal.common.arrays import Floats
+from cpcal.common.numbers import plain_gap
 from cpcal.report.svg import BAND, EDGE, GRID, INK, SUPPORT, figure_svg
-from cpcal.solver.arrays import Floats
 
 FARTHEST = 1e6  # mm from the nominal value; what lies beyond is not drawn, an arrow points to it
 _LEAST = 1e-6  # mm, half the width of what is drawn, at least

@@ -8,9 +8,9 @@ from typing import Any
 
 from markupsafe import Markup
 
-from cpcal.atomic import write_file
-from cpcal.errors import printable
-from cpcal.numbers import bracket_text, short, stated
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import printable
+from cpcal.common.numbers import bracket_text, short, stated
 from cpcal.report.dots import comparison_svg, legend
 from cpcal.report.origin import versions
 from cpcal.report.template import rendered

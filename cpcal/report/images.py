@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
 from cpcal.files.documents import json_object
 from cpcal.report.study_tables import TextTable
 

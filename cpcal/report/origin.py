@@ -5,8 +5,8 @@ from __future__ import annotations
 import shlex
 from importlib.metadata import PackageNotFoundError, version
 
+from cpcal.common.version import __version__
 from cpcal.results import Result
-from cpcal.version import __version__
 
 _PACKAGES = ("numpy", "scipy", "ortools", "python-flint", "matplotlib")
 

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.atomic import write_file
 from cpcal.certify.recomputed import INFORMATION
-from cpcal.errors import InputError, PluginError
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError, PluginError
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, model_residuals
-from cpcal.numbers import about, bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.report.assumptions import assumptions
 from cpcal.report.bars import Enclosure, enclosure_svg
 from cpcal.report.match import check_match

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from cpcal.common.numbers import about, bracket_text, plain_gap
 from cpcal.legs import PARAMETERS
-from cpcal.numbers import about, bracket_text, plain_gap
 from cpcal.report.panels import Panel, in_view, panel_svg
 from cpcal.results import LegResult, Result
 from cpcal.robot import Campaign

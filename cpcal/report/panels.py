@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from cpcal.numbers import about
+from cpcal.common.arrays import Floats
+from cpcal.common.numbers import about
 from cpcal.report.svg import BAND, DOT, EDGE, GRID, INK, SUPPORT, figure_svg
 from cpcal.results.projection import HalfPlane
-from cpcal.solver.arrays import Floats
 
 _MARGIN = 0.12  # of the rectangle's width, on each side
 _UNITS = (

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.report.svg import figure_svg
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box

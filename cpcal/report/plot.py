@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from cpcal.common.arrays import Floats
 from cpcal.report.svg import BAND, DOT, EDGE, GRID, MASS, ROOM, SUPPORT, figure_svg
-from cpcal.solver.arrays import Floats
 
 MOST_POINTS = 500  # more measurements are drawn as an envelope
 _BINS = 250

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.legs import PLAIN, LegModel, reading_sensitivities
 from cpcal.robot import Campaign, rotation_matrix
-from cpcal.solver.arrays import Floats
 
 
 def reading_sensitivity(campaign: Campaign, leg: int, parameters: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:

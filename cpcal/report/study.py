@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.atomic import write_file
 from cpcal.calibration import CalibrationRecord
 from cpcal.calibration.record import Channel, Errors
 from cpcal.certify.fits import CertifiedFits
-from cpcal.errors import InputError, Problem
-from cpcal.numbers import about, bracket_text, nearest, rounded_up, stated
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import about, bracket_text, nearest, rounded_up, stated
+from cpcal.files import campaign_sha256
 from cpcal.report import paper, study_tables
 from cpcal.report.images import ImagesFound
 from cpcal.report.page import render
@@ -51,7 +52,7 @@ def write_study_page(found: StudyFound, file: str | os.PathLike[str]) -> Path:
 
 def render_study(found: StudyFound) -> str:
     """The page as text; the same parts give the same text."""
-    expected = found.campaign.sha256
+    expected = campaign_sha256(found.campaign)
     for name, sha256 in (
         ("calibration record", found.record.campaign_sha256),
         ("certified fits", found.fits.campaign_sha256),

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from cpcal.calibration import CalibrationRecord, ErrorSummary
 from cpcal.calibration.record import Channel, Parameters, Rows
-from cpcal.numbers import about, nearest
+from cpcal.common.numbers import about, nearest
 from cpcal.report import paper
 
 SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")

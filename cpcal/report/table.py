@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cpcal.numbers import bracket_text, gap_text, nearest, stated
+from cpcal.common.numbers import bracket_text, gap_text, nearest, stated
 from cpcal.results import LegResult, LegVerdict, Result, verdict_of
 
 

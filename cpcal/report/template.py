@@ -6,7 +6,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from cpcal.errors import printable
+from cpcal.common.errors import printable
 
 
 def rendered(template: str, context: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from cpcal.numbers import gap_text, stated
+from cpcal.common.numbers import gap_text, stated
 from cpcal.results.options import Options
 from cpcal.results.result import LegResult
 from cpcal.solver.contract import Verdict

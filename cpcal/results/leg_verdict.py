@@ -16,7 +16,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from cpcal.numbers import bracket_text, short, stated
+from cpcal.common.numbers import bracket_text, short, stated
 from cpcal.results.determination import Determination
 from cpcal.results.result import LegResult, Result
 from cpcal.solver.contract import Verdict

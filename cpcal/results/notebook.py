@@ -6,8 +6,8 @@ import html
 import math
 from typing import TYPE_CHECKING
 
-from cpcal.errors import printable
-from cpcal.numbers import bracket_text, stated
+from cpcal.common.errors import printable
+from cpcal.common.numbers import bracket_text, stated
 from cpcal.results.leg_verdict import Bracket, verdict_of, verdict_on
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
 
 CENTERS = ("fit", "nominal", "plain")
 SUPPORTS = ("few", "irreducible", "none")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
 from cpcal.files.codec import load, save, text_of
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
 from cpcal.results.determination import Determination

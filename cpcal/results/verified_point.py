@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from cpcal.numbers import stated
+from cpcal.common.numbers import stated
 from cpcal.solver.contract import Verdict
 
 

@@ -9,17 +9,16 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem, Problems, shown
-from cpcal.names import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
+from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.names import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
+from cpcal.common.values import Value, frozen_array, frozen_mapping
 from cpcal.robot.model_choice import ModelChoice
 from cpcal.robot.robot import LARGEST, Robot, good_numbers
 from cpcal.robot.uncertainty import Uncertainty, sizes
-from cpcal.values import Value, frozen_array, frozen_mapping
 
 Array = npt.NDArray[np.float64]
 
@@ -145,13 +144,6 @@ class Campaign(Value):
     def exact(self) -> bool:
         """Whether every reading set is a single point."""
         return not (self.position_radius.any() or self.rotation_radius.any() or self.length_radius.any())
-
-    @cached_property
-    def sha256(self) -> str:
-        """Of the bytes of the campaign's exact file, `campaign.json`, in hex."""
-        from cpcal.files.campaign_json import campaign_sha256
-
-        return campaign_sha256(self)
 
     def __repr__(self) -> str:
         return f"<Campaign of {self.robot.name!r}: {len(self)} measurements, {self.legs} legs>"

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import CpcalError
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import CpcalError
+from cpcal.common.values import ByValue
 from cpcal.robot.robot import Robot
 from cpcal.robot.rotation import normalised, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
-from cpcal.solver.arrays import Floats
-from cpcal.values import ByValue
 
 _ITERATIONS = 40  # of Newton, at each step of the continuation
 _REFINEMENTS = 2  # how often a failed continuation is tried again, with four times as many steps

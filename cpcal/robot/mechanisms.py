@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Value, frozen_array
 from cpcal.robot.robot import LARGEST, good_numbers
-from cpcal.solver.arrays import Floats
-from cpcal.values import Value, frozen_array
 
 # The values of one leg: how many numbers, and what is asked of them. None: one number for the whole robot.
 FIELDS: dict[str, int | None] = {

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from cpcal.errors import InputError, Problem, shown
-from cpcal.names import NAME_MAX
-from cpcal.values import Value, frozen_mapping
+from cpcal.common.errors import InputError, Problem, shown
+from cpcal.common.names import NAME_MAX
+from cpcal.common.values import Value, frozen_mapping
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.rotation import normalised, quaternion_conjugate, quaternion_product
-from cpcal.solver.arrays import Floats
 
 
 def compose(left: Pose, right: Pose) -> Pose:

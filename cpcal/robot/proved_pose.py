@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.robot import Robot
 from cpcal.robot.rotation import rotation_numerators
-from cpcal.solver.arrays import Floats
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr

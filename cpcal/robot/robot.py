@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem, shown
-from cpcal.names import NAME_REMEDY, is_name
-from cpcal.solver.arrays import Floats
-from cpcal.values import Value, frozen_array
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem, shown
+from cpcal.common.names import NAME_REMEDY, is_name
+from cpcal.common.values import Value, frozen_array
 
 LARGEST = 1e12  # mm: no robot is larger, and no square of such a number overflows
 

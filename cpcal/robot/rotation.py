@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 
 
 class Ring(Protocol):

@@ -11,12 +11,12 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.robot.campaign import Campaign
 from cpcal.robot.kinematics import Pose, leg_vectors
 from cpcal.robot.motion import inverse
 from cpcal.robot.robot import LARGEST, Robot
 from cpcal.robot.rotation import quaternion_conjugate
-from cpcal.solver.arrays import Floats
 
 SHARE = 0.05  # of the leg length: larger nominal residuals are suspicious
 TURN = 0.1  # rad: no camera is so bad

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Value, frozen_array
 from cpcal.robot.robot import LARGEST, good_numbers
-from cpcal.solver.arrays import Floats
-from cpcal.values import Value, frozen_array
 
 KINDS = ("position", "rotation", "length")
 EXACT_OR_NOT = (

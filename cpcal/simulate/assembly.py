@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.robot import (
     KinematicsError,
     Mechanisms,
@@ -27,7 +28,6 @@ from cpcal.robot import (
     quaternion_product,
 )
 from cpcal.simulate.campaigns import joint_effect
-from cpcal.solver.arrays import Floats
 
 _ITERATIONS = 50  # of Newton
 _ACCURACY = 1e-13  # of a pose's equations, relative to the leg lengths: a few roundings

@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.errors import InputError
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError
 from cpcal.robot import (
     DELTALAB,
     Campaign,
@@ -39,7 +40,6 @@ from cpcal.robot import (
 )
 from cpcal.robot.mechanisms import joint_phases
 from cpcal.simulate.option_checks import OptionChecks
-from cpcal.solver.arrays import Floats
 
 STROKE = (0.0, 140.0)  # mm, readings of a DeltaLab leg: 345 to 485 mm long (the paper, section 2.2)
 LENGTH_SIGMA = (0.0077, 0.0127, 0.0117, 0.0102, 0.0118, 0.0190)  # mm (the paper, Table 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from cpcal.errors import Problem, Problems
+from cpcal.common.errors import Problem, Problems
 from cpcal.robot import Robot
 
 

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from cpcal.common.arrays import Floats
 from cpcal.robot import (
     DELTALAB,
     Mechanisms,
@@ -54,7 +55,6 @@ from cpcal.simulate.campaigns import (
     streams,
 )
 from cpcal.simulate.option_checks import OptionChecks
-from cpcal.solver.arrays import Floats
 
 Stream = np.random.Generator
 

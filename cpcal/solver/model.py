@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of

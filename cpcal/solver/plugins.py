@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from cpcal.errors import PluginError
+from cpcal.common.errors import PluginError
 from cpcal.solver.contract import Contractor, ContractorFactory, StrategyFactory, in_sequence
 from cpcal.solver.network import ConstraintNetwork
 

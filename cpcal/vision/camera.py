@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
-from cpcal.solver.arrays import Floats
-from cpcal.values import frozen_array
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import frozen_array
 
 CAMERA_NUMBERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 

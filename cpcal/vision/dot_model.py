@@ -24,8 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose
-from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.lens import Jet, jet, jets_by_coefficient
 from cpcal.vision.target import Target

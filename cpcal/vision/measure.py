@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import CpcalError
+from cpcal.common.errors import CpcalError
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import Dots, populations, refitted

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from cpcal.errors import CpcalError
+from cpcal.common.errors import CpcalError
 
 
 class MissingExtraError(CpcalError):

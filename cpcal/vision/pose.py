@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Bools, Floats, Ints
+from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Pose, normalised
-from cpcal.solver.arrays import Bools, Floats, Ints
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
 from cpcal.vision.median import median

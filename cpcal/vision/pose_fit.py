@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.errors import CpcalError
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import CpcalError
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_from_matrix, quaternion_product, rotation_vector
-from cpcal.solver.arrays import Floats
 
 # residuals (k,) and, on request, minus their slopes (k, 6)
 Model = Callable[[Pose, bool], tuple[Floats, Floats | None]]

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose, transformed
-from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv
 from cpcal.vision.target import Target

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem, shown
-from cpcal.solver.arrays import Floats
-from cpcal.values import frozen_array
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem, shown
+from cpcal.common.values import frozen_array
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
 MOST_LINES = 20  # identifying rows

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
-from cpcal.solver.arrays import Floats, Indices
+from cpcal.common.arrays import Floats, Indices
+from cpcal.common.errors import InputError, Problem
 from cpcal.vision.target import Target, two_diagonals
 
 _ROWS = (7, 6)  # dots

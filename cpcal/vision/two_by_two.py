@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 
 
 def determinants(matrices: Floats) -> Floats:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from cpcal.calibration import dip, dip_p_value
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 
 
 def least_distance_to_a_unimodal_distribution(x):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from cpcal.calibration import calibrate_frames, hand_eye, redefined
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import (
     DELTALAB,
     Pose,

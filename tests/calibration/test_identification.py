@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from cpcal.calibration import leg_jacobian, robot_jacobian
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, Pose, inverse_kinematics, normalised
 
 X = DELTALAB.parameters[2]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from cpcal.calibration import column_scale, observability, robot_jacobian, select_poses
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, Pose
 from cpcal.simulate import simulate
 

@@ -21,7 +21,7 @@ from cpcal.calibration import (
     screen,
     tolerance_half_width,
 )
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.files import load_campaign, save_campaign
 from cpcal.robot import quaternion_conjugate, quaternion_from_rotation_vector, quaternion_product, rotation_vector
 from cpcal.simulate import simulate

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cpcal.calibration import LegEquations, Noise, averaged, fit, pose_errors, validate
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import (
     DELTALAB,
     Campaign,

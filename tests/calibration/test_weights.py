@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from cpcal.calibration import LegEquations, Noise, fit
 from cpcal.calibration.weights import whitening
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import (
     DELTALAB,
     Campaign,

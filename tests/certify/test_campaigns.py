@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from cpcal import Campaign, InputError, LegResult, PluginError, Robot, Verdict, certify, simulate
+from cpcal.common.arrays import Floats
 from cpcal.legs import residuals
 from cpcal.results import Options, proved_sentence
 from cpcal.robot import rotation_matrix
 from cpcal.simulate import true_robot
-from cpcal.solver.arrays import Floats
 
 
 def without_sets(campaign: Campaign) -> Campaign:

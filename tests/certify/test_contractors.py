@@ -13,8 +13,8 @@ import pytest
 import cpcal
 from contractors import HC4, Lifted
 from cpcal.checker import check
+from cpcal.common.numbers import at_least
 from cpcal.files.codec import decoded, encoded
-from cpcal.numbers import at_least
 from cpcal.results import Options, proved_sentence
 from cpcal.solver import plugins
 from cpcal.solver.contract import Composable, Contraction, Repeat, Step

@@ -11,7 +11,7 @@ from cpcal.certify.fits import load_fits
 from cpcal.cli import app
 from cpcal.cli.checked import check_all
 from cpcal.cli.demo.command import Plan
-from cpcal.files import load_study
+from cpcal.files import campaign_sha256, load_study
 
 SMALL = Plan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), script_seconds=1.0)
 
@@ -44,7 +44,7 @@ def test_it_goes_the_whole_way(demo):
     )
     assert load_study(folder / "study").truth.seed == 3
     hashes = {found.campaign_sha256 for found in (record, result, script, fits)}
-    assert hashes == {campaign.sha256}
+    assert hashes == {campaign_sha256(campaign)}
     assert (result.options.method, script.options.method) == ("bound", "timeout")
     assert not campaign.exact
 

@@ -12,6 +12,8 @@ from rich.console import Console
 from tinyhtml5.parser import HTMLParser
 from typer.testing import CliRunner
 
+from cpcal.files import campaign_sha256
+
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
 import cpcal
@@ -21,7 +23,7 @@ from cpcal.cli.demo.command import Plan
 from cpcal.cli.demo.image_study import photographed
 from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.study_page import study_found
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.files import load_study
 from cpcal.report.images import IMAGES_NAME, load_images, save_images
 from cpcal.vision.batch.study_images import RenderedImages
@@ -170,7 +172,7 @@ def test_the_demo_goes_the_whole_road(demo):
     assert not pixel.exact
     assert "The true pose lies in 64 of the 64." in found.images.sets_said[0]
     result = cpcal.load_result(folder / "pixel-run")
-    assert result.campaign_sha256 == pixel.sha256
+    assert result.campaign_sha256 == campaign_sha256(pixel)
     assert (folder / "pixel-run" / "leg6.cert.jsonl").is_file()
     assert len(list((folder / "pixel-sets").glob("*.cert.jsonl"))) == 64
     assert "accepted all 68 certificates" in found.checked  # of fits, legs and pose sets

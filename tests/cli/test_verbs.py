@@ -6,8 +6,9 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.atomic import unwritable
 from cpcal.cli import app
+from cpcal.common.atomic import unwritable
+from cpcal.files import campaign_sha256
 
 runner = CliRunner()
 
@@ -80,7 +81,7 @@ def test_simulate_writes_the_campaign_of_its_options(tmp_path):
         deviation=0.5,
         stroke=(10.0, 130.0),
     )
-    assert cpcal.load_campaign(tmp_path / "new" / "c").sha256 == expected.sha256
+    assert campaign_sha256(cpcal.load_campaign(tmp_path / "new" / "c")) == campaign_sha256(expected)
 
 
 def test_simulate_refuses_a_folder_that_holds_something(tmp_path):

@@ -21,7 +21,7 @@ from contractors import (
     Newton,
     Shaving,
 )
-from cpcal.errors import PluginError
+from cpcal.common.errors import PluginError
 from cpcal.solver import plugins
 from cpcal.solver.contract import (
     Contraction,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from contractors import HC4, Separator, Violating, qinter
 from contractors.qinter import one_by_one, q_intersection
 from cpcal import Network
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Repeat
 from cpcal.solver.existence import Inside
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic

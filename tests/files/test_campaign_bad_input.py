@@ -7,7 +7,7 @@ import tracemalloc
 
 import pytest
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.files import load_campaign
 
 HOPELESS = 60.0  # seconds: no measure of speed, but what only a time that grows with the square of the input exceeds

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cpcal.errors import InputError, Problems
+from cpcal.common.errors import InputError, Problems
 from cpcal.files.documents import json_object, parsed_object, toml_document
 
 DEEP = 100_000

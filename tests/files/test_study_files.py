@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.files import load_campaign, load_study, save_study
 from cpcal.robot import DELTALAB, PoseTable, Robot, Study
 from cpcal.simulate import simulate_study

@@ -10,6 +10,7 @@ import pytest
 import cpcal
 from cpcal.calibration import calibrate_study, recorded
 from cpcal.certify.fits import CertifiedFits, VerifiedFit
+from cpcal.files import campaign_sha256
 from cpcal.legs import PARAMETERS
 from cpcal.report import write_page
 from cpcal.report.comparison import write_comparison
@@ -144,7 +145,7 @@ def study():
             VerifiedFit(k, cpcal.VerifiedPoint(0.0, *counts, 64), f"{name}.leg{k}.cert.jsonl") for k, counts in legs
         )
 
-    fits = CertifiedFits(campaign.sha256, verified("x_c", ()), verified("x_c_sigma", (6,)))
+    fits = CertifiedFits(campaign_sha256(campaign), verified("x_c", ()), verified("x_c_sigma", (6,)))
     said = "The checker accepted all 18 certificates (FLINT's exact rationals, no solver): 65 steps."
     return StudyFound(campaign, record, fits, bound, script, said)
 

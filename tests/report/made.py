@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import cpcal
+from cpcal.files import campaign_sha256
 from cpcal.results import CampaignNote, Options
 
 
@@ -18,7 +19,7 @@ def made_leg(leg: int, *numbers: Any, **changes: Any) -> cpcal.LegResult:
 def made_result(campaign: cpcal.Campaign, *legs: cpcal.LegResult, **options: Any) -> cpcal.Result:
     """Of these legs; `interrupted` and `version` are fields of the result, all else options."""
     fields = {name: options.pop(name) for name in ("interrupted", "version") if name in options}
-    note = CampaignNote(campaign.sha256, campaign.robot.name, len(campaign))
+    note = CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign))
     return cpcal.Result(
         **({"campaign": note, "options": Options(**options), "version": "0.1.0", "legs": legs} | fields)
     )

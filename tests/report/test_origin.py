@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
+from cpcal.files import campaign_sha256
 from cpcal.files.codec import encoded
 from cpcal.report.origin import command, versions
 from cpcal.report.page import render
@@ -64,5 +65,5 @@ def test_versions_and_digest_are_on_the_page(campaign):
     assert f"numpy {np.__version__}" in page
     assert f"python-flint {version('python-flint')}" in page
     assert f"ortools {version('ortools')}" in page
-    assert campaign.sha256 in page
+    assert campaign_sha256(campaign) in page
     assert "cpcal certify CAMPAIGN -o RUN --legs 1" in page

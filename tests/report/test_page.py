@@ -12,6 +12,7 @@ from rich.console import Console
 
 import cpcal
 from cpcal.cli.show import show_result
+from cpcal.files import campaign_sha256
 from cpcal.report import QUANTIFIER, REPORT_NAME, reading_sensitivity, write_report
 from cpcal.report.page import render
 from tests.report.made import made_result
@@ -110,7 +111,7 @@ def test_it_is_self_contained_and_says_what_matters(campaign, tmp_path):
     for text in (
         "0.08901174",
         "0.08901176",
-        campaign.sha256,
+        campaign_sha256(campaign),
         QUANTIFIER,
         "longer than eps",
         "proved",

@@ -8,6 +8,7 @@ import pytest
 from tinyhtml5.parser import HTMLParser
 
 import cpcal
+from cpcal.files import campaign_sha256
 from cpcal.report import paper
 from cpcal.report.study import render_study, write_study_page
 from cpcal.results import CampaignNote
@@ -67,12 +68,12 @@ def test_verdicts_are_told_as_they_are(study):
 def test_hostile_names_do_nothing(study):
     robot = dataclasses.replace(study.campaign.robot, name=HOSTILE[:-5])
     campaign = dataclasses.replace(study.campaign, robot=robot, provenance={HOSTILE[:-5]: HOSTILE[:-5] + "}}{% raw %}"})
-    sha = {"campaign_sha256": campaign.sha256}
+    sha = {"campaign_sha256": campaign_sha256(campaign)}
     errors = study.record.validation
     names = tuple(HOSTILE + str(k) for k in range(len(errors.names)))
     lost = dataclasses.replace(errors, names=names, position_after=(math.nan, *errors.position_after[1:]))
     record = dataclasses.replace(study.record, robot=HOSTILE, screening=HOSTILE, validation=lost, **sha)
-    note = CampaignNote(campaign.sha256, HOSTILE, len(campaign))
+    note = CampaignNote(campaign_sha256(campaign), HOSTILE, len(campaign))
     page = parsed(
         render_study(
             dataclasses.replace(

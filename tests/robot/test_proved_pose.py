@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import (
     DELTALAB,
     Pose,

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, Robot, known_robot
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, KinematicsError, Mechanisms, Pose, inverse_kinematics, leg_vectors
 from cpcal.simulate.assembly import assembled_with, clearance_sides, leg_gaps
 from cpcal.simulate.campaigns import STROKE, assembled, configurations, streams

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.files import save_study
 from cpcal.files.study_writer import study_bytes, table_bytes
 from cpcal.robot import DELTALAB, Pose, inverse, inverse_kinematics, quaternion_conjugate, quaternion_product

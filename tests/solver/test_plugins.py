@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cpcal.errors import PluginError
+from cpcal.common.errors import PluginError
 from cpcal.solver import plugins
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.camera import Setting, aligned, normalised_errors, simulated_views
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.vision.calibration import NotCalibratedError, TargetView, calibrate_camera
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.target import DELTALAB_TARGET, two_diagonals

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera, distorted, distortion_jacobian
 
 STRONG = Camera(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.files.camera_file import CameraRecord, camera_bytes, load_camera, save_camera
 

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
 from cpcal.vision.batch.detect import ImageFolder, detect

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.files.cells import unguarded
 from cpcal.simulate import simulate_study
 from cpcal.vision.batch.study_images import study_table

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import Pose, quaternion_from_rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.dots import observe_dots

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
-from cpcal.errors import InputError, printable
+from cpcal.common.errors import InputError, printable
 from cpcal.vision.batch.detect import ImageFolder, detect
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.camera_file import load_camera

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.vision_accuracy import KINDS, spoiled
 from benchmarks.vision_scenes import facing_poses, found_dots, one
-from cpcal.solver.arrays import Floats, Ints
+from cpcal.common.arrays import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import centers_of, predicted_centers
 from cpcal.vision.identify import Identification, Unidentified, identify

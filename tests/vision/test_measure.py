@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.vision_accuracy import degenerate_images, measured, pose_error
 from benchmarks.vision_scenes import facing_poses, one
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.render import render

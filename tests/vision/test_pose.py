@@ -7,9 +7,9 @@ import pytest
 
 from benchmarks.vision_accuracy import pose_error
 from benchmarks.vision_scenes import FACING, facing_poses, one
-from cpcal.errors import InputError
+from cpcal.common.arrays import Floats, Ints
+from cpcal.common.errors import InputError
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
-from cpcal.solver.arrays import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.pose import PoseEstimate, estimate_pose

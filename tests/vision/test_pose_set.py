@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 
 from benchmarks.pose_sets import drawn_pose, main, pixels_and_slopes, trial
 from cpcal.checker import Refused, check
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import (
     Pose,
     compose,

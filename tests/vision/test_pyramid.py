@@ -7,7 +7,7 @@ from fractions import Fraction as F
 import numpy as np
 import pytest
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.robot import Pose, normalised
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera, distortion_jacobian

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.files import load_campaign, save_campaign
 from cpcal.robot import Pose, compose, inverse_kinematics, transformed
 from cpcal.simulate import simulate_study

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.vision.target import DELTALAB_TARGET, Target, off_line, two_diagonals
 
 ROW = np.array([[0.0, 0.0], [10.0, 10.0], [30.0, 30.0], [45.0, 45.0], [0.0, 20.0]])

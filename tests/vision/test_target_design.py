@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import cpcal.vision.target_design as module
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.vision.target import DELTALAB_TARGET, two_diagonals
 from cpcal.vision.target_design import design_target, separation
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.vision.files.target_file import load_target, save_target, target_bytes
 from cpcal.vision.target import DELTALAB_TARGET, Target
 

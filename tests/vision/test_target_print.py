@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.vision.dots import observe_dots
 from cpcal.vision.files.image_file import read_image
 from cpcal.vision.files.target_print import print_target, sheet, target_pdf, target_svg

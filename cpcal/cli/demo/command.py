@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from cpcal.numbers import stated
+from cpcal.common.numbers import stated
 from cpcal.calibration import calibrate_study
 from cpcal.calibration import CalibrationRecord, recorded
 from cpcal.certify import certify
@@ -25,7 +25,7 @@ from cpcal.cli.run import certified_into, status_of
 from cpcal.cli.show import show_result, terminal
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import study_found
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
 from cpcal.report import REPORT_NAME
 from cpcal.report.images import IMAGES_NAME, save_images
 from cpcal.report.study import write_study_page

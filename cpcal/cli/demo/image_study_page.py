@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 
 from cpcal.cli.detect import by_reason
 from cpcal.cli.demo.image_study import Photographed

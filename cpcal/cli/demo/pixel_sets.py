@@ -11,10 +11,10 @@ import numpy as np
 from cpcal.cli.folders import PIXEL_CAMPAIGN, PIXEL_RUN, PIXEL_SETS
 from cpcal.cli.demo.image_study import Photographed
 from cpcal.cli.run import certified_into
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Verdict
 from cpcal.report.images import ImagesFound
-from cpcal.numbers import about, bracket_text, nearest, stated
+from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.report.study_tables import TextTable
 from cpcal.results import Result
 from cpcal.robot import Campaign

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.checker.problem import SIDES, Given, Problem, Stated
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.certificate.statement import HIGHEST_POWER, LONGEST, NetworkStatement
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.network.dag import topological

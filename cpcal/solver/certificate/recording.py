@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.atomic import replacing
 from cpcal.checker.problem import Problem
+from cpcal.common.atomic import replacing
 from cpcal.solver.certificate.readings import at_point, failing, stretching
 from cpcal.solver.certificate.statement import Statement, limits, number
 from cpcal.solver.certificate.writer import WeightProver, line, written

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.solver.arrays import Bools, Floats
+from cpcal.common.arrays import Bools, Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
 from cpcal.solver.network.dag import leaves

@@ -20,7 +20,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import qr
 
-from cpcal.solver.arrays import Indices
+from cpcal.common.arrays import Indices
 from cpcal.solver.existence.equalities import Linearization
 from cpcal.solver.interval import Arithmetic, IntervalArray
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
 from cpcal.solver.network.dag import leaves

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.errors import ModelError
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import ModelError
 from cpcal.solver.existence.equalities import Equalities
 from cpcal.solver.existence.inside import Inside
 from cpcal.solver.existence.operators import Operator, hansen_sengupta, inside, krawczyk

@@ -17,7 +17,7 @@ import flint
 import numpy as np
 from flint import arb
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval.array import IntervalArray
 from cpcal.solver.interval.float64 import Float64
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
 from cpcal.solver.interval.array import IntervalArray
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import ModelError
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import ModelError
 from cpcal.solver.interval.number import float_bounds
 
 

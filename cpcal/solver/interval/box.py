@@ -10,8 +10,8 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import ModelError
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import ModelError
 from cpcal.solver.interval.array import IntervalArray
 from cpcal.solver.interval.float64 import Float64
 from cpcal.solver.interval.number import Number, float_bounds, round_down, round_up

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval.array import IntervalArray
 from cpcal.solver.interval.rounding import (
     ETA,

@@ -12,8 +12,8 @@ from typing import Any, SupportsFloat, TypeAlias
 
 import numpy as np
 
-from cpcal.errors import ModelError
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import ModelError
 
 Number: TypeAlias = int | float | Rational | SupportsFloat
 

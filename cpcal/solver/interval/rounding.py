@@ -12,7 +12,7 @@ from math import ceil, log2
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.arrays import Bools, Floats
+from cpcal.common.arrays import Bools, Floats
 
 MAX = float(np.finfo(np.float64).max)
 ETA = 5e-324  # the least positive float

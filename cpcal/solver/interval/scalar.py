@@ -12,8 +12,8 @@ from typing import ClassVar, NoReturn
 
 import numpy as np
 
-from cpcal.errors import ModelError
-from cpcal.numbers import rounded_down, rounded_up
+from cpcal.common.errors import ModelError
+from cpcal.common.numbers import rounded_down, rounded_up
 from cpcal.solver.interval.array import IntervalArray
 from cpcal.solver.interval.float64 import Float64
 from cpcal.solver.interval.number import Number, round_down, round_up

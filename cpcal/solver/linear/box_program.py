@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.solver.arrays import Floats, Indices
+from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.linear.engine import LinearEngine, LinearSolution, LinearStatus
 from cpcal.solver.linear.lazy import LazyRows

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray
 
 

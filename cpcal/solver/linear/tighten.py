@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.solver.contract import Contraction, Step
 from cpcal.solver.interval import Box
 from cpcal.solver.linear.engine import LinearSolution, LinearStatus

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from cpcal.solver.arrays import Indices
+from cpcal.common.arrays import Indices
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.sweep import Tape
 

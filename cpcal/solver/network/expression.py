@@ -13,7 +13,7 @@ from typing import Any, NoReturn, Union
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.network.dag import topological
 from cpcal.solver.network.data import checked, enclosed, freeze, is_thick, own, pair

@@ -16,8 +16,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from cpcal.errors import ModelError
-from cpcal.solver.arrays import Bools, Floats
+from cpcal.common.arrays import Bools, Floats
+from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network.expression import Expr, Operand, as_expr
 from cpcal.solver.network.network import ConstraintNetwork

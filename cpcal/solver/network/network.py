@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import checked_name
 from cpcal.solver.network.dag import leaves, topological

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network.dependence import owners
 from cpcal.solver.network.expression import Expr

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import Expr

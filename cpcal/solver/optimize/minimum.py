@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.numbers import at_least, gap_text
+from cpcal.common.numbers import at_least, gap_text
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.incumbent import Incumbent

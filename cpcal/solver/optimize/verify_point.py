@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.arrays import Bools, Floats
+from cpcal.common.arrays import Bools, Floats
 from cpcal.solver.existence import ReadingConstraint, reads, upper_ends
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Tape, one_sided_rows

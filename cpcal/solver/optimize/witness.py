@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.solver.existence import ReadingConstraint, highest, reads
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Tape

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.vision.batch.journal import Journal
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera

@@ -14,9 +14,9 @@ from typing import IO
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.atomic import write_file
-from cpcal.errors import InputError, Problem
-from cpcal.version import __version__
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.version import __version__
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import NUMBERS, Detection
 from cpcal.vision.target import Target

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product
-from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import CpcalError, InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.robot import Pose
-from cpcal.solver.arrays import Floats
 from cpcal.vision.calibration.adjustment import Found, State
 from cpcal.vision.calibration.camera_fit import DOTS_MIN, Fit, covariance, excess, robust_fit
 from cpcal.vision.calibration.start import first_camera, first_pose, homography_rms

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, printable
+from cpcal.common.errors import InputError, printable
 from cpcal.vision.calibration.calibrate_camera import (
     CalibratedView,
     Calibration,

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose
-from cpcal.solver.arrays import Floats
 from cpcal.vision.calibration.adjustment import Found, Free, State, adjusted, normal_equations, residuals, squares
 
 DOTS_MIN = 8  # in a view

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose, quaternion_from_matrix
-from cpcal.solver.arrays import Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.homography import mapped
 

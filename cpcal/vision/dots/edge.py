@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.vision.dots.edge_model import PARAMETERS, depths, monomials, normal_equations
 from cpcal.vision.dots.grey import Grey
 from cpcal.vision.two_by_two import determinants, eigenvalues, inverses

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
 from cpcal.vision.opencv import opencv
 
 Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]

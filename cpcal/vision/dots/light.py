@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.vision.dots.grey import Grey
 from cpcal.vision.dots.segmentation import Spots
 from cpcal.vision.median import median

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cpcal.solver.arrays import Floats
-from cpcal.values import frozen_array
+from cpcal.common.arrays import Floats
+from cpcal.common.values import frozen_array
 from cpcal.vision.dots.edge import OUTSIDE, Edges, fitted_edges
 from cpcal.vision.dots.grey import Grey, eight_bits, grey_levels, noise_level
 from cpcal.vision.dots.light import light_gradient

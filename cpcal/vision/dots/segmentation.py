@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.vision.dots.grey import noise_level
 from cpcal.vision.median import median
 from cpcal.vision.opencv import opencv

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.atomic import write_file
-from cpcal.errors import InputError, Problem, Problems
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.common.values import frozen_array
 from cpcal.files.campaign_writer import matrix, provenance_lines, quoted, vector
-from cpcal.values import frozen_array
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.files.plausible_camera import implausible
 from cpcal.vision.files.sections import TomlReader, opened

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import CpcalError
+from cpcal.common.errors import CpcalError
 from cpcal.vision.opencv import opencv
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.errors import InputError, Problem, Problems
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.files.cells import csv_table
 from cpcal.files.documents import open_regular
 from cpcal.files.table import read_table
 from cpcal.robot import PoseTable
-from cpcal.solver.arrays import Floats
 
 Readings = dict[tuple[str, str], Floats]
 

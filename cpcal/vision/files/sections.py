@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from cpcal.errors import Problems
+from cpcal.common.errors import Problems
 from cpcal.files.documents import small_file
 from cpcal.files.toml_reader import Table, TomlReader
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.atomic import write_file
-from cpcal.errors import Problems, shown
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import Problems, shown
 from cpcal.files.campaign_writer import matrix, provenance_lines, quoted
 from cpcal.vision.files.sections import Table, TomlReader, opened
 from cpcal.vision.target import Target

@@ -19,8 +19,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from cpcal.atomic import write_file
-from cpcal.errors import InputError, Problem
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError, Problem
 from cpcal.vision.target import Target
 
 Array = npt.NDArray[np.float64]

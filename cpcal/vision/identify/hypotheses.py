@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import bdtrc
 
-from cpcal.solver.arrays import Bools, Floats, Ints
+from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.vision.homography import fitted, mapped, orientation
 from cpcal.vision.identify import one_row
 from cpcal.vision.identify.runs import RowMatches, collinear, match_rows

@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import CpcalError
-from cpcal.solver.arrays import Floats, Ints
+from cpcal.common.arrays import Floats, Ints
+from cpcal.common.errors import CpcalError
 from cpcal.vision.camera import Camera
 from cpcal.vision.identify.hypotheses import Hypothesis, accidents, best_rival, hypotheses
 from cpcal.vision.identify.views import View, guesses, seen_by

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.arrays import Floats, Ints
+from cpcal.common.arrays import Floats, Ints
 from cpcal.vision.homography import mapped
 from cpcal.vision.identify.runs import RowMatches
 from cpcal.vision.identify.views import View

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.solver.arrays import Bools, Floats, Ints
-from cpcal.values import frozen_array
+from cpcal.common.arrays import Bools, Floats, Ints
+from cpcal.common.values import frozen_array
 from cpcal.vision.homography import line_maps, on_line
 from cpcal.vision.target import Target
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cpcal.solver.arrays import Floats, Ints
+from cpcal.common.arrays import Floats, Ints
 from cpcal.vision.target import Target
 
 _BASES = 12  # dots whose neighbourhoods are laid onto all others

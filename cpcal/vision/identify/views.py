@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cpcal.solver.arrays import Bools, Floats
+from cpcal.common.arrays import Bools, Floats
 from cpcal.vision.camera import Camera
 from cpcal.vision.median import median
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats, Indices
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import frozen_array
 from cpcal.robot import Pose, transformed
-from cpcal.solver.arrays import Floats, Indices
 from cpcal.solver.interval import IntervalArray
-from cpcal.values import frozen_array
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.target import Target

@@ -14,7 +14,7 @@ from itertools import islice
 
 import numpy as np
 
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.robot import Pose
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording

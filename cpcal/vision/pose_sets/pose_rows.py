@@ -23,12 +23,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import frozen_array
 from cpcal.robot import Pose, normalised, quaternion_conjugate, quaternion_product
-from cpcal.solver.arrays import Floats
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.model import Network
-from cpcal.values import frozen_array
 from cpcal.vision.pose_sets.enclosed import (
     ENGINE,
     cross,

@@ -22,11 +22,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import frozen_array
 from cpcal.robot import Pose
-from cpcal.solver.arrays import Floats
 from cpcal.solver.contract import Verdict
-from cpcal.values import frozen_array
 from cpcal.vision.camera import Camera
 from cpcal.vision.pose_sets.enclosed import exact, rotation
 from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes

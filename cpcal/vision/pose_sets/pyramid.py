@@ -22,8 +22,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.camera import Camera, distortion_jacobian
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner, stacked

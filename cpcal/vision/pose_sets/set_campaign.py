@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Campaign, Robot
 from cpcal.vision.pose_sets.pose_set import PoseSet
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.existence import Operator, UniquenessProver, hansen_sengupta, krawczyk, prove_unique
 from cpcal.solver.interval import Box, Interval, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, norm, sqr, sqrt

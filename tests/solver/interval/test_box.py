@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Box, Interval
 
 NAMES = ("x", "y", "z")

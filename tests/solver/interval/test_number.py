@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.number import float_bounds
 

@@ -13,7 +13,7 @@ from flint import arb
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.errors import InputError
+from cpcal.common.errors import InputError
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 from cpcal.solver.interval.arb import Arb, float_above, float_below, precision
 from cpcal.solver.interval.rounding import next_down, next_up

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from contractors import HC4, Lifted
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Interval, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Tape, maximum, norm, sqr, sqrt
 from cpcal.solver.network.dag import topological

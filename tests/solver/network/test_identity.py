@@ -13,7 +13,7 @@ import pytest
 
 import cpcal
 from contractors import HC4
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.model import Network
 from cpcal.solver.network import Expr

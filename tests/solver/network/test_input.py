@@ -12,7 +12,7 @@ import pytest
 
 import cpcal
 from contractors import HC4
-from cpcal.errors import CpcalError, ModelError, PluginError
+from cpcal.common.errors import CpcalError, ModelError, PluginError
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.model import Network
 from cpcal.solver.network import Constraint, Expr

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, maximum, minimum, norm, sqr, sqrt
 from cpcal.solver.network.operations import TABLE

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.solver.arrays import Floats
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Box, Interval, IntervalArray, get_arithmetic
 from cpcal.solver.network import (
     ConstraintNetwork,

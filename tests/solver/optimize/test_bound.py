@@ -9,7 +9,7 @@ import pytest
 
 from contractors import HC4, Lifted
 from cpcal import Interval, Limits, Network, Verdict, maximum, norm
-from cpcal.errors import ModelError
+from cpcal.common.errors import ModelError
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.optimize import Bracket, Minimum, Witness, minimize
 from cpcal.solver.optimize.incumbent import Incumbent

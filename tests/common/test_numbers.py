@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal import numbers
-from cpcal.numbers import (
+from cpcal.common import numbers
+from cpcal.common.numbers import (
     about,
     at_least,
     at_most,

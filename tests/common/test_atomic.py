@@ -7,8 +7,9 @@ import re
 
 import pytest
 
-from cpcal import InputError, atomic
-from cpcal.atomic import replacing, write_file, write_folder
+from cpcal import InputError
+from cpcal.common import atomic
+from cpcal.common.atomic import replacing, write_file, write_folder
 
 
 def names(folder):
