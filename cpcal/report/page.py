@@ -12,6 +12,7 @@ from markupsafe import Markup
 from cpcal.certify.recomputed import INFORMATION
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, PluginError
+from cpcal.common.numbers import about, bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, model_residuals
 from cpcal.report.assumptions import assumptions
 from cpcal.report.bars import Enclosure, enclosure_svg
