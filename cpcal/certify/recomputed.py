@@ -12,12 +12,6 @@ from cpcal.legs import LegModel, Parameter, leg_model
 from cpcal.results import LegResult, Result
 from cpcal.robot import Campaign
 
-INFORMATION = (
-    "Information only, proved by no certificate: times, counts, which measurements are the support (unless it has a "
-    "certificate of its own), what is said of the center as a solution, polygons, second-order effects, calls of the "
-    "solver, and what was found beyond the certificates."
-)
-
 
 def stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
     """Sentences on what the campaign and the model do not give as the result states it.

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from cpcal.certify.fits import FITS_NAME, load_fits
-from cpcal.certify.recomputed import INFORMATION, stated_otherwise
+from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import Accepted, Refused, Unusable, check, check_run
 from cpcal.cli.claims import sentences
 from cpcal.common.errors import InputError, Problem, printable
@@ -18,7 +18,7 @@ from cpcal.common.numbers import nearest
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import unfinished
 from cpcal.report import REPORT_NAME
-from cpcal.results import COMPARISON_NAME, RESULT_NAME, information, load_comparison, load_result
+from cpcal.results import COMPARISON_NAME, INFORMATION, RESULT_NAME, information, load_comparison, load_result
 
 
 def verify(

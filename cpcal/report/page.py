@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.certify.recomputed import INFORMATION
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, PluginError
 from cpcal.common.numbers import about, bracket_text, nearest, rounded_down, rounded_up, stated
@@ -24,7 +23,7 @@ from cpcal.report.sensitivity import reading_sensitivity
 from cpcal.report.table import result_table
 from cpcal.report.template import rendered
 from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs, summary
-from cpcal.results import LegResult, Result, contractors_sentences, model_of, verdict_of
+from cpcal.results import INFORMATION, LegResult, Result, contractors_sentences, model_of, verdict_of
 from cpcal.robot import Campaign
 from cpcal.robot.suspicions import suspicions
 from cpcal.solver.optimize import Answer, Trial

@@ -1,6 +1,6 @@
 from .comparison import COMPARISON_NAME, Comparison, Entry, comparison_text, load_comparison, save_comparison
 from .determination import Determination
-from .leg_sentence import contractors_sentences, information, proved_sentence
+from .leg_sentence import INFORMATION, contractors_sentences, information, proved_sentence
 from .leg_verdict import (
     Bounded,
     Explained,
@@ -31,6 +31,7 @@ __all__ = [
     "ARITHMETICS",
     "CENTERS",
     "COMPARISON_NAME",
+    "INFORMATION",
     "METHODS",
     "RESULT_NAME",
     "SUPPORTS",

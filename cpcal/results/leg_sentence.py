@@ -10,6 +10,12 @@ from cpcal.results.result import LegResult
 from cpcal.solver.contract import Verdict
 from cpcal.solver.optimize import Found, bracket_sentence
 
+INFORMATION = (
+    "Information only, proved by no certificate: times, counts, which measurements are the support (unless it has a "
+    "certificate of its own), what is said of the center as a solution, polygons, second-order effects, calls of the "
+    "solver, and what was found beyond the certificates."
+)
+
 
 def proved_sentence(options: Options, leg: LegResult) -> str:
     """What was proved, and what all contractors found beyond the certificate."""

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
+from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import LOCK_NAME
 
 OPTIONS = ("--legs", "1,2", "--delta", "0.5", "--gap", "1e-2")
@@ -54,11 +55,11 @@ def test_a_killed_run_leaves_no_mixture(campaigns: list[Path], tmp_path: Path) -
         assert "REFUSED" not in said.output
         if (run / "result.json").exists():
             assert said.exit_code == 0, said.output
-            assert digest(run) in (old, cpcal.load_campaign(campaigns[1]).sha256)
+            assert digest(run) in (old, campaign_sha256(cpcal.load_campaign(campaigns[1])))
         else:
             assert said.exit_code == 2, said.output
     assert started(campaigns[1], run).wait(60) == 0  # the dead hold no lock
-    assert digest(run) == cpcal.load_campaign(campaigns[1]).sha256
+    assert digest(run) == campaign_sha256(cpcal.load_campaign(campaigns[1]))
     assert {p.name for p in run.iterdir()} >= {"result.json", "campaign.json", "report.html"}
     assert not [p for p in run.iterdir() if p.name.startswith(".") and p.name != LOCK_NAME]
 
