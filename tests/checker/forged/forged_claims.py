@@ -6,10 +6,12 @@ from typing import Any
 
 from tests.checker.forged.forging import (
     DOWN,
+    NETWORK,
     UP,
     Lines,
     forgery,
     moved,
+    place,
 )
 
 
