@@ -24,9 +24,9 @@ _SUPPORT_NODES = 3
 
 def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     """The result of one leg, and whether the user interrupted it."""
-    middle = question.middle(leg)
-    network = question.network(leg, middle)
-    start = np.append(middle, question.options.eps or 0.0)
+    center = question.center(leg)
+    network = question.network(leg, center)
+    start = np.append(center, question.options.eps or 0.0)
 
     def tell(bracket: Bracket) -> None:
         if question.progress is not None:
@@ -35,7 +35,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     answer = by_bound if question.options.method == "bound" else by_timeout
     found = answer(question, leg, network, start, tell)
     few = _support(question, leg, network, start, found.minimum)
-    return _leg_result(question, leg, middle, found, few), found.minimum.interrupted
+    return _leg_result(question, leg, center, found, few), found.minimum.interrupted
 
 
 def _support(
@@ -59,11 +59,11 @@ def _support(
     return few
 
 
-def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, few: tuple[int, ...]) -> LegResult:
+def _leg_result(question: Question, leg: int, center: Floats, answer: Answered, few: tuple[int, ...]) -> LegResult:
     found = answer.minimum
     ids, enclosure = question.campaign.measurement_ids, found.enclosure
     eps = question.options.eps or 0.0
-    good, bad = verified_rows(question.campaign, leg, middle, eps, question.engine, question.model)
+    good, bad = verified_rows(question.campaign, leg, center, eps, question.engine, question.model)
     names, beyond = question.model.parameters, found.found
     return LegResult(
         leg=leg,
@@ -71,7 +71,7 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
         eps_lo=_lower(question, found),
         eps_hi=float(found.hi),
         point=None if found.witness is None else tuple(float(v) for v in found.witness.point[:-1]),
-        center=tuple(float(v) for v in middle),
+        center=tuple(float(v) for v in center),
         enclosure=type(enclosure)(names, enclosure.lo[:-1], enclosure.hi[:-1]),
         floor=float(found.floor),
         support=tuple(ids[k] for k in few),
@@ -82,7 +82,7 @@ def _leg_result(question: Question, leg: int, middle: Floats, answer: Answered, 
         certificate=answer.certificate,
         not_certified=_not_certified(question, leg, answer),
         verified=VerifiedPoint(eps, len(good), len(bad), len(question.campaign)),
-        determination=_determination(question, leg, middle, found),
+        determination=_determination(question, leg, center, found),
         trials=answer.trials,
         contractors_used=found.contractors_used,
         found_lo=beyond.lo if beyond is not None and beyond.lo > found.lo else None,
@@ -100,11 +100,11 @@ def _lower(question: Question, found: Minimum) -> float:
     return question.options.eps if found.verdict is Verdict.REFUTED else 0.0
 
 
-def _determination(question: Question, leg: int, middle: Floats, found: Minimum) -> Determination | None:
-    """At the proved point, or the middle of the box; None for a box that is a point."""
+def _determination(question: Question, leg: int, center: Floats, found: Minimum) -> Determination | None:
+    """At the proved point, or the center of the box; None for a box that is a point."""
     if question.options.delta == 0.0:
         return None
-    at = middle if found.witness is None else found.witness.point[:-1]
+    at = center if found.witness is None else found.witness.point[:-1]
     return determination(question.campaign, leg, at, question.model)
 
 

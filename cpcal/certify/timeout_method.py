@@ -1,4 +1,4 @@
-"""Brackets of one leg's eps by the paper's script (section 5.2.1): one call of a solver after the other."""
+"""Brackets of one leg's eps by the paper's timeout method (section 5.2.1): one call of a solver after the other."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SMALL = 1e-3  # mm: a box this wide is a point to be tried
 def by_timeout(
     question: Question, leg: int, network: ConstraintNetwork, start: Floats, tell: Callable[[Bracket], None]
 ) -> Answered:
-    """The script, from eps_+ of the least-squares fit (or nominal values) and eps_- = 0. Ctrl-C ends it early."""
+    """The method, from eps_+ of the least-squares fit (or nominal values) and eps_- = 0. Ctrl-C ends it early."""
     began = time.monotonic()
     trials: list[Trial] = []
     with ExitStack() as keep:
@@ -48,7 +48,7 @@ def by_timeout(
 
 
 class _Solver:
-    """What the script calls: a search for a valid point at one eps; keeps the proof of the last infeasible answer."""
+    """What the method calls: a search for a valid point at one eps; keeps the proof of the last infeasible answer."""
 
     def __init__(self, question: Question, leg: int, network: ConstraintNetwork, keep: ExitStack) -> None:
         self._network, self._keep = network, keep

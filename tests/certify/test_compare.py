@@ -257,7 +257,7 @@ def test_the_command(exact, tmp_path):
     assert cpcal.load_result(tmp_path / "r").model.name == "gain"
 
 
-# networks of one's own ------------------------------------------------------------------------------------------
+# user-defined networks ------------------------------------------------------------------------------------------
 
 
 def line_network(degree, uncertain=False):
