@@ -12,7 +12,7 @@ import numpy as np
 
 from cpcal.certify.bracket import Answered
 from cpcal.certify.question import Floats, Question
-from cpcal.common.numbers import gap_text, stated
+from cpcal.results.leg_sentence import calls_sentence
 from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
@@ -121,7 +121,8 @@ def _minimum(
         lo=lo,
         hi=hi,
         verdict=Verdict.PROVED if closed else Verdict.UNKNOWN,
-        status=_status(len(trials), lo, hi, closed, limits) + ("" if found is None else found.sentence(lo)),
+        status=calls_sentence(len(trials), lo, hi, limits.gap, closed=closed)
+        + ("" if found is None else found.sentence(lo)),
         witness=best,
         enclosure=enclosure,
         floor=0.0,
@@ -134,17 +135,6 @@ def _minimum(
         contractors_used=solver.uses,
         found=found,
     )
-
-
-def _status(calls: int, lo: float, hi: float, closed: bool, limits: Limits) -> str:
-    if not np.isfinite(hi):
-        how = "no point was proved to satisfy the constraints; the lower bound is proved."
-    elif closed:
-        asked = f"the relative gap of {stated(limits.gap)} that was asked for"
-        how = f"both bounds are proved, {gap_text(lo, hi)} apart, which is within {asked}."
-    else:
-        how = f"both bounds are proved; the gap of {gap_text(lo, hi)} is open."
-    return f"{calls} calls of the solver; {how}"
 
 
 def _programs(trials: list[Trial]) -> int:

@@ -11,6 +11,7 @@ import pytest
 import cpcal
 from contractors import Lifted
 from cpcal.checker import check
+from cpcal.results import proved_sentence
 from cpcal.solver import plugins
 from cpcal.solver.contract import Composable, Contraction, Limits, Step
 from cpcal.solver.interval import Box
@@ -115,14 +116,15 @@ def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
 
 def test_without_a_certificate_no_answer_is_checked_and_none_is_said_to_be() -> None:
     campaign = cpcal.simulate(seed=4, joint_error=3.0, factor=0.0, random_poses=14, extremal=False)
-    leg = cpcal.certify(
+    result = cpcal.certify(
         campaign, legs=[1], delta=0.0, contractors=["hc4"], method="timeout", time_limit=30.0, gap=1e-2
-    ).legs[0]
+    )
+    leg = result.legs[0]
     assert any(t.answer is Answer.INFEASIBLE for t in leg.trials)
     assert not any(t.checked for t in leg.trials)
     assert leg.verdict is cpcal.Verdict.PROVED
-    assert "closed" not in leg.status
-    assert "within the relative gap of 0.01" in leg.status
+    assert "closed" not in proved_sentence(result.options, leg)
+    assert "within the relative gap of 0.01" in proved_sentence(result.options, leg)
     assert leg.eps_hi - leg.eps_lo <= 1e-2 * leg.eps_hi
 
 
@@ -151,12 +153,13 @@ def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_boun
         plugins, "load", lambda name: (lambda *_, **__: KnowsMore(least)) if name == "k" else load(name)
     )
     question: dict[str, Any] = {"legs": [1], "delta": 2.0, "method": "timeout", "time_limit": 1.5, "gap": 0.4}
-    leg = cpcal.certify(campaign, contractors=["k", "lifted"], certificates=tmp_path / "run", **question).legs[0]
+    result = cpcal.certify(campaign, contractors=["k", "lifted"], certificates=tmp_path / "run", **question)
+    leg = result.legs[0]
     assert any(t.answer is Answer.INFEASIBLE for t in leg.trials)
     assert not any(t.checked for t in leg.trials)
     assert leg.eps_lo == 0.0 < (leg.found_lo or 0.0) < least
     assert leg.verdict is cpcal.Verdict.UNKNOWN
-    assert "the certificate proves 0." in leg.status
+    assert "the certificate proves 0." in proved_sentence(result.options, leg)
     assert leg.certificate is not None
     claims = check(tmp_path / "run" / leg.certificate).claims
     assert claims.eps_lo is None
