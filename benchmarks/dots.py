@@ -6,7 +6,7 @@ Rendered: the DeltaLab target, 550 to 850 mm away and tilted to 30 degrees, unde
 one border to the other. Errors are those to the centre of the dot's exact image, the bound is Cramer's and Rao's for a
 known blurred edge, `normalised` the errors' root mean square in units of their stated standard deviation.
 
-Photographed: a plate with a regular grid of dark dots; the residuals to a polynomial map from the grid to the pixels.
+Photographs: a plate with a regular grid of dark dots; the residuals to a polynomial map from the grid to the pixels.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def grid_residuals(centers: Floats, index: Ints, degree: int) -> Floats:
     return np.asarray(centers - terms @ np.linalg.lstsq(terms, centers, rcond=None)[0])
 
 
-def photographed(image: Image) -> tuple[Dots, dict[str, Any]]:
+def photograph_figures(image: Image) -> tuple[Dots, dict[str, Any]]:
     """The dots of a photograph of a grid, and the figures of their residuals."""
     begin = time.thread_time()
     found = observe_dots(image)
@@ -180,7 +180,7 @@ def main() -> None:
     print(f"all        {overall[0]:7.4f} {overall[1]:7.4f}")
     result: dict[str, Any] = {"rendered": rows, "rms": overall}
     if options.photograph:
-        _, figures = photographed(opencv().imread(str(options.photograph), opencv().IMREAD_UNCHANGED))
+        _, figures = photograph_figures(opencv().imread(str(options.photograph), opencv().IMREAD_UNCHANGED))
         print(f"\n{options.photograph.name}: {figures['dots']} dots, {figures['off the grid']} off the grid,", end=" ")
         print(f"stated error {figures['stated']:.4f}, {figures['ms']:.0f} ms; root mean squares of the residuals:")
         for degree in (5, 6, 7):

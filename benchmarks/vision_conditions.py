@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.vision_scenes import facing_poses, one
-from benchmarks.vision_world import World, photographed, true_centers
+from benchmarks.vision_world import World, photograph, true_centers
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.vision.calibration import calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
@@ -104,7 +104,7 @@ def measured(world: World, images: int, seed: int, record: CameraRecord) -> Figu
     out, poses = Figures(), poses_for(world, rng, images)
     for k in range(images):
         true = one(poses, k)
-        image = photographed(DELTALAB_TARGET, DELTALAB_CAMERA, true, world, rng)
+        image = photograph(DELTALAB_TARGET, DELTALAB_CAMERA, true, world, rng)
         out.images += 1
         try:
             found = measure_pose(image, DELTALAB_TARGET, record.camera, record.covariance)
@@ -133,7 +133,7 @@ def calibrated(seed: int) -> CameraRecord:
     """From images of the plain world, tilted in different directions."""
     rng = np.random.default_rng(seed)
     poses = facing_poses(rng, _VIEWS, depth=(600.0, 750.0), tilt=35.0)
-    images = [photographed(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), World(), rng) for k in range(_VIEWS)]
+    images = [photograph(DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), World(), rng) for k in range(_VIEWS)]
     return calibrate_from_images(images, DELTALAB_TARGET).record()
 
 

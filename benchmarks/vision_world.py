@@ -69,7 +69,7 @@ class World:
     bent: float = 0.0
 
 
-def photographed(
+def photograph(
     target: Target, camera: Camera, pose: Pose, world: World, rng: np.random.Generator
 ) -> npt.NDArray[np.uint8]:
     """The image (height, width) of the target at `pose` in a world."""

@@ -18,7 +18,7 @@ __all__ = ["PEERS", "Method", "Question", "Work", "method"]
 
 
 def method(name: str) -> Method:
-    """A peer, a `module:Class` of someone's own, or cpcal with contractors, "hc4,lifted"."""
+    """A peer, a `module:Class` of a user, or cpcal with contractors, "hc4,lifted"."""
     if name in PEERS or ":" in name:
         module, _, member = PEERS.get(name, name).partition(":")
         made: Method = getattr(importlib.import_module(module), member)()

@@ -28,7 +28,7 @@ _LARGE = 64  # readings from which the group's median is as good as the centre
 class Screening:
     """Scores (N, C) in robust standard deviations, and the readings with one beyond the threshold.
 
-    channels   C names; not_judged: those where more than half of the readings agree exactly, whose MAD is zero
+    channels   C names; untested: those where more than half of the readings agree exactly, whose MAD is zero
     rows       numbers of the outlying readings, from 0; names: what they are called
     """
 
@@ -37,7 +37,7 @@ class Screening:
     scores: Floats
     rows: tuple[int, ...]
     names: tuple[str, ...]
-    not_judged: tuple[str, ...]
+    untested: tuple[str, ...]
 
     @property
     def keep(self) -> npt.NDArray[np.bool_]:
@@ -58,8 +58,8 @@ class Screening:
             ]
             more = f" and {len(listed) - 10} more" if len(listed) > 10 else ""
             said = f"{len(self.rows)} of {len(self.scores)} readings are {beyond}: {', '.join(listed[:10])}{more}."
-        if self.not_judged:
-            said += f" Not judged, as most of their readings agree exactly: {', '.join(self.not_judged)}."
+        if self.untested:
+            said += f" Not tested, as most of their readings agree exactly: {', '.join(self.untested)}."
         return said
 
 
@@ -77,12 +77,12 @@ def screen(deviations: Deviations, threshold: float = 5.0) -> Screening:
     usual = np.array([_usual_distance(int(r)) for r in deviations.repeats])[deviations.group]
     several = usual > 0
     scale = np.median(np.abs(distance[several]) / usual[several, None], axis=0)
-    judged = scale > 0
+    tested = scale > 0
     scores = np.zeros_like(distance)
-    scores[:, judged] = distance[:, judged] / scale[judged]
+    scores[:, tested] = distance[:, tested] / scale[tested]
     rows = np.flatnonzero((np.abs(scores) > threshold).any(axis=1)).tolist()
     names = tuple(deviations.row_names[row] for row in rows)
-    silent = tuple(name for name, good in zip(deviations.channels, judged, strict=True) if not good)
+    silent = tuple(name for name, good in zip(deviations.channels, tested, strict=True) if not good)
     return Screening(threshold, deviations.channels, scores, tuple(rows), names, silent)
 
 

@@ -56,7 +56,7 @@ def certify(
     the answer. All contractors take part; what they prove beyond the certificate is told as found (`found_lo`).
     Certificates replace those of an earlier run, and its answers, when all legs are done.
 
-    `method` "bound" is branch and bound on eps; "timeout" is the script of the paper's section 5.2.1, which asks a
+    `method` "bound" is branch and bound on eps; "timeout" is the method of the paper's section 5.2.1, which asks a
     solver made of the contractors for points at one eps after the other, and needs a `time_limit`.
 
     `model` is the leg model: "plain", "gain", "linear", "lateral", the name of one that an installed package provides,

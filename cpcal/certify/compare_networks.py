@@ -1,4 +1,4 @@
-"""Models that are constraint networks of one's own, compared in the same way."""
+"""Models that are user-defined constraint networks, compared in the same way."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Model = tuple[Network, Expr]  # a network, and its variable eps
 def compare_networks(
     cases: Mapping[str, Mapping[str, Model]],
     *,
-    title: str = "models of one's own",
+    title: str = "user-defined models",
     tolerance: float | None = None,
     contractors: Sequence[str] = ("lifted",),
     arithmetic: str = "float64",
@@ -46,7 +46,7 @@ def compare_networks(
         folder = None if certificates is None else keep.enter_context(answers_into(certificates, COMPARED))
         ask = partial(Network.minimize, contractors=contractors, arithmetic=arithmetic, limits=limits)
         entries, interrupted = _compared(cases, ask, folder, progress)
-    models = dict.fromkeys((m for models in cases.values() for m in models), "a network of one's own")
+    models = dict.fromkeys((m for models in cases.values() for m in models), "a user-defined network")
     return Comparison(title=title, tolerance=tolerance, models=models, entries=entries, interrupted=interrupted)
 
 

@@ -46,7 +46,7 @@ def certify_point(
     It does when THERE EXISTS a reading in the measurement's set with |g| <= eps; it fails when for no reading it does;
     both are proved. `model` is the leg model, as in `certify` (default: the campaign's, else plain); its extra
     parameters follow l in the point. `certificate` names a file for `cpcal verify`; what the exact check cannot repeat
-    is then left out. Models of one's own have none.
+    is then left out. User-defined models have none.
     Raises InputError.
     """
     x = np.asarray(point, np.float64)
@@ -59,7 +59,7 @@ def certify_point(
         what = f"a point of the {corrected.name} model is {len(corrected.parameters)} finite numbers"
         wrong.append(Problem("point", what, f"give {', '.join(corrected.parameters)}"))
     if certificate is not None and not built_in(corrected):
-        wrong.append(Problem("certificate", f"{corrected.name!r}, a model of one's own, has none", "leave it out"))
+        wrong.append(Problem("certificate", f"{corrected.name!r}, a user-defined model, has none", "leave it out"))
     if wrong:
         raise InputError(wrong)
     good, bad = verified_rows(campaign, leg, x, eps, get_arithmetic(arithmetic), corrected)

@@ -49,7 +49,7 @@ class Question:
         parts = plugins.build_each(network, names, objective="eps", arithmetic=self.options.arithmetic)
         return list(zip(names, parts, strict=True))
 
-    def middle(self, leg: int) -> Floats:
+    def center(self, leg: int) -> Floats:
         """All parameters of the model (n,); the extra ones are 0 but in the model's own fit."""
         if self.options.center == "fit":
             return fit_model(self.campaign, leg, self.model)
@@ -65,8 +65,8 @@ class Question:
         assert self.certificates is not None
         return self.certificates / f"{self.prefix}leg{leg}{kind}.cert.jsonl"
 
-    def network(self, leg: int, middle: Floats) -> ConstraintNetwork:
-        box, eps = leg_box(middle, self.options.delta, self.model), self.options.eps
+    def network(self, leg: int, center: Floats) -> ConstraintNetwork:
+        box, eps = leg_box(center, self.options.delta, self.model), self.options.eps
         # A leg is longer than eps, which bounds eps.
         longest = float(np.nextafter(np.min(self.campaign.length[:, leg - 1]) + box.hi[6], np.inf))
         domain = (0.0, max(longest, 0.0)) if eps is None else (eps, eps)

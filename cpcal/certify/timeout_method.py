@@ -1,4 +1,4 @@
-"""Brackets of one leg's eps by the paper's script (section 5.2.1): one call of a solver after the other."""
+"""Brackets of one leg's eps by the paper's timeout method (section 5.2.1): one call of a solver after the other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from cpcal.certify.bracket import Answered
 from cpcal.certify.question import Floats, Question
-from cpcal.common.numbers import gap_text, stated
+from cpcal.results.leg_sentence import calls_sentence
 from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
@@ -26,7 +26,7 @@ _SMALL = 1e-3  # mm: a box this wide is a point to be tried
 def by_timeout(
     question: Question, leg: int, network: ConstraintNetwork, start: Floats, tell: Callable[[Bracket], None]
 ) -> Answered:
-    """The script, from eps_+ of the least-squares fit (or nominal values) and eps_- = 0. Ctrl-C ends it early."""
+    """The method, from eps_+ of the least-squares fit (or nominal values) and eps_- = 0. Ctrl-C ends it early."""
     began = time.monotonic()
     trials: list[Trial] = []
     with ExitStack() as keep:
@@ -48,7 +48,7 @@ def by_timeout(
 
 
 class _Solver:
-    """What the script calls: a search for a valid point at one eps; keeps the proof of the last infeasible answer."""
+    """What the method calls: a search for a valid point at one eps; keeps the proof of the last infeasible answer."""
 
     def __init__(self, question: Question, leg: int, network: ConstraintNetwork, keep: ExitStack) -> None:
         self._network, self._keep = network, keep
@@ -121,7 +121,8 @@ def _minimum(
         lo=lo,
         hi=hi,
         verdict=Verdict.PROVED if closed else Verdict.UNKNOWN,
-        status=_status(len(trials), lo, hi, closed, limits) + ("" if found is None else found.sentence(lo)),
+        status=calls_sentence(len(trials), lo, hi, limits.gap, closed=closed)
+        + ("" if found is None else found.sentence(lo)),
         witness=best,
         enclosure=enclosure,
         floor=0.0,
@@ -134,17 +135,6 @@ def _minimum(
         contractors_used=solver.uses,
         found=found,
     )
-
-
-def _status(calls: int, lo: float, hi: float, closed: bool, limits: Limits) -> str:
-    if not np.isfinite(hi):
-        how = "no point was proved to satisfy the constraints; the lower bound is proved."
-    elif closed:
-        asked = f"the relative gap of {stated(limits.gap)} that was asked for"
-        how = f"both bounds are proved, {gap_text(lo, hi)} apart, which is within {asked}."
-    else:
-        how = f"both bounds are proved; the gap of {gap_text(lo, hi)} is open."
-    return f"{calls} calls of the solver; {how}"
 
 
 def _programs(trials: list[Trial]) -> int:

@@ -16,7 +16,7 @@ from .refusal import Refused, Unusable
 from .strict import WORK, opened, parsed, shown
 
 RESULT_NAME = "result.json"
-RESULT_FORMAT = "cpcal-result/2"
+RESULT_FORMAT = "cpcal-result/3"
 _LARGEST = 16 << 20  # bytes
 _CERTIFICATE = re.compile(r"[A-Za-z0-9_.-]{1,200}\.cert\.jsonl")
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
@@ -159,13 +159,15 @@ class _Run:
         at = None if claims.point is None or claims.point.holds != accepted.chosen else claims.point.at
         if at is not None and any(not a <= v <= b for a, v, b in zip(accepted.lo[:-1], at, accepted.hi, strict=False)):
             at = None
-        lo = F(0) if claims.eps_lo is None else claims.eps_lo
         if asked is not None:
-            lo = _exact(asked)
-            _same("cap", claims.cap, lo)
-            at = at if at is not None and at[-1] == lo else None
+            _same("cap", claims.cap, _exact(asked))
+            at = at if at is not None and at[-1] == claims.cap else None
         refuted = claims.infeasible and at is None and (asked is not None or self._all_of_it(accepted))
-        _same("eps_lo", leg["eps_lo"], "inf" if refuted else lo)
+        if asked is not None:  # only that one is spoken of
+            lo: F | str = _exact(asked) if refuted else F(0)
+        else:
+            lo = "inf" if refuted else claims.eps_lo or F(0)
+        _same("eps_lo", leg["eps_lo"], lo)
         _same("eps_hi", leg["eps_hi"], "inf" if at is None else at[-1])
         _same("point", leg["point"] and [_exact(v) for v in leg["point"]], at and list(at[:-1]))
         _same("parameters", leg["enclosure"]["names"], self._parameters)
@@ -175,8 +177,8 @@ class _Run:
         if (leg["status"] == "refuted") != refuted or (leg["status"] == "proved" and at is None):
             raise ValueError("states another verdict than is proved")
         if leg["status"] == "proved" and asked is None and at is not None:
-            gap = max(_exact(self.result["options"]["gap"]) * at[-1], _CLOSED, _exact(leg["floor"]))
-            if at[-1] - lo > gap * F(2**20 + 1, 2**20):
+            gap = max(_exact(self.result["options"]["gap"]) * at[-1], _CLOSED)
+            if at[-1] - _exact(lo) > gap * F(2**20 + 1, 2**20):
                 raise ValueError("calls a bracket closed that is wider than the gap")
 
     def _all_of_it(self, accepted: Accepted) -> bool:

@@ -21,7 +21,7 @@ from cpcal.files import load_study, save_campaign
 from cpcal.report import study_tables
 
 
-class Frames(StrEnum):
+class FrameStart(StrEnum):
     SHAH = "shah"
     ANDREFF = "andreff"
 
@@ -37,7 +37,9 @@ def calibrate(
             help="Folder for campaign/, validation/ and calibration.json; replaced there.",
         ),
     ],
-    method: Annotated[Frames, typer.Option(help="How the frames of camera and target are started.")] = Frames.SHAH,
+    method: Annotated[
+        FrameStart, typer.Option(help="How the frames of camera and target are started.")
+    ] = FrameStart.SHAH,
     factor: Annotated[
         float, typer.Option(help="Half-width of the reading sets, in standard deviations of one reading.")
     ] = 3.0,

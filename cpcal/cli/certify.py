@@ -59,7 +59,7 @@ class CertifyFlags:
         Support, typer.Option(help="Few measurements that prove the bound alone, or none that could be left out.")
     ] = Support.FEW
     method: Annotated[
-        Method, typer.Option(help="Branch and bound on eps, or the paper's script; that needs a time limit.")
+        Method, typer.Option(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit.")
     ] = Method.BOUND
     model: Annotated[
         str | None,

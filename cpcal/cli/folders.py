@@ -14,7 +14,7 @@ from cpcal.files.run_folder import Kind, check_replaceable
 __all__ = ["check_new", "check_target", "check_writable", "made", "output_path", "unwritable"]
 
 # What stands in the folder of a study beside calibration.json, as `cpcal calibrate` and `cpcal demo` leave it.
-STUDY, CAMPAIGN, VALIDATION, FITS, RUN, SCRIPT = "study", "campaign", "validation", "fits", "run", "script"
+STUDY, CAMPAIGN, VALIDATION, FITS, RUN, TIMEOUT = "study", "campaign", "validation", "fits", "run", "timeout"
 PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN = "pixel-sets", "pixel-campaign", "pixel-run"  # where poses came from images
 
 _CHOOSE = "choose a folder that can be written to"
@@ -35,7 +35,7 @@ def check_new(folder: Path, *, force: bool) -> None:
 def is_earlier_demo(folder: Path) -> bool:
     """Whether a folder holds a study that `cpcal demo` wrote, and nothing besides."""
     files = {"calibration.json", "images", "images.json", "report.html"}
-    known = files | {STUDY, CAMPAIGN, VALIDATION, FITS, RUN, SCRIPT, PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN}
+    known = files | {STUDY, CAMPAIGN, VALIDATION, FITS, RUN, TIMEOUT, PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN}
     if not (folder / STUDY / "study.toml").is_file():
         return False
     return all(path.name in known or path.name.startswith("poses-") for path in folder.iterdir())

@@ -7,13 +7,17 @@ from typing import Annotated
 
 import typer
 
+from cpcal.certify.recomputed import stated_otherwise
+from cpcal.checker import Refused, Unusable, check_run
 from cpcal.cli.folders import check_writable, output_path
 from cpcal.cli.show import terminal
+from cpcal.cli.status import Status
 from cpcal.cli.study_page import holds_study, study_found
 from cpcal.common.atomic import write_file
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.report import REPORT_NAME
+from cpcal.report.match import check_match
 from cpcal.report.page import render
 from cpcal.report.study import render_study
 from cpcal.results import load_result
@@ -37,7 +41,7 @@ def report(
         ),
     ] = None,
 ) -> None:
-    """Write the HTML page of a RUN again, from its result.json and campaign.json.
+    """Check a RUN as `verify` does, and write its HTML page again, from its result.json and campaign.json.
 
     One self-contained file: it loads nothing, runs nothing, and prints. With --campaign, another campaign
     than the one that was certified is refused. Of a folder that `cpcal demo` wrote it is the page of the whole
@@ -57,7 +61,23 @@ def _run(run: Path, campaign: Path | None) -> str:
     if campaign is not None and campaign_sha256(load_campaign(campaign)) != campaign_sha256(kept):
         what = "is another campaign than the run's: its SHA-256 differs"
         raise InputError([Problem(str(campaign), what, "name the campaign that was certified, or leave it out")])
+    check_match(kept, result)
+    wrong = [*_refused(run), *stated_otherwise(kept, result)]
+    for sentence in wrong:
+        typer.echo(printable(f"{run.name}: REFUSED, {sentence}"))
+    if wrong:
+        raise typer.Exit(Status.UNKNOWN)
     return render(kept, result)
+
+
+def _refused(run: Path) -> list[str]:
+    """What the checker refuses of a run. Raises InputError where there is nothing to check."""
+    try:
+        return [f"leg {leg.leg}: {leg.refused}" for leg in check_run(run) if leg.refused is not None]
+    except Refused as reason:
+        return [str(reason)]
+    except Unusable as reason:
+        raise InputError([Problem(str(run), str(reason), "name the folder of a run")]) from None
 
 
 def _study(folder: Path, campaign: Path | None) -> str:

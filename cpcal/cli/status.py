@@ -14,10 +14,11 @@ class Status(IntEnum):
 
 
 STATUS_HELP = (
-    "Exit status: **0** every leg answered, or with --tolerance every leg passes, **1** some leg unknown (a limit was "
-    "reached), or with --tolerance some leg that does not pass, **2** unusable input (one message lists every "
-    "problem), **3** an internal error (please report it), **130** interrupted by Ctrl-C, with what was proved until "
-    "then written and printed."
+    "Exit status: **0** every leg answered, or with --tolerance every leg passes, **1** some leg undecided (a limit "
+    "came first, or the search ended at the second-order effect of the readings, or where contractors end), or "
+    "with --tolerance some leg that does not pass, **2** unusable input (one message lists every problem), **3** an "
+    "internal error (please report it), **130** interrupted by Ctrl-C, with what was proved until then written and "
+    "printed."
 )
 
 VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."

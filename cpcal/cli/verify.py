@@ -10,13 +10,15 @@ from typing import Annotated
 import typer
 
 from cpcal.certify.fits import FITS_NAME, load_fits
+from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import Accepted, Refused, Unusable, check, check_run
 from cpcal.cli.claims import sentences
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import nearest
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import unfinished
-from cpcal.results import COMPARISON_NAME, RESULT_NAME, load_comparison, load_result
+from cpcal.report import REPORT_NAME
+from cpcal.results import COMPARISON_NAME, INFORMATION, RESULT_NAME, information, load_comparison, load_result
 
 
 def verify(
@@ -65,6 +67,9 @@ def _run(run: Path) -> bool:
     except Refused as reason:
         typer.echo(printable(f"{RESULT_NAME}: REFUSED, {reason}"))
         return False
+    wrong = list(stated_otherwise(load_campaign_json(run), result))
+    for sentence in wrong:
+        typer.echo(printable(f"{RESULT_NAME}: REFUSED, {sentence}"))
     if result.interrupted:
         typer.echo("The run was interrupted: legs may be missing.")
     for leg, found in zip(legs, result.legs, strict=True):
@@ -75,10 +80,15 @@ def _run(run: Path) -> bool:
         for name, accepted in ((leg.certificate, leg.accepted), (f"leg{leg.leg}.support.cert.jsonl", leg.support)):
             if accepted is not None and name is not None:
                 _tell(name, accepted)
+        for sentence in information(result.options, found):
+            typer.echo(printable(f"leg {leg.leg}: {sentence}"))
+    typer.echo(INFORMATION)
+    if (run / REPORT_NAME).exists():
+        typer.echo(f"{REPORT_NAME} is not read here: `cpcal report` checks a run and writes its page again.")
     if not any(leg.accepted or leg.refused for leg in legs):
         what = "holds no leg that is certified"
         raise InputError([Problem(str(run), what, "certify again, without a time limit that ends it too early")])
-    return all(leg.refused is None for leg in legs)
+    return not wrong and all(leg.refused is None for leg in legs)
 
 
 def _certificates(folder: Path) -> list[Path]:

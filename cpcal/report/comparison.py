@@ -30,7 +30,7 @@ def comparison_header(comparison: Comparison) -> tuple[str, ...]:
 
 
 def _unit(comparison: Comparison) -> str:
-    """Of eps: that of networks of one's own is known to their makers."""
+    """Of eps: that of user-defined networks is known to their makers."""
     return " mm" if comparison.campaign_sha256 else ""
 
 

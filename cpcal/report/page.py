@@ -23,8 +23,9 @@ from cpcal.report.sensitivity import reading_sensitivity
 from cpcal.report.table import result_table
 from cpcal.report.template import rendered
 from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs, summary
-from cpcal.results import LegResult, Result, model_of, verdict_of
+from cpcal.results import INFORMATION, LegResult, Result, contractors_sentences, model_of, verdict_of
 from cpcal.robot import Campaign
+from cpcal.robot.suspicions import suspicions
 from cpcal.solver.optimize import Answer, Trial
 
 REPORT_NAME = "report.html"
@@ -79,6 +80,8 @@ def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict
         "longer": LONGER,
         "lacking": lacking,
         "plain": result.model.name == PLAIN.name,
+        "suspicions": suspicions(campaign),
+        "information": INFORMATION,
         "assumptions": assumptions(campaign, result),
         "provenance": campaign.provenance,
         "versions": versions(),
@@ -108,6 +111,7 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | N
         "trials": [_trial(leg, trial) for trial in leg.trials],
         "parameters": _parameters(result, leg),
         "bars": _bars(campaign, result, leg),
+        "contractors": contractors_sentences(leg),
         "proved_point": leg.point is not None,
         "empty": leg.enclosure.is_empty,
         "support": names,

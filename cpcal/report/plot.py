@@ -19,10 +19,10 @@ _BINS = 250
 
 @dataclass(frozen=True)
 class Residuals:
-    """What is drawn of a leg, in mm: `residual` and `room` (N,), `support` (N,) bool, the band `+-eps`."""
+    """What is drawn of a leg, in mm: `residual` and `sensitivity` (N,), `support` (N,) bool, the band `+-eps`."""
 
     residual: Floats
-    room: Floats
+    sensitivity: Floats
     support: npt.NDArray[np.bool_]
     eps: float
 
@@ -58,9 +58,9 @@ def _axes(axes: Axes, count: int) -> None:
 
 def _points(axes: Axes, data: Residuals) -> None:
     numbers = np.arange(1, len(data.residual) + 1)
-    if data.room.any():
+    if data.sensitivity.any():
         gaps = np.full(len(numbers), np.nan)
-        bars = np.stack([data.residual - data.room, data.residual + data.room, gaps], axis=1)
+        bars = np.stack([data.residual - data.sensitivity, data.residual + data.sensitivity, gaps], axis=1)
         axes.plot(np.repeat(numbers, 3), bars.ravel(), color=ROOM, linewidth=1.4, zorder=3)
     axes.plot(numbers, data.residual, "o", color=DOT, markersize=3.0, markeredgewidth=0.0, zorder=4)
 
@@ -76,8 +76,8 @@ def _envelope(axes: Axes, data: Residuals) -> None:
         low, high = np.append(low, low[-1]), np.append(high, high[-1])
         axes.fill_between(at, low, high, step="post", facecolor=color, edgecolor="none", zorder=zorder)
 
-    if data.room.any():
-        fill(data.residual - data.room, data.residual + data.room, ROOM, 3)
+    if data.sensitivity.any():
+        fill(data.residual - data.sensitivity, data.residual + data.sensitivity, ROOM, 3)
     fill(data.residual, data.residual, MASS, 4)
 
 

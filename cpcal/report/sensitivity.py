@@ -11,7 +11,7 @@ from cpcal.robot import Campaign, rotation_matrix
 
 
 def reading_sensitivity(campaign: Campaign, leg: int, parameters: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
-    """Room of `g(x, M_k)` about its value at the centre of the reading set, (N,) mm; to first order.
+    """Sensitivity of `g(x, M_k)` about its value at the centre of the reading set, (N,) mm; to first order.
 
     With v = P + R b - a and b' = R b: `sum p_i |v_i|/|v| + sum r_j |(b' x (P - a))_j|/|v| + lambda`
     (DESIGN section 5); of other models by their derivatives. Plain floating point, for drawing; no proof rests on it.

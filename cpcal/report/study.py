@@ -31,7 +31,7 @@ from cpcal.solver.contract import Verdict
 class StudyFound:
     """Everything that a study led to, all of the same campaign.
 
-    result   brackets by branch and bound; script  those by the paper's script, with a time limit
+    result   brackets by branch and bound; timeout  those by the paper's timeout method, with a time limit
     checked  a sentence on what the checker made of the certificates
     images   where the poses came from images
     """
@@ -40,7 +40,7 @@ class StudyFound:
     record: CalibrationRecord
     fits: CertifiedFits
     result: Result
-    script: Result
+    timeout: Result
     checked: str
     images: ImagesFound | None = None
 
@@ -56,7 +56,7 @@ def render_study(found: StudyFound) -> str:
     for name, sha256 in (
         ("calibration record", found.record.campaign_sha256),
         ("certified fits", found.fits.campaign_sha256),
-        ("result of the script", found.script.campaign_sha256),
+        ("result of the timeout method", found.timeout.campaign_sha256),
     ):
         if sha256 != expected:
             remedy = "give the parts of one study"
@@ -89,7 +89,7 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "loose": _loose(found.result),
         "exact": _exact_sentence(found.result),
         "images": found.images,
-        "script_seconds": stated(found.script.options.time_limit or 0.0),
+        "timeout_seconds": stated(found.timeout.options.time_limit or 0.0),
         "factor": stated(record.factor),
         "delta": stated(found.result.options.delta),
     }
@@ -111,16 +111,14 @@ def _validation(name: str, errors: Errors) -> dict[str, Any]:
 def _table7(found: StudyFound) -> TextTable:
     """Both methods' brackets, lower ends rounded down and upper ends up, beside the paper's; a column a leg, mm."""
     legs = [leg.leg for leg in found.result.legs]
-    scripted = {leg.leg: leg for leg in found.script.legs}
+    timed = {leg.leg: leg for leg in found.timeout.legs}
     bounds = [bracket_text(leg.eps_lo, leg.eps_hi) for leg in found.result.legs]
-    tried = [
-        bracket_text(scripted[leg].eps_lo, scripted[leg].eps_hi) if leg in scripted else ("—", "—") for leg in legs
-    ]
+    tried = [bracket_text(timed[leg].eps_lo, timed[leg].eps_hi) if leg in timed else ("—", "—") for leg in legs]
     rows = [
         ("bound: none below", *(lo for lo, _ in bounds)),
         ("bound: attained", *(hi for _, hi in bounds)),
-        ("script: none below", *(lo for lo, _ in tried)),
-        ("script: attained", *(hi for _, hi in tried)),
+        ("timeout: none below", *(lo for lo, _ in tried)),
+        ("timeout: attained", *(hi for _, hi in tried)),
     ]
     if max(legs, default=0) <= len(paper.TABLE_7_CERTIFIED):
         rows.append(("the paper: none below", *(nearest(paper.TABLE_7_CERTIFIED[leg - 1], 2) for leg in legs)))

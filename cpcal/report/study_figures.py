@@ -1,4 +1,4 @@
-"""Figures 3, 4 and 5 of the paper for a study of one's own: plain floating point, nothing of it is proved."""
+"""Figures 3, 4 and 5 of the paper for a user's study: plain floating point, nothing of it is proved."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cpcal.results import LegResult, Result, Undetermined, verdict_of
+from cpcal.results import LegResult, Result, Undetermined, proved_sentence, verdict_of
 
 QUANTIFIER = (
     "To explain the data, or satisfy the equations, to within eps means: for every measurement there exists a reading "
@@ -16,7 +16,7 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
     verdict = verdict_of(result, leg)
     said = [verdict.sentence]
     if not isinstance(verdict, Undetermined):
-        said.append(leg.status)
+        said.append(proved_sentence(result.options, leg))
     if leg.not_certified:
         said.append(f"Not certified: {leg.not_certified}.")
     return " ".join(said)

@@ -1,5 +1,6 @@
 from .comparison import COMPARISON_NAME, Comparison, Entry, comparison_text, load_comparison, save_comparison
 from .determination import Determination
+from .leg_sentence import INFORMATION, contractors_sentences, information, proved_sentence
 from .leg_verdict import (
     Bounded,
     Explained,
@@ -18,6 +19,7 @@ from .result import (
     LegResult,
     ModelNote,
     Result,
+    Uncertified,
     load_result,
     model_of,
     result_text,
@@ -29,6 +31,7 @@ __all__ = [
     "ARITHMETICS",
     "CENTERS",
     "COMPARISON_NAME",
+    "INFORMATION",
     "METHODS",
     "RESULT_NAME",
     "SUPPORTS",
@@ -45,14 +48,18 @@ __all__ = [
     "Projection",
     "Projections",
     "Result",
+    "Uncertified",
     "Undecided",
     "Undetermined",
     "Unexplained",
     "VerifiedPoint",
     "comparison_text",
+    "contractors_sentences",
+    "information",
     "load_comparison",
     "load_result",
     "model_of",
+    "proved_sentence",
     "result_text",
     "save_comparison",
     "save_result",

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import html
+import math
 from typing import TYPE_CHECKING
 
 from cpcal.common.errors import printable
 from cpcal.common.numbers import bracket_text, stated
-from cpcal.results.leg_verdict import verdict_of
+from cpcal.results.leg_verdict import Bracket, verdict_of, verdict_on
 
 if TYPE_CHECKING:
     from cpcal.results.result import LegResult, Result
 
 
 def leg_html(leg: LegResult) -> str:
-    """How the search ended. The verdict needs the question, which the result has."""
-    return f"<p><b>Leg {_escaped(leg.leg)}.</b> {_escaped(leg.status)}</p>"
+    """The proved bounds. The verdict needs the question, which the result has."""
+    hi = leg.eps_hi if leg.point is not None else math.inf
+    said = verdict_on(Bracket(leg.eps_lo, hi), None).sentence
+    return f"<p><b>Leg {_escaped(leg.leg)}.</b> {_escaped(said)}</p>"
 
 
 def result_html(result: Result) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 
 from cpcal.common.errors import InputError, Problem
@@ -19,7 +20,7 @@ from cpcal.solver.interval import Box
 from cpcal.solver.optimize import Trial
 from cpcal.solver.search import ContractorUse
 
-FORMAT = "cpcal-result/2"
+FORMAT = "cpcal-result/3"
 RESULT_NAME = "result.json"
 
 
@@ -53,9 +54,22 @@ def model_of(result: Result, model: LegModel | None = None) -> LegModel:
     return found.within({p.name: p.half_width for p in note.extra})
 
 
+class Uncertified(StrEnum):
+    """Why a leg has no certificate."""
+
+    NOTHING = ""  # it has one
+    NOT_ASKED = "no certificate was asked for"
+    INTERRUPTED = "the search was interrupted"
+    MODEL = "with uncertain readings a user-defined model has no certificate"
+    NOTHING_PROVED = "nothing was proved that a certificate could claim"
+
+
 @dataclass(frozen=True, kw_only=True)
 class LegResult:
     """One leg: proved, no x in the box satisfies all equations for any eps < `eps_lo`; `point` does at `eps_hi`.
+
+    Where one eps was asked about, `eps_lo` is that eps if no x satisfies the equations at it, else 0, which says
+    nothing: no other bound was asked for; `eps_hi` is that eps with a proved point, else infinite.
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. Lengths in mm. `verdict` PROVED: the
     bracket is closed (or, when an eps was asked for, some x satisfies it); REFUTED: no x does; UNKNOWN: a limit
@@ -71,7 +85,6 @@ class LegResult:
 
     leg: int
     verdict: Verdict = field(metadata={"json": "status"})
-    status: str = field(metadata={"json": "sentence"})
     eps_lo: float
     eps_hi: float
     point: tuple[float, ...] | None
@@ -84,14 +97,17 @@ class LegResult:
     seconds: float
     certified: bool = False
     certificate: str | None = None
-    not_certified: str = ""
+    not_certified: Uncertified = Uncertified.NOTHING
     projections: Projections | None = None  # what the report draws; see cpcal.certify.projections
     # the center of the box, as a solution at eps = 0 (or the eps asked about)
     verified: VerifiedPoint | None = field(default=None, metadata={"json": "center_verified"})
     determination: Determination | None = None  # None: nothing is to be determined, or it was not asked
     trials: tuple[Trial, ...] = ()  # calls of the solver, with method "timeout"
     contractors_used: tuple[ContractorUse, ...] = ()  # those asked for: how often each ran, its part in the certificate
-    found_lo: float | None = None  # the lower bound of eps by all contractors, where the certificate proves less
+    # what all contractors together found, where the certificate proves less: nobody can check it
+    found_lo: float | None = None
+    found_enclosure: Box | None = None
+    pending: int = 0  # boxes that were left at a limit
 
     def __post_init__(self) -> None:
         if self.certified != (self.certificate is not None) or (self.certified and self.not_certified):
@@ -103,7 +119,7 @@ class LegResult:
             raise ValueError("the center or the point is not finite")
         if any(map(math.isnan, (self.eps_lo, self.eps_hi, self.floor, self.seconds))) or self.eps_lo < 0.0:
             raise ValueError("eps_lo, eps_hi, floor or seconds is no number that it can be")
-        if min(self.nodes, self.programs) < 0 or self.leg < 1:
+        if min(self.nodes, self.programs, self.pending) < 0 or self.leg < 1:
             raise ValueError("a count or the leg's number is negative")
 
     @property

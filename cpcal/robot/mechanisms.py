@@ -1,6 +1,6 @@
 """Imperfect legs: physical mechanisms that the seven parameters of a leg leave out, each with its own size.
 
-A `Mechanisms` holds the values of a particular robot, leg by leg; `drawn` makes one from sizes. Size zero is
+A `Mechanisms` holds the values of a particular robot, leg by leg; `sampled` makes one from sizes. Size zero is
 the perfect leg. `assembly.py` has the equations and finds the poses of a robot with them.
 """
 
@@ -109,7 +109,7 @@ class Mechanisms(Value):
         return not any(values.any() for values in active)
 
     @classmethod
-    def drawn(
+    def sampled(
         cls,
         legs: int,
         stream: np.random.Generator,

@@ -115,7 +115,7 @@ def simulate_study(
     shape, joint, pose, noise_c, mechanism, frames, approach_c, noise_v, approach_v = streams(seed, 9)
     true_robot = Robot.from_parameters(robot.name, robot.parameters + deviation * shape.standard_normal((6, 7)))
     sizes = {name: options[name] for name in _MECHANISMS}
-    mechanisms = Mechanisms.drawn(6, mechanism, joint, **sizes, reference=0.5 * (stroke[0] + stroke[1]))
+    mechanisms = Mechanisms.sampled(6, mechanism, joint, **sizes, reference=0.5 * (stroke[0] + stroke[1]))
     drawn_camera, target = _camera(frames), _target(frames)
     truth = Truth(seed, true_robot, mechanisms, drawn_camera if camera is None else camera, target)
     scales = (noise, noise if pose_noise is None else pose_noise)

@@ -20,13 +20,9 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
+    from cpcal.common.arrays import Floats
     from cpcal.solver.interval import Box
     from cpcal.solver.network import ConstraintNetwork
-
-    Floats = npt.NDArray[np.float64]
 
 ROUNDING = 1e-9  # by which monotone contractors may differ, relative to the box
 

@@ -54,6 +54,8 @@ class Network(ConstraintNetwork):
     ) -> Contraction:
         """One pass of the named contractors over `box` (default: the domain). Loses no solution.
 
+        A contractor given as an object states the constraints of the network that it was built for: whoever passes it
+        says that they hold here.
         Raises ModelError for a box of other variables, PluginError for a contractor that is not there.
         """
         network = self._as_asked()
@@ -79,6 +81,8 @@ class Network(ConstraintNetwork):
         `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative", "smear-max" or
         "lp" (or an object); `order` which box is next: "depth", "breadth" or "best". `inner=True` looks for boxes that
         hold nothing but solutions, which are not divided, and lists what was proved to hold none: see `Paving`.
+        A contractor given as an object states the constraints of the network that it was built for: whoever passes it
+        says that they hold here.
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
         """
         network, clock = self._as_asked(), _limits(limits).clock()
@@ -120,6 +124,8 @@ class Network(ConstraintNetwork):
         `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
         it is in `found`. Constraints with readings or without polynomial form raise ModelError.
+        A contractor given as an object states the constraints of the network that it was built for: whoever passes it
+        says that they hold here.
         """
         network, asked = self._as_asked(), _limits(limits)
         name = network.component(objective)

@@ -20,7 +20,7 @@ from cpcal.robot import Pose, normalised
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
 from cpcal.vision.median import median
-from cpcal.vision.pose_fit import Fit, NoPose, fit, plain_model, same_pose, turned_over
+from cpcal.vision.pose_fit import NoPose, PoseFit, fit, plain_model, same_pose, turned_over
 from cpcal.vision.target import Target
 from cpcal.vision.two_by_two import determinants
 
@@ -119,7 +119,7 @@ def estimate_pose(
     )
 
 
-def _of_camera(pixels: _Pixels, found: Fit, covariance: Floats | None) -> tuple[Floats, float]:
+def _of_camera(pixels: _Pixels, found: PoseFit, covariance: Floats | None) -> tuple[Floats, float]:
     """What the camera's covariance (9, 9) adds to the pose's (6, 6), and chi-square of the residuals r under it.
 
     By A and B, the derivatives of the whitened centres by pose and camera, an error c = F e of the camera moves the
@@ -140,7 +140,7 @@ def _of_camera(pixels: _Pixels, found: Fit, covariance: Floats | None) -> tuple[
     return np.asarray(moved @ covariance @ moved.T), float(found.chi_square - explained)
 
 
-def _rival(first: Fit, second: Fit, final: Fit, pixels: _Pixels, used: Bools, scale: float) -> float:
+def _rival(first: PoseFit, second: PoseFit, final: PoseFit, pixels: _Pixels, used: Bools, scale: float) -> float:
     """By how much at least the plane's second pose fits worse than the final one, over `scale`; inf: it is the same."""
     if same_pose(second.pose, first):
         return np.inf
@@ -211,7 +211,7 @@ class _Pixels:
         return _Pixels(self.dots[used], self.seen[used], self.factors[used], self.radius, self.camera)
 
 
-def _screened(model: _Pixels, pose: Pose) -> tuple[Bools, Fit, Floats]:
+def _screened(model: _Pixels, pose: Pose) -> tuple[Bools, PoseFit, Floats]:
     """The fit without dots that are too far off, and the residuals of all (m, 2), pixels.
 
     Too far is beyond the level that one good dot exceeds in a hundred images; where the residuals are larger than the

@@ -27,20 +27,20 @@ class NoPose(CpcalError):
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class PoseFit:
     pose: Pose
     chi_square: float
     normal: Floats  # (6, 6), the inverse of the covariance
     residuals: Floats  # in standard deviations
 
 
-def fit(model: Model, pose: Pose) -> Fit:
+def fit(model: Model, pose: Pose) -> PoseFit:
     """Levenberg-Marquardt; ends when a step is a small part of the standard deviations. After a step that is small
     beside the distance the derivatives are kept, until they lead astray."""
     damping, kept = 0.0, False
     residuals, slope = model(pose, True)
     if slope is None or not np.isfinite(residuals).all():
-        return Fit(pose, np.inf, np.eye(6), residuals)
+        return PoseFit(pose, np.inf, np.eye(6), residuals)
     chi_square = float(residuals @ residuals)
     for _ in range(_STEPS):
         normal = slope.T @ slope
@@ -52,7 +52,7 @@ def fit(model: Model, pose: Pose) -> Fit:
         moved = moved_by(pose, step)
         if step @ normal @ step < max(_SMALL**2, _ROUGH * chi_square) and damping < 1e-3:
             residuals = residuals - slope @ step
-            return Fit(moved, float(residuals @ residuals), normal, residuals)
+            return PoseFit(moved, float(residuals @ residuals), normal, residuals)
         tiny = _largest(step[:3]) < _TINY * abs(pose.position[2]) and _largest(step[3:]) < _TINY
         trial, trial_slope = model(moved, not tiny)
         trial_square = float(trial @ trial)
@@ -89,7 +89,7 @@ def moved_by(pose: Pose, step: Floats) -> Pose:
     return Pose(pose.position + step[:3], turned / math.sqrt(float(turned @ turned)))
 
 
-def same_pose(pose: Pose, other: Fit) -> bool:
+def same_pose(pose: Pose, other: PoseFit) -> bool:
     """Whether a pose is the fit's to within a standard deviation."""
     turn = quaternion_product(pose.quaternion, quaternion_conjugate(other.pose.quaternion))
     step = np.concatenate([pose.position - other.pose.position, rotation_vector(turn)])

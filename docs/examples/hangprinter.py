@@ -1,4 +1,4 @@
-"""A constraint set of one's own, on real data: the cables of a Hangprinter.
+"""A user-defined constraint set, on real data: the cables of a Hangprinter.
 
     python docs/examples/hangprinter.py PATH/samples.csv [--certificates FOLDER]
 

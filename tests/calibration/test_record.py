@@ -11,6 +11,7 @@ import pytest
 
 from cpcal import InputError
 from cpcal.calibration import CalibrationRecord, StudyCalibration, calibrate_study, load_record, recorded, save_record
+from cpcal.files import campaign_sha256
 from cpcal.robot import Study
 from cpcal.simulate import simulate_study
 
@@ -32,7 +33,7 @@ def record(study: Study, found: StudyCalibration) -> CalibrationRecord:
 
 def test_it_holds_what_was_found(found, record, study):
     assert np.array_equal(record.x_c.array, found.x_c.parameters)
-    assert record.campaign_sha256 == found.campaign.sha256
+    assert record.campaign_sha256 == campaign_sha256(found.campaign)
     assert record.validation.validation.summary_after == found.validation.summary_after
     assert [c.unit for c in record.channels] == ["mm"] * 3 + ["rad"] * 3 + ["mm"] * 6
     assert all(sum(c.histogram.counts) == len(study.calibration) for c in record.channels)

@@ -124,13 +124,13 @@ def test_scores_are_in_standard_deviations_for_any_number_of_repeats(runs):
     assert ratio.mean() == pytest.approx(1.0, abs=0.05)
 
 
-def test_a_channel_of_equal_readings_is_not_judged():
+def test_a_channel_of_equal_readings_is_not_tested():
     values = np.zeros((20, 2))
     values[:, 0] = np.random.default_rng(0).normal(0, 1, 20)
     values[3, 1] = 1.0
     found = screen(deviations(np.arange(20) % 4, values, ["good", "stuck"]))
-    assert found.not_judged == ("stuck",)
-    assert "Not judged" in found.sentence
+    assert found.untested == ("stuck",)
+    assert "Not tested" in found.sentence
 
 
 def test_the_distribution_of_normal_noise_is_said_to_be_normal_with_one_mode(spread):

@@ -10,6 +10,7 @@ import pytest
 from cpcal import Campaign, InputError, LegResult, PluginError, Robot, Verdict, certify, simulate
 from cpcal.common.arrays import Floats
 from cpcal.legs import residuals
+from cpcal.results import Options, proved_sentence
 from cpcal.robot import rotation_matrix
 from cpcal.simulate import true_robot
 
@@ -147,7 +148,7 @@ def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
     assert (found.eps_lo, found.eps_hi) == (0.0, 0.0)
     assert found.not_refuted
     assert found.verdict is Verdict.PROVED
-    assert "satisfies every equation exactly" in found.status
+    assert "satisfies every equation exactly" in proved_sentence(Options(), found)
     truth = true_robot(campaign)
     assert truth is not None
     assert truth.parameters[3] in found.enclosure  # all x with eps = 0, the true leg among them
@@ -155,7 +156,7 @@ def test_a_perfect_robot_is_not_refuted(seed: int) -> None:
 
 def test_an_imperfect_robot_is_refuted_with_its_reading_sets(certified: LegResult) -> None:
     assert not certified.not_refuted
-    assert "satisfies every equation exactly" not in certified.status
+    assert "satisfies every equation exactly" not in proved_sentence(Options(), certified)
 
 
 # deficient data ---------------------------------------------------------------------------------------------
@@ -201,11 +202,12 @@ def test_questions_about_one_eps(bent: Campaign, certified: LegResult, exact: bo
     above, below = only(campaign, eps=known.eps_hi * 1.001), only(campaign, eps=known.eps_lo * 0.98)
     assert above.verdict is Verdict.PROVED
     assert above.point is not None
-    assert "Some x" in above.status
+    assert "Some x" in proved_sentence(Options(eps=1.0), above)
     assert below.verdict is Verdict.REFUTED
     assert below.point is None
     assert below.enclosure.is_empty
-    assert "No x" in below.status
+    assert "No x" in proved_sentence(Options(eps=1.0), below)
+    assert (above.eps_lo, below.eps_lo) == (0.0, known.eps_lo * 0.98)  # of no other eps anything is said
 
 
 def test_center_and_delta_define_the_box(bent: Campaign) -> None:

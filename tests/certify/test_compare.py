@@ -142,7 +142,7 @@ def test_what_has_no_certificate_is_said_to_be_unchecked(uncertain, tmp_path):
     assert comparison.entry("leg 1", "plain").word(0.05) == "refuted"
     entry = comparison.entry("leg 1", "own")
     assert entry.certificate is None
-    assert entry.not_certified == "with uncertain readings 'own', a user-defined model, has no certificate"
+    assert entry.not_certified == "with uncertain readings a user-defined model has no certificate"
     assert entry.word(0.05) == "refuted, unchecked"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["campaign.json", "plain-leg1.cert.jsonl"]
     assert any("leg 1 (unchecked)" in sentence for sentence in comparison_sentences(comparison))
@@ -257,7 +257,7 @@ def test_the_command(exact, tmp_path):
     assert cpcal.load_result(tmp_path / "r").model.name == "gain"
 
 
-# networks of one's own ------------------------------------------------------------------------------------------
+# user-defined networks ------------------------------------------------------------------------------------------
 
 
 def line_network(degree, uncertain=False):

@@ -10,6 +10,7 @@ import pytest
 
 import cpcal
 from cpcal.legs import leg_statement
+from cpcal.results import Options, proved_sentence
 from cpcal.simulate import true_robot
 from cpcal.solver.certificate.readings import at_point, holding
 
@@ -60,5 +61,5 @@ def test_the_answer_says_that_it_is_exact() -> None:
     campaign = cpcal.simulate(seed=3, joint_error=0.0, factor=3.0, truncate=2.9)
     leg = cpcal.certify(campaign, legs=[1]).legs[0]
     assert leg.eps_hi == 0.0
-    assert "satisfies every equation exactly" in leg.status
-    assert "exact arithmetic" in leg.status
+    assert "satisfies every equation exactly" in proved_sentence(Options(), leg)
+    assert "for some readings: proved" in proved_sentence(Options(), leg)

@@ -1,4 +1,4 @@
-"""Real data, a constraint set of one's own: the anchors of a Hangprinter (DESIGN section 9)."""
+"""Real data, a user-defined constraint set: the anchors of a Hangprinter (DESIGN section 9)."""
 
 from __future__ import annotations
 

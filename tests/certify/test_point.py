@@ -100,7 +100,7 @@ def test_points_of_models(tmp_path: Path) -> None:
         cpcal.certify_point(campaign, 1, x[:7])
     own = cpcal.LegModel("mine", "L + l + k", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
     assert cpcal.certify_point(campaign, 1, x, model=own).verified.verdict is cpcal.Verdict.REFUTED
-    with pytest.raises(cpcal.InputError, match="a model of one's own, has none"):
+    with pytest.raises(cpcal.InputError, match="a user-defined model, has none"):
         cpcal.certify_point(campaign, 1, x, model=own, certificate=tmp_path / "none")
     with pytest.raises(cpcal.InputError) as refused:
         cpcal.certify_point(campaign, 9, x, model="gian", eps=-1.0)

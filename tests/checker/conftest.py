@@ -286,21 +286,21 @@ def judge(path: Path, folder: Path | None) -> Accepted:
 
 
 @pytest.fixture
-def judged(tmp_path: Path) -> Callable[[bytes, Path | None], Accepted]:
+def checked(tmp_path: Path) -> Callable[[bytes, Path | None], Accepted]:
     """Check the bytes of a certificate."""
 
-    def judged_bytes(content: bytes, folder: Path | None) -> Accepted:
+    def checked_bytes(content: bytes, folder: Path | None) -> Accepted:
         path = tmp_path / "certificate.jsonl"
         path.write_bytes(content)
         return judge(path, folder)
 
-    return judged_bytes
+    return checked_bytes
 
 
 @pytest.fixture
-def verdict(judged: Callable[[bytes, Path | None], Accepted]) -> Callable[[Lines, Path | None], Accepted]:
+def verdict(checked: Callable[[bytes, Path | None], Accepted]) -> Callable[[Lines, Path | None], Accepted]:
     """Check a certificate given as lines."""
-    return lambda lines, folder: judged(b"".join(json.dumps(line).encode() + b"\n" for line in lines), folder)
+    return lambda lines, folder: checked(b"".join(json.dumps(line).encode() + b"\n" for line in lines), folder)
 
 
 KINDS = ("exact_proof", "split_proof", "uncertain_proof", "gain_proof", "network_proof", "network_split_proof")

@@ -13,7 +13,7 @@ from cpcal.cli.checked import check_all
 from cpcal.cli.demo.command import Plan
 from cpcal.files import campaign_sha256, load_study
 
-SMALL = Plan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), script_seconds=1.0)
+SMALL = Plan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), timeout_seconds=1.0)
 
 runner = CliRunner()
 
@@ -34,31 +34,31 @@ def demo(tmp_path_factory):
 def test_it_goes_the_whole_way(demo):
     folder, outcome = demo
     assert outcome.exit_code == 0, outcome.stderr
-    names = ["calibration.json", "campaign", "fits", "report.html", "run", "script", "study", "validation"]
+    names = ["calibration.json", "campaign", "fits", "report.html", "run", "study", "timeout", "validation"]
     assert sorted(p.name for p in folder.iterdir()) == names
     campaign, record = cpcal.load_campaign(folder / "campaign"), load_record(folder)
-    result, script, fits = (
+    result, timeout, fits = (
         cpcal.load_result(folder / "run"),
-        cpcal.load_result(folder / "script"),
+        cpcal.load_result(folder / "timeout"),
         load_fits(folder / "fits"),
     )
     assert load_study(folder / "study").truth.seed == 3
-    hashes = {found.campaign_sha256 for found in (record, result, script, fits)}
+    hashes = {found.campaign_sha256 for found in (record, result, timeout, fits)}
     assert hashes == {campaign_sha256(campaign)}
-    assert (result.options.method, script.options.method) == ("bound", "timeout")
+    assert (result.options.method, timeout.options.method) == ("bound", "timeout")
     assert not campaign.exact
 
 
 def test_the_model_is_refuted_and_both_methods_agree(demo):
     folder, outcome = demo
-    leg, scripted = cpcal.load_result(folder / "run").legs[0], cpcal.load_result(folder / "script").legs[0]
+    leg, timed = cpcal.load_result(folder / "run").legs[0], cpcal.load_result(folder / "timeout").legs[0]
     assert leg.verdict is cpcal.Verdict.PROVED
     assert leg.eps_lo > 0.0
-    assert scripted.eps_lo <= leg.eps_hi
-    assert leg.eps_lo <= scripted.eps_hi
+    assert timed.eps_lo <= leg.eps_hi
+    assert leg.eps_lo <= timed.eps_hi
     for _, verified in load_fits(folder / "fits").both:
         assert verified[0].verified.verdict is cpcal.Verdict.REFUTED
-    for text in ("x_c_sigma satisfies", "The paper's script", "accepted all 3 certificates", "report.html"):
+    for text in ("x_c_sigma satisfies", "The paper's timeout method", "accepted all 3 certificates", "report.html"):
         assert text in outcome.stdout
 
 

@@ -20,7 +20,7 @@ import cpcal
 from cpcal.calibration import load_record
 from cpcal.cli import app
 from cpcal.cli.demo.command import Plan
-from cpcal.cli.demo.image_study import photographed
+from cpcal.cli.demo.image_study import image_study
 from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.study_page import study_found
 from cpcal.common.errors import InputError
@@ -33,7 +33,7 @@ from cpcal.vision.files.target_file import load_target
 from cpcal.vision.target import DELTALAB_TARGET
 
 FEW = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 2}
-SMALL = Plan(photographs=FEW, legs=(6,), script_seconds=0.5)
+SMALL = Plan(photographs=FEW, legs=(6,), timeout_seconds=0.5)
 
 runner = CliRunner()
 
@@ -182,7 +182,7 @@ def test_images_need_not_be_kept(tmp_path):
     """As with --full: each image is rendered when it is measured."""
     size = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 1}
     folder = tmp_path / "new" / "demo"
-    done = photographed(folder, 3, {}, Console(file=io.StringIO()), size=size, keep=False)
+    done = image_study(folder, 3, {}, Console(file=io.StringIO()), size=size, keep=False)
     assert {name: len(found.rows) for name, found in done.found.items()} == {"calibration": 64, "validation": 2}
     assert all(row.found for found in done.found.values() for row in found.rows)
     assert done.rendering is None

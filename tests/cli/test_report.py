@@ -116,7 +116,7 @@ def test_no_run_and_no_file(copy):
         (("legs", 0, "center"), [], "center"),
         (("legs", 0, "nodes"), "many", "nodes"),
         (("legs", 0, "support"), [1], "support"),
-        (("legs", 0, "sentence"), {}, "sentence is no text"),
+        (("legs", 0, "not_certified"), "proved", "not_certified is none of"),
         (("legs", 0, "enclosure", "lo"), [2.0], "no box"),
         (("legs", 0, "projections"), 5, "lacks or garbles"),
         (("legs", 0, "projections", "eps"), "nan", "not finite"),

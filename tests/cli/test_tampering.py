@@ -153,7 +153,9 @@ TAMPERED: dict[str, Tamper] = {
     "the certificate is outside": leg(certificate="../run/leg1.cert.jsonl"),
     "the certificate is called nothing": leg(certificate=None),
     "certified without a certificate": leg(certificate=None, certified=True),
-    "not certified, with a certificate beside it": leg(certificate=None, certified=False, not_certified="why"),
+    "not certified, with a certificate beside it": leg(
+        certificate=None, certified=False, not_certified="the search was interrupted"
+    ),
     "not certified, but named": leg(certified=False),
     "the leg is the third": leg(leg=3),
     "the leg is the second": leg(leg=2),
@@ -171,6 +173,14 @@ TAMPERED: dict[str, Tamper] = {
     "another model": stated(lambda data: data["model"].update(name="gain")),
     "a parameter more": stated(
         lambda data: data["model"]["parameters"].append({"name": "s", "unit": "", "half_width": 1.0})
+    ),
+    "another text of the model": stated(lambda data: data["model"].update(summary="proved to be right")),
+    "a parameter is called undetermined": leg(determination=lambda old: old | {"rank": 6, "undetermined": ["l"]}),
+    "nothing is said of what is determined": leg(determination=None),
+    "a sentence of one's own": leg(sentence="Both bounds are proved by somebody else."),
+    "a reason of one's own": leg(not_certified="because it is proved otherwise"),
+    "the second-order effect is called large": lambda run: (
+        stated(lambda data: data["options"].update(gap=0.0))(run) or leg(floor=1e9)(run)
     ),
     "a certificate is gone": lambda run: (run / FIRST).unlink(),
     "all certificates are gone": emptied,
@@ -198,6 +208,10 @@ def test_a_run_that_was_touched_is_refused(run: Path, name: str) -> None:
     assert done.exit_code in ((1, 2) if name in UNUSABLE else (1,)), done.output
     assert "Traceback" not in done.output
     assert done.exit_code == 2 or "REFUSED" in done.output
+    (run / "report.html").unlink()
+    page = CliRunner().invoke(app, ["report", str(run)])
+    assert page.exit_code in (1, 2)
+    assert not (run / "report.html").exists()
 
 
 # what cannot even be read as a result, or a campaign: status 2 says that there is nothing to check
@@ -209,6 +223,8 @@ UNUSABLE = {
     "the leg is the second",
     "a leg is there twice",
     "a parameter more",
+    "a sentence of one's own",
+    "a reason of one's own",
     "campaign.json: cut short",
     "campaign.json: another layout",
 }

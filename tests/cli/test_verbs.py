@@ -55,7 +55,7 @@ def test_help_documents_the_exit_statuses():
     text = squeezed(outcome.stdout)
     for piece in (
         "Exit status: 0 every leg answered",
-        "1 some leg unknown",
+        "1 some leg undecided",
         "2 unusable input",
         "130 interrupted",
     ):

@@ -38,7 +38,8 @@ from cpcal.solver.contract import (
 from cpcal.solver.existence import krawczyk
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.testing import CONFORMANCE, boxes, cases, check_contractor
+from cpcal.solver.sample_networks import boxes, cases
+from cpcal.solver.testing import CONFORMANCE, check_contractor
 
 
 def then(network: ConstraintNetwork, **options: Any) -> Contractor:

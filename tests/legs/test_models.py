@@ -139,7 +139,7 @@ def value(given, at):
 def test_a_certificate_states_the_equations_of_the_campaign_exactly(exact, name):
     """Every polynomial at a rational point against the formula in fractions, from the campaign's numbers.
 
-    The same models under names of one's own, which the checker does not know.
+    The same models under user-defined names, which the checker does not know.
     """
     model, leg = replace(leg_model(name), name=f"own_{name}"), 4
     campaign = some(exact, slice(0, 5))
@@ -204,7 +204,7 @@ def test_the_room_of_a_plain_leg_agrees_with_its_formula(uncertain):
     np.testing.assert_allclose(wider, 0.02 * uncertain.length_radius[:, 0], rtol=1e-2)
 
 
-# a model of one's own -----------------------------------------------------------------------------------------
+# a user-defined model -----------------------------------------------------------------------------------------
 
 
 @pytest.fixture

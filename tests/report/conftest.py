@@ -135,7 +135,7 @@ def study():
     perfect = leg(6, eps_lo=0.0, eps_hi=0.0)
     bound = made_result(campaign, *(leg(k) for k in range(1, 6)), perfect)
     open_ended = leg(5, verdict=cpcal.Verdict.UNKNOWN, point=None, eps_hi=math.inf)
-    script = made_result(
+    timeout = made_result(
         campaign, *(leg(k) for k in range(1, 5)), open_ended, perfect, method="timeout", time_limit=3.0
     )
 
@@ -147,7 +147,7 @@ def study():
 
     fits = CertifiedFits(campaign_sha256(campaign), verified("x_c", ()), verified("x_c_sigma", (6,)))
     said = "The checker accepted all 18 certificates (FLINT's exact rationals, no solver): 65 steps."
-    return StudyFound(campaign, record, fits, bound, script, said)
+    return StudyFound(campaign, record, fits, bound, timeout, said)
 
 
 @pytest.fixture(scope="package")

@@ -12,7 +12,7 @@ from cpcal.results import CampaignNote, Options
 def made_leg(leg: int, *numbers: Any, **changes: Any) -> cpcal.LegResult:
     """`numbers`: eps_lo, eps_hi, point, center, enclosure, floor, support, nodes, programs, seconds."""
     names = ("eps_lo", "eps_hi", "point", "center", "enclosure", "floor", "support", "nodes", "programs", "seconds")
-    fields = {"verdict": cpcal.Verdict.PROVED, "status": "Both bounds are proved."}
+    fields = {"verdict": cpcal.Verdict.PROVED}
     return cpcal.LegResult(leg=leg, **(fields | dict(zip(names, numbers, strict=True)) | changes))
 
 

@@ -21,7 +21,6 @@ def leg(**changes):
     fields = {
         "leg": 1,
         "verdict": cpcal.Verdict.PROVED,
-        "status": "Both bounds are proved.",
         "eps_lo": 1.6262161,
         "eps_hi": 1.6262168,
         "point": POINT,
@@ -66,15 +65,17 @@ def test_a_table_of_the_legs():
 
 
 def test_a_question_about_one_eps_claims_no_smallest_error():
-    asked = leg(eps_lo=0.2, eps_hi=0.2, status="Some x does: proved.")
+    asked = leg(eps_lo=0.0, eps_hi=0.2)
     text = result(asked, eps=0.2)._repr_html_()
     assert "<td>0.2</td>" in text
     assert "eps_lo" not in text
-    assert asked._repr_html_() == "<p><b>Leg 1.</b> Some x does: proved.</p>"
+    assert asked._repr_html_() == "<p><b>Leg 1.</b> The model explains the data to within 0.2000001 mm.</p>"
 
 
 def test_a_leg_alone_gives_no_verdict_because_it_does_not_know_the_question():
-    assert leg()._repr_html_() == "<p><b>Leg 1.</b> Both bounds are proved.</p>"
+    assert leg()._repr_html_() == (
+        "<p><b>Leg 1.</b> The model explains the data to within 1.626217 mm, and no better than 1.626216 mm.</p>"
+    )
 
 
 def test_interruption_is_told():
@@ -82,9 +83,9 @@ def test_interruption_is_told():
 
 
 def test_nothing_hostile_gets_through():
-    text = result(leg(status=HOSTILE), robot=HOSTILE)._repr_html_()
+    text = result(leg(), robot=HOSTILE)._repr_html_()
     assert set(tags(text)) == {"table", "caption", "thead", "tbody", "tr", "th", "td"}
-    assert set(tags(leg(status=HOSTILE)._repr_html_())) == {"p", "b"}
+    assert set(tags(leg()._repr_html_())) == {"p", "b"}
     assert not re.search("[\x1b\u202e]", text)
 
 

@@ -49,7 +49,7 @@ def test_table_7_rounds_to_the_proved_side(study):
     page = render_study(study)
     assert "<td>0.08901174</td>" in page  # of 0.0890117468
     assert "<td>0.08901176</td>" in page  # of 0.0890117515
-    assert "<td>∞</td>" in page  # the script found no point for a leg
+    assert "<td>∞</td>" in page  # the timeout method found no point for a leg
 
 
 def test_the_same_bytes_every_time(study, tmp_path):
@@ -82,7 +82,7 @@ def test_hostile_names_do_nothing(study):
                 record=record,
                 fits=dataclasses.replace(study.fits, **sha),
                 result=dataclasses.replace(study.result, campaign=note),
-                script=dataclasses.replace(study.script, campaign=note),
+                timeout=dataclasses.replace(study.timeout, campaign=note),
                 checked=HOSTILE,
             )
         )
@@ -93,11 +93,11 @@ def test_hostile_names_do_nothing(study):
     assert "\x1b" not in page
 
 
-@pytest.mark.parametrize("part", ["record", "fits", "script", "result"])
+@pytest.mark.parametrize("part", ["record", "fits", "timeout", "result"])
 def test_parts_of_another_study_are_refused(study, part, tmp_path):
     found = getattr(study, part)
     sha256: dict[str, Any] = {"campaign_sha256": "0" * 64}
-    if part in ("script", "result"):
+    if part in ("timeout", "result"):
         sha256 = {"campaign": CampaignNote("0" * 64, "R", 64)}
     other = dataclasses.replace(found, **sha256)
     with pytest.raises(cpcal.InputError, match="another campaign"):

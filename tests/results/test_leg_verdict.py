@@ -37,7 +37,6 @@ def judged(lo, hi, *, tolerance=None, eps=None, verdict=Verdict.PROVED, determin
     leg = cpcal.LegResult(
         leg=1,
         verdict=verdict,
-        status="It ended.",
         eps_lo=lo,
         eps_hi=hi,
         point=point,

@@ -21,13 +21,13 @@ READINGS = configurations(STROKE, streams(5)[2], random_poses=20, extremal=True)
 IDEAL = assembled(DELTALAB, READINGS, STROKE)
 
 
-def drawn(seed=1, **sizes):
+def sampled(seed=1, **sizes):
     children = streams(seed, 2)
-    return Mechanisms.drawn(6, children[0], children[1], **sizes, reference=70.0)
+    return Mechanisms.sampled(6, children[0], children[1], **sizes, reference=70.0)
 
 
 def solved(**sizes):
-    return assembled_with(DELTALAB, drawn(**sizes), READINGS, IDEAL)
+    return assembled_with(DELTALAB, sampled(**sizes), READINGS, IDEAL)
 
 
 def effect(**sizes):
@@ -44,7 +44,7 @@ def test_size_zero_changes_nothing_bit_for_bit(name):
 
 @pytest.mark.parametrize("name", LARGE)
 def test_poses_satisfy_the_six_leg_equations_to_rounding(name):
-    mechanisms = drawn(**{name: LARGE[name]})
+    mechanisms = sampled(**{name: LARGE[name]})
     pose = assembled_with(DELTALAB, mechanisms, READINGS, IDEAL)
     gaps = leg_gaps(DELTALAB, mechanisms, READINGS, pose, clearance_sides(DELTALAB, mechanisms, pose))
     assert np.abs(gaps).max() < 1e-10
@@ -52,7 +52,7 @@ def test_poses_satisfy_the_six_leg_equations_to_rounding(name):
 
 
 def test_all_mechanisms_at_once():
-    mechanisms = drawn(**{name: 0.2 * size for name, size in LARGE.items()}, friction=0.2)
+    mechanisms = sampled(**{name: 0.2 * size for name, size in LARGE.items()}, friction=0.2)
     pose = assembled_with(DELTALAB, mechanisms, READINGS, IDEAL)
     side = clearance_sides(DELTALAB, mechanisms, pose)
     gaps = leg_gaps(DELTALAB, mechanisms, READINGS, pose, side)
@@ -67,7 +67,7 @@ def test_the_effect_is_proportional_to_the_size_to_first_order(name):
 
 def test_a_lower_axis_offset_moves_the_end_of_the_leg_towards_it():
     """By trigonometry in the plane of the first axis and the leg, and not by the code's vectors."""
-    mechanisms = drawn(axis_offset=7.0)
+    mechanisms = sampled(axis_offset=7.0)
     pose = assembled_with(DELTALAB, mechanisms, READINGS, IDEAL)
     legs = leg_vectors(DELTALAB, pose)
     along = np.einsum("kni,ni->kn", legs, mechanisms.base_axis)
@@ -77,7 +77,7 @@ def test_a_lower_axis_offset_moves_the_end_of_the_leg_towards_it():
 
 def test_upper_axis_offsets_are_those_of_a_chain_of_three_revolute_axes():
     """Builds the joint forwards from its angles: the platform, two turns, then the leg along the third axis."""
-    mechanisms = drawn(joint_offset=9.0)
+    mechanisms = sampled(joint_offset=9.0)
     leg, length, (h, d, g) = 2, 400.0, mechanisms.mobile_offset[2]
     first = mechanisms.mobile_axis[leg]
     side = np.array([-first[1], first[0], 0.0])
@@ -117,7 +117,7 @@ def test_a_sagging_leg_is_the_shorter_the_flatter_and_the_longer_it_is():
 
 
 def test_a_gain_leaves_mid_stroke_alone():
-    mechanisms = drawn(gain=0.01)
+    mechanisms = sampled(gain=0.01)
     true = inverse_kinematics(DELTALAB, assembled_with(DELTALAB, mechanisms, READINGS, IDEAL))
     assert_allclose(70 + (1 + mechanisms.gain) * (true - 70), READINGS, atol=1e-10)
     assert set(np.abs(mechanisms.gain)) == {0.01}
@@ -125,14 +125,14 @@ def test_a_gain_leaves_mid_stroke_alone():
 
 def test_legs_that_carry_the_platform_are_compressed_and_their_forces_balance_it():
     upright = Pose(np.array([0.0, 0.0, 359.41]), np.array([1.0, 0.0, 0.0, 0.0]))
-    assert (clearance_sides(DELTALAB, drawn(backlash=1.0), upright) == -1).all()
-    side = clearance_sides(DELTALAB, drawn(backlash=1.0), IDEAL)
+    assert (clearance_sides(DELTALAB, sampled(backlash=1.0), upright) == -1).all()
+    side = clearance_sides(DELTALAB, sampled(backlash=1.0), IDEAL)
     assert 0.02 < (side > 0).mean() < 0.3  # in extremal poses some legs hold the platform down
 
 
 def test_friction_lets_the_approach_decide():
     ways = np.where(np.random.default_rng(0).random(READINGS.shape) < 0.5, -1.0, 1.0)
-    mechanisms = drawn(backlash=1.0, friction=100.0)
+    mechanisms = sampled(backlash=1.0, friction=100.0)
     assert np.array_equal(clearance_sides(DELTALAB, mechanisms, IDEAL, ways), -ways)
     pose = assembled_with(DELTALAB, mechanisms, READINGS, IDEAL, ways)
     assert_allclose(inverse_kinematics(DELTALAB, pose) - READINGS, -0.5 * ways, atol=1e-10)
@@ -144,7 +144,7 @@ def test_mechanisms_that_fit_no_pose_are_refused():
 
 
 def test_values_without_a_meaning_are_all_named():
-    good = drawn()
+    good = sampled()
     with pytest.raises(InputError) as caught:
         Mechanisms(
             2.0 * good.base_axis,

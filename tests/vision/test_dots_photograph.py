@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.dots import photographed
+from benchmarks.dots import photograph_figures
 from cpcal.vision.opencv import opencv
 
 PHOTOGRAPH = Path(__file__).resolve().parents[3] / "shared" / "data" / "dots" / "dot_pattern_05.jpg"
@@ -20,7 +20,7 @@ pytestmark = [
 
 def test_every_dot_of_the_photograph_to_a_hundredth_of_a_pixel():
     image = opencv().imread(str(PHOTOGRAPH), opencv().IMREAD_UNCHANGED)
-    found, figures = photographed(image)
+    found, figures = photograph_figures(image)
     assert not found.bright
     assert len(found) == 4315
     assert figures["off the grid"] == 0

@@ -9,7 +9,7 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 
 from benchmarks.vision_conditions import CONDITIONS, measured
 from benchmarks.vision_scenes import FACING, facing_poses, one
-from benchmarks.vision_world import World, photographed, true_centers
+from benchmarks.vision_world import World, photograph, true_centers
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import detection
 from cpcal.vision.camera import DELTALAB_CAMERA
@@ -31,7 +31,7 @@ def test_a_wrong_camera_and_a_bent_plate_are_doubted(numbers, bend):
     rng = np.random.default_rng(7)
     tilt = quaternion_product(quaternion_from_rotation_vector(np.array([0.4, 0.1, 0.0])), FACING)
     pose = Pose(np.array([5.0, -8.0, 620.0]), tilt)
-    image = photographed(DELTALAB_TARGET, DELTALAB_CAMERA, pose, World(bent=bend), rng)
+    image = photograph(DELTALAB_TARGET, DELTALAB_CAMERA, pose, World(bent=bend), rng)
     camera = DELTALAB_CAMERA.with_numbers(DELTALAB_CAMERA.numbers + np.array([*numbers, 0.0, 0.0, 0.0, 0.0, 0.0]))
     found = measure_pose(image, DELTALAB_TARGET, camera)
     assert "times as large as stated" in found.doubt
@@ -58,7 +58,7 @@ def test_two_renderers_and_two_models_of_a_dots_centre_agree():
     pose = one(facing_poses(rng, 1, depth=(600.0, 600.0)), 0)
     centers = true_centers(DELTALAB_TARGET, DELTALAB_CAMERA, pose)
     np.testing.assert_allclose(centers, predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, pose), atol=2e-4)
-    image = photographed(DELTALAB_TARGET, DELTALAB_CAMERA, pose, World(noise=0.0), rng)
+    image = photograph(DELTALAB_TARGET, DELTALAB_CAMERA, pose, World(noise=0.0), rng)
     found = measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
     assert np.sqrt(np.mean((found.centers - centers[found.numbers]) ** 2)) < 0.0015  # rounding to grey levels is half
 

@@ -16,8 +16,8 @@ from cpcal.calibration import CalibrationRecord, recorded
 from cpcal.certify import certify
 from cpcal.certify.fits import certify_fits
 from cpcal.cli.calibrate import show_record, write_calibration
-from cpcal.cli.folders import is_earlier_demo, CAMPAIGN, FITS, RUN, SCRIPT, STUDY, check_new, unwritable
-from cpcal.cli.demo.image_study import SUBSET, WHOLE, Photographed, photographed
+from cpcal.cli.folders import is_earlier_demo, CAMPAIGN, FITS, RUN, TIMEOUT, STUDY, check_new, unwritable
+from cpcal.cli.demo.image_study import SUBSET, WHOLE, ImageStudy, image_study
 from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.demo.pixel_sets import HALF_WIDTH, certify_pixels, with_sets
 from cpcal.cli.progress import watch
@@ -45,7 +45,7 @@ class Plan:
     size: Mapping[str, int] = field(default_factory=dict)  # of the study; left out: the paper's
     photographs: Mapping[str, int] | None = None  # of a study from images; left out: some hundred
     legs: tuple[int, ...] | None = None
-    script_seconds: float = 3.0  # a leg, for the paper's script
+    timeout_seconds: float = 3.0  # a leg, for the paper's timeout method
     script_gap: float = 0.01  # relative
 
 
@@ -69,7 +69,7 @@ def demo(
 
     The robot is the DeltaLab Table of Stewart with legs that sag and joints whose axes miss each other by 2 mm, which
     the model with seven parameters a leg does not know; the noise is the paper's. Writes DIR/study, DIR/campaign,
-    DIR/validation, DIR/calibration.json, DIR/fits, DIR/run, DIR/script and the page DIR/report.html; with --images
+    DIR/validation, DIR/calibration.json, DIR/fits, DIR/run, DIR/timeout and the page DIR/report.html; with --images
     also DIR/images and what was found in them, and a campaign whose reading sets are proved from pixels, certified too.
     A certificate that the checker refuses makes the exit status 1.
     """
@@ -88,8 +88,8 @@ def demo(
     result = certified_into(output / RUN, campaign, {"legs": PLAN.legs}, as_json=False)
     if result.interrupted:
         raise typer.Exit(Status.INTERRUPTED)
-    script = _script(campaign, output / SCRIPT, console)
-    if script.interrupted:
+    timeout = _timeout(campaign, output / TIMEOUT, console)
+    if timeout.interrupted:
         raise typer.Exit(Status.INTERRUPTED)
     if photos is not None:
         _pixels(photos, campaign, result, output, console)
@@ -100,9 +100,9 @@ def demo(
     raise typer.Exit(status_of(result) if accepted else Status.UNKNOWN)
 
 
-def _photos(output: Path, seed: int, full: bool, console: Console) -> Photographed:
+def _photos(output: Path, seed: int, full: bool, console: Console) -> ImageStudy:
     size, keep = (WHOLE, False) if full else (PLAN.photographs or SUBSET, True)
-    return photographed(output, seed, PLAN.imperfect, console, size=size, keep=keep)
+    return image_study(output, seed, PLAN.imperfect, console, size=size, keep=keep)
 
 
 def _calibrated(output: Path, seed: int, console: Console) -> CalibrationRecord:
@@ -125,7 +125,7 @@ def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, console: 
             console.print(f"Leg {fit.leg}: {fit.verified.sentence(name)}", soft_wrap=True)
 
 
-def _pixels(photos: Photographed, campaign: Campaign, result: Result, output: Path, console: Console) -> None:
+def _pixels(photos: ImageStudy, campaign: Campaign, result: Result, output: Path, console: Console) -> None:
     """Reading sets from pixels, certified, and what the page says of the images."""
     console.print(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
     run = certify_pixels(photos, campaign, PLAN.legs, output)
@@ -137,19 +137,19 @@ def _pixels(photos: Photographed, campaign: Campaign, result: Result, output: Pa
         raise unwritable(output, error) from None
 
 
-def _script(campaign: Campaign, folder: Path, console: Console) -> Result:
-    """eps by the paper's script, a few seconds a leg."""
+def _timeout(campaign: Campaign, folder: Path, console: Console) -> Result:
+    """eps by the paper's timeout method, a few seconds a leg."""
     legs = list(PLAN.legs or range(1, campaign.legs + 1))
-    console.print(f"The paper's script (section 5.2.1), {stated(PLAN.script_seconds)} s a leg:")
+    console.print(f"The paper's timeout method (section 5.2.1), {stated(PLAN.timeout_seconds)} s a leg:")
     with watch(legs, PLAN.script_gap, terminal(stderr=True)) as progress:
-        script = certify(
+        timeout = certify(
             campaign,
             legs=legs,
             method="timeout",
-            time_limit=PLAN.script_seconds,
+            time_limit=PLAN.timeout_seconds,
             gap=PLAN.script_gap,
             progress=progress,
         )
-    save_result(script, folder)
-    show_result(console, script, campaign.legs)
-    return script
+    save_result(timeout, folder)
+    show_result(console, timeout, campaign.legs)
+    return timeout

@@ -26,7 +26,7 @@ WHOLE = {"runs": 11, "validation_runs": 10, "images": 11}  # the paper's 14,784 
 
 
 @dataclass(frozen=True)
-class Photographed:
+class ImageStudy:
     """A study whose poses come from images. `exact` has the poses that were rendered, row by row of all images."""
 
     study: Study
@@ -36,9 +36,9 @@ class Photographed:
     rendering: float | None  # seconds, all workers beside each other; None: rendered when measured
 
 
-def photographed(
+def image_study(
     folder: Path, seed: int, imperfect: Mapping[str, float], console: Console, *, size: Mapping[str, int], keep: bool
-) -> Photographed:
+) -> ImageStudy:
     """Render and detect. Images are files below `folder` if they are to be kept; else each is rendered when measured,
     since all of the paper's would take six gigabytes."""
     options: dict[str, Any] = {"seed": seed, **imperfect, **size}
@@ -61,4 +61,4 @@ def photographed(
         show_detections(found[name], output)
         tables.append(study_table(found[name].rows, readings_of(true)))
     study = Study(exact.robot, tables[0], tables[1], exact.truth, {**exact.provenance, "poses": "from rendered images"})
-    return Photographed(study, exact, shots, found, rendering)
+    return ImageStudy(study, exact, shots, found, rendering)

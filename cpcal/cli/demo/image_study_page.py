@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cpcal.common.arrays import Floats
 
 from cpcal.cli.detect import by_reason
-from cpcal.cli.demo.image_study import Photographed
+from cpcal.cli.demo.image_study import ImageStudy
 from cpcal.report.images import ImagesFound, Picture, picture
 from cpcal.report.study_tables import TextTable
 from cpcal.robot import PoseTable, quaternion_conjugate, quaternion_product, rotation_vector
@@ -26,12 +26,12 @@ _PICTURES, _WIDTH = 6, 480
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-def images_found(done: Photographed) -> ImagesFound:
+def images_found(done: ImageStudy) -> ImagesFound:
     """All but the pixel sets."""
     return ImagesFound(_said(done), tuple(_pictures(done)), _counts(done), _errors(done), _time(done))
 
 
-def _said(done: Photographed) -> tuple[str, ...]:
+def _said(done: ImageStudy) -> tuple[str, ...]:
     images = next(iter(done.shots.values()))
     scene, camera, target = images.scene, images.camera, images.target
     count = sum(len(found.rows) for found in done.found.values())
@@ -46,7 +46,7 @@ def _said(done: Photographed) -> tuple[str, ...]:
     )
 
 
-def _counts(done: Photographed) -> TextTable:
+def _counts(done: ImageStudy) -> TextTable:
     lines: list[tuple[str, ...]] = []
     for name, found in done.found.items():
         values = values_of(found.rows)
@@ -59,7 +59,7 @@ def _counts(done: Photographed) -> TextTable:
     return TextTable(("images of", "images", "poses", "dots, median", "residual, median RMS [px]"), tuple(lines))
 
 
-def _errors(done: Photographed) -> TextTable:
+def _errors(done: ImageStudy) -> TextTable:
     """Of all images, in the camera frame."""
     errors, sigmas = [], []
     for (name, found), table in zip(done.found.items(), (done.exact.calibration, done.exact.validation), strict=True):
@@ -87,7 +87,7 @@ def _pose_errors(values: Floats, table: PoseTable, rows: list[int]) -> Floats:
     return np.concatenate([values[:, POSITION] - table.position[rows], rotation_vector(turn)], axis=1)
 
 
-def _time(done: Photographed) -> TextTable:
+def _time(done: ImageStudy) -> TextTable:
     count = sum(found.measured for found in done.found.values())
     work: dict[str, float] = {}
     for found in done.found.values():
@@ -105,7 +105,7 @@ def _time(done: Photographed) -> TextTable:
     return TextTable(("stage", "work [s]", "an image [ms]"), tuple(rows))
 
 
-def _pictures(done: Photographed) -> list[Picture]:
+def _pictures(done: ImageStudy) -> list[Picture]:
     """Some images of the calibration, evenly spread."""
     images = done.shots["calibration"]
     rows = [row.file for row in done.found["calibration"].rows if row.found]

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from cpcal.cli.folders import PIXEL_CAMPAIGN, PIXEL_RUN, PIXEL_SETS
-from cpcal.cli.demo.image_study import Photographed
+from cpcal.cli.demo.image_study import ImageStudy
 from cpcal.cli.run import certified_into
 from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Verdict
@@ -59,7 +59,7 @@ class PixelRun:
     result: Result
 
 
-def certify_pixels(done: Photographed, campaign: Campaign, legs: Sequence[int] | None, folder: Path) -> PixelRun:
+def certify_pixels(done: ImageStudy, campaign: Campaign, legs: Sequence[int] | None, folder: Path) -> PixelRun:
     """One image of each configuration of `campaign`, whose legs' reading sets are kept. Raises InputError."""
     images, found = done.shots["calibration"], done.found["calibration"]
     first: dict[str, str] = {}
@@ -88,7 +88,7 @@ def certify_pixels(done: Photographed, campaign: Campaign, legs: Sequence[int] |
     return PixelRun(sets, pixel, result)
 
 
-def with_sets(found: ImagesFound, done: Photographed, run: PixelRun, campaign: Campaign, result: Result) -> ImagesFound:
+def with_sets(found: ImagesFound, done: ImageStudy, run: PixelRun, campaign: Campaign, result: Result) -> ImagesFound:
     """The page's words on the images, and those on the pixel sets beside the sets from repeats."""
     names = list(run.sets)
     count, refuted = len(names), sum(run.sets[n].verdict is Verdict.REFUTED for n in names)

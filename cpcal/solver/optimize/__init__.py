@@ -2,7 +2,7 @@
 
 from cpcal.solver.optimize.bound import minimize, run
 from cpcal.solver.optimize.fit import fit
-from cpcal.solver.optimize.minimum import Bracket, Found, Minimum
+from cpcal.solver.optimize.minimum import Bracket, Found, Minimum, bracket_sentence
 from cpcal.solver.optimize.support import irreducible, support
 from cpcal.solver.optimize.timeout import Answer, Outcome, Trial, ask, timeout
 from cpcal.solver.optimize.verify_point import PointVerdicts, verify_point
@@ -19,6 +19,7 @@ __all__ = [
     "Witness",
     "WitnessProver",
     "ask",
+    "bracket_sentence",
     "fit",
     "irreducible",
     "minimize",

@@ -83,22 +83,33 @@ class Minimum:
 
 def status_of(last: Bracket, incumbent: Incumbent, undecided: int) -> tuple[Verdict, str]:
     """The verdict on a bracket and a sentence; `undecided` boxes were left at a limit."""
-    gap, printed = last.hi - last.lo, gap_text(last.lo, last.hi)
+    verdict = Verdict.UNKNOWN
     if incumbent.witness is None:
         if not undecided and last.lo == np.inf:
-            return Verdict.REFUTED, "No point of the domain satisfies the constraints: proved."
-        return Verdict.UNKNOWN, "No point was proved to satisfy the constraints; the lower bound is proved."
-    if last.hi == incumbent.domain.lo[incumbent.objective]:
+            verdict = Verdict.REFUTED
+    elif last.hi == incumbent.domain.lo[incumbent.objective]:
         return Verdict.PROVED, "The smallest value that the domain allows is attained: proved."
-    if gap <= incumbent.gap:
-        return Verdict.PROVED, "Both bounds are proved and the gap is closed."
+    elif last.hi - last.lo <= incumbent.gap:
+        verdict = Verdict.PROVED
+    hi = np.inf if incumbent.witness is None else last.hi
+    return verdict, bracket_sentence(verdict, last.lo, hi, floor=incumbent.floor, undecided=undecided)
+
+
+def bracket_sentence(verdict: Verdict, lo: float, hi: float, *, floor: float, undecided: int) -> str:
+    """How a search ended, said of its numbers; `hi` is infinite without a proved point."""
+    if verdict is Verdict.REFUTED:
+        return "No point of the domain satisfies the constraints: proved."
+    if hi == np.inf:
+        return "No point was proved to satisfy the constraints; the lower bound is proved."
+    if verdict is Verdict.PROVED:
+        return "Both bounds are proved and the gap is closed."
+    printed = gap_text(lo, hi)
     if undecided:
-        how = f"Stopped at a limit with {undecided} undecided boxes; both bounds are proved, the gap is open."
-    elif gap <= incumbent.floor:
-        how = (
+        boxes = f"{undecided} undecided box{'' if undecided == 1 else 'es'}"
+        return f"Stopped at a limit with {boxes}; both bounds are proved, the gap is open."
+    if hi - lo <= floor:
+        return (
             f"Both bounds are proved; the gap of {printed} is open. The search ends there, because the second-order "
-            f"effect of the readings is {at_least(incumbent.floor, 2)}."
+            f"effect of the readings is {at_least(floor, 2)}."
         )
-    else:
-        how = f"Both bounds are proved; the contractors cannot close the gap of {printed}."
-    return Verdict.UNKNOWN, how
+    return f"Both bounds are proved; the contractors cannot close the gap of {printed}."

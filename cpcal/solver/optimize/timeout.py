@@ -1,4 +1,4 @@
-"""method="timeout": the script of the paper's section 5.2.1, on any solver that says infeasible, found or timeout.
+"""method="timeout": the method of the paper's section 5.2.1, on any solver that says infeasible, found or timeout.
 
 ask for a point within `delay` seconds at eps     infeasible: eps_lo = eps, go up towards eps_hi
                                                   found:      adjust eps to the point, eps_hi = that

@@ -13,7 +13,7 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.robot import Pose
 from cpcal.vision.calibration.adjustment import Found, State
-from cpcal.vision.calibration.camera_fit import DOTS_MIN, Fit, covariance, excess, robust_fit
+from cpcal.vision.calibration.camera_fit import DOTS_MIN, CameraFit, covariance, excess, robust_fit
 from cpcal.vision.calibration.start import first_camera, first_pose, homography_rms
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.files.camera_file import CameraRecord
@@ -196,7 +196,7 @@ def _start(
     free: npt.NDArray[np.bool_],
     refine: bool,
     reasons: dict[int, str],
-) -> Fit:
+) -> CameraFit:
     """Homographies and the closed form; adds to `reasons` for views that are of no use."""
     homographies = {}
     for row, view in enumerate(views):
@@ -214,7 +214,7 @@ def _start(
     stacked = Pose(np.stack([p.position for p in poses]), np.stack([p.quaternion for p in poses]))
     rows = np.array(list(homographies), dtype=np.intp)
     found = _arranged([views[row] for row in rows], len(target.dots))
-    return Fit(rows, found, State(camera, stacked, target.dots), target.dots, target.radius, free, refine)
+    return CameraFit(rows, found, State(camera, stacked, target.dots), target.dots, target.radius, free, refine)
 
 
 def _arranged(views: list[TargetView], dots: int) -> Found:
@@ -242,7 +242,7 @@ def _determined(camera: Camera, spread: Floats) -> None:
         raise NotCalibratedError(f"the views hardly determine the focal length and the centre ({names}): {_REMEDY}")
 
 
-def _results(views: list[TargetView], fit: Fit, reasons: dict[int, str]) -> tuple[CalibratedView, ...]:
+def _results(views: list[TargetView], fit: CameraFit, reasons: dict[int, str]) -> tuple[CalibratedView, ...]:
     residuals = dict(zip(fit.rows.tolist(), fit.residuals(), strict=True))
     poses = fit.state.poses
     place = {row: i for i, row in enumerate(fit.rows.tolist())}

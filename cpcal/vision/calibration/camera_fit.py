@@ -24,7 +24,7 @@ _CONDITION_MIN = 1e-14  # of the reduced normal matrix, its columns scaled
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class CameraFit:
     """A state fitted to what was found in the views `rows` (v,) of those given.
 
     free_camera  (9,) which of the camera's numbers move
@@ -53,13 +53,13 @@ class Fit:
         moving = self.found.seen if self.refine else np.zeros(len(self.dots), dtype=bool)
         return Free.of(self.free_camera, self.dots, moving)
 
-    def only(self, keep: npt.NDArray[np.bool_]) -> Fit:
+    def only(self, keep: npt.NDArray[np.bool_]) -> CameraFit:
         """Without the views (v,) that are not kept."""
         poses = Pose(self.state.poses.position[keep], self.state.poses.quaternion[keep])
         found = Found(self.found.centers[keep], self.found.weight[keep])
         return replace(self, rows=self.rows[keep], found=found, state=replace(self.state, poses=poses))
 
-    def without(self, bad: npt.NDArray[np.bool_]) -> Fit:
+    def without(self, bad: npt.NDArray[np.bool_]) -> CameraFit:
         """Without the dots (v, n) that are bad and, when dots are refined, those that too few views then show."""
         weight = np.where(bad[..., None, None], 0.0, self.found.weight)
         if self.refine:
@@ -67,12 +67,12 @@ class Fit:
             weight[:, rare] = 0.0
         return replace(self, found=replace(self.found, weight=weight), plain=False)
 
-    def adjusted(self, loss: float | None = None, steps: int = 50) -> Fit:
+    def adjusted(self, loss: float | None = None, steps: int = 50) -> CameraFit:
         state, settled = adjusted(self.state, self.found, self.radius, self.free(), loss=loss, steps=steps)
         return replace(self, state=state, settled=settled, plain=loss is None)
 
 
-def robust_fit(fit: Fit) -> tuple[Fit, list[int]]:
+def robust_fit(fit: CameraFit) -> tuple[CameraFit, list[int]]:
     """The fit without what does not belong, and which rows were left out."""
     everything = fit.rows
     fit = _robustly(fit.without(np.zeros(fit.found.used.shape, dtype=bool)))
@@ -91,7 +91,7 @@ def robust_fit(fit: Fit) -> tuple[Fit, list[int]]:
     return fit, sorted(set(everything.tolist()) - set(fit.rows.tolist()))
 
 
-def covariance(fit: Fit) -> Floats | None:
+def covariance(fit: CameraFit) -> Floats | None:
     """Of camera and dots (9 + 2n, 9 + 2n), by the stated covariances; None where the views leave it open."""
     free = fit.free()
     normal = normal_equations(fit.state, fit.found, fit.radius)
@@ -110,13 +110,13 @@ def covariance(fit: Fit) -> Floats | None:
     return np.asarray(0.5 * (full + full.T))
 
 
-def excess(fit: Fit) -> float:
+def excess(fit: CameraFit) -> float:
     """The residuals' root mean square in stated standard deviations, degrees of freedom counted."""
     freedom = 2 * int(fit.found.used.sum()) - 6 * len(fit.rows) - fit.free().basis.shape[1]
     return float(np.sqrt(np.nansum(fit.normalised() ** 2) / max(freedom, 1)))
 
 
-def _robustly(fit: Fit) -> Fit:
+def _robustly(fit: CameraFit) -> CameraFit:
     """Adjusted with a loss whose scale follows the residuals."""
     last = np.inf
     for _ in range(_ROUNDS):
@@ -133,7 +133,7 @@ def _scale(length: Floats) -> float:
     return max(float(np.nanmedian(length)) / _MEDIAN, _SCALE_MIN)
 
 
-def _good_views(fit: Fit) -> npt.NDArray[np.bool_]:
+def _good_views(fit: CameraFit) -> npt.NDArray[np.bool_]:
     length = fit.normalised()
     medians = np.nanmedian(length, axis=1) / _MEDIAN
     return np.asarray(medians <= _VIEW_LIMIT * max(float(np.median(medians)), _SCALE_MIN))

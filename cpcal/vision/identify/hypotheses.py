@@ -113,7 +113,7 @@ def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis
         homography = fitted(target.dots[numbers], view.points[found])
         if len(found) > _NEARLY_ALL * min(len(target.dots), len(view.points)):
             break
-    return judged(view, target, homography)
+    return hypothesis_of(view, target, homography)
 
 
 def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
@@ -129,7 +129,7 @@ def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
     return nearest[numbers], numbers
 
 
-def judged(view: View, target: Target, homography: Floats) -> Hypothesis:
+def hypothesis_of(view: View, target: Target, homography: Floats) -> Hypothesis:
     predicted = mapped(homography, target.dots)
     found, numbers = pairs(view, predicted, view.reach)
     in_view = view.in_view(predicted, target.radius * _scale(homography, target.dots))

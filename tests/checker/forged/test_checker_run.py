@@ -126,7 +126,7 @@ TAMPERED: dict[str, Callable[[Data, Path], object]] = {
     "the other leg's certificate": changed(*LEG, "certificate", to="leg2.cert.jsonl"),
     "a certificate elsewhere": changed(*LEG, "certificate", to="../leg1.cert.jsonl"),
     "another model": changed("model", "name", to="lateral"),
-    "a model of one's own": changed("model", "name", to="own"),
+    "a user-defined model": changed("model", "name", to="own"),
     "another campaign": changed("campaign", "sha256", to=lambda v: "0" * 64),
     "more measurements": changed("campaign", "measurements", to=64),
     "another robot": changed("campaign", "robot", to="mine"),
@@ -169,8 +169,8 @@ def test_tampering_is_refused(name: str, run: Path) -> None:
     assert main([str(run)]) == REFUSED
 
 
-CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/2"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
-            b'{"format": "cpcal-result/2", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
+CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/3"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
+            b'{"format": "cpcal-result/3", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
 
 
 @pytest.mark.parametrize("content", CONTENTS, ids=range(len(CONTENTS)))

@@ -19,21 +19,21 @@ def encoded(lines: Lines) -> list[bytes]:
     return [json.dumps(line).encode() + b"\n" for line in lines]
 
 
-def refused(judged: Any, content: bytes, folder: Path | None) -> Refused:
+def refused(checked: Any, content: bytes, folder: Path | None) -> Refused:
     with pytest.raises(Refused) as caught:
-        judged(content, folder)
+        checked(content, folder)
     assert str(caught.value).isascii()
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 300
     return caught.value
 
 
-def test_every_truncation_is_refused(judged: Any, short_proof: Any) -> None:
+def test_every_truncation_is_refused(checked: Any, short_proof: Any) -> None:
     """Without its last step a certificate ends as well as with it, but does not prove what it claims."""
     content = b"".join(encoded(short_proof.lines))
     ends = [k for k in range(len(content)) if content[k : k + 1] == b"\n"]
     for size in sorted({*range(0, len(content) - 2, 151), *range(5), *ends[:-1], *(k + 1 for k in ends[:-1])}):
-        caught = refused(judged, content[:size], short_proof.folder)
+        caught = refused(checked, content[:size], short_proof.folder)
         whole = content[:size].count(b"\n")
         assert whole <= caught.line <= whole + 2
 
@@ -62,46 +62,46 @@ def test_every_truncation_is_refused(judged: Any, short_proof: Any) -> None:
     ],
     ids=range(18),
 )
-def test_files_that_are_none(judged: Any, exact_proof: Any, content: bytes) -> None:
-    assert refused(judged, content, exact_proof.folder).line == 1
-    assert refused(judged, content, None).line == 1
+def test_files_that_are_none(checked: Any, exact_proof: Any, content: bytes) -> None:
+    assert refused(checked, content, exact_proof.folder).line == 1
+    assert refused(checked, content, None).line == 1
 
 
-def test_a_certificate_of_constraints_without_its_claims(judged: Any, network_proof: Any) -> None:
+def test_a_certificate_of_constraints_without_its_claims(checked: Any, network_proof: Any) -> None:
     content = b"".join(encoded(network_proof.lines[: network_proof.head]))
-    caught = refused(judged, content, None)
+    caught = refused(checked, content, None)
     assert caught.line == network_proof.head + 1
     assert "ends before" in caught.reason
 
 
-def test_not_utf8_in_the_middle(judged: Any, short_proof: Any) -> None:
+def test_not_utf8_in_the_middle(checked: Any, short_proof: Any) -> None:
     lines = encoded(short_proof.lines)
     lines[-1] = lines[-1].replace(b"lo", b"l\xff", 1)
-    assert refused(judged, b"".join(lines), short_proof.folder).line == len(lines)
+    assert refused(checked, b"".join(lines), short_proof.folder).line == len(lines)
 
 
 @pytest.mark.parametrize("key", [b'"cap"', b'"infeasible"', b'"epsilon"', b'"lo"', b'"at"', b'"holds"'])
-def test_a_claim_twice(judged: Any, short_proof: Any, key: bytes) -> None:
+def test_a_claim_twice(checked: Any, short_proof: Any, key: bytes) -> None:
     lines = encoded(short_proof.lines)
     at = short_proof.head
     assert key in lines[at]
     lines[at] = lines[at].replace(key, key + b": null, " + key, 1)
-    caught = refused(judged, b"".join(lines), short_proof.folder)
+    caught = refused(checked, b"".join(lines), short_proof.folder)
     assert caught.line == at + 1
     assert "twice" in caught.reason
 
 
-def test_an_empty_line_between(judged: Any, short_proof: Any) -> None:
+def test_an_empty_line_between(checked: Any, short_proof: Any) -> None:
     lines = encoded(short_proof.lines)
     for at in (1, short_proof.head, short_proof.head + 1):
-        assert refused(judged, b"".join([*lines[:at], b"\n", *lines[at:]]), short_proof.folder).line == at + 1
+        assert refused(checked, b"".join([*lines[:at], b"\n", *lines[at:]]), short_proof.folder).line == at + 1
 
 
 HOSTILE = ["\ud800", "\x1b[2J", "\u202e", "\n", "x" * 100_000, [["\x1b"]], {"\x1b": 1}, 1e308, -(10**4000)]
 
 
 @pytest.mark.parametrize("value", HOSTILE, ids=range(len(HOSTILE)))
-def test_hostile_values_do_not_reach_the_terminal(value: Any, judged: Any, short_proof: Any) -> None:
+def test_hostile_values_do_not_reach_the_terminal(value: Any, checked: Any, short_proof: Any) -> None:
     last, head = len(short_proof.lines) - 1, short_proof.head
     weights = (last, ("bounds", 0, 3))
     places: list[tuple[int, tuple[Any, ...]]] = [
@@ -132,24 +132,24 @@ def test_hostile_values_do_not_reach_the_terminal(value: Any, judged: Any, short
         for key in path[:-1]:
             target = target[key]
         target[path[-1]] = value
-        assert refused(judged, b"".join(encoded(lines)), short_proof.folder).line == index + 1
+        assert refused(checked, b"".join(encoded(lines)), short_proof.folder).line == index + 1
 
 
 @pytest.mark.parametrize("depth", [100, 900, 940, 960, 980, 990, 1000])
-def test_deep_values(depth: int, judged: Any, short_proof: Any) -> None:
+def test_deep_values(depth: int, checked: Any, short_proof: Any) -> None:
     deep = b"[" * depth + b"]" * depth
     lines = encoded(short_proof.lines)
     head = short_proof.head
     claims = b'{"cap": 1, "infeasible": 1, "epsilon": 1, "enclosure": 1, "point": 1}\n'
     for key in (b"cap", b"infeasible", b"epsilon", b"enclosure", b"point"):
         line = claims.replace(b'"' + key + b'": 1', b'"' + key + b'": ' + deep)
-        assert refused(judged, b"".join([*lines[:head], line]), short_proof.folder).line == head + 1
+        assert refused(checked, b"".join([*lines[:head], line]), short_proof.folder).line == head + 1
     step = b'{"pass": ' + deep + b', "cap": null, "rows": [], "bounds": []}\n'
-    assert refused(judged, b"".join([*lines[:-1], step]), short_proof.folder).line == len(lines)
+    assert refused(checked, b"".join([*lines[:-1], step]), short_proof.folder).line == len(lines)
     if short_proof.folder is None:
         for key in (b"body", b"name", b"root"):
             line = lines[1].replace(b'"' + key + b'": ', b'"' + key + b'": ' + deep + b', "": ', 1)
-            assert refused(judged, b"".join([lines[0], line]), None).line == 2
+            assert refused(checked, b"".join([lines[0], line]), None).line == 2
 
 
 def peak_of(path: Path, folder: Path | None, match: str) -> int:

@@ -1,4 +1,4 @@
-"""Certificates of one's own constraints: stated exactly, accepted, and true."""
+"""Certificates of user-defined constraints: stated exactly, accepted, and true."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's script: its rules on solvers made for the purpose, and agreement with branch and bound."""
+"""The paper's timeout method: its rules on solvers made for the purpose, and agreement with branch and bound."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 import cpcal
 from contractors import Lifted
 from cpcal.checker import check
+from cpcal.results import proved_sentence
 from cpcal.solver import plugins
 from cpcal.solver.contract import Composable, Contraction, Limits, Step
 from cpcal.solver.interval import Box
@@ -18,7 +19,7 @@ from cpcal.solver.optimize import Answer, Outcome, Trial, Witness, timeout
 
 
 def play(answers: str, *, lo: float = 0.0, hi: float = 1.0) -> list[Trial]:
-    """The script on a solver that gives these answers: i(nfeasible), t(imeout), f(ound, at the eps asked)."""
+    """The method on a solver that gives these answers: i(nfeasible), t(imeout), f(ound, at the eps asked)."""
     given = iter(answers)
 
     def solve(eps: float, seconds: float) -> Outcome:
@@ -27,8 +28,8 @@ def play(answers: str, *, lo: float = 0.0, hi: float = 1.0) -> list[Trial]:
             return Outcome(Answer.FOUND, Witness(np.array([eps]), eps))
         return Outcome(Answer.INFEASIBLE if answer == "i" else Answer.TIMEOUT)
 
-    script = timeout(solve, lo=lo, hi=hi, limits=Limits(gap=1e-3, seconds=60.0), delay=1.0)
-    return [next(script) for _ in answers]
+    found = timeout(solve, lo=lo, hi=hi, limits=Limits(gap=1e-3, seconds=60.0), delay=1.0)
+    return [next(found) for _ in answers]
 
 
 def test_infeasible_goes_up_and_found_comes_down() -> None:
@@ -64,7 +65,7 @@ def test_no_time_no_calls() -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_both_methods_agree(seed: int) -> None:
-    """On random campaigns the optimum of branch and bound lies in the script's bracket; calls may take their time."""
+    """On random campaigns the optimum of branch and bound lies in the bracket; calls may take their time."""
     campaign = cpcal.simulate(seed=seed, joint_error=3.0, factor=0.0, extremal=False, random_poses=14)
     question: dict[str, Any] = {"legs": [1], "delta": 10.0, "gap": 1e-2}
     bound = cpcal.certify(campaign, **question).legs[0]
@@ -77,7 +78,7 @@ def test_both_methods_agree(seed: int) -> None:
         return Outcome(Answer.FOUND, Witness(np.append(leg.point, eps), eps))
 
     fit = cpcal.certify_point(campaign, 1, bound.center, eps=5.0 * bound.eps_hi).verified
-    assert fit.verdict is cpcal.Verdict.PROVED  # so that the script may begin there
+    assert fit.verdict is cpcal.Verdict.PROVED  # so that it may begin there
     trials = list(timeout(solve, lo=0.0, hi=5.0 * bound.eps_hi, limits=Limits(gap=1e-2)))
     assert trials[-1].lo <= bound.eps_hi
     assert trials[-1].hi >= bound.eps_lo
@@ -88,11 +89,11 @@ def test_the_method_of_certify_is_the_script() -> None:
     """With the contractors' own search as the solver; how far it gets depends on the machine, what it says does not."""
     campaign = cpcal.simulate(seed=8, joint_error=3.0, factor=0.0, extremal=False, random_poses=14)
     bound = cpcal.certify(campaign, legs=[1], delta=10.0).legs[0]
-    script = cpcal.certify(campaign, legs=[1], delta=10.0, method="timeout", time_limit=2.0, gap=1e-2).legs[0]
-    assert script.eps_lo <= bound.eps_hi
-    assert script.eps_hi >= bound.eps_lo
-    assert script.trials
-    assert [t.lo for t in script.trials] == sorted(t.lo for t in script.trials)
+    found = cpcal.certify(campaign, legs=[1], delta=10.0, method="timeout", time_limit=2.0, gap=1e-2).legs[0]
+    assert found.eps_lo <= bound.eps_hi
+    assert found.eps_hi >= bound.eps_lo
+    assert found.trials
+    assert [t.lo for t in found.trials] == sorted(t.lo for t in found.trials)
 
 
 def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
@@ -115,14 +116,15 @@ def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
 
 def test_without_a_certificate_no_answer_is_checked_and_none_is_said_to_be() -> None:
     campaign = cpcal.simulate(seed=4, joint_error=3.0, factor=0.0, random_poses=14, extremal=False)
-    leg = cpcal.certify(
+    result = cpcal.certify(
         campaign, legs=[1], delta=0.0, contractors=["hc4"], method="timeout", time_limit=30.0, gap=1e-2
-    ).legs[0]
+    )
+    leg = result.legs[0]
     assert any(t.answer is Answer.INFEASIBLE for t in leg.trials)
     assert not any(t.checked for t in leg.trials)
     assert leg.verdict is cpcal.Verdict.PROVED
-    assert "closed" not in leg.status
-    assert "within the relative gap of 0.01" in leg.status
+    assert "closed" not in proved_sentence(result.options, leg)
+    assert "within the relative gap of 0.01" in proved_sentence(result.options, leg)
     assert leg.eps_hi - leg.eps_lo <= 1e-2 * leg.eps_hi
 
 
@@ -151,12 +153,13 @@ def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_boun
         plugins, "load", lambda name: (lambda *_, **__: KnowsMore(least)) if name == "k" else load(name)
     )
     question: dict[str, Any] = {"legs": [1], "delta": 2.0, "method": "timeout", "time_limit": 1.5, "gap": 0.4}
-    leg = cpcal.certify(campaign, contractors=["k", "lifted"], certificates=tmp_path / "run", **question).legs[0]
+    result = cpcal.certify(campaign, contractors=["k", "lifted"], certificates=tmp_path / "run", **question)
+    leg = result.legs[0]
     assert any(t.answer is Answer.INFEASIBLE for t in leg.trials)
     assert not any(t.checked for t in leg.trials)
     assert leg.eps_lo == 0.0 < (leg.found_lo or 0.0) < least
     assert leg.verdict is cpcal.Verdict.UNKNOWN
-    assert "the certificate proves 0." in leg.status
+    assert "the certificate proves 0." in proved_sentence(result.options, leg)
     assert leg.certificate is not None
     claims = check(tmp_path / "run" / leg.certificate).claims
     assert claims.eps_lo is None
