@@ -15,6 +15,7 @@ import cpcal
 from cpcal.certify.projections import with_projections
 from cpcal.checker import check
 from cpcal.cli import app
+from cpcal.files import campaign_sha256
 from cpcal.report import write_report
 from cpcal.report.comparison import comparison_row, comparison_sentences, write_comparison
 from cpcal.simulate import true_robot
@@ -239,7 +240,7 @@ def test_the_command(exact, tmp_path):
     assert "plain is refuted at 0.3 mm for 1 of 1: leg 1 (plain-leg1.cert.jsonl)." in outcome.output
     assert "gain is refuted at 0.3 mm for none of 1." in outcome.output
     comparison = cpcal.load_comparison(tmp_path / "run")
-    assert comparison.campaign_sha256 == exact.sha256
+    assert comparison.campaign_sha256 == campaign_sha256(exact)
     page = (tmp_path / "run" / "compare.html").read_text(encoding="utf-8")
     for entry in comparison.entries:
         for cell in comparison_row(comparison, entry):
