@@ -67,6 +67,6 @@ def test_the_sentences_name_the_model(run: Path) -> None:
         "satisfies all 64 equations of leg 1 in the gain model with |g| <= 0 mm for some readings in their sets: PROVED"
         in lines[1]
     )
-    assert "are at most 5 long, s in [-0.02" in lines[2]
+    assert "mm long, s in [-0.02" in lines[2]
     plain = [line for line in outcome.output.splitlines() if line.startswith("plain-leg1")]
     assert "equations of leg 1 with |g| <" in plain[0]
