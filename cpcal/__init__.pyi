@@ -12,6 +12,7 @@ from .results import (
     load_result,
     save_comparison,
     save_result,
+    status_of,
     verdict_of,
 )
 from .robot import Campaign, Robot
@@ -68,5 +69,6 @@ __all__ = [
     "simulate",
     "sqr",
     "sqrt",
+    "status_of",
     "verdict_of",
 ]

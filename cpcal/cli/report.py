@@ -9,10 +9,11 @@ import typer
 
 from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import Refused, Unusable, check_run
-from cpcal.cli.folders import check_writable, output_path
+from cpcal.cli.folders import FITS, PIXEL_RUN, RUN, check_writable, output_path
 from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import holds_study, study_found
+from cpcal.cli.verify import other_fits
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
@@ -62,12 +63,16 @@ def _run(run: Path, campaign: Path | None) -> str:
         what = "is another campaign than the run's: its SHA-256 differs"
         raise InputError([Problem(str(campaign), what, "name the campaign that was certified, or leave it out")])
     check_match(kept, result)
-    wrong = [*_refused(run), *stated_otherwise(kept, result)]
+    _stop(run, [*_refused(run), *stated_otherwise(kept, result)])
+    return render(kept, result)
+
+
+def _stop(folder: Path, wrong: list[str]) -> None:
+    """No page of what is refused."""
     for sentence in wrong:
-        typer.echo(printable(f"{run.name}: REFUSED, {sentence}"))
+        typer.echo(printable(f"{folder.name}: REFUSED, {sentence}"))
     if wrong:
         raise typer.Exit(Status.UNKNOWN)
-    return render(kept, result)
 
 
 def _refused(run: Path) -> list[str]:
@@ -85,4 +90,8 @@ def _study(folder: Path, campaign: Path | None) -> str:
         raise InputError(
             [Problem("option --campaign", "has no meaning for a study, which holds its own", "leave it out")]
         )
+    for run in (folder / RUN, folder / PIXEL_RUN):
+        if run.is_dir():
+            _stop(run, [*_refused(run), *stated_otherwise(load_campaign_json(run), load_result(run))])
+    _stop(folder / FITS, [f"{name} states other numbers than are proved" for name in other_fits(folder / FITS)])
     return render_study(study_found(folder)[1])

@@ -125,7 +125,7 @@ def _tell(name: str, accepted: Accepted, seconds: float | None = None) -> None:
 
 def _as_stated(folder: Path) -> bool:
     """Whether the accepted certificates claim what the folder's compare.json or fits.json states. Raises InputError."""
-    wrong = [*_other_comparison(folder), *_other_fits(folder)]
+    wrong = [*_other_comparison(folder), *other_fits(folder)]
     for line in wrong:
         typer.echo(printable(f"{line}: REFUSED, states other numbers than are proved"))
     return not wrong
@@ -147,7 +147,7 @@ def _other_comparison(folder: Path) -> Iterator[str]:
             yield f"{entry.subject}, {entry.model}"
 
 
-def _other_fits(folder: Path) -> Iterator[str]:
+def other_fits(folder: Path) -> Iterator[str]:
     if not (folder / FITS_NAME).exists():
         return
     for name, fits in load_fits(folder).both:

@@ -1,6 +1,6 @@
 from .comparison import COMPARISON_NAME, Comparison, Entry, comparison_text, load_comparison, save_comparison
 from .determination import Determination
-from .leg_sentence import INFORMATION, contractors_sentences, information, proved_sentence
+from .leg_sentence import INFORMATION, contractors_sentences, information, proved_sentence, status_of
 from .leg_verdict import (
     Bounded,
     Explained,
@@ -63,6 +63,7 @@ __all__ = [
     "result_text",
     "save_comparison",
     "save_result",
+    "status_of",
     "verdict_of",
     "verdict_on",
 ]

@@ -6,7 +6,7 @@ import math
 
 from cpcal.common.numbers import gap_text, stated
 from cpcal.results.options import Options
-from cpcal.results.result import LegResult
+from cpcal.results.result import LegResult, Result
 from cpcal.solver.contract import Verdict
 from cpcal.solver.optimize import Found, bracket_sentence
 
@@ -20,6 +20,11 @@ INFORMATION = (
 def proved_sentence(options: Options, leg: LegResult) -> str:
     """What was proved, and what all contractors found beyond the certificate."""
     return _proved(options, leg) + _beyond(options, leg)
+
+
+def status_of(result: Result, leg: LegResult) -> str:
+    """What was proved of a leg of a result, in a sentence."""
+    return proved_sentence(result.options, leg)
 
 
 def calls_sentence(calls: int, lo: float, hi: float, gap: float, *, closed: bool) -> str:

@@ -15,7 +15,7 @@ from cpcal.legs import residuals
 campaign = cpcal.simulate(seed=1, joint_error=1.0, factor=0.0)
 result = cpcal.certify(campaign, delta=100.0)
 for leg in result.legs:
-    print(f"leg {leg.leg}: {leg.eps_lo:.6f} <= eps* <= {leg.eps_hi:.6f} mm. {leg.status}")
+    print(f"leg {leg.leg}: {cpcal.verdict_of(result, leg).sentence} {cpcal.status_of(result, leg)}")
 
 # %%
 # The proved point of leg 1 satisfies every equation to within ``eps_hi``. Some measurements reach that bound: no

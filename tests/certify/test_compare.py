@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import cpcal
 from cpcal.certify.projections import with_projections
 from cpcal.checker import check
 from cpcal.cli import app
+from cpcal.files import campaign_sha256
 from cpcal.report import write_report
 from cpcal.report.comparison import comparison_row, comparison_sentences, write_comparison
 from cpcal.simulate import true_robot
@@ -128,7 +130,8 @@ def test_a_certificate_of_another_model_is_refused(found, folder, tmp_path, name
     lines[0] = json.dumps(header | {"model": name})
     forged = tmp_path / "forged.cert.jsonl"
     forged.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    outcome = CliRunner().invoke(app, ["verify", str(forged), "--campaign", str(folder / "campaign")])
+    shutil.copyfile(folder / "run" / "campaign.json", tmp_path / "campaign.json")
+    outcome = CliRunner().invoke(app, ["verify", str(forged)])
     assert outcome.exit_code == 1
     # eight unknowns are two too many or one too few; an h in the place of s fails at the claims, by the point
     assert f"REFUSED, line {2 if name == 'lateral' else 1}: " in outcome.output
@@ -193,9 +196,8 @@ def test_the_papers_script_with_a_model(exact):
 
 
 def test_the_papers_script_has_certificates_of_models(uncertain, tmp_path):
-    cpcal.save_campaign(uncertain, tmp_path)
     asked = {"model": "lateral", "method": "timeout", "time_limit": 60.0, "gap": 0.5, "delta": 5.0}
-    leg = cpcal.certify(cpcal.load_campaign(tmp_path), legs=[2], certificates=tmp_path, **asked).legs[0]
+    leg = cpcal.certify(uncertain, legs=[2], certificates=tmp_path, **asked).legs[0]
     found = check(tmp_path / leg.certificate)
     assert found.model == "lateral"
     assert (float(found.claims.eps_lo), found.claims.point.at[-1]) == (leg.eps_lo, leg.eps_hi)
@@ -203,7 +205,6 @@ def test_the_papers_script_has_certificates_of_models(uncertain, tmp_path):
 
 
 def test_an_eps_that_is_asked_about(exact, tmp_path):
-    cpcal.save_campaign(exact, tmp_path)
     for model, verdict in (("plain", Verdict.REFUTED), ("gain", Verdict.PROVED)):
         leg = cpcal.certify(exact, legs=[1], model=model, eps=TOLERANCE, certificates=tmp_path).legs[0]
         assert leg.verdict is verdict
@@ -239,7 +240,7 @@ def test_the_command(exact, tmp_path):
     assert "plain is refuted at 0.3 mm for 1 of 1: leg 1 (plain-leg1.cert.jsonl)." in outcome.output
     assert "gain is refuted at 0.3 mm for none of 1." in outcome.output
     comparison = cpcal.load_comparison(tmp_path / "run")
-    assert comparison.campaign_sha256 == exact.sha256
+    assert comparison.campaign_sha256 == campaign_sha256(exact)
     page = (tmp_path / "run" / "compare.html").read_text(encoding="utf-8")
     for entry in comparison.entries:
         for cell in comparison_row(comparison, entry):

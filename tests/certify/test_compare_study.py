@@ -62,8 +62,11 @@ def test_the_sentences_name_the_model(run: Path) -> None:
     assert outcome.exit_code == 0, outcome.output
     lines = [line for line in outcome.output.splitlines() if line.startswith("gain-leg1")]
     assert "s in [-0.05, 0.05] satisfies all" in lines[0]
-    assert "equations of leg 1 in the gain model with |g| < 0.000000000 mm for any readings" in lines[0]
-    assert "One such x satisfies them with |g| <= 0.000000000 mm for some readings in their sets: PROVED" in lines[1]
-    assert "are at most 5 long, s in [-0.02" in lines[2]
+    assert "equations of leg 1 in the gain model with |g| < 0 mm for any readings" in lines[0]
+    assert (
+        "satisfies all 64 equations of leg 1 in the gain model with |g| <= 0 mm for some readings in their sets: PROVED"
+        in lines[1]
+    )
+    assert "mm long, s in [-0.02" in lines[2]
     plain = [line for line in outcome.output.splitlines() if line.startswith("plain-leg1")]
     assert "equations of leg 1 with |g| <" in plain[0]

@@ -84,10 +84,12 @@ def test_report_writes_the_same_page_again(demo, tmp_path):
     assert "fits.json" in refused.stderr
 
 
-def test_what_is_there_is_not_overwritten(demo):
-    outcome = run("demo", "-o", demo[0])
+def test_what_is_there_and_no_demo_is_not_overwritten(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
+    outcome = run("demo", "-o", tmp_path)
     assert outcome.exit_code == 2
     assert "--force" in outcome.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
 def test_a_forged_certificate_is_told(demo, tmp_path):
@@ -103,3 +105,18 @@ def test_a_forged_certificate_is_told(demo, tmp_path):
     accepted, said = check_all([*good, forged])
     assert not accepted
     assert "REFUSED 1: forged.cert.jsonl" in said
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [("run/result.json", '"eps_hi": ', '"eps_hi": 1'), ("fits/fits.json", '"fails": ', '"fails": 1')],
+)
+def test_no_page_is_made_of_a_study_that_was_touched(demo, tmp_path, file, old, new):
+    copy = tmp_path / "demo"
+    shutil.copytree(demo[0], copy)
+    text = (copy / file).read_text(encoding="utf-8")
+    assert old in text
+    (copy / file).write_text(text.replace(old, new, 1), encoding="utf-8")
+    outcome = run("report", copy, "-o", tmp_path / "page.html")
+    assert outcome.exit_code in (1, 2), outcome.output
+    assert not (tmp_path / "page.html").exists()
