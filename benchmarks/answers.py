@@ -63,7 +63,7 @@ def demo() -> dict[str, Answer]:
     """Every leg of the study that `cpcal demo` makes."""
     with tempfile.TemporaryDirectory() as folder:
         where = Path(folder) / "demo"
-        command = [sys.executable, "-m", "cpcal.cli", "demo", "-o", str(where)]
+        command = [sys.executable, "-m", "cpcal", "demo", "-o", str(where)]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         result = cpcal.load_result(next(where.rglob("result.json")).parent)
         files = {leg.leg: next(where.rglob(f"leg{leg.leg}.cert.jsonl")) for leg in result.legs}

@@ -12,6 +12,7 @@ from fractions import Fraction as F
 FIELD = 6
 READINGS = 7
 _MOST_TERMS = 100_000  # of one polynomial
+_MOST_SUMMED = 500_000  # of all polynomials that one sum holds in memory
 _MOST_BITS = 4096  # of a coefficient over the common power of two
 
 
@@ -80,10 +81,16 @@ class Polynomial:
 
 def combined(parts: Iterable[tuple[int, Polynomial]], spend: Callable[[int], None]) -> Polynomial:
     """The sum of whole multiples."""
-    parts = [part for part in parts if part[1].terms]
-    lowest = min((p.exponent for _, p in parts), default=0)
-    out: dict[int, int] = {}
+    held, terms = [], 0
     for factor, p in parts:
+        terms += len(p.terms)
+        if terms > _MOST_SUMMED:
+            raise TooLarge(f"a sum has more than {_MOST_SUMMED} terms")
+        if p.terms:
+            held.append((factor, p))
+    lowest = min((p.exponent for _, p in held), default=0)
+    out: dict[int, int] = {}
+    for factor, p in held:
         shift = p.exponent - lowest
         if factor.bit_length() + shift > _MOST_BITS:
             raise TooLarge(f"a coefficient has more than {_MOST_BITS} bits")

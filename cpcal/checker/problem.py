@@ -190,8 +190,5 @@ class Stated:
 
 def substituted(given: Given, x: Unknowns) -> Polynomial:
     """The polynomial in u."""
-    parts = []
-    for monomial, c in given:
-        power = 1 - c.denominator.bit_length()
-        parts.append((c.numerator, x.product(monomial).times(1, power)))
-    return combined(parts, x.spend)
+    powers = ((c.numerator, 1 - c.denominator.bit_length(), monomial) for monomial, c in given)
+    return combined(((c, x.product(monomial).times(1, power)) for c, power, monomial in powers), x.spend)
