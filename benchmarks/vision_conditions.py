@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.vision_scenes import facing_poses, one
 from benchmarks.vision_world import World, photograph, true_centers
@@ -30,8 +29,6 @@ from cpcal.vision.files.camera_file import CameraRecord
 from cpcal.vision.measure import Measured, NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.target import DELTALAB_TARGET
-
-Array = npt.NDArray[np.float64]
 
 DIM = 0.55
 CONDITIONS = {

@@ -17,12 +17,12 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from benchmarks.vision_backgrounds import background
+from cpcal.common.arrays import Floats
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv
 from cpcal.vision.target import Target
 
-Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
 
 cv2: Any = opencv()
@@ -86,7 +86,7 @@ def photograph(
     return _exposed(_optics(grey, world, rng), world, rng)
 
 
-def true_centers(target: Target, camera: Camera, pose: Pose) -> Array:
+def true_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
     """The centroids (n, 2) of the dots' images, pixels: of polygons of 360 points on each circle."""
     angle = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
     rim = target.dots[:, None, :] + target.radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -99,7 +99,7 @@ def true_centers(target: Target, camera: Camera, pose: Pose) -> Array:
     return np.asarray(start[:, 0] + moments / (3.0 * cross.sum(axis=1, keepdims=True)))
 
 
-def bent(x: Array, y: Array, distortion: Array) -> Array:
+def bent(x: Floats, y: Floats, distortion: Floats) -> Floats:
     """Where the lens shows the directions x, y: (..., 2)."""
     k1, k2, p1, p2, k3 = distortion
     r2 = x**2 + y**2
@@ -124,7 +124,9 @@ def _rays(camera: Camera) -> tuple[Single, Single]:
     return x.astype(np.float32), y.astype(np.float32)
 
 
-def _on_plate(camera: Camera, pose: Pose | _Mirrored, bend: float, half: float) -> tuple[Single, Single, Single, Array]:
+def _on_plate(
+    camera: Camera, pose: Pose | _Mirrored, bend: float, half: float
+) -> tuple[Single, Single, Single, Floats]:
     """The plate's coordinates u, v (mm) of every fine place, the depth factor w, and the homography."""
     x, y = _rays(camera)
     turn = pose.rotation
@@ -152,7 +154,7 @@ def _lay(
     grey.ravel()[plate] = light * (outside + (inside - outside) * share)
 
 
-def _covered(target: Target, u: Single, v: Single, w: Single, h: Array, camera: Camera, half: float) -> Single:
+def _covered(target: Target, u: Single, v: Single, w: Single, h: Floats, camera: Camera, half: float) -> Single:
     """Which share of each fine place a dot covers, by its distance from the nearest dot's edge."""
     dot = _nearest(target, half)[np.rint(v + half).astype(np.int64), np.rint(u + half).astype(np.int64)]
     du, dv = u - target.dots[dot, 0].astype(np.float32), v - target.dots[dot, 1].astype(np.float32)
@@ -177,7 +179,7 @@ def _nearest(target: Target, half: float) -> npt.NDArray[np.int64]:
     return np.asarray(cKDTree(target.dots).query(cells)[1], dtype=np.int64)
 
 
-def pose_scale(h: Array, camera: Camera) -> float:
+def pose_scale(h: Floats, camera: Camera) -> float:
     """At most so many mm are in a fine place, roughly."""
     return 3.0 * float(np.sqrt(abs(np.linalg.det(h))) / abs(h[2, 2]) ** 1.5) / (float(camera.focal.min()) * FINE)
 
@@ -196,11 +198,11 @@ class _Mirrored:
     pose: Pose
 
     @property
-    def position(self) -> Array:
+    def position(self) -> Floats:
         return self.pose.position
 
     @property
-    def rotation(self) -> Array:
+    def rotation(self) -> Floats:
         return np.asarray(self.pose.rotation * [-1.0, 1.0, 1.0])
 
 

@@ -10,14 +10,11 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-import numpy.typing as npt
 
 from contractors.hc4 import moved_bounds
 from cpcal.solver.contract import Composable, Contraction, Step, repeated
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Tape, one_sided_rows
-
-Floats = npt.NDArray[np.float64]
 
 _REFINEMENTS = 20  # of the two ends of one variable
 

@@ -11,12 +11,10 @@ multiply over-determined systems by the pseudo-inverse C of the midpoint: A' x =
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.solver.contract import shrunk
 from cpcal.solver.interval import Arithmetic, IntervalArray, get_arithmetic
-
-Floats = npt.NDArray[np.float64]
 
 _ROUNDS = 50  # of Krawczyk's iteration, while the widths still shrink by a hundredth
 _INFLATIONS = 15  # attempts to find a box that is mapped into itself

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
 from contractors.interval_rows import Decomposition, IntervalRows, Linearised, inequalities, krawczyk
 from contractors.polyhedral import Programs
+from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Polyhedron, repeated
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.linear import Glop
 from cpcal.solver.linear.engine import LinearEngine
 from cpcal.solver.network import ConstraintNetwork
-
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 
 
 class Krawczyk(Composable):

@@ -12,10 +12,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from contractors.directions import Directions, over_box
 from contractors.relaxation import Relaxation, Structure
+from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.linear import Glop, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
@@ -24,8 +24,6 @@ from cpcal.solver.network.monotone import DecisiveReadings
 from cpcal.solver.network.restrict import restricted
 from cpcal.solver.network.rows import Rows
 
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 Carriers = tuple[tuple[tuple[int, int], ...], StepWeights | None]
 
 _MANY = 4096  # measurements, beyond which only the rows likely to matter on a box are expanded

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from contractors.hc4 import moved_bounds
 from contractors.interval_linear import enclose_gauss, enclose_krawczyk, enclose_rump
@@ -13,7 +12,6 @@ from cpcal.solver.contract import Composable, Contraction, Step
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import CentredForm, Constraint, ConstraintNetwork
 
-Floats = npt.NDArray[np.float64]
 Method = Literal["gauss", "krawczyk", "rump"]
 
 

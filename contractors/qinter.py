@@ -18,17 +18,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from contractors.hc4 import HC4, moved_bounds
+from cpcal.common.arrays import Bools, Floats
 from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Composable, Contraction, Contractor, Step, monotone_tolerance
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
-
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 class QInter(Composable):

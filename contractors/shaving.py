@@ -7,15 +7,13 @@ contractor sees more in it than in the whole; the ends of all variables are trie
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from contractors.hc4 import HC4, moved_bounds
 from contractors.slices import contract_all, slice_of
+from cpcal.common.arrays import Floats
 from cpcal.solver.contract import Composable, Contraction, Contractor, Step
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-
-Floats = npt.NDArray[np.float64]
 
 _SIDES = 2
 

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.solver.contract import Contractor, shrunk
 from cpcal.solver.interval import Box, IntervalArray
-
-Floats = npt.NDArray[np.float64]
 
 
 @runtime_checkable

@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
 from contractors.relaxation import Relaxation, Structure
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.linear import Glop
 from cpcal.solver.linear.engine import LinearEngine, LinearStatus
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.search import LargestFirst
-
-Floats = npt.NDArray[np.float64]
 
 
 class MostViolated(LargestFirst):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.methods.extreme import extreme, minimax
 from benchmarks.methods.method import HULL_GAP
 from benchmarks.problems import Leg
 from benchmarks.records import Answer
+from cpcal.common.arrays import Floats
 from cpcal.legs import PARAMETERS, leg_network
 from cpcal.solver import plugins
 from cpcal.solver.contract import Limits, Repeat, Verdict
@@ -19,8 +19,6 @@ from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize import Minimum, minimize, run
 
 _ENGINE = get_arithmetic("float64")
-
-Floats = npt.NDArray[np.float64]
 
 
 def hull(leg: Leg, contractors: tuple[str, ...], eps: float, limit: float) -> Answer:

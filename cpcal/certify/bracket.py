@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpcal.certify.question import Floats, Question
+from cpcal.certify.question import Question
+from cpcal.common.arrays import Floats
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted

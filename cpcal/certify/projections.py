@@ -13,8 +13,8 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.legs import PARAMETERS, LegModel, ModelResiduals, leg_box, leg_network
 from cpcal.results import LegResult, Projection, Projections, Result, model_of
 from cpcal.robot import Campaign
@@ -22,7 +22,6 @@ from cpcal.solver import plugins
 from cpcal.solver.contract import Repeat, SupportFunction, Verdict
 from cpcal.solver.interval import Box, get_arithmetic
 
-Floats = npt.NDArray[np.float64]
 Pair = tuple[int, int]
 
 MARGIN = 1.1  # times eps_hi, where that leaves (nearly) one point

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.common.errors import Problem
 from cpcal.legs import PLAIN, LegModel, fit_model, leg_box, leg_network, model_statement
 from cpcal.results import Options
@@ -20,7 +20,6 @@ from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize import Bracket
 
-Floats = npt.NDArray[np.float64]
 Progress = Callable[[int, Bracket], None]
 
 

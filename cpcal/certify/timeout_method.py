@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.certify.bracket import Answered
-from cpcal.certify.question import Floats, Question
+from cpcal.certify.question import Question
+from cpcal.common.arrays import Floats
 from cpcal.results.leg_sentence import calls_sentence
 from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Limits, Verdict

@@ -13,14 +13,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.names import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
 from cpcal.common.values import Value, frozen_array, frozen_mapping
 from cpcal.robot.model_choice import ModelChoice
 from cpcal.robot.robot import LARGEST, Robot, good_numbers
 from cpcal.robot.uncertainty import Uncertainty, sizes
-
-Array = npt.NDArray[np.float64]
 
 QUATERNION_TOLERANCE = 1e-6  # on | |q| - 1 |
 _ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
@@ -47,12 +46,12 @@ class Campaign(Value):
     robot: Robot
     pose: tuple[str, ...]
     run: tuple[str, ...]
-    position: Array
-    quaternion: Array
-    length: Array
-    position_radius: Array
-    rotation_radius: Array
-    length_radius: Array
+    position: Floats
+    quaternion: Floats
+    length: Floats
+    position_radius: Floats
+    rotation_radius: Floats
+    length_radius: Floats
     uncertainty: Uncertainty | None = None
     provenance: Mapping[str, str] = field(default_factory=dict)
     model: ModelChoice | None = None
@@ -161,7 +160,7 @@ def _check_choice(uncertainty: Uncertainty | None, exact: bool, radii_given: lis
     raise InputError([Problem("campaign uncertainty", what, remedy)])
 
 
-def _radius(given: Array | None, declared: Array | None, shape: tuple[int, int]) -> Array:
+def _radius(given: Floats | None, declared: Floats | None, shape: tuple[int, int]) -> Floats:
     """Half-widths of that shape; what cannot be broadcast is left for the validation to report."""
     values = given if given is not None else declared
     if values is None:
@@ -210,7 +209,7 @@ def value_problems(campaign: Campaign) -> Iterator[Problem]:
         if times > 1:
             yield Problem(f"measurement {key}", f"is given {times} times", "give each pose and run once")
     for name in _ARRAYS:
-        array: Array = getattr(campaign, name)
+        array: Floats = getattr(campaign, name)
         allowed = sizes(array) if name.endswith("radius") else good_numbers(array)
         what = f"is {'negative, ' * name.endswith('radius')}NaN, infinite or above {LARGEST:g}"
         for row in np.flatnonzero(~allowed.all(axis=1)):

@@ -8,6 +8,7 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.common.errors import CpcalError
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
@@ -17,8 +18,6 @@ from cpcal.vision.identify import Identification, Unidentified, identify
 from cpcal.vision.pose import PoseEstimate, estimate_pose
 from cpcal.vision.pose_fit import NoPose
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
 
 FEWEST = 20  # dots of the target
 LARGEST = 100_000_000  # pixels: larger images are refused before they are looked at
@@ -56,7 +55,7 @@ class Measured:
         return np.asarray(self.identification.numbers[~self.estimate.outliers], dtype=np.intp)
 
     @property
-    def centers(self) -> Array:
+    def centers(self) -> Floats:
         """(m, 2) pixels, of these dots."""
         return self.dots.centers[self.identification.found[~self.estimate.outliers]]
 
@@ -71,7 +70,7 @@ class Measured:
         )
 
     @property
-    def covariance(self) -> Array:
+    def covariance(self) -> Floats:
         """(6, 6) of position (mm) and rotation vector (rad) in the camera frame."""
         return self.estimate.covariance
 
@@ -80,7 +79,7 @@ def measure_pose(
     image: npt.NDArray[np.generic],
     target: Target,
     camera: Camera,
-    camera_covariance: Array | None = None,
+    camera_covariance: Floats | None = None,
     *,
     residual: float = RESIDUAL,
 ) -> Measured:

@@ -6,10 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
-Floats = npt.NDArray[np.float64]
+from cpcal.common.arrays import Floats
 
 
 class LinearStatus(Enum):

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from ortools.linear_solver import pywraplp
 
+from cpcal.common.arrays import Floats
 from cpcal.solver.linear.engine import LinearSolution, LinearStatus
-
-Floats = npt.NDArray[np.float64]
 
 # Columns arrive centred and scaled, so the solver's own scaling and presolve only cost time and hot starts.
 # The primal simplex cycles now and then on degenerate programs: after the iterations that it never needs

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.solver.linear.engine import LinearEngine, LinearSolution, LinearStatus
-
-Floats = npt.NDArray[np.float64]
 
 _FIRST_ROWS = 3  # rows at the start, per column
 _MORE_ROWS = 24  # violated rows added at a time

@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable, Generator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.solver.contract import Contractor, Limits, Strategy
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.network import ConstraintNetwork
@@ -31,7 +31,6 @@ from cpcal.solver.search import (
     total_use,
 )
 
-Floats = npt.NDArray[np.float64]
 Named = tuple[str, Contractor]
 
 

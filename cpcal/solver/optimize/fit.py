@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import LazyRows
 from cpcal.solver.linear.engine import LinearEngine, LinearStatus
 from cpcal.solver.network.rows import Rows, RowValues
-
-Floats = npt.NDArray[np.float64]
 
 _ITERATIONS = 60
 _PENALTY = 1e3  # weight of a violated row that the objective cannot mend, per unit

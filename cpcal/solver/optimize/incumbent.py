@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.solver.contract import Limits
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.linear import Glop
@@ -12,8 +12,6 @@ from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.fit import fit
 from cpcal.solver.optimize.witness import Witness, WitnessProver
-
-Floats = npt.NDArray[np.float64]
 
 
 class Incumbent:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.values import frozen_array
@@ -16,8 +16,6 @@ from cpcal.files.campaign_writer import matrix, provenance_lines, quoted, vector
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.files.plausible_camera import implausible
 from cpcal.vision.files.sections import TomlReader, opened
-
-Array = npt.NDArray[np.float64]
 
 CAMERA_FORMAT = "cpcal-camera/1"
 
@@ -37,7 +35,7 @@ class CameraRecord:
     """
 
     camera: Camera
-    covariance: Array | None = None
+    covariance: Floats | None = None
     rms: float | None = None
     provenance: dict[str, str] = field(default_factory=dict)
 
@@ -58,7 +56,7 @@ class CameraRecord:
         return hash((self.camera, self.rms))
 
 
-def covariance_problems(matrix: Array) -> list[tuple[str, str]]:
+def covariance_problems(matrix: Floats) -> list[tuple[str, str]]:
     """What is wrong with a covariance of the camera's nine numbers, and the remedies."""
     count = len(CAMERA_NUMBERS)
     remedy = f"give the covariance of {', '.join(CAMERA_NUMBERS)}"
@@ -126,7 +124,7 @@ def _record(reader: TomlReader) -> CameraRecord | None:
     return None if reader.problems.listed else CameraRecord(camera, covariance, rms, provenance)
 
 
-def _calibration(reader: TomlReader) -> tuple[Array | None, float | None]:
+def _calibration(reader: TomlReader) -> tuple[Floats | None, float | None]:
     table = reader.section("calibration")
     if table is None:
         return None, None

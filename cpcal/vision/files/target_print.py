@@ -14,16 +14,14 @@ from xml.sax.saxutils import escape
 
 import matplotlib
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
+from cpcal.common.arrays import Floats
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
 from cpcal.vision.target import Target
-
-Array = npt.NDArray[np.float64]
 
 _PAPERS = {"A4": (210, 297), "A3": (297, 420), "A2": (420, 594), "A1": (594, 841), "A0": (841, 1189)}
 _BORDER = 10.0  # mm, of the page
@@ -59,7 +57,7 @@ class Sheet:
     origin: tuple[float, float]
     bar: tuple[float, float]
 
-    def placed(self, dots: Array) -> Array:
+    def placed(self, dots: Floats) -> Floats:
         """Dots (n, 2) mm on the page."""
         return np.asarray(np.array(self.origin) + dots * np.array([1.0, -1.0]))
 

@@ -13,8 +13,8 @@ bound is proved from its multipliers.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.solver.contract import shrunk
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.linear import BoxProgram, Glop
@@ -22,7 +22,6 @@ from cpcal.vision.pose_sets.enclosed import ENGINE
 from cpcal.vision.pose_sets.pose_enclosure import Found, View
 from cpcal.vision.pose_sets.pose_rows import PoseBox, PoseRows, pose_rows
 
-Array = npt.NDArray[np.float64]
 Dots = frozenset[int]
 
 MOST = 2  # outliers
@@ -55,7 +54,7 @@ def _narrowed(rows: PoseRows, unknowns: Box, outliers: int) -> Box:
 class _Programs:
     """`matrix @ x <= rhs` in a box, four rows for each dot."""
 
-    def __init__(self, matrix: Array, rhs: Array, box: IntervalArray) -> None:
+    def __init__(self, matrix: Floats, rhs: Floats, box: IntervalArray) -> None:
         self._matrix, self._rhs, self._box = matrix, rhs, box
         self._known: dict[tuple[int, float, Dots], tuple[float, Dots]] = {}
 

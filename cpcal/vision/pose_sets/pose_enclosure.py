@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.arrays import Floats, Indices
 from cpcal.robot import Pose, quaternion_from_matrix
 from cpcal.solver import plugins
 from cpcal.solver.contract import Contractor, in_sequence, shrunk
@@ -18,8 +18,6 @@ from cpcal.vision.pose_sets.pose_rows import Frames, PoseBox, pose_box, pose_row
 from cpcal.vision.pose_sets.proved_homography import Motions, first_motions
 from cpcal.vision.pose_sets.pyramid import Pyramids
 
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 Found = PoseBox | str | None  # what holds all poses; or why nothing is known; or that there are none
 
 _PASSES = 8
@@ -36,7 +34,7 @@ class View:
     contractor  makes contractors of networks
     """
 
-    dots: Array
+    dots: Floats
     pyramids: Pyramids
     frames: Frames
     points: IntervalArray

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Floats, Indices
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import frozen_array
 from cpcal.robot import Pose
@@ -31,7 +31,7 @@ from cpcal.vision.camera import Camera
 from cpcal.vision.pose_sets.enclosed import exact, rotation
 from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes
 from cpcal.vision.pose_sets.pose_certificate import write_certificate
-from cpcal.vision.pose_sets.pose_enclosure import Found, Indices, View, contractor_of, enclosed
+from cpcal.vision.pose_sets.pose_enclosure import Found, View, contractor_of, enclosed
 from cpcal.vision.pose_sets.pose_rows import Frames, PoseBox, pose_box
 from cpcal.vision.pose_sets.proved_homography import Motions
 from cpcal.vision.pose_sets.pyramid import pyramids

@@ -18,8 +18,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.solver.contract import Contractor, Repeat
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.model import Network
@@ -36,8 +36,6 @@ from cpcal.vision.pose_sets.enclosed import (
 )
 from cpcal.vision.pose_sets.pyramid import Pyramids
 
-Array = npt.NDArray[np.float64]
-
 _PASSES = 3
 _FLAT = 1e-3  # triangles of this height over their longest side are no triangles
 
@@ -50,7 +48,7 @@ class Motions:
     position: IntervalArray
 
 
-def corner_dots(dots: Array) -> tuple[int, int, int] | None:
+def corner_dots(dots: Floats) -> tuple[int, int, int] | None:
     """Three dots (numbers of rows (n, 2)) far apart and far from collinear; None where all lie nearly on a line."""
     if len(dots) < 3:
         return None
@@ -63,7 +61,7 @@ def corner_dots(dots: Array) -> tuple[int, int, int] | None:
 
 
 def first_motions(
-    dots: Array, pyramids: Pyramids, contractor_of: Callable[[ConstraintNetwork], Contractor]
+    dots: Floats, pyramids: Pyramids, contractor_of: Callable[[ConstraintNetwork], Contractor]
 ) -> Motions | str | None:
     """All motions that show dot i, at dots (m, 2) mm of the plane z = 0, within pyramid i, in front of the camera.
 
@@ -80,7 +78,7 @@ def first_motions(
     return _motions(box.array, dots[list(corners)])
 
 
-def _barycentric(dots: Array, corners: tuple[int, int, int]) -> IntervalArray:
+def _barycentric(dots: Floats, corners: tuple[int, int, int]) -> IntervalArray:
     """Coordinates (m, 3) of all dots with respect to the corners; they add up to 1."""
     a, b, c = (exact(dots[k]) for k in corners)
     e, points = ENGINE, exact(dots)
@@ -95,7 +93,7 @@ def _area(x: IntervalArray, y: IntervalArray) -> IntervalArray:
     return e.sub(e.mul(x[..., 0], y[..., 1]), e.mul(x[..., 1], y[..., 0]))
 
 
-def homography_network(dots: Array, pyramids: Pyramids) -> Network:
+def homography_network(dots: Floats, pyramids: Pyramids) -> Network:
     """g . X_i <= 0 and Z_i >= 0 in X_A, Y_A, X_B, Y_B, X_C, Y_C, Z_A, Z_B, with Z_C = 1 - Z_A - Z_B.
 
     The dots (m, 2) must not lie on a line.
@@ -121,7 +119,7 @@ def homography_network(dots: Array, pyramids: Pyramids) -> Network:
     return network
 
 
-def _motions(box: IntervalArray, corners: Array) -> Motions | str | None:
+def _motions(box: IntervalArray, corners: Floats) -> Motions | str | None:
     """Rotation and position from the box of the eight unknowns and the places (3, 2) of A, B, C on the plate."""
     e = ENGINE
     depths = joined([box[6:], e.sub(e.sub(exact(1.0), box[6]), box[7]).reshape((1,))])

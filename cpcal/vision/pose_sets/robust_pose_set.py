@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats, Indices
 from cpcal.robot import Pose, normalised
 from cpcal.solver import plugins
 from cpcal.solver.contract import shrunk
@@ -28,9 +29,6 @@ from cpcal.vision.pose_sets.all_but import MOST, all_but
 from cpcal.vision.pose_sets.enclosed import joined
 from cpcal.vision.pose_sets.pose_enclosure import Found, View, contracted, enclosed
 from cpcal.vision.pose_sets.pose_rows import PoseBox, pose_rows
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 
 _LEAST = 5  # dots of a group
 _TURNS = 8  # at most
@@ -80,7 +78,7 @@ def _one_deal(view: View, active: Indices, outliers: int, deal: int, box: PoseBo
     return _common(sets, outliers)
 
 
-def _groups(dots: Array, count: int, deal: int) -> list[Indices]:
+def _groups(dots: Floats, count: int, deal: int) -> list[Indices]:
     """Dots in an order in which neighbours on the plate follow one another, one of every `count` to each group.
 
     So each group is all over the plate. Who gets which is drawn, the same in every run.
