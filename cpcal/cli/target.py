@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -11,11 +11,20 @@ import typer
 from cpcal.cli.folders import check_writable
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.vision.files.target_file import load_target, save_target
-from cpcal.vision.files.target_print import PAPERS, on_paper, print_target
+from cpcal.vision.files.target_print import on_paper, print_target
 from cpcal.vision.target import DELTALAB_TARGET
 from cpcal.vision.target_design import design_target, separation
 
-Paper = Enum("Paper", {name: name for name in PAPERS})
+
+class Paper(StrEnum):
+    """Sheets to print on."""
+
+    A4 = "a4"
+    A3 = "a3"
+    A2 = "a2"
+    A1 = "a1"
+    A0 = "a0"
+    LETTER = "letter"
 
 
 def target(
@@ -33,7 +42,8 @@ def target(
     dark: Annotated[bool, typer.Option("--dark", help="Design dark dots on a bright plate.")] = False,
     seed: Annotated[int, typer.Option(help="Of the search for the spacings.")] = 1,
     paper: Annotated[
-        Paper | None, typer.Option(help="Sheet to print on; without --from and --side the target is made to fit it.")
+        Paper | None,
+        typer.Option(help="Sheet to print on; the default target is made to fit it."),
     ] = None,
 ) -> None:
     """Write a target: a grid of dots whose two diagonals tell where its axes are, whatever it is seen from.

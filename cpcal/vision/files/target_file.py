@@ -53,9 +53,9 @@ def _target(reader: TomlReader) -> Target | None:
     name, bright = reader.text(("target", "name"), table), reader.truth(("target", "bright"), table)
     radius = reader.positive(("target", "radius"), table, "mm")
     scale = reader.positive(("target", "scale"), table, "true millimetres by stated ones")
-    deviations = [
+    scale_sigma, dot_sigma = (
         reader.number(("target", key), key, table[key], signed=False) if key in table else 0.0 for key in _MEASURED[1:]
-    ]
+    )
     before = len(problems)
     dots = reader.rows(("target", "dots"), table, 2, "x and y in mm")
     if "dots" not in table or len(problems) > before:
@@ -65,12 +65,12 @@ def _target(reader: TomlReader) -> Target | None:
     if problems.listed:
         return None
     places, radius = scale * np.array(dots), scale * radius
-    wrong = Target.problems_of(places, radius, lines) or wrong_deviations(*deviations, radius)
+    wrong = Target.problems_of(places, radius, lines) or wrong_deviations(scale_sigma, dot_sigma, radius)
     for problem in wrong:
         key = problem.where.rpartition(" ")[2]  # radius, dots or lines
         what = problem.what if problem.what.startswith(("(", "the")) else f"{key} {problem.what}"
         reader.wrong(("target", key), what, problem.remedy)
-    return None if problems.listed else Target(name, places, radius, lines, bright, *deviations)
+    return None if problems.listed else Target(name, places, radius, lines, bright, scale_sigma, dot_sigma)
 
 
 def _lines(reader: TomlReader, table: Table, dots: int | None) -> tuple[tuple[int, ...], ...]:

@@ -57,21 +57,16 @@ class _Film:
 
     def __init__(self, file: Path) -> None:
         self.file = file
-        self.capture: Any = None
-        self.next = 0
-        self._begin()
         cv2 = opencv()
+        self.capture: Any = cv2.VideoCapture(str(file))
+        self.next = 0
         self.count = max(int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0) if self.capture.isOpened() else 0
         self.size = tuple(int(self.capture.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
 
-    def _begin(self) -> None:
-        if self.capture is not None:
-            self.capture.release()
-        self.capture, self.next = opencv().VideoCapture(str(self.file)), 0
-
     def frame(self, number: int) -> npt.NDArray[np.uint8]:
         if number < self.next:
-            self._begin()
+            self.capture.release()
+            self.capture, self.next = opencv().VideoCapture(str(self.file)), 0
         while self.next < number and self.capture.grab():
             self.next += 1
         found, image = self.capture.read() if self.next == number else (False, None)
