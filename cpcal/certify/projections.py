@@ -67,7 +67,8 @@ def projections(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
     for name in result.options.contractors:
         contractor = plugins.load(name)(network, objective=None, arithmetic=ARITHMETIC)
         if isinstance(contractor, SupportFunction):
-            box = _known(leg, eps) or Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box
+            known = _known(leg, eps)
+            box = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box if known is None else known
             pairs = () if box.is_empty else tuple(_projections(campaign, leg.leg, model, contractor, box))
             return Projections(eps, Box(model.parameters, box.lo[:-1], box.hi[:-1]), pairs) if pairs else None
     return None

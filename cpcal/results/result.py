@@ -76,8 +76,8 @@ class LegResult:
     bracket is closed (or, when an eps was asked for, some x satisfies it); REFUTED: no x does; UNKNOWN: a limit
     came first. `point` is (a_x, a_y, a_z, b_x, b_y, b_z, l) and the model's extra parameters, None without a proved
     point; `enclosure` holds every x with eps <= eps_hi. `floor`: second-order effect of the readings below which the
-    bracket cannot close. `support`: ids of measurements that by themselves prove eps_lo up to the gap or, where no few were
-    found to, of all with a weight in some step.
+    bracket cannot close. `support`: ids of measurements that by themselves prove eps_lo up to the gap or, where no few
+    were found to, of all with a weight in some step.
 
     `certified`: the file `certificate` claims exactly these eps_lo, eps_hi, point and enclosure. Where it is False,
     `not_certified` says why: the numbers were found by the same proofs, but nobody can check them again.
