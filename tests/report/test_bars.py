@@ -8,7 +8,7 @@ import pytest
 
 from cpcal.report.bars import FARTHEST, Enclosure, enclosure_svg
 
-NAMES = ("a[0]", "a[1]", "l")
+NAMES = ("a_x", "a_y", "l")
 NOMINAL = np.array([100.0, -5.0, 0.0])
 
 
