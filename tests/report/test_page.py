@@ -17,7 +17,7 @@ from cpcal.report import QUANTIFIER, REPORT_NAME, reading_sensitivity, write_rep
 from cpcal.report.page import render
 from tests.report.made import made_result
 
-NAMES = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
+NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\x1b[31m"
 
 
