@@ -97,7 +97,7 @@ class RotationForm:
     def _check(self, values: Floats) -> None:
         """InputError, with the rows that are no rotations."""
         with np.errstate(over="ignore", invalid="ignore"):
-            good: Bools = np.isfinite(values).all(axis=1)
+            good: Bools = np.asarray(np.isfinite(values).all(axis=1))
             if self.kind == "quaternion":
                 off = np.abs(np.linalg.norm(values, axis=1) - 1.0)
                 what, remedy = "is a quaternion whose norm is not 1", "check the columns, or divide it by its norm"
