@@ -7,7 +7,7 @@ import numpy as np
 from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.linear.engine import LinearSolution, LinearStatus
 from cpcal.solver.linear.glop import Glop
-from cpcal.solver.linear.simplex import FAILED, OPTIMAL, enter, minimise
+from cpcal.solver.linear.simplex import FAILED, OPTIMAL, begin, exact_point, minimise
 from cpcal.solver.linear.vertex import Vertex, to_box
 
 _ALL = 640  # rows that are all looked at in every pivot
@@ -36,12 +36,11 @@ class Dense:
             point=np.zeros(n),
             slack=np.empty(room),
             multipliers=np.empty(n),
-            count=np.zeros(4, np.intp),
+            counters=np.zeros(4, np.intp),
         )
-        to_box(self._vertex, np.zeros(n))
-        for i in self._first(always, m, n):
-            enter(self._vertex, self._columns, self._rhs, i)
-        self._fresh, self._glop = True, None
+        begin(self._vertex, self._columns, self._rhs, self._first(always, m, n))
+        self._fresh = True
+        self._glop: Glop | None = None
 
     def _first(self, always: int, m: int, n: int) -> Indices:
         if m <= _ALL:
@@ -62,9 +61,11 @@ class Dense:
         on_row = np.flatnonzero((v.tight >= 0) & (v.multipliers > 0.0))
         rows, weights = v.number[v.tight[on_row]], v.multipliers[on_row]
         if status == OPTIMAL:
-            return LinearSolution(LinearStatus.OPTIMAL, v.point.copy(), rows, weights)
-        if v.count[3] >= 0:
-            rows, weights = np.append(rows, v.number[v.count[3]]), np.append(weights, 1.0)
+            point = np.empty(len(objective))
+            exact_point(v, self._rhs, point)
+            return LinearSolution(LinearStatus.OPTIMAL, point, rows, weights)
+        if v.counters[3] >= 0:
+            rows, weights = np.append(rows, v.number[v.counters[3]]), np.append(weights, 1.0)
         return LinearSolution(LinearStatus.INFEASIBLE, v.point.copy(), rows, weights)
 
     def _by_glop(self, objective: Floats) -> LinearSolution:

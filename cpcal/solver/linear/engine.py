@@ -21,8 +21,8 @@ class LinearStatus(Enum):
 class LinearSolution:
     """Approximate answer to `min c.z : matrix z <= rhs, lower <= z <= upper`.
 
-    `rows` (k,) are those with a multiplier, `multipliers` (k,) > 0 theirs: few. With status INFEASIBLE they are a Farkas
-    ray.
+    `rows` (k,) are those with a multiplier, `multipliers` (k,) > 0 theirs: few. With status INFEASIBLE they are a
+    Farkas ray.
     """
 
     status: LinearStatus

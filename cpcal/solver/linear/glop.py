@@ -23,9 +23,9 @@ _VIOLATION = 1e-9  # of a row scaled to a largest coefficient of about 1
 class Glop:
     """`LinearEngine` on GLOP. The primal simplex starts from the last basis when only the objective changed.
 
-    Rows enter when a vertex violates them; bounds from a part of them are valid, only weaker. An elastic column t, fixed
-    at zero, sits in every row; when the program has no solution it is freed and `min t` is solved, whose multipliers
-    are a Farkas ray.
+    Rows enter when a vertex violates them; bounds from a part of them are valid, only weaker. An elastic column t,
+    fixed at zero, sits in every row; when the program has no solution it is freed and `min t` is solved, whose
+    multipliers are a Farkas ray.
     """
 
     def load(self, matrix: Floats, rhs: Floats, lower: Floats, upper: Floats, always: int = 0) -> None:

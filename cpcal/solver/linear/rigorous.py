@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.common.arrays import Floats, Indices
+from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, IntervalArray
-from cpcal.solver.linear.compiling import compiled
 
 _UNIT = 2.0**-53
 _UNDERFLOW = 1e-290  # more than all that products lose that are too small

@@ -1,9 +1,9 @@
 """A bounded simplex method on the vertices of a polyhedron with few columns and many rows, dense and compiled.
 
-From any vertex of the constraints' arrangement: a dual phase, with costs shifted to what suits the vertex, makes it a
-vertex of the polyhedron; a primal phase follows with the true costs. After a change of the objective only the second has
-work, after new rows only the first, on true costs. Right sides are a little larger than asked, each by another amount,
-so that no two rows meet in a degenerate vertex by chance; where steps of length zero go on all the same, the first
+From any n constraints that meet in a point: a dual phase, with costs shifted to what suits that point, reaches a
+vertex of the polyhedron; a primal phase follows with the true costs. After a change of the objective only the second
+has work, after new rows only the first, on true costs. Right sides are a little larger than asked, each by another
+amount, so that no more than n constraints meet by chance; where steps of length zero go on all the same, the first
 constraint that may move does (Bland's rule), and the number of pivots is bounded. Nothing here is a proof.
 """
 
@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
-from cpcal.solver.linear.compiling import compiled
+from cpcal.common.arrays import Floats, Indices
+from cpcal.solver.compiled import compiled
 from cpcal.solver.linear.vertex import (
     TOO_SMALL,
     Vertex,
@@ -21,7 +21,7 @@ from cpcal.solver.linear.vertex import (
     exchange,
     refactored,
     residual,
-    settle,
+    side,
     times_inverse,
     to_box,
 )
@@ -47,9 +47,9 @@ def spread(k: int) -> float:
 
 
 @compiled
-def enter(v: Vertex, columns: Floats, rhs: Floats, i: int) -> None:
+def _enter(v: Vertex, columns: Floats, rhs: Floats, i: int) -> None:
     """Row i of the polyhedron becomes a working row; there must be room."""
-    place = v.count[0]
+    place = v.counters[0]
     total = 0.0
     for j in range(v.point.size):
         v.rows[j, place] = columns[j, i]
@@ -58,15 +58,25 @@ def enter(v: Vertex, columns: Floats, rhs: Floats, i: int) -> None:
     v.slack[place] = v.rhs[place] - total
     v.number[place] = i
     v.entered[i] = True
-    v.count[0] += 1
+    v.counters[0] += 1
+
+
+@compiled
+def begin(v: Vertex, columns: Floats, rhs: Floats, first: Indices) -> None:
+    """At a vertex of the box, with the first rows."""
+    v.counters[:] = 0
+    v.entered[:] = False
+    v.point[:] = 0.0
+    for i in first:
+        _enter(v, columns, rhs, i)
 
 
 @compiled
 def _enter_violated(v: Vertex, columns: Floats, rhs: Floats) -> bool:
     """Let the rows enter that the point violates most; False if there are none, or no room."""
     n, m = columns.shape
-    room = min(_MORE_ROWS, v.rhs.size - v.count[0])
-    if v.count[0] == m or room <= 0:
+    room = min(_MORE_ROWS, v.rhs.size - v.counters[0])
+    if v.counters[0] == m or room <= 0:
         return False
     excess = np.zeros(m)
     for j in range(n):
@@ -85,26 +95,26 @@ def _enter_violated(v: Vertex, columns: Floats, rhs: Floats) -> bool:
             worst[place], chosen[place] = beyond, i
     for k in range(room):
         if chosen[k] >= 0:
-            enter(v, columns, rhs, chosen[k])
+            _enter(v, columns, rhs, chosen[k])
     return bool(chosen[0] >= 0)
 
 
 @compiled
 def _violated(v: Vertex, bland: bool) -> int:
-    """The constraint to become tight in a dual step: -1 + ... as `Vertex.tight`; the number of rows if none."""
-    n, count = v.point.size, v.count[0]
+    """The constraint to become tight in a dual step, named as in `Vertex.tight`; the number of rows if none."""
+    n, count = v.point.size, v.counters[0]
     worst, found = _FEASIBLE, count
     for i in range(count):
         if -v.slack[i] > worst:
             worst, found = -v.slack[i], i
             if bland:
-                return found
+                return int(found)
     for j in range(n):
         if v.lower[j] - v.point[j] > worst:
             worst, found = v.lower[j] - v.point[j], -1 - j
         if v.point[j] - v.upper[j] > worst:
             worst, found = v.point[j] - v.upper[j], -1 - n - j
-    return found
+    return int(found)
 
 
 @compiled
@@ -133,7 +143,7 @@ def _leaving(alpha: Floats, y: Floats, bland: bool) -> int:
             best, found = alpha[k], k
             if bland:
                 break
-    return found
+    return int(found)
 
 
 @compiled
@@ -145,24 +155,24 @@ def _feasible(v: Vertex, objective: Floats, limit: int) -> int:
     for k in range(n):
         y[k] = max(-y[k], 0.0)
         if y[k] < _DUAL:
-            y[k] = _SHIFT * spread(v.count[1] + k)
+            y[k] = _SHIFT * spread(v.counters[1] + k)
     stalled = 0
-    while v.count[1] < limit:
+    while v.counters[1] < limit:
         bland = stalled > _STALLED
         entering = _violated(v, bland)
-        if entering == v.count[0]:
+        if entering == v.counters[0]:
             return OPTIMAL
         coefficients(v, entering, row)
         times_inverse(v, row, alpha)
         k = _leaving(alpha, y, bland)
         if k < 0:
-            if v.count[2] > 0:  # be sure of it
+            if v.counters[2] > 0:  # be sure of it
                 if not refactored(v):
                     return FAILED
                 continue
             for j in range(n):
                 y[j] = max(-alpha[j], 0.0)
-            v.count[3] = entering
+            v.counters[3] = entering
             return INFEASIBLE
         ratio = max(y[k], 0.0) / alpha[k]
         stalled = stalled + 1 if ratio == 0.0 else 0
@@ -171,7 +181,7 @@ def _feasible(v: Vertex, objective: Floats, limit: int) -> int:
         y[k] = ratio
         along(v, k, growth)
         exchange(v, k, entering, alpha, growth, -_excess(v, entering) / alpha[k])
-        if v.count[2] >= _REFACTOR and not refactored(v):
+        if v.counters[2] >= _REFACTOR and not refactored(v):
             return FAILED
     return FAILED
 
@@ -185,13 +195,13 @@ def _edge(v: Vertex, bland: bool) -> int:
         y = v.multipliers[k]
         if y < -_DUAL:
             if bland:
-                return k
+                return int(k)
             length = 0.0
             for j in range(n):
                 length += v.inverse[j, k] * v.inverse[j, k]
             if y * y > best * length:
                 best, found = y * y / length, k
-    return found
+    return int(found)
 
 
 @compiled
@@ -200,7 +210,7 @@ def _blocking(v: Vertex, k: int, growth: Floats, bland: bool) -> int:
 
     Of several the one with the largest pivot, rows being allowed to be violated by a tolerance.
     """
-    n, count = v.point.size, v.count[0]
+    n, count = v.point.size, v.counters[0]
     slip = 0.0 if bland else _FEASIBLE
     reach = np.inf
     for i in range(count):
@@ -217,14 +227,14 @@ def _blocking(v: Vertex, k: int, growth: Floats, bland: bool) -> int:
         if -growth[i] > best and v.slack[i] <= reach * -growth[i]:
             best, found = -growth[i], i
             if bland:
-                return found
+                return int(found)
     for j in range(n):
         g = v.inverse[j, k]
         if g > best and v.point[j] - v.lower[j] <= reach * g:
             best, found = g, -1 - j
         elif -g > best and v.upper[j] - v.point[j] <= reach * -g:
             best, found = -g, -1 - n - j
-    return found
+    return int(found)
 
 
 @compiled
@@ -233,7 +243,7 @@ def _improved(v: Vertex, objective: Floats, limit: int) -> int:
     n = v.point.size
     row, alpha, growth = np.empty(n), np.empty(n), np.empty(v.rhs.size)
     stalled = 0
-    while v.count[1] < limit:
+    while v.counters[1] < limit:
         times_inverse(v, objective, v.multipliers)
         for k in range(n):
             v.multipliers[k] = -v.multipliers[k]
@@ -243,7 +253,7 @@ def _improved(v: Vertex, objective: Floats, limit: int) -> int:
             return OPTIMAL
         along(v, k, growth)
         entering = _blocking(v, k, growth, bland)
-        if entering == v.count[0]:
+        if entering == v.counters[0]:
             return FAILED
         coefficients(v, entering, row)
         times_inverse(v, row, alpha)
@@ -252,7 +262,7 @@ def _improved(v: Vertex, objective: Floats, limit: int) -> int:
         step = max(-_excess(v, entering), 0.0) / alpha[k]
         stalled = stalled + 1 if step > -1e-14 else 0
         exchange(v, k, entering, alpha, growth, step)
-        if v.count[2] >= _REFACTOR and not refactored(v):
+        if v.counters[2] >= _REFACTOR and not refactored(v):
             return FAILED
     return FAILED
 
@@ -266,7 +276,7 @@ def _on_working_rows(v: Vertex, objective: Floats, limit: int) -> int:
             status = _improved(v, objective, limit)
         if status != OPTIMAL:
             return status
-        if residual(v) <= _ACCURATE and _violated(v, False) == v.count[0]:
+        if residual(v) <= _ACCURATE and _violated(v, False) == v.counters[0]:
             return OPTIMAL
         if not refactored(v):
             return FAILED
@@ -274,16 +284,27 @@ def _on_working_rows(v: Vertex, objective: Floats, limit: int) -> int:
 
 
 @compiled
+def exact_point(v: Vertex, rhs: Floats, out: Floats) -> None:
+    """Where the tight constraints meet, their right sides as they are."""
+    out[:] = 0.0
+    for k in range(out.size):
+        constraint = v.tight[k]
+        b = rhs[v.number[constraint]] if constraint >= 0 else side(v, constraint)
+        for j in range(out.size):
+            out[j] += b * v.inverse[j, k]
+
+
+@compiled
 def minimise(v: Vertex, columns: Floats, rhs: Floats, objective: Floats, pivots: int) -> int:
     """From the vertex where the last program ended; rows (n, m) of the polyhedron enter as they are violated.
 
-    The multipliers are those of `tight`; for a ray that of constraint `count[3]` is 1.
+    The multipliers are those of `tight`; for a ray that of constraint `counters[3]` is 1.
     """
     status = FAILED
     for attempt in range(2):
         if attempt == 1:
             to_box(v, objective)
-        limit = v.count[1] + pivots
+        limit = v.counters[1] + pivots
         for _ in range(_ROUNDS):
             status = _on_working_rows(v, objective, limit)
             if status != OPTIMAL or not _enter_violated(v, columns, rhs):
@@ -291,12 +312,3 @@ def minimise(v: Vertex, columns: Floats, rhs: Floats, objective: Floats, pivots:
         if status != FAILED:
             return status
     return status
-
-
-@compiled
-def restarted(v: Vertex, objective: Floats) -> None:
-    """The vertex that `tight` names, or if there is none that of the box."""
-    if refactored(v):
-        settle(v)
-    else:
-        to_box(v, objective)

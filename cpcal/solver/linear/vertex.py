@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.common.arrays import Bools, Floats, Indices
-from cpcal.solver.linear.compiling import compiled
+from cpcal.solver.compiled import compiled
 
 TOO_SMALL = 1e-9  # a pivot that counts as zero
 
@@ -35,7 +35,7 @@ class Vertex(NamedTuple):
     point: Floats  # (n,)
     slack: Floats  # (c,): of the working rows at the point
     multipliers: Floats  # (n,): of the tight constraints
-    count: Indices  # (4,): working rows, pivots so far, pivots since the inverse was computed, start of a ray
+    counters: Indices  # (4,): working rows, pivots so far, pivots since the inverse was computed, start of a ray
 
 
 @compiled
@@ -73,14 +73,14 @@ def to_box(v: Vertex, objective: Floats) -> None:
         at_upper = objective[j] < 0.0
         v.tight[j] = -1 - n - j if at_upper else -1 - j
         v.inverse[j, j] = 1.0 if at_upper else -1.0
-    v.count[2] = 0
+    v.counters[2] = 0
     settle(v)
 
 
 @compiled
 def settle(v: Vertex) -> None:
     """Point and slacks from the inverse."""
-    n, count = v.point.size, v.count[0]
+    n, count = v.point.size, v.counters[0]
     v.point[:] = 0.0
     for k in range(n):
         b = side(v, v.tight[k])
@@ -121,7 +121,7 @@ def refactored(v: Vertex) -> bool:
                 for j in range(k, 2 * n):
                     work[i, j] -= factor * work[k, j]
     v.inverse[:, :] = work[:, n:]
-    v.count[2] = 0
+    v.counters[2] = 0
     settle(v)
     return True
 
@@ -141,7 +141,7 @@ def times_inverse(v: Vertex, row: Floats, out: Floats) -> None:
 @compiled
 def along(v: Vertex, k: int, out: Floats) -> None:
     """What a unit step along edge k adds to each working row."""
-    n, count = v.point.size, v.count[0]
+    n, count = v.point.size, v.counters[0]
     for i in range(count):
         out[i] = 0.0
     for j in range(n):
@@ -157,7 +157,7 @@ def exchange(v: Vertex, k: int, constraint: int, alpha: Floats, growth: Floats, 
 
     `alpha` (n,) is the constraint's row times the inverse, `growth` (c,) what the edge adds to the working rows.
     """
-    n, count = v.point.size, v.count[0]
+    n, count = v.point.size, v.counters[0]
     for j in range(n):
         v.point[j] += step * v.inverse[j, k]
     for i in range(count):
@@ -176,8 +176,8 @@ def exchange(v: Vertex, k: int, constraint: int, alpha: Floats, growth: Floats, 
                 v.inverse[j, i] -= edge * alpha[i]
         v.inverse[j, k] = edge
     v.tight[k] = constraint
-    v.count[1] += 1
-    v.count[2] += 1
+    v.counters[1] += 1
+    v.counters[2] += 1
 
 
 @compiled
