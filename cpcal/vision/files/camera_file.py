@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -18,8 +19,10 @@ from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, Camera
 from cpcal.vision.files.plausible_camera import implausible
 from cpcal.vision.files.sections import TomlReader, opened
 from cpcal.vision.lens_models import LENSES
+from cpcal.vision.opencv import MissingExtraError
 
 CAMERA_FORMAT = "cpcal-camera/1"
+YAML_SUFFIXES = (".yaml", ".yml")
 
 _KEYS = ("width", "height", "focal", "center", "distortion")
 _OPTIONAL = ("model",)
@@ -75,13 +78,27 @@ def covariance_problems(matrix: Floats) -> list[tuple[str, str]]:
 
 
 def load_camera(path: str | os.PathLike[str]) -> CameraRecord:
-    """The camera in the file `path`. Raises one InputError that lists every problem of the file."""
+    """The camera in a camera.toml, or in a YAML file of OpenCV or ROS.
+
+    Raises one InputError that lists every problem, and MissingExtraError for YAML without PyYAML.
+    """
+    if Path(path).suffix.lower() in YAML_SUFFIXES:
+        return CameraRecord(camera_yaml().camera_from_yaml(Path(path)))
     problems = Problems()
     reader = opened(path, CAMERA_FORMAT, ("camera", "calibration"), problems)
     record = None if reader is None else _record(reader)
     problems.raise_any()
     assert record is not None  # what keeps it from being read is a problem, and was raised
     return record
+
+
+def camera_yaml() -> ModuleType:
+    """The module that reads and writes YAML. Raises MissingExtraError that says how to install what it needs."""
+    try:
+        from cpcal.vision.files import camera_yaml as module
+    except ImportError as error:
+        raise MissingExtraError(f"cameras in YAML need PyYAML: pip install 'cpcal[vision]' ({error})") from error
+    return module
 
 
 def save_camera(record: CameraRecord | Camera, path: str | os.PathLike[str]) -> None:
