@@ -66,7 +66,7 @@ def averaged(
     shrink = np.sqrt(repeats[:, None]) if of == "mean" else np.ones((len(names), 1))
     radii = widths / shrink
     said = _said((len(group), len(names)), method, of, factor, coverage, confidence)
-    return Campaign.from_arrays(
+    return Campaign.of(
         campaign.robot,
         group_means(used.position, group, len(names)),
         mean_rotations(used.quaternion, group, len(names)),
@@ -102,7 +102,7 @@ def kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
         what = f"has the shape {mask.shape} and the type {mask.dtype}"
         raise InputError([Problem("option keep", what, f"give {len(campaign)} truth values")])
     rows = np.flatnonzero(mask).tolist()
-    return Campaign.from_arrays(
+    return Campaign.of(
         campaign.robot,
         campaign.position[rows],
         campaign.quaternion[rows],

@@ -7,8 +7,6 @@ take heavy tails or skewness for a second component.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
@@ -55,7 +53,8 @@ def dip_p_value(sample: npt.ArrayLike) -> float:
     """
     values = np.asarray(sample, dtype=np.float64)
     seen = dip(values) * np.sqrt(len(values))
-    size = min((abs(math.log(known / len(values))), known) for known in LAWS)[1]
+    sizes = np.array(list(LAWS))
+    size = int(sizes[np.argmin(np.abs(np.log(sizes / len(values))))])
     levels, tail = LAWS[size]
     if seen >= levels[-1]:
         return float(min(SURVIVAL[-1], np.exp(np.polyval(tail, seen**2))))

@@ -89,7 +89,7 @@ def _has_runs(table: PoseTable) -> bool:
 def as_campaign(table: PoseTable, robot: Robot) -> Campaign:
     """The rows of a table as measurements of a robot whose joint centres are in the frames of camera and target."""
     runs = table.run if table.image is None else [f"{r}:{i}" for r, i in zip(table.run, table.image, strict=True)]
-    return Campaign.from_arrays(
+    return Campaign.of(
         robot, table.position, table.quaternion, table.length, pose=list(table.pose), run=list(runs), exact=True
     )
 
@@ -101,7 +101,7 @@ def _run_means(rows: Campaign, runs: tuple[str, ...]) -> tuple[Campaign, tuple[s
     if len(first) == len(rows):
         return rows, runs
     names = tuple(runs[k] for k in first)
-    means = Campaign.from_arrays(
+    means = Campaign.of(
         rows.robot,
         group_means(rows.position, group, len(first)),
         mean_rotations(rows.quaternion, group, len(first)),
