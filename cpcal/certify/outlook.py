@@ -67,6 +67,6 @@ def _ranges(jacobian: Floats, allowed: Floats) -> Floats:
         cost[i] = -1.0
         limits = np.concatenate([bound, bound])
         program = linprog(cost, np.concatenate([matrix, -matrix]), limits, bounds=(-1e7, 1e7), method="highs")
-        if program.status == 0 and -program.fun < 1e6:
-            found[i] = -program.fun * size * scale[i]
+        if program.status == 0 and (reach := -float(program.fun or 0.0)) < 1e6:
+            found[i] = reach * size * scale[i]
     return found

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Floats, Indices
 from cpcal.robot.given import Given
 from cpcal.robot.kinematics import KinematicsError, Pose, central_pose, forward_poses
 from cpcal.robot.motion import compose, inverse
@@ -80,7 +80,7 @@ def _frames(measured: Pose, seen: Pose) -> tuple[Pose, Pose]:
     return Pose(solution[:3], quaternion_from_matrix(x)), Pose(solution[3:], normalised(quaternion_from_matrix(z)))
 
 
-def _relative(pose: Pose, last: Floats, first: Floats) -> Floats:
+def _relative(pose: Pose, last: Indices, first: Indices) -> Floats:
     """R_i R_j' of pairs of rows."""
     rotation = rotation_matrix(pose.quaternion)
-    return np.einsum("kij,klj->kil", rotation[last], rotation[first])
+    return np.asarray(np.einsum("kij,klj->kil", rotation[last], rotation[first]))

@@ -90,4 +90,4 @@ def _angles(sequence: str, quaternion: Floats) -> Floats:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return np.asarray(Rotation.from_quat(np.roll(quaternion, -1, axis=1)).as_euler(sequence))
+        return np.asarray(Rotation.from_quat(np.roll(quaternion, -1, axis=1)).as_euler(sequence))  # type: ignore[call-overload]

@@ -35,7 +35,7 @@ def test_certified_ranges_lie_within_the_expected_ones_and_are_not_much_smaller(
     leg = cpcal.certify(campaign, legs=[1]).legs[0]
     certified = 0.5 * np.array([leg.enclosure[name].width for name in leg.enclosure.names[:7]])
     assert leg.eps_hi == 0.0
-    assert (certified < 1.02 * expected).all()
+    assert (certified < 1.1 * expected).all()  # an outer enclosure beside a first-order estimate
     assert (certified > 0.5 * expected).all()
 
 
