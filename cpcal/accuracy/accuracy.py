@@ -230,7 +230,10 @@ def grid(workspace: Workspace, per_axis: int = 7, heights: int = 3) -> NamedPose
     """Poses on `heights` slices of a workspace, `per_axis` squared on each, with its middle rotation."""
     lo, hi = np.array(workspace.lo), np.array(workspace.hi)
     middle = 0.5 * (lo + hi)
-    axes = [np.linspace(lo[k], hi[k], n) if hi[k] > lo[k] else lo[k : k + 1] for k, n in ((2, heights), (1, per_axis), (0, per_axis))]
+    axes = [
+        np.linspace(lo[k], hi[k], n) if hi[k] > lo[k] else lo[k : k + 1]
+        for k, n in ((2, heights), (1, per_axis), (0, per_axis))
+    ]
     z, y, x = (part.ravel() for part in np.meshgrid(*axes, indexing="ij"))
     quaternion = normalised(np.concatenate([[1.0], 0.5 * middle[3:]]))
     names = tuple(f"g{k:03d}" for k in range(len(x)))

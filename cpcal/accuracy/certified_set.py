@@ -25,7 +25,7 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.legs import PLAIN, ModelResiduals, leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.contract import Repeat, SupportFunction
+from cpcal.solver.contract import Contractor, Repeat, SupportFunction
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, sqr
 
@@ -94,11 +94,11 @@ def certified_set(
     """
     engine = get_arithmetic(arithmetic)
     network = _network(campaign, leg, eps, leg_box(np.asarray(center, np.float64), delta), controller, engine)
-    contractor = _supporting(network, contractors, arithmetic)
+    contractor, support_function = _supporting(network, contractors, arithmetic)
     domain = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box
     if domain.is_empty:
         return None
-    support = _Support(contractor, domain, controller, engine)
+    support = _Support(support_function, domain, controller, engine)
     # in floating point: it chooses directions, and any serve
     basis = np.linalg.svd(ModelResiduals(campaign, leg, PLAIN).jacobian(controller), full_matrices=True)[2].T
     directions = np.zeros((7, SIZE))
@@ -124,10 +124,13 @@ def _network(
     return network
 
 
-def _supporting(network: ConstraintNetwork, names: Sequence[str], arithmetic: str) -> SupportFunction:
+def _supporting(
+    network: ConstraintNetwork, names: Sequence[str], arithmetic: str
+) -> tuple[Contractor, SupportFunction]:
+    """The same object, for what it does and for what it offers besides."""
     for name in names:
         contractor = plugins.load(name)(network, objective=None, arithmetic=arithmetic)
         if isinstance(contractor, SupportFunction):
-            return contractor
+            return contractor, contractor
     what = f"none of {', '.join(names)} has a support function"
     raise InputError([Problem("contractors", what, "certify with the contractor lifted")])

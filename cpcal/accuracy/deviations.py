@@ -18,9 +18,7 @@ def scales(cells: Cells, controller: Floats) -> Floats:
     return leg_vectors_over(cells.centers, controller).length.mid
 
 
-def center_deviations(
-    cells: Cells, sets: Sequence[CertifiedSet], controller: Floats, scale: Floats
-) -> IntervalArray:
+def center_deviations(cells: Cells, sets: Sequence[CertifiedSet], controller: Floats, scale: Floats) -> IntervalArray:
     """(K, n) mm: (||P + R b - a||^2 - (||v|| - l^ + l)^2) / (2 scale) over S for the centers P, R of the cells."""
     center = leg_vectors_over(cells.centers, controller)
     exact = _directions(center, scale)

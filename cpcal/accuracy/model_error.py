@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Floats, Indices
 from cpcal.legs import PLAIN, ModelResiduals, leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver.interval import get_arithmetic
@@ -69,17 +69,25 @@ def growth(campaigns: Sequence[Campaign], leg: int, *, center: Sequence[float], 
 def joined_campaign(campaigns: Sequence[Campaign]) -> Campaign:
     """All measurements as one campaign, named by the number of their campaign and their own names."""
     first = campaigns[0]
-    names = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
-    arrays = {name: np.concatenate([getattr(c, name) for c in campaigns]) for name in names}
     pose = [f"{k}.{name}" for k, c in enumerate(campaigns) for name in c.pose]
     run = [name for c in campaigns for name in c.run]
-    return Campaign.from_arrays(first.robot, **arrays, pose=pose, run=run)
+    return Campaign.of(
+        first.robot,
+        np.concatenate([c.position for c in campaigns]),
+        np.concatenate([c.quaternion for c in campaigns]),
+        np.concatenate([c.length for c in campaigns]),
+        pose=pose,
+        run=run,
+        position_radius=np.concatenate([c.position_radius for c in campaigns]),
+        rotation_radius=np.concatenate([c.rotation_radius for c in campaigns]),
+        length_radius=np.concatenate([c.length_radius for c in campaigns]),
+    )
 
 
 def exactly(campaign: Campaign) -> Campaign:
     """The same readings, without sets around them."""
     c = campaign
-    return Campaign.from_arrays(c.robot, c.position, c.quaternion, c.length, pose=c.pose, run=c.run, exact=True)
+    return Campaign.of(c.robot, c.position, c.quaternion, c.length, pose=c.pose, run=c.run, exact=True)
 
 
 def chebyshev(campaign: Campaign, leg: int, start: Sequence[float], delta: float) -> tuple[Floats, float]:
@@ -102,8 +110,8 @@ def _network(campaign: Campaign, leg: int, center: Sequence[float], delta: float
     return leg_network(campaign, leg, box, engine=get_arithmetic("float64"), eps=(0.0, np.inf))
 
 
-def _least_error(network: ConstraintNetwork, rows: Floats, center: Sequence[float]) -> float:
-    part = restricted(network, [np.asarray(rows, np.intp)] * len(network.constraints))
+def _least_error(network: ConstraintNetwork, rows: Indices, center: Sequence[float]) -> float:
+    part = restricted(network, [rows] * len(network.constraints))
     return max(float(_fitted(part, np.asarray(center, np.float64))[-1]), 0.0)
 
 

@@ -144,7 +144,8 @@ class _Equations:
         scale, m = r x u. Sums over legs are taken before the range over poses, so that what moves all legs alike
         cancels: with a shift t and a turn 2 S of the pose, from the cell's center on, and the weights C / scale,
 
-            sum u = sum u_0 + (sum 1) t + 2 S x (sum r)        sum m = sum m_0 + (sum r) x t + (T - tr T) 2 S,  T = sum r w'
+            sum u = sum u_0 + (sum 1) t + 2 S x (sum r)
+            sum m = sum m_0 + (sum r) x t + (T - tr T) 2 S          with T = sum r w'
         """
         cells = self.cells
         shift = ENGINE.add(cells.reach[:, :3], box[:, :3])
@@ -207,9 +208,7 @@ def _path(turn: IntervalArray) -> IntervalArray:
     return ENGINE.mul(factor[:, None], turn)
 
 
-def _proved(
-    equations: _Equations, step: IntervalArray, good: Bools
-) -> tuple[IntervalArray, IntervalArray, Bools]:
+def _proved(equations: _Equations, step: IntervalArray, good: Bools) -> tuple[IntervalArray, IntervalArray, Bools]:
     """D, its image, and whether the image lies in the interior of D; D always holds 0."""
     box = _inflated(_with_zero(step))
     image, proved = step, np.zeros(len(good), dtype=bool)

@@ -40,7 +40,7 @@ class Workspace:
     @classmethod
     def parsed(cls, text: str) -> Workspace:
         """Of `x=-50:50,y=-50:50,z=430:480,rx=-2:2`, degrees for rx, ry, rz; one number is both ends. InputError."""
-        known: dict[str, tuple[float, float]] = {name: (0.0, 0.0) for name in AXES[3:]}
+        known: dict[str, tuple[float, float]] = dict.fromkeys(AXES[3:], (0.0, 0.0))
         for part in text.split(","):
             name, _, ends = part.strip().partition("=")
             low, _, high = ends.partition(":")
@@ -50,7 +50,9 @@ class Workspace:
                 name = ""
             if name not in AXES:
                 what = f"{part.strip()!r} is no range of an axis"
-                raise InputError([Problem("workspace", what, "write x=-50:50,y=-50:50,z=430:480, and rx, ry, rz in deg")])
+                raise InputError(
+                    [Problem("workspace", what, "write x=-50:50,y=-50:50,z=430:480, and rx, ry, rz in deg")]
+                )
             known[name] = pair if name in AXES[:3] else (float(np.radians(pair[0])), float(np.radians(pair[1])))
         missing = [name for name in AXES if name not in known]
         if missing:
