@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from cpcal.common.arrays import Bools, Floats
+from cpcal.solver.existence import square
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr
+from cpcal.solver.network.engines import in_arithmetic
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.network.rows import Extremes
 
@@ -49,22 +53,28 @@ class Equalities:
         The Jacobian encloses the derivatives (where they exist) at all points of the box, so that it encloses all
         slopes (F(x) - F(y)) between two of its points.
         """
-        tape = self.tape
-        both = IntervalArray(np.stack([box.lo, center]), np.stack([box.hi, center]))
-        slots = tape.forward(engine, both)
-        if not tape.continuous(engine, slots):
+        value, jacobian = np.empty((self.count, 2)), np.empty((self.count, len(center), 2))
+        bounds = np.stack([box.lo, box.hi], axis=1)
+        kernels = in_arithmetic(engine.name, square)
+        if not kernels.linearize(*self.program, bounds, np.array(center, np.float64), value, jacobian):
             return None
-        value = tape.values(slots)[1]
-        jacobian = tape.jacobian(engine, tape.derivatives(engine, slots[0]))
-        bounds = (jacobian.lo, jacobian.hi, value.lo, value.hi)
-        if not all(bool(np.isfinite(bound).all()) for bound in bounds):
-            return None
-        return Linearization(value, jacobian, center)
+        return Linearization(_array(value), _array(jacobian), center)
+
+    @cached_property
+    def program(self) -> tuple[Any, ...]:
+        """The tape as the functions of `square` take it."""
+        tape, paths, leaves = self.tape, self.tape.reach, self.tape.leaves()
+        both = np.stack([leaves.lo, leaves.hi], axis=1)
+        return (*tape.program, tape.given, tape.root_slots, paths.start, paths.order, both)
 
     def estimate(self, point: Floats) -> tuple[Floats, Floats]:
         """F (m,) and its Jacobian (m, n) at a point, without proof."""
         rows = self._rows.linearize(point)
         return rows.values, rows.jacobian
+
+
+def _array(bounds: Floats) -> IntervalArray:
+    return IntervalArray(bounds[..., 0], bounds[..., 1])
 
 
 def _equalities(constraint: Constraint) -> Bools:

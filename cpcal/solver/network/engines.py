@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ _SOURCES = (kernels, operations, inverses, derivatives, sweeps)
 
 def sweeps_of(engine: Arithmetic) -> Any:
     """The functions of `sweeps`, by name, in an engine's arithmetic."""
-    return _sweeps(engine.name)
+    return in_arithmetic(engine.name, sweeps)
 
 
 def elementwise(engine: Arithmetic, node: Expr, args: Sequence[IntervalArray]) -> IntervalArray:
@@ -35,13 +35,14 @@ def elementwise(engine: Arithmetic, node: Expr, args: Sequence[IntervalArray]) -
 
 
 @cache
-def _sweeps(name: str) -> SimpleNamespace:
+def in_arithmetic(name: str, source: ModuleType) -> Any:
+    """The functions of a module of kernels (and those of the tape's), by name, in the arithmetic of that name."""
+    sources = [*_SOURCES, source] if source not in _SOURCES else list(_SOURCES)
+    functions = [function for module in sources for function in _defined_in(module)]
     if name == "float64":
-        ours = {function.__name__: function for function in _defined_in(operations) + _defined_in(sweeps)}
-        return SimpleNamespace(**{k: v if hasattr(v, "py_func") else _quiet(v) for k, v in ours.items()})
+        return SimpleNamespace(**{f.__name__: f if hasattr(f, "py_func") else _quiet(f) for f in functions})
     from cpcal.solver.interval.arb import PRIMITIVES, in_arb
 
-    functions = [function for source in _SOURCES for function in _defined_in(source)]
     return SimpleNamespace(**{k: in_arb(v) for k, v in rebound(functions, PRIMITIVES).items()})
 
 
