@@ -12,6 +12,7 @@ from .problem import SIDES, Constraint, Problem, Unknowns
 
 _AXES = (0, 1, 2)
 _L = 6  # the number of the unknown l
+PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 EXTRA = {"plain": (), "gain": ("s",), "linear": ("s", "cx", "cy", "cz", "tx", "ty", "tz"), "lateral": ("h",)}
 LEG_SIDES = (*SIDES, "length")
 
@@ -76,7 +77,7 @@ class Rows(Protocol):
 
 def leg_problem(rows: Rows, model: str, chosen: tuple[int, ...] | None = None) -> Problem:
     """Measurements of a leg, all or the `chosen` ones."""
-    names = ("a1", "a2", "a3", "b1", "b2", "b3", "l", *EXTRA[model], "eps")
+    names = (*PARAMETERS, *EXTRA[model], "eps")
     all_of = tuple(range(len(rows))) if chosen is None else chosen
     return Problem(names, len(names) - 1, len(rows), all_of, LEG_SIDES, lambda k: Equation(rows[k], model), model)
 

@@ -11,16 +11,16 @@ from typing import Any
 from .campaign import NAME, ExactCampaign
 from .certificate import check
 from .claims import Accepted
-from .leg import EXTRA
+from .leg import EXTRA, PARAMETERS
 from .refusal import Refused, Unusable
 from .strict import WORK, opened, parsed, shown
 
 RESULT_NAME = "result.json"
-RESULT_FORMAT = "cpcal-result/3"
+RESULT_FORMAT = "cpcal-result/4"
 _LARGEST = 16 << 20  # bytes
 _CERTIFICATE = re.compile(r"[A-Za-z0-9_.-]{1,200}\.cert\.jsonl")
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
-_PARAMETERS = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
+_NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class LegChecked:
     accepted: Accepted | None = None
     refused: str | None = None
     support: Accepted | None = None  # that the leg's support alone proves a lower bound
+    ranges: Accepted | None = None  # of the parameters at a tolerance
 
 
 def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
@@ -78,6 +79,7 @@ class _Run:
         if self.result["interrupted"] is not True and numbers != wanted:
             raise ValueError("lacks legs that it was asked about, and does not say that it was interrupted")
         named = {str(leg["certificate"]) for leg in legs if leg["certificate"] is not None}
+        named |= {str(leg["ranges"]["certificate"]) for leg in legs if leg["ranges"] is not None}
         named |= {self._support(leg).name for leg in legs if self._support(leg).exists()}
         for name in sorted({path.name for path in self.folder.glob("*.cert.jsonl")} - named):
             raise ValueError(f"does not name the certificate {shown(name)}, which lies beside it")
@@ -93,7 +95,7 @@ class _Run:
 
     @property
     def _parameters(self) -> list[str]:
-        return [*_PARAMETERS, *(p["name"] for p in self._extra)]
+        return [*PARAMETERS, *(p["name"] for p in self._extra)]
 
     def _support(self, leg: dict[str, Any]) -> Path:
         return self.folder / f"leg{leg['leg']}.support.cert.jsonl"
@@ -103,14 +105,14 @@ class _Run:
         try:
             self._ids(leg)
             if certified is False and name is None:
-                return LegChecked(number, None)
+                return LegChecked(number, None, ranges=self._ranges(leg))
             if certified is not True or not isinstance(name, str) or not _CERTIFICATE.fullmatch(name):
                 raise ValueError("is neither certified by a file of the run nor said to be not certified")
             accepted = check(self.folder / name, self.campaign, work=self.work)
             self._problem(accepted, number)
-            self._box(accepted, leg)
+            self._box(accepted, leg, self.result["options"]["eps"])
             self._claims(accepted, leg)
-            return LegChecked(number, name, accepted, support=self._supported(leg))
+            return LegChecked(number, name, accepted, support=self._supported(leg), ranges=self._ranges(leg))
         except Unusable as error:
             return LegChecked(number, shown(name), refused=str(error))
         except (Refused, KeyError, TypeError, ValueError, IndexError, RecursionError, OverflowError) as error:
@@ -133,16 +135,16 @@ class _Run:
         model, count = self._model, len(self.campaign)
         if model not in EXTRA:  # one of the user's own: the certificate states its constraints
             _same("problem", accepted.about, f"leg {leg}, model {model}, campaign {self.campaign.sha256}")
-            _same("unknowns", list(accepted.unknowns), [*self._parameters, "eps"])
+            _same("unknowns", list(accepted.unknowns), [*_NETWORK, *self._parameters[7:], "eps"])
             return
         _same("leg of the certificate", accepted.leg, leg)
         _same("model", accepted.model, model)
         _same("extra parameters", [p["name"] for p in self._extra], list(EXTRA[model]))
         _same("measurements", list(accepted.chosen), list(range(count)) if chosen is None else chosen)
 
-    def _box(self, accepted: Accepted, leg: dict[str, Any]) -> None:
-        """The certificate's box is the one that the result states, rounded outward."""
-        delta, asked = _exact(self.result["options"]["delta"]), self.result["options"]["eps"]
+    def _box(self, accepted: Accepted, leg: dict[str, Any], asked: Any) -> None:
+        """The certificate's box is the one that the result states, rounded outward; `asked`: an eps, or None."""
+        delta = _exact(self.result["options"]["delta"])
         centers = [_exact(v) for v in leg["center"]]
         _same("size of the center", len(centers), len(accepted.lo) - 1)
         ranges = [(c - delta, c + delta) for c in centers[:7]]
@@ -170,16 +172,34 @@ class _Run:
         _same("eps_lo", leg["eps_lo"], lo)
         _same("eps_hi", leg["eps_hi"], "inf" if at is None else at[-1])
         _same("point", leg["point"] and [_exact(v) for v in leg["point"]], at and list(at[:-1]))
-        _same("parameters", leg["enclosure"]["names"], self._parameters)
-        sides = [leg["enclosure"][side] for side in ("lo", "hi")]
-        hull = None if sides == [None, None] else [[_exact(v) for v in side] for side in sides]
-        _same("enclosure", hull, claims.enclosure and [list(side[:-1]) for side in claims.enclosure])
+        self._enclosed(leg["enclosure"], accepted)
         if (leg["status"] == "refuted") != refuted or (leg["status"] == "proved" and at is None):
             raise ValueError("states another verdict than is proved")
         if leg["status"] == "proved" and asked is None and at is not None:
             gap = max(_exact(self.result["options"]["gap"]) * at[-1], _CLOSED)
             if at[-1] - _exact(lo) > gap * F(2**20 + 1, 2**20):
                 raise ValueError("calls a bracket closed that is wider than the gap")
+
+    def _ranges(self, leg: dict[str, Any]) -> Accepted | None:
+        """What the certificate of the parameters' ranges proves, which is what the result states of them."""
+        stated = leg["ranges"]
+        if stated is None or stated["certificate"] is None:
+            return None
+        name = stated["certificate"]
+        if not isinstance(name, str) or not _CERTIFICATE.fullmatch(name):
+            raise ValueError("names no file of the run as the certificate of its ranges")
+        accepted = check(self.folder / name, self.campaign, work=self.work)
+        self._problem(accepted, leg["leg"])
+        self._box(accepted, leg, stated["eps"])
+        _same("eps of the ranges", _exact(stated["eps"]), accepted.claims.cap)
+        self._enclosed(stated["box"], accepted)
+        return accepted
+
+    def _enclosed(self, box: dict[str, Any], accepted: Accepted) -> None:
+        _same("parameters", box["names"], self._parameters)
+        sides, proved = [box[side] for side in ("lo", "hi")], accepted.claims.enclosure
+        hull = None if sides == [None, None] else [[_exact(v) for v in side] for side in sides]
+        _same("enclosure", hull, proved and [list(side[:-1]) for side in proved])
 
     def _all_of_it(self, accepted: Accepted) -> bool:
         """Whether the cap is above every eps for which legs can be longer than eps."""
