@@ -1,4 +1,4 @@
-from .certify import PointResult, certify, certify_point, compare, compare_networks
+from .certify import PointResult, certify, certify_point, compare, compare_networks, with_ranges
 from .common.errors import CpcalError, InputError, ModelError, PluginError
 from .common.version import __version__
 from .files import load_campaign, save_campaign
@@ -71,4 +71,5 @@ __all__ = [
     "sqrt",
     "status_of",
     "verdict_of",
+    "with_ranges",
 ]

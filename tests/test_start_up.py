@@ -46,6 +46,11 @@ def test_a_verb_loads_no_other_verb_s_libraries():
     assert {"matplotlib", "jinja2", "cv2"}.isdisjoint(interpreted(code).split())
 
 
+def test_pages_and_their_figures_need_no_plotting_library():
+    code = "import sys, cpcal.cli.certify, cpcal.report.page, cpcal.report.study; print(*sys.modules)"
+    assert "matplotlib" not in interpreted(code).split()
+
+
 @pytest.mark.parametrize(("name", "module"), [("certify", "certify"), ("simulate", "campaigns")])
 @pytest.mark.parametrize(
     "imports",

@@ -2,6 +2,7 @@ from .certify import certify
 from .compare import COMPARED, compare
 from .compare_networks import compare_networks
 from .point import PointResult, certify_point
+from .ranges import with_ranges
 
 __all__ = [
     "COMPARED",
@@ -10,4 +11,5 @@ __all__ = [
     "certify_point",
     "compare",
     "compare_networks",
+    "with_ranges",
 ]

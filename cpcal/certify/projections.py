@@ -14,17 +14,17 @@ from itertools import combinations
 
 import numpy as np
 
+from cpcal.certify.ranges import range_eps
 from cpcal.common.arrays import Floats
 from cpcal.legs import PARAMETERS, LegModel, ModelResiduals, leg_box, leg_network
 from cpcal.results import LegResult, Projection, Projections, Result, model_of
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.contract import Repeat, SupportFunction, Verdict
+from cpcal.solver.contract import Repeat, SupportFunction
 from cpcal.solver.interval import Box, get_arithmetic
 
 Pair = tuple[int, int]
 
-MARGIN = 1.1  # times eps_hi, where that leaves (nearly) one point
 ARITHMETIC = "float64"  # rounded outward; arb would prove the same in a hundred times the time
 
 _WITHIN = (*combinations(range(3), 2), *combinations(range(3, 6), 2))  # pairs of coordinates of one joint
@@ -52,13 +52,13 @@ def with_projections(campaign: Campaign, result: Result, model: LegModel | None 
 
 
 def projections(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> Projections | None:
-    """Of all x within `result.options.delta` of the leg's center that satisfy its equations to within `projection_eps`.
+    """Of all x within `result.options.delta` of the leg's center that satisfy its equations to within `range_eps`.
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. None where there is no such tolerance or no x,
     where none of the result's contractors has a `support_function`, or where all is known too well, or too badly, to be
     drawn.
     """
-    eps = projection_eps(result, leg)
+    eps = range_eps(result.options, leg)
     if eps is None:
         return None
     engine = get_arithmetic(ARITHMETIC)
@@ -67,19 +67,19 @@ def projections(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
     for name in result.options.contractors:
         contractor = plugins.load(name)(network, objective=None, arithmetic=ARITHMETIC)
         if isinstance(contractor, SupportFunction):
-            box = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box
+            known = _known(leg, eps)
+            box = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box if known is None else known
             pairs = () if box.is_empty else tuple(_projections(campaign, leg.leg, model, contractor, box))
             return Projections(eps, Box(model.parameters, box.lo[:-1], box.hi[:-1]), pairs) if pairs else None
     return None
 
 
-def projection_eps(result: Result, leg: LegResult) -> float | None:
-    """The eps asked for; else eps_hi, with a margin if the bracket is closed: S(eps_hi) is then (nearly) a point."""
-    if result.options.eps is not None:
-        return None if leg.verdict is Verdict.REFUTED else result.options.eps
-    if not math.isfinite(leg.eps_hi):
+def _known(leg: LegResult, eps: float) -> Box | None:
+    """The ranges of all parameters and eps, where they were found."""
+    if leg.ranges is None or leg.ranges.eps != eps:
         return None
-    return MARGIN * leg.eps_hi if leg.verdict is Verdict.PROVED else leg.eps_hi
+    box = leg.ranges.box
+    return Box([*box.names, "eps"], np.append(box.lo, eps), np.append(box.hi, eps))
 
 
 def _projections(

@@ -10,6 +10,7 @@ from .polynomial import FIELD, READINGS, Kept, Polynomial, constant, total, unkn
 from .problem import SIDES, Constraint, Problem
 
 _AXES = (0, 1, 2)
+PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 EXTRA = {"plain": (), "gain": ("s",), "linear": ("s", "cx", "cy", "cz", "tx", "ty", "tz"), "lateral": ("h",)}
 Quaternion = list[Polynomial]
 
@@ -25,7 +26,7 @@ class Measurement(NamedTuple):
 
 def leg_problem(rows: Callable[[int], Measurement], count: int, model: str, only: tuple[int, ...] | None) -> Problem:
     """`count` measurements of a leg, or `only` those."""
-    names = ("a1", "a2", "a3", "b1", "b2", "b3", "l", *EXTRA[model], "eps")
+    names = (*PARAMETERS, *EXTRA[model], "eps")
     chosen = tuple(range(count)) if only is None else only
     return Problem(
         names, len(names) - 1, count, chosen,

@@ -12,15 +12,15 @@ from .campaign import NAME, ExactCampaign
 from .certificate import check
 from .claims import Accepted
 from .files import WORK, content, parsed
-from .leg import EXTRA
+from .leg import EXTRA, PARAMETERS
 from .readers import finite, shown
 from .refusal import Refused, Unusable
 
 RESULT_NAME = "result.json"
-RESULT_FORMAT = "cpcal-result/3"
+RESULT_FORMAT = "cpcal-result/4"
 SUPPORT = "support.cert.jsonl"
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
-_PARAMETERS = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
+_NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints
 _STRANGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, OverflowError, MemoryError)
 Json = dict[str, Any]
 
@@ -34,6 +34,7 @@ class LegChecked:
     accepted: Accepted | None = None
     refused: str | None = None
     support: Accepted | None = None  # that the leg's support alone proves a lower bound
+    ranges: Accepted | None = None  # of the parameters at a tolerance
 
 
 def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
@@ -52,6 +53,7 @@ def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
         _compare(_of_the_run(result, campaign))
         legs: list[Json] = result["legs"]
         named = {str(leg["certificate"]) for leg in legs} | {f"leg{leg['leg']}.{SUPPORT}" for leg in legs}
+        named |= {str(leg["ranges"]["certificate"]) for leg in legs if leg["ranges"] is not None}
         for path in sorted(folder.glob("*.cert.jsonl")):
             if path.name not in named:
                 raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
@@ -75,23 +77,31 @@ def _of_the_run(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, An
 
 
 def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, work: int) -> LegChecked:
-    number, name, support = leg["leg"], leg["certificate"], folder / f"leg{leg['leg']}.{SUPPORT}"
+    number, name, every = leg["leg"], leg["certificate"], list(range(len(campaign)))
+
+    def accepted(file: Any, chosen: list[int]) -> Accepted:
+        if file not in {path.name for path in folder.glob("*.cert.jsonl")}:
+            raise Refused(f"names no certificate of its folder: {shown(file)}")
+        found = check(folder / file, campaign, work=work)
+        _compare(_of_the_problem(result, leg, campaign, found, chosen))
+        return found
+
     try:
         _same("support", sorted(leg["support"]), sorted(set(leg["support"]) & set(campaign.ids)))
-        if leg["certified"] is False and name is None:
-            return LegChecked(number, None)
-        if leg["certified"] is not True or name not in {path.name for path in folder.glob("*.cert.jsonl")}:
+        stated, ranges, few, found = leg["ranges"], None, None, None
+        if stated is not None and stated["certificate"] is not None:
+            ranges = accepted(stated["certificate"], every)
+            _compare(_of_the_ranges(result, leg, stated, ranges))
+        if type(leg["certified"]) is not bool or leg["certified"] != (name is not None):
             raise Refused("is neither certified by a file of the run nor said to be not certified")
-        accepted = check(folder / name, campaign, work=work)
-        _compare(_of_the_problem(result, leg, campaign, accepted, list(range(len(campaign)))))
-        _compare(_of_the_box(result, leg, accepted))
-        _compare(_of_the_leg(result, leg, campaign, accepted))
-        few = None
-        if support.exists():
-            few = check(support, campaign, work=work)
+        if name is not None:
+            found = accepted(name, every)
+            _compare(_of_the_box(result, leg, found, result["options"]["eps"]))
+            _compare(_of_the_leg(result, leg, campaign, found))
+        if (folder / f"leg{number}.{SUPPORT}").exists():
             chosen = [k for k, text in enumerate(campaign.ids) if text in leg["support"]]
-            _compare(_of_the_problem(result, leg, campaign, few, chosen))
-        return LegChecked(number, name, accepted, support=few)
+            few = accepted(f"leg{number}.{SUPPORT}", chosen)
+        return LegChecked(number, name, found, support=few, ranges=ranges)
     except (Unusable, Refused, *_STRANGE) as error:
         return LegChecked(number, shown(name), refused=_reason(error))
 
@@ -102,7 +112,7 @@ def _of_the_problem(
     model, extra = result["model"]["name"], [p["name"] for p in result["model"]["parameters"]]
     if model not in EXTRA:  # one of the user's own: the certificate states its constraints
         yield "problem", f"leg {leg['leg']}, model {model}, campaign {campaign.sha256}", accepted.about
-        yield "parameters", [*_PARAMETERS, *extra, "eps"], list(accepted.unknowns)
+        yield "parameters", [*_NETWORK, *extra, "eps"], list(accepted.unknowns)
         return
     yield "leg", leg["leg"], accepted.leg
     yield "model", model, accepted.model
@@ -110,9 +120,9 @@ def _of_the_problem(
     yield "measurements", chosen, list(accepted.chosen)
 
 
-def _of_the_box(result: Json, leg: Json, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
+def _of_the_box(result: Json, leg: Json, accepted: Accepted, asked: Any) -> Iterator[tuple[str, Any, Any]]:
     """The certificate's box is the one that the result states, rounded outward."""
-    delta, asked = _exact(result["options"]["delta"]), result["options"]["eps"]
+    delta = _exact(result["options"]["delta"])
     sides = [(_exact(c), delta) for c in leg["center"][:7]]
     sides += [(F(0), _exact(p["half_width"])) for p in result["model"]["parameters"]]
     yield "size of the center", len(leg["center"]), len(sides)
@@ -138,19 +148,29 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
     else:
         refuted = refuted and _all_of_it(campaign, accepted)
         lo = "inf" if refuted else claims.eps_lo or 0
-    hi, point, hull = leg["eps_hi"], leg["point"], leg["enclosure"]
     yield "eps_lo", leg["eps_lo"], lo
-    yield "eps_hi", hi, "inf" if at is None else at[-1]
-    yield "point", point and [_exact(v) for v in point], at and list(at[:-1])
-    yield "parameters", hull["names"], [*_PARAMETERS, *(p["name"] for p in result["model"]["parameters"])]
-    sides = [hull[side] and [_exact(v) for v in hull[side]] for side in ("lo", "hi")]
-    yield "enclosure", sides, [side and list(side[:-1]) for side in claims.enclosure or (None, None)]
+    yield "eps_hi", leg["eps_hi"], "inf" if at is None else at[-1]
+    yield "point", leg["point"] and [_exact(v) for v in leg["point"]], at and list(at[:-1])
+    yield from _of_the_hull(result, leg["enclosure"], accepted)
     narrow, slack = at is not None, F(0)
     if at is not None and asked is None:
         asked_gap = max(_exact(result["options"]["gap"]) * at[-1], _CLOSED)
         slack = asked_gap / 2**20 * (1 if leg["status"] == "proved" else -1)  # how a float64 may see it
         narrow = at[-1] - lo <= asked_gap + slack
     yield "status", leg["status"], "refuted" if refuted else "proved" if narrow else "unknown"
+
+
+def _of_the_ranges(result: Json, leg: Json, stated: Json, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
+    """The parameters at one eps."""
+    yield from _of_the_box(result, leg, accepted, stated["eps"])
+    yield "eps of the ranges", _exact(stated["eps"]), accepted.claims.cap
+    yield from _of_the_hull(result, stated["box"], accepted)
+
+
+def _of_the_hull(result: Json, box: Json, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
+    yield "parameters", box["names"], [*PARAMETERS, *(p["name"] for p in result["model"]["parameters"])]
+    sides = [box[side] and [_exact(v) for v in box[side]] for side in ("lo", "hi")]
+    yield "enclosure", sides, [side and list(side[:-1]) for side in accepted.claims.enclosure or (None, None)]
 
 
 def _all_of_it(campaign: ExactCampaign, accepted: Accepted) -> bool:

@@ -13,6 +13,7 @@ import typer
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.projections import with_projections
 from cpcal.certify.question import Question
+from cpcal.certify.ranges import with_ranges
 from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result, terminal
 from cpcal.cli.status import Status
@@ -60,6 +61,7 @@ def _watched(question: Question, draft: Path, *, quiet: bool) -> Result:
     watching = nullcontext() if quiet else watch(legs, question.options.gap, terminal(stderr=True))
     with watching as progress:
         result = answered(replace(question, certificates=draft, progress=progress))
+        result = with_ranges(question.campaign, result, certificates=draft, model=question.model)
     return with_projections(question.campaign, result, question.model)
 
 

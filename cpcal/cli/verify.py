@@ -77,7 +77,9 @@ def _run(run: Path) -> bool:
             typer.echo(printable(f"leg {leg.leg}: REFUSED, {leg.refused}"))
         elif leg.accepted is None:
             typer.echo(printable(f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}"))
-        for name, accepted in ((leg.certificate, leg.accepted), (f"leg{leg.leg}.support.cert.jsonl", leg.support)):
+        ranges = None if found.ranges is None else found.ranges.certificate
+        support = f"leg{leg.leg}.support.cert.jsonl"
+        for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges)):
             if accepted is not None and name is not None:
                 _tell(name, accepted)
         for sentence in information(result.options, found):

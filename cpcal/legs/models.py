@@ -21,7 +21,7 @@ from cpcal.common.errors import InputError, ModelError, Problem
 from cpcal.solver.network import Expr, norm, sqr, sqrt
 from cpcal.solver.network.expression import as_expr
 
-PARAMETERS = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
+PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 
 
 @dataclass(frozen=True)

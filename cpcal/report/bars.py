@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from cpcal.common.arrays import Floats
 from cpcal.common.numbers import plain_gap
-from cpcal.report.svg import BAND, EDGE, GRID, INK, SUPPORT, figure_svg
+from cpcal.report.svg import BAND, DASHES, EDGE, INK, SUPPORT, Axes, Figure, text_width, ticks
 
 FARTHEST = 1e6  # mm from the nominal value; what lies beyond is not drawn, an arrow points to it
 _LEAST = 1e-6  # mm, half the width of what is drawn, at least
+_SIZE = (302.4, 208.8)  # points
+_FRAME_LEFT = 14.0  # and the width of the names
+_WIDTHS = 66.0  # at the right, for the widths
 _MARGIN = 0.08  # of that width, on each side
 
 
@@ -44,54 +44,43 @@ class Enclosure:
         return self.fit is not None and bool((~(np.abs(self.fit - self.nominal) <= FARTHEST)).any())
 
 
-def enclosure_svg(data: Enclosure, *, prefix: str, label: str) -> str:
-    """Bars from `lo` to `hi` with a tick at each end, so that the thinnest is seen; ids begin with `prefix`."""
-
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        rows = np.arange(len(data.names))
-        near, far = _view(data)
-        axes.set_xlim(near, far)
-        axes.set_ylim(len(rows) - 0.5, -0.5)
-        axes.set_yticks(rows, data.names)
-        axes.tick_params(axis="y", length=0, pad=8.0)  # room for arrows
-        axes.set_xlabel("parameter − nominal value [mm]")
-        axes.grid(axis="x", color=GRID, linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.spines["left"].set_visible(False)
-        axes.axvline(0.0, color=INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=3.5)
-        if not data.empty:
-            for k in rows:
-                _bar(axes, int(k), data, near, far)
-        if data.fit is not None:
-            at = data.fit - data.nominal
-            axes.plot(at, rows, "x", color=SUPPORT, markersize=6.0, markeredgewidth=1.5, zorder=5)
-        _widths(axes, data)
-
-    return figure_svg(draw, (4.2, 2.9), prefix=prefix, label=label)
+def enclosure_svg(data: Enclosure, *, label: str) -> str:
+    """Bars from `lo` to `hi` with a tick at each end, so that the thinnest is seen."""
+    figure, count, (near, far) = Figure(*_SIZE), len(data.names), _view(data)
+    frame = (_FRAME_LEFT + text_width(data.names), 22.0, _SIZE[0] - _WIDTHS, _SIZE[1] - 32.0)
+    axes = Axes(figure, frame, (near, far), (count - 0.5, -0.5))
+    axes.x_axis(ticks(near, far, 5), "parameter − nominal value [mm]", grid=True)
+    axes.rows(data.names)
+    if not data.empty:
+        for k in range(count):
+            _bar(axes, k, data, near, far)
+    axes.line([(0.0, count - 0.5), (0.0, -0.5)], INK, 1.0, DASHES)
+    if data.fit is not None:
+        at = np.stack([data.fit - data.nominal, np.arange(float(count))], axis=1)
+        axes.marks(at[(at[:, 0] >= near) & (at[:, 0] <= far)], "x", SUPPORT, 6.0, width=1.5)
+    _widths(axes, data)
+    return figure.svg(label)
 
 
 def _bar(axes: Axes, row: int, data: Enclosure, near: float, far: float) -> None:
     """The part in view; a tick at a bound, an arrow at the edge of the view where the bound is beyond it."""
     lo, hi = float(data.lo[row] - data.nominal[row]), float(data.hi[row] - data.nominal[row])
     left, right = (float(np.clip(v, near, far)) for v in (lo, hi))
-    axes.barh(row, right - left, left=left, height=0.5, facecolor=BAND, edgecolor=EDGE, linewidth=0.8, zorder=3)
-    style: dict[str, Any] = {"color": EDGE, "zorder": 4, "clip_on": False}
+    axes.area([(left, row - 0.25), (right, row - 0.25), (right, row + 0.25), (left, row + 0.25)], BAND, EDGE)
     for bound in (lo, hi):
         if near <= bound <= far:
-            axes.plot([bound], [row], "|", markersize=15.0, markeredgewidth=1.6, **style)
+            axes.marks([(bound, row)], "|", EDGE, 15.0, width=1.6)
         else:
-            arrow = "<" if bound < near else ">"
-            axes.plot([near if bound < near else far], [row], arrow, markersize=8.0, **style)
+            axes.marks([(near if bound < near else far, row)], "<" if bound < near else ">", EDGE, 8.0)
 
 
 def _widths(axes: Axes, data: Enclosure) -> None:
     """The width of every bar as a number at the right."""
-    transform = axes.get_yaxis_transform()
-    axes.text(1.05, -0.75, "width [mm]", transform=transform, va="bottom")
+    x = axes.frame[2] + 8.0
+    axes.figure.text(x, 9.0, "width [mm]")
     for k, (lo, hi) in enumerate(zip(data.lo, data.hi, strict=True)):
         text = "none" if data.empty else plain_gap(float(lo), float(hi))
-        axes.text(1.05, k, text, transform=transform, va="center")
+        axes.figure.text(x, float(axes.at([(axes.x[0], k)])[0, 1]), text)
 
 
 def _view(data: Enclosure) -> tuple[float, float]:

@@ -103,7 +103,7 @@ def _context(comparison: Comparison) -> dict[str, Any]:
         "sentences": comparison_sentences(comparison),
         "header": comparison_header(comparison),
         "rows": rows,
-        "figure": Markup(comparison_svg(comparison, prefix="eps-")) if comparison.entries else None,  # made by us
+        "figure": Markup(comparison_svg(comparison)) if comparison.entries else None,  # made by us
         "legend": legend(list(comparison.models)),
         "models": comparison.models,
         "sha256": comparison.campaign_sha256,

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from cpcal.common.version import __version__
 from cpcal.results import Result
 
-_PACKAGES = ("numpy", "scipy", "ortools", "python-flint", "matplotlib")
+_PACKAGES = ("numpy", "scipy", "ortools", "python-flint")
 
 
 def command(result: Result) -> str:

@@ -152,7 +152,7 @@ def _bars(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
     )
     label = f"Leg {leg.leg}: enclosure of each parameter, relative to its nominal value"
     return {
-        "svg": Markup(enclosure_svg(data, prefix=f"leg{leg.leg}-bars-", label=label)),  # made by us, as below
+        "svg": Markup(enclosure_svg(data, label=label)),  # made by us, as below
         "empty": data.empty,
         "unbounded": data.unbounded,
         "fit": data.fit is not None,
@@ -170,7 +170,6 @@ def _figure(campaign: Campaign, leg: LegResult, model: LegModel | None) -> dict[
     support = np.array([name in chosen for name in campaign.measurement_ids], dtype=bool)
     svg = residual_svg(
         Residuals(residual, room, support, leg.eps_hi),
-        prefix=f"leg{leg.leg}-",
         label=f"Leg {leg.leg}: residuals of the proved point over the measurements, and the band of eps_hi",
     )
     return {

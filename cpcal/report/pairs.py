@@ -21,7 +21,7 @@ def pairs(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] 
     panels = _panels(campaign, result, leg)
     eps = leg.projections.eps
     return {
-        "svgs": [Markup(_svg(leg.leg, k, panel)) for k, panel in enumerate(panels)],  # made by us
+        "svgs": [Markup(_svg(leg.leg, panel)) for panel in panels],  # made by us
         "eps": bracket_text(eps, eps)[0],  # rounded down: what holds to within eps holds to within less
         "margin": about(eps / leg.eps_hi) if result.options.eps is None and 0.0 < leg.eps_hi < eps else None,
         "proved_point": leg.point is not None,
@@ -45,10 +45,10 @@ def _panels(campaign: Campaign, result: Result, leg: LegResult) -> list[Panel]:
     return panels
 
 
-def _svg(leg: int, k: int, panel: Panel) -> str:
+def _svg(leg: int, panel: Panel) -> str:
     widths = [plain_gap(float(lo), float(hi)) for lo, hi in zip(panel.lo, panel.hi, strict=True)]
     label = (
         f"Leg {leg}: polygon that holds {panel.names[0]} and {panel.names[1]}, "
         f"in a rectangle of {widths[0]} by {widths[1]} mm"
     )
-    return panel_svg(panel, prefix=f"leg{leg}-pair{k}-", label=label)
+    return panel_svg(panel, label=label)

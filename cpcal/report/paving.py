@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
 
+from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
-from cpcal.report.svg import figure_svg
+from cpcal.report.svg import Axes, Figure, label_room, tick_labels, ticks
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.search import Paving
@@ -36,28 +34,31 @@ def paving_svg(paving: Paving, horizontal: str, vertical: str, *, size: float = 
         raise ModelError("only a paving of bounded boxes, and of at least one, can be drawn")
     pair = (everything[0].index(horizontal), everything[0].index(vertical))
 
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        if len(everything[0]) == 2:
-            _fill(axes, paving.outside, pair, _OUTSIDE)
-        _fill(axes, paving.boundary, pair, _BOUNDARY)
-        _fill(axes, paving.inside, pair, _INSIDE)
-        dots = np.array([box.mid[list(pair)] for box in single]).reshape(-1, 2)
-        axes.plot(dots[:, 0], dots[:, 1], "o", color=_PROVED, markersize=4.0, markeredgewidth=0.0)
-        axes.set_xlabel(horizontal)
-        axes.set_ylabel(vertical)
-        axes.autoscale_view()
-
-    svg = figure_svg(draw, (size, size), prefix="paving-", label="paving")
+    (left, right), (low, high) = (_span(everything, i) for i in pair)
+    figure, numbers = Figure(72.0 * size, 72.0 * size), ticks(low, high)
+    frame = (label_room(tick_labels(numbers)) + 8.0, 6.0, 72.0 * size - 8.0, 72.0 * size - 32.0)
+    axes = Axes(figure, frame, (left, right), (low, high))
+    axes.x_axis(ticks(left, right), horizontal)
+    axes.y_axis(numbers, vertical)
+    if len(everything[0]) == 2:
+        axes.areas(_corners(paving.outside, pair), _OUTSIDE, _LINE, 0.2)
+    axes.areas(_corners(paving.boundary, pair), _BOUNDARY, _LINE, 0.2)
+    axes.areas(_corners(paving.inside, pair), _INSIDE, _LINE, 0.2)
+    axes.dots([box.mid[list(pair)] for box in single], _PROVED, 4.0)
+    svg = figure.svg("paving")
     for colour, value in _PAGE_COLOURS.items():
         svg = svg.replace(colour, value)
     return svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1) + "\n"
 
 
-def _fill(axes: Axes, boxes: Sequence[Box], pair: tuple[int, int], colour: str) -> None:
-    """The projections of boxes as rectangles, one path each."""
-    if not boxes:
-        return
-    lo, hi = np.stack([box.lo[list(pair)] for box in boxes]), np.stack([box.hi[list(pair)] for box in boxes])
-    corners = np.stack([lo, np.stack([hi[:, 0], lo[:, 1]], 1), hi, np.stack([lo[:, 0], hi[:, 1]], 1)], axis=1)
-    axes.add_collection(PolyCollection(list(corners), facecolors=colour, edgecolors=_LINE, linewidths=0.2))
+def _span(boxes: Sequence[Box], i: int) -> tuple[float, float]:
+    """What boxes cover of variable i, with a margin."""
+    lo, hi = min(float(box.lo[i]) for box in boxes), max(float(box.hi[i]) for box in boxes)
+    margin = 0.05 * (hi - lo) or 0.05 * abs(lo) or 1.0
+    return lo - margin, hi + margin
+
+
+def _corners(boxes: Sequence[Box], pair: tuple[int, int]) -> list[Floats]:
+    """The projections of boxes as rectangles."""
+    ends = ((*box.lo[list(pair)].tolist(), *box.hi[list(pair)].tolist()) for box in boxes)
+    return [np.array([(a, b), (c, b), (c, d), (a, d)]) for a, b, c, d in ends]

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from cpcal.common.arrays import Floats
-from cpcal.report.svg import BAND, DOT, EDGE, GRID, MASS, ROOM, SUPPORT, figure_svg
+from cpcal.report.svg import BAND, DOT, EDGE, MASS, ROOM, SUPPORT, Axes, Figure, label_room, tick_labels, ticks
 
 MOST_POINTS = 500  # more measurements are drawn as an envelope
 _BINS = 250
+_SIZE = (475.2, 194.4)  # points
+_MARGIN = 0.07  # of the height, above and below
 
 
 @dataclass(frozen=True)
@@ -27,69 +26,53 @@ class Residuals:
     eps: float
 
 
-def residual_svg(data: Residuals, *, prefix: str, label: str) -> str:
-    """The residuals over the measurements with the band; ids in the SVG begin with `prefix`."""
+def residual_svg(data: Residuals, *, label: str) -> str:
+    """The residuals over the measurements with the band."""
+    figure, count = Figure(*_SIZE), len(data.residual)
+    lo, hi = _span(data)
+    numbers = ticks(lo, hi)
+    left = label_room(tick_labels(numbers)) + 8.0
+    axes = Axes(figure, (left, 5.0, _SIZE[0] - 12.0, _SIZE[1] - 32.0), (0.0, count + 1.0), (lo, hi))
+    axes.area([(0.0, -data.eps), (count + 1.0, -data.eps), (count + 1.0, data.eps), (0.0, data.eps)], BAND)
+    axes.y_axis(numbers, "residual [mm]", grid=True)
+    if count > MOST_POINTS:
+        _envelope(axes, data)
+    else:
+        _points(axes, data)
+    axes.lines([[(0.0, edge), (count + 1.0, edge)] for edge in (-data.eps, data.eps)], EDGE)
+    at = np.flatnonzero(data.support)
+    axes.marks(np.stack([at + 1.0, data.residual[at]], axis=1), "D", SUPPORT, 7.5, width=1.1)
+    axes.x_axis(ticks(0.0, count + 1.0, 9, whole=True), "measurement, in the order of the campaign")
+    return figure.svg(label)
 
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        _axes(axes, len(data.residual))
-        axes.axhspan(-data.eps, data.eps, facecolor=BAND, edgecolor="none", zorder=1)
-        for edge in (-data.eps, data.eps):
-            axes.axhline(edge, color=EDGE, linewidth=1.0, zorder=4.5)
-        if len(data.residual) > MOST_POINTS:
-            _envelope(axes, data)
-        else:
-            _points(axes, data)
-        _support(axes, data)
 
-    return figure_svg(draw, (6.6, 2.7), prefix=prefix, label=label)
-
-
-def _axes(axes: Axes, count: int) -> None:
-    axes.set_xlabel("measurement, in the order of the campaign")
-    axes.set_ylabel("residual [mm]")
-    axes.set_xlim(0.0, count + 1.0)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.grid(axis="y", color=GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.use_sticky_edges = False
-    axes.margins(y=0.07)
+def _span(data: Residuals) -> tuple[float, float]:
+    """Of residuals, their bars and the band, with a margin."""
+    lo = min(-data.eps, float((data.residual - data.sensitivity).min()))
+    hi = max(data.eps, float((data.residual + data.sensitivity).max()))
+    reach = _MARGIN * max(hi - lo, 1e-300) if hi > lo else 1.0
+    return lo - reach, hi + reach
 
 
 def _points(axes: Axes, data: Residuals) -> None:
-    numbers = np.arange(1, len(data.residual) + 1)
+    numbers = np.arange(1.0, len(data.residual) + 1.0)
     if data.sensitivity.any():
-        gaps = np.full(len(numbers), np.nan)
-        bars = np.stack([data.residual - data.sensitivity, data.residual + data.sensitivity, gaps], axis=1)
-        axes.plot(np.repeat(numbers, 3), bars.ravel(), color=ROOM, linewidth=1.4, zorder=3)
-    axes.plot(numbers, data.residual, "o", color=DOT, markersize=3.0, markeredgewidth=0.0, zorder=4)
+        ends = [np.stack([numbers, data.residual + way * data.sensitivity], axis=1) for way in (-1.0, 1.0)]
+        axes.lines(np.stack(ends, axis=1), ROOM, 1.4)
+    axes.dots(np.stack([numbers, data.residual], axis=1), DOT, 3.0)
 
 
 def _envelope(axes: Axes, data: Residuals) -> None:
     """Smallest and largest value of each run of neighbours: what N points would cover, in a small file."""
     starts = np.linspace(0, len(data.residual), _BINS, endpoint=False).astype(int)
-    ends = np.append(starts[1:], len(data.residual))
-    at = np.append(starts + 1.0, ends[-1])
+    at = np.append(starts + 1.0, float(len(data.residual)))
 
-    def fill(lo: Floats, hi: Floats, color: str, zorder: int) -> None:
+    def fill(lo: Floats, hi: Floats, colour: str) -> None:
         low, high = np.minimum.reduceat(lo, starts), np.maximum.reduceat(hi, starts)
-        low, high = np.append(low, low[-1]), np.append(high, high[-1])
-        axes.fill_between(at, low, high, step="post", facecolor=color, edgecolor="none", zorder=zorder)
+        steps = np.repeat(at, 2)[1:-1]
+        above, below = np.stack([steps, np.repeat(high, 2)], axis=1), np.stack([steps, np.repeat(low, 2)], axis=1)
+        axes.area(np.concatenate([above, below[::-1]]), colour)
 
     if data.sensitivity.any():
-        fill(data.residual - data.sensitivity, data.residual + data.sensitivity, ROOM, 3)
-    fill(data.residual, data.residual, MASS, 4)
-
-
-def _support(axes: Axes, data: Residuals) -> None:
-    at = np.flatnonzero(data.support)
-    axes.plot(
-        at + 1,
-        data.residual[at],
-        "D",
-        markersize=5.5,
-        fillstyle="none",
-        color=SUPPORT,
-        markeredgewidth=1.1,
-        zorder=5,
-    )
+        fill(data.residual - data.sensitivity, data.residual + data.sensitivity, ROOM)
+    fill(data.residual, data.residual, MASS)

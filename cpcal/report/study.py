@@ -97,14 +97,14 @@ def _context(found: StudyFound) -> dict[str, Any]:
 
 def _histogram(channel: Channel) -> dict[str, Any]:
     name = channel.statistics.name
-    svg = histogram_svg(channel, prefix=f"errors-{name}-", label=f"Centred errors of {name}: histogram")
+    svg = histogram_svg(channel, label=f"Centred errors of {name}: histogram")
     return {"svg": Markup(svg), "sentence": channel.statistics.sentence()}  # names of channels are ours
 
 
 def _validation(name: str, errors: Errors) -> dict[str, Any]:
     found = errors.validation
     label = f"Errors and improvements of the validation poses with {name}"
-    svg = validation_svg(found, prefix=f"validation-{name}-", label=label)
+    svg = validation_svg(found, label=label)
     return {"name": name, "svg": Markup(svg), "sentence": found.sentence}
 
 

@@ -1,72 +1,202 @@
-"""Figures as inline SVG: no colours and fonts of their own (the page's CSS has them), no date, no chance."""
+"""Figures as inline SVG, drawn from arrays: points (1/72 inch), the page's own colours and fonts, no date, no chance.
+
+An `Axes` is a frame in a `Figure`; it maps data to points and draws axes with ticks, lines, areas and marks. No text of
+the user's is markup: what is written is escaped.
+"""
 
 from __future__ import annotations
 
-import io
-import re
-from collections.abc import Callable
-from typing import Any
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from html import escape
 
-import matplotlib
-from matplotlib.figure import Figure
+import numpy as np
+import numpy.typing as npt
 
-# Colours that stand for CSS variables of the page.
-INK, GRID, BAND, EDGE, ROOM, DOT, MASS, SUPPORT = (f"#0102{k:02x}" for k in range(1, 9))
-_VARIABLES = {
-    INK: "ink",
-    GRID: "grid",
-    BAND: "band",
-    EDGE: "edge",
-    ROOM: "room",
-    DOT: "dot",
-    MASS: "mass",
-    SUPPORT: "support",
+from cpcal.common.arrays import Floats
+
+INK, GRID, BAND, EDGE, ROOM, DOT, MASS, SUPPORT = (
+    f"var(--{name})" for name in ("ink", "grid", "band", "edge", "room", "dot", "mass", "support")
+)
+DASHES = "5 3.5"
+_FONT = "font: 9px system-ui, sans-serif"
+_LETTER = 5.6  # points: how wide a letter or a digit is, about
+_TICK, _PAD = 3.0, 2.5  # of an axis: length of a tick, and the distance to its label
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # between ticks, times a power of ten
+_SHAPES = {  # within a square from -1 to 1; those that are not closed have no inside
+    "s": ((-1, -1), (1, -1), (1, 1), (-1, 1)),
+    "D": ((0, -1), (1, 0), (0, 1), (-1, 0)),
+    "^": ((0, -1), (1, 1), (-1, 1)),
+    "<": ((-1, 0), (1, -1), (1, 1)),
+    ">": ((1, 0), (-1, -1), (-1, 1)),
 }
-_STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "cpcal",
-    "font.family": ["sans-serif"],
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 9.0,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "axes.facecolor": "none",
-    "figure.facecolor": "none",
-    "savefig.facecolor": "none",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-}
-_NO_METADATA = {"Creator": None, "Date": None, "Format": None, "Type": None}
+Frame = tuple[float, float, float, float]  # left, top, right, bottom, in points from the figure's top left
+Span = tuple[float, float]
 
 
-def figure_svg(draw: Callable[[Figure], None], size: tuple[float, float], *, prefix: str, label: str) -> str:
-    """What `draw` draws on a figure of `size` inches; ids in the SVG begin with `prefix`.
+@dataclass(frozen=True)
+class Figure:
+    """Width and height in points, and the elements drawn so far."""
 
-    `prefix` and `label` are markup: text of ours alone. Nothing of the user's matplotlib settings shows.
-    """
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(_STYLE)
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure)
-        buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
-    return _inline(buffer.getvalue(), prefix, label)
+    width: float
+    height: float
+    elements: list[str] = field(default_factory=list)
+
+    def svg(self, label: str) -> str:
+        """The <svg> element; `label` is markup: text of ours alone."""
+        head = f'<svg viewBox="0 0 {_n(self.width)} {_n(self.height)}" role="img" aria-label="{label}" style="{_FONT}">'
+        return "\n".join([head, *self.elements, "</svg>"])
+
+    def text(self, x: float, y: float, words: str, *, anchor: str = "start", turned: bool = False) -> None:
+        """Words whose middle height is at y; turned ones run upwards."""
+        turn = f' transform="rotate(-90 {_n(x)} {_n(y)})"' if turned else ""
+        style = f"fill: {INK}; text-anchor: {anchor}"
+        self.elements.append(
+            f'<text x="{_n(x)}" y="{_n(y)}" dy="0.35em"{turn} style="{style}">{escape(words, quote=False)}</text>'
+        )
 
 
-def _inline(svg: str, prefix: str, label: str) -> str:
-    """The <svg> element alone, for an HTML page that holds several: own ids, the page's colours and fonts."""
-    svg = svg[svg.index("<svg") :].strip()
-    svg = re.sub(r"\bid=\"", f'id="{prefix}', svg)
-    svg = re.sub(r"xlink:href=\"#", f'href="#{prefix}', svg)
-    svg = svg.replace("url(#", f"url(#{prefix}")
-    for colour, name in _VARIABLES.items():
-        svg = svg.replace(colour, f"var(--{name})")
-    svg = svg.replace("'DejaVu Sans'", "system-ui, sans-serif")
-    box = re.search(r'viewBox="[^"]*"', svg)
-    assert box is not None
-    head = f'<svg {box.group()} role="img" aria-label="{label}">'
-    return re.sub(r"<svg[^>]*>", lambda _: head, svg, count=1)
+@dataclass(frozen=True)
+class Axes:
+    """A frame whose left and right edges are the data `x`, whose bottom and top edges are `y`."""
+
+    figure: Figure
+    frame: Frame
+    x: Span
+    y: Span
+
+    def at(self, points: npt.ArrayLike) -> Floats:
+        """Data (n, 2) in points."""
+        left, top, right, bottom = self.frame
+        data = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        start = np.array([self.x[0], self.y[0]])
+        share = (data - start) / (np.array([self.x[1], self.y[1]]) - start)
+        return np.asarray(np.array([left, bottom]) + share * np.array([right - left, top - bottom]))
+
+    def x_axis(self, ticks: Sequence[float], label: str, *, grid: bool = False) -> None:
+        """Below the frame."""
+        left, _, right, bottom = self.frame
+        if grid:
+            self.lines([[(t, self.y[0]), (t, self.y[1])] for t in ticks], GRID, 0.6)
+        places = self.at([(t, self.y[0]) for t in ticks])[:, 0].tolist()
+        ends = "".join(f"M{_n(x)} {_n(bottom)}v{_n(_TICK)}" for x in places)
+        self._path(f"M{_n(left)} {_n(bottom)}H{_n(right)}{ends}", _stroke(INK, 0.8))
+        for x, text in zip(places, tick_labels(ticks), strict=True):
+            self.figure.text(x, bottom + _TICK + _PAD + 5.0, text, anchor="middle")
+        self.figure.text(0.5 * (left + right), bottom + _TICK + _PAD + 17.0, label, anchor="middle")
+
+    def y_axis(self, ticks: Sequence[float], label: str, *, grid: bool = False, away: float | None = None) -> None:
+        """At the left of the frame; the label is `away` from it, else as close as the numbers let it be."""
+        left, top, _, bottom = self.frame
+        if grid:
+            self.lines([[(self.x[0], t), (self.x[1], t)] for t in ticks], GRID, 0.6)
+        places, texts = self.at([(self.x[0], t) for t in ticks])[:, 1].tolist(), tick_labels(ticks)
+        ends = "".join(f"M{_n(left)} {_n(y)}h{_n(-_TICK)}" for y in places)
+        self._path(f"M{_n(left)} {_n(top)}V{_n(bottom)}{ends}", _stroke(INK, 0.8))
+        for y, text in zip(places, texts, strict=True):
+            self.figure.text(left - _TICK - _PAD, y, text, anchor="end")
+        self.figure.text(
+            left - (label_room(texts) if away is None else away),
+            0.5 * (top + bottom),
+            label,
+            anchor="middle",
+            turned=True,
+        )
+
+    def rows(self, names: Sequence[str]) -> None:
+        """Names at the left, at the heights 0, 1, ..."""
+        for k, name in enumerate(names):
+            self.figure.text(self.frame[0] - 9.0, float(self.at([(self.x[0], k)])[0, 1]), name, anchor="end")
+
+    def area(
+        self, points: npt.ArrayLike, fill: str, edge: str | None = None, width: float = 0.8, dash: str = ""
+    ) -> None:
+        """A polygon (n, 2)."""
+        self.areas([points], fill, edge, width, dash)
+
+    def areas(
+        self, polygons: Iterable[npt.ArrayLike], fill: str, edge: str | None = None, width: float = 0.8, dash: str = ""
+    ) -> None:
+        """Polygons that look alike."""
+        line = "" if edge is None else _line(edge, width, dash) + "; "
+        self._path("".join(_track(self.at(points)) + "Z" for points in polygons), f"{line}fill: {fill}")
+
+    def line(self, points: npt.ArrayLike, colour: str, width: float = 1.0, dash: str = "") -> None:
+        """A polyline (n, 2)."""
+        self.lines([points], colour, width, dash)
+
+    def lines(self, tracks: Iterable[npt.ArrayLike], colour: str, width: float = 1.0, dash: str = "") -> None:
+        """Polylines that look alike."""
+        self._path("".join(_track(self.at(points)) for points in tracks), _stroke(colour, width, dash))
+
+    def dots(self, points: npt.ArrayLike, colour: str, size: float) -> None:
+        """Discs of that diameter, all of them one path."""
+        places = "".join(f"M{_n(x)} {_n(y)}h0" for x, y in self.at(points).tolist())
+        self._path(places, f"{_stroke(colour, size)}; stroke-linecap: round")
+
+    def marks(self, points: npt.ArrayLike, shape: str, colour: str, size: float, *, width: float = 0.0) -> None:
+        """Marks of that size: x, |, or one of _SHAPES: filled, or with a line of `width` hollow."""
+        h = 0.5 * size
+        for x, y in self.at(points).tolist():
+            if shape == "x":
+                d, style = f"M{_n(x - h)} {_n(y - h)}l{_n(size)} {_n(size)}m0 {_n(-size)}l{_n(-size)} {_n(size)}", ""
+            elif shape == "|":
+                d, style = f"M{_n(x)} {_n(y - h)}v{_n(size)}", ""
+            else:
+                d = _track(np.array([x, y]) + h * np.array(_SHAPES[shape], dtype=np.float64)) + "Z"
+                style = "" if width else f"fill: {colour}"
+            self._path(d, style or _stroke(colour, width))
+
+    def _path(self, d: str, style: str) -> None:
+        if d:
+            self.figure.elements.append(f'<path d="{d}" style="{style}"/>')
+
+
+def ticks(lo: float, hi: float, most: int = 8, *, whole: bool = False) -> list[float]:
+    """Round numbers from `lo` to `hi`, about `most` steps between them at most; `whole`: integers."""
+    least = (hi - lo) / most
+    power = 10.0 ** math.floor(math.log10(least))
+    step = next(power * s for s in _STEPS if power * s >= least * (1.0 - 1e-9))
+    if whole:
+        step = max(1.0, 2.0 if step == 2.5 else step)
+    first, last = math.ceil(lo / step - 1e-9), math.floor(hi / step + 1e-9)
+    return [k * step for k in range(first, last + 1)]
+
+
+def tick_labels(values: Sequence[float]) -> list[str]:
+    """Numbers with as many decimals as all of them need."""
+    size = max(map(abs, values), default=0.0)
+    if size and not 1e-4 <= size < 1e6:
+        texts = [f"{v:.3g}".replace("e-0", "e-").replace("e+0", "e") for v in values]
+    else:
+        decimals = next((d for d in range(8) if all(abs(v - round(v, d)) <= 1e-9 * size for v in values)), 8)
+        texts = [f"{v:.{decimals}f}" for v in values]
+    return [text.replace("-", "−") for text in texts]
+
+
+def label_room(texts: Sequence[str]) -> float:
+    """How far left of its axis the label stands beside numbers."""
+    return _TICK + _PAD + text_width(texts) + 10.0
+
+
+def text_width(texts: Iterable[str]) -> float:
+    """Of the longest, about."""
+    return _LETTER * max(map(len, texts), default=0)
+
+
+def _track(points: Floats) -> str:
+    return "M" + "L".join(f"{_n(x)} {_n(y)}" for x, y in points.tolist())
+
+
+def _stroke(colour: str, width: float, dash: str = "") -> str:
+    return f"fill: none; {_line(colour, width, dash)}"
+
+
+def _line(colour: str, width: float, dash: str) -> str:
+    return f"stroke: {colour}; stroke-width: {_n(width)}" + (f"; stroke-dasharray: {dash}" if dash else "")
+
+
+def _n(value: float) -> str:
+    """A coordinate, to a hundredth of a point."""
+    return f"{round(value, 2) + 0.0:g}" if abs(value) < 1e4 else f"{value:.2f}"

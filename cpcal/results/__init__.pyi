@@ -13,6 +13,7 @@ from .leg_verdict import (
 )
 from .options import ARITHMETICS, CENTERS, METHODS, SUPPORTS, Options
 from .projection import Projection, Projections
+from .ranges import Ranges
 from .result import (
     RESULT_NAME,
     CampaignNote,
@@ -47,6 +48,7 @@ __all__ = [
     "Options",
     "Projection",
     "Projections",
+    "Ranges",
     "Result",
     "Uncertified",
     "Undecided",

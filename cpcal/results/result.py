@@ -14,13 +14,14 @@ from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
 from cpcal.results.determination import Determination
 from cpcal.results.options import Options
 from cpcal.results.projection import Projections
+from cpcal.results.ranges import Ranges
 from cpcal.results.verified_point import VerifiedPoint
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize import Trial
 from cpcal.solver.search import ContractorUse
 
-FORMAT = "cpcal-result/3"
+FORMAT = "cpcal-result/4"
 RESULT_NAME = "result.json"
 
 
@@ -73,10 +74,10 @@ class LegResult:
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. Lengths in mm. `verdict` PROVED: the
     bracket is closed (or, when an eps was asked for, some x satisfies it); REFUTED: no x does; UNKNOWN: a limit
-    came first. `point` is (ax, ay, az, bx, by, bz, l) and the model's extra parameters, None without a proved point;
-    `enclosure` holds every x with eps <= eps_hi. `floor`: second-order effect of the readings below which the bracket
-    cannot close. `support`: ids of measurements that by themselves prove eps_lo up to the gap or, where no few were
-    found to, of all with a weight in some step.
+    came first. `point` is (a_x, a_y, a_z, b_x, b_y, b_z, l) and the model's extra parameters, None without a proved
+    point; `enclosure` holds every x with eps <= eps_hi. `floor`: second-order effect of the readings below which the
+    bracket cannot close. `support`: ids of measurements that by themselves prove eps_lo up to the gap or, where no few
+    were found to, of all with a weight in some step.
 
     `certified`: the file `certificate` claims exactly these eps_lo, eps_hi, point and enclosure. Where it is False,
     `not_certified` says why: the numbers were found by the same proofs, but nobody can check them again.
@@ -98,6 +99,7 @@ class LegResult:
     certified: bool = False
     certificate: str | None = None
     not_certified: Uncertified = Uncertified.NOTHING
+    ranges: Ranges | None = None  # of the parameters at a tolerance; see cpcal.certify.ranges
     projections: Projections | None = None  # what the report draws; see cpcal.certify.projections
     # the center of the box, as a solution at eps = 0 (or the eps asked about)
     verified: VerifiedPoint | None = field(default=None, metadata={"json": "center_verified"})

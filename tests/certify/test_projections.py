@@ -10,7 +10,8 @@ import pytest
 from scipy.optimize import linprog
 
 import cpcal
-from cpcal.certify.projections import MARGIN, projection_eps, projections, with_projections
+from cpcal.certify.projections import projections, with_projections
+from cpcal.certify.ranges import MARGIN, range_eps
 from cpcal.legs import PARAMETERS, PLAIN, residuals
 from cpcal.simulate import true_robot
 
@@ -103,11 +104,12 @@ def test_the_tolerance_fits_the_question(exact):
     result = exact[1]
     leg = result.legs[0]
     asked = with_options(result, eps=0.7)
-    assert projection_eps(asked, leg) == 0.7
-    assert projection_eps(asked, dataclasses.replace(leg, verdict=cpcal.Verdict.REFUTED)) is None
-    assert projection_eps(result, dataclasses.replace(leg, eps_hi=np.inf)) is None
-    unknown = dataclasses.replace(leg, verdict=cpcal.Verdict.UNKNOWN)
-    assert projection_eps(result, unknown) == leg.eps_hi
+    assert range_eps(asked.options, leg) == 0.7
+    assert range_eps(asked.options, dataclasses.replace(leg, verdict=cpcal.Verdict.REFUTED)) is None
+    assert range_eps(result.options, dataclasses.replace(leg, eps_hi=np.inf)) is None
+    assert range_eps(result.options, leg) == MARGIN * leg.eps_hi
+    assert range_eps(with_options(result, tolerance=2.0 * leg.eps_hi).options, leg) == 2.0 * leg.eps_hi
+    assert range_eps(with_options(result, tolerance=0.5 * leg.eps_hi).options, leg) == MARGIN * leg.eps_hi
 
 
 def test_where_there_is_nothing_to_draw(exact):

@@ -116,6 +116,7 @@ def test_certify_writes_and_prints_the_answer(certified):
     assert sorted(p.name for p in folder.iterdir()) == [
         "campaign.json",
         "leg1.cert.jsonl",
+        "ranges-leg1.cert.jsonl",
         "report.html",
         "result.json",
     ]

@@ -90,7 +90,7 @@ def campaign() -> Campaign:
 
 
 def exact_readings(campaign: Campaign) -> Campaign:
-    return Campaign.from_arrays(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
+    return Campaign.of(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
 
 
 @pytest.mark.parametrize("exact", [True, False])

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import cpcal
 from cpcal.results import CampaignNote, Options
 
-NAMES = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
+NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 HOSTILE = "<script>alert(1)</script><b onclick='x'>\"&\x1b\u202e"
 POINT = (1.0,) * 7
 

@@ -17,7 +17,7 @@ from cpcal.report import QUANTIFIER, REPORT_NAME, reading_sensitivity, write_rep
 from cpcal.report.page import render
 from tests.report.made import made_result
 
-NAMES = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
+NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\x1b[31m"
 
 
@@ -211,7 +211,7 @@ def test_a_result_of_another_campaign_is_refused(campaign, tmp_path):
 
 
 def test_one_exact_measurement_and_no_residual_at_all():
-    single = cpcal.Campaign.from_arrays(
+    single = cpcal.Campaign.of(
         cpcal.Robot.from_parameters("r", [[0, 0, 0, 0, 0, 0, 0]]), [[0, 0, 100]], [[1, 0, 0, 0]], [[100.0]], exact=True
     )
     leg = leg_result(single, eps_lo=0.0, eps_hi=0.0, support=())

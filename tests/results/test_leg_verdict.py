@@ -24,8 +24,8 @@ from cpcal.results import (
 )
 from cpcal.solver.contract import Verdict
 
-NAMES = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")
-POOR = Determination(measurements=40, of=7, rank=1, undetermined=("a[0]", "l"))
+NAMES = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
+POOR = Determination(measurements=40, of=7, rank=1, undetermined=("a_x", "l"))
 BARE = Determination(measurements=7, of=7, rank=7)
 RICH = Determination(measurements=64, of=7, rank=7)
 
@@ -82,7 +82,7 @@ def test_poor_data_pass_at_no_tolerance(poor, tolerance):
         assert isinstance(verdict, Undetermined)
         assert "no test of the model" in verdict.sentence
         assert verdict.sentence.startswith(poor.sentence)
-    assert "a[0], l" in judged(0.0, 0.0, determination=POOR).sentence
+    assert "a_x, l" in judged(0.0, 0.0, determination=POOR).sentence
 
 
 def test_poor_data_can_still_refute():

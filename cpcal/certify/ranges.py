@@ -1,0 +1,87 @@
+"""The range of each parameter of a leg at a tolerance: how well its measurements determine it, each side proved."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cpcal.certify.bracket import by_bound
+from cpcal.certify.question import Question
+from cpcal.common.atomic import unwritable
+from cpcal.legs import LegModel
+from cpcal.results import LegResult, Options, Ranges, Result, model_of
+from cpcal.robot import Campaign
+from cpcal.solver.contract import Verdict
+
+MARGIN = 1.1  # times eps_hi: at eps_hi itself hardly more than one point is left
+PREFIX = "ranges-"  # of the certificates' names
+
+
+def with_ranges(
+    campaign: Campaign,
+    result: Result,
+    *,
+    certificates: str | os.PathLike[str] | None = None,
+    model: LegModel | None = None,
+) -> Result:
+    """The result with `ranges` for every leg that has a tolerance to ask them at (`range_eps`).
+
+    `certificates`: a folder for `ranges-legN.cert.jsonl`, which prove them. `model`: the leg model, where no installed
+    package provides it. Ctrl-C ends it with what is done. Raises InputError without the model, or where a certificate
+    cannot be written.
+    """
+    if result.interrupted:
+        return result
+    folder = None if certificates is None else Path(certificates)
+    question = Question(
+        campaign=campaign,
+        options=result.options,
+        model=model_of(result, model),
+        certificates=folder,
+        prefix=PREFIX,
+    )
+    legs, interrupted = list(result.legs), False
+    for k, leg in enumerate(legs):
+        try:
+            found, interrupted = _ranges(question, leg)
+        except KeyboardInterrupt:
+            interrupted = True
+        except OSError as error:
+            raise unwritable(folder or Path(), error) from None
+        if interrupted:
+            break
+        legs[k] = replace(leg, ranges=found)
+    return replace(result, legs=tuple(legs), interrupted=interrupted)
+
+
+def range_eps(options: Options, leg: LegResult) -> float | None:
+    """The eps asked about; else the tolerance, if the leg reaches it; else eps_hi and a tenth. None where none does."""
+    if options.eps is not None:
+        return None if leg.verdict is Verdict.REFUTED else options.eps
+    if leg.point is None or not math.isfinite(leg.eps_hi):
+        return None
+    if options.tolerance is not None and leg.eps_hi <= options.tolerance:
+        return options.tolerance
+    return MARGIN * leg.eps_hi
+
+
+def _ranges(question: Question, leg: LegResult) -> tuple[Ranges | None, bool]:
+    """The ranges, and whether the user interrupted the search for them."""
+    eps = range_eps(question.options, leg)
+    if eps is None:
+        return None, False
+    if question.options.eps is not None:  # they are what was asked
+        return (None if leg.enclosure.is_empty else Ranges(eps, leg.enclosure, leg.certificate)), False
+    options = replace(question.options, eps=eps, method="bound")
+    asked = replace(question, options=options)
+    network = asked.network(leg.leg, np.array(leg.center))
+    start = np.append(leg.center if leg.point is None else leg.point, eps)
+    answer = by_bound(asked, leg.leg, network, start, lambda _: None)
+    box = answer.minimum.enclosure
+    if box.is_empty or answer.minimum.interrupted:
+        return None, answer.minimum.interrupted
+    return Ranges(eps, type(box)(leg.enclosure.names, box.lo[:-1], box.hi[:-1]), answer.certificate), False

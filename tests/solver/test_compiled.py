@@ -1,0 +1,86 @@
+"""Compiled functions, and what happens where they cannot be compiled or kept."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cpcal.solver import compiled
+
+LOWER = "from cpcal.solver.compiled import compiled\n\n@compiled\ndef step(x):\n    return x + {step}\n"
+UPPER = """from cpcal.solver.compiled import compiled
+from lower import step
+
+@compiled
+def twice(x):
+    return step(step(x))
+"""
+RUN = "from upper import twice; print(twice(1.0))"
+
+
+def run(folder: Path, code: str = RUN, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A fresh interpreter that finds cpcal here and the modules in `folder`."""
+    root = Path(compiled.__file__).parents[2]
+    paths = os.pathsep.join([str(folder), str(root)])
+    return subprocess.run(
+        [sys.executable, "-W", "always::RuntimeWarning", "-c", code],
+        env={**os.environ, "PYTHONPATH": paths, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+
+@pytest.fixture
+def modules(tmp_path: Path) -> Path:
+    (tmp_path / "lower.py").write_text(LOWER.format(step="1.0"))
+    (tmp_path / "upper.py").write_text(UPPER)
+    return tmp_path
+
+
+def test_machine_code_is_kept_and_follows_the_files_that_a_function_calls_into(modules):
+    first, second = run(modules), run(modules)
+    assert first.stdout == second.stdout == "3.0\n"
+    assert "compiling 'twice', once ... done" in first.stderr
+    assert "compiling" not in second.stderr
+    (modules / "lower.py").write_text(LOWER.format(step="2.0"))
+    assert run(modules).stdout == "5.0\n"  # upper.py did not change
+
+
+def test_without_numba_it_runs_and_says_so_once(modules):
+    hidden = f"import sys; sys.modules['numba'] = None; {RUN}"
+    done = run(modules, hidden)
+    assert done.stdout == "3.0\n"
+    assert done.stderr.count("numba is not installed") == 1
+
+
+def test_with_the_compiler_switched_off_nothing_is_said(modules):
+    done = run(modules, NUMBA_DISABLE_JIT="1")
+    assert (done.stdout, done.stderr) == ("3.0\n", "")
+
+
+@pytest.mark.parametrize("home", [True, False])
+def test_a_folder_that_can_not_be_written_is_no_error(modules, tmp_path_factory, home):
+    cache = tmp_path_factory.mktemp("cache")
+    shutil.rmtree(modules / "__pycache__", ignore_errors=True)
+    (modules / "__pycache__").write_text("in the way")
+    if not home:
+        cache.rmdir()
+        cache.write_text("in the way")
+    first, second = (run(modules, XDG_CACHE_HOME=str(cache)) for _ in range(2))
+    assert first.stdout == second.stdout == "3.0\n"
+    assert ("compiling" in second.stderr) is not home
+    assert second.stderr.count("no cache folder can be written") == (0 if home else 1)
+
+
+def test_the_plain_function_is_the_compiled_one():
+    @compiled.compiled
+    def half(x: float) -> float:
+        return x / 2.0
+
+    assert half(3.0) == compiled.plain(half)(3.0) == 1.5
