@@ -52,7 +52,7 @@ class ExactCampaign:
 
 
 def _row(cells: tuple[Any, ...], legs: int) -> tuple[Any, ...]:
-    found = entry(text, text, *[decimal] * (13 + 2 * legs))(list(cells))
+    found: tuple[Any, ...] = entry(text, text, *[decimal] * (13 + 2 * legs))(list(cells))
     if not any(found[5:9]) or min(found[9 + legs :]) < 0:
         raise Refused("a measurement has a quaternion that is no rotation, or a negative half-width")
     return found

@@ -98,14 +98,13 @@ class _Check:
     def _claims(self, value: dict[str, Any]) -> Claims:
         cap, infeasible, epsilon, hull, given = self.schema["claims"](value)
         self._check_cap(cap)
+        o, (lo, hi) = self.problem.objective, epsilon or (None, None)
+        least = None if o is None else self.root.lo[o]
+        if lo is not None and (least is None or not least <= lo <= cap or (self.problem.model and least != 0)):
+            raise Refused("eps_lo lies between the least eps of the problem, which is 0 for a leg, and cap")
         point = None if given is None else self._point(*given)
-        lo, hi = epsilon or (None, None)
-        if lo is not None:
-            o = self.problem.objective
-            if o is None or not self.root.lo[o] <= lo <= cap or (self.problem.model and self.root.lo[o] != 0):
-                raise Refused("eps_lo lies between the least eps of the problem, which is 0 for a leg, and cap")
-            if hi is not None and not (lo <= hi and point is not None and self._attains(point, o, hi)):
-                raise Refused("eps_hi is not proved: no point of the box with it satisfies every measurement", "proof")
+        if hi is not None and not (lo <= hi and point is not None and self._attains(point, hi)):
+            raise Refused("eps_hi is not proved: no point of the box with it satisfies every measurement", "proof")
         return Claims(cap, infeasible, lo, hi, None if hull is None else tuple(hull), point)
 
     def _check_cap(self, cap: F | None) -> None:
@@ -131,8 +130,10 @@ class _Check:
                 raise Refused(f"it is not proved that the point fails at measurement {row[1]}", "proof")
         return Point(at, good, bad)
 
-    def _attains(self, point: Point, o: int, value: F) -> bool:
-        return self.root.holds(point.at, point.at) and point.holds == self.problem.chosen and point.at[o] == value
+    def _attains(self, point: Point, value: F) -> bool:
+        o = self.problem.objective
+        everywhere = self.root.holds(point.at, point.at) and point.holds == self.problem.chosen
+        return o is not None and everywhere and point.at[o] == value
 
     # the steps ----------------------------------------------------------------------------------------------------
 

@@ -57,7 +57,7 @@ def problem_of(
 def _leg(
     header: dict[str, Any], lines: Lines, certificate: Path, given: Path | ExactCampaign | None
 ) -> tuple[Problem, Box]:
-    _, digest, leg, model, count, only, *ends = _LEG(header)
+    _, digest, leg, model, count, only, lo, hi = _LEG(header)
     campaign = beside(certificate, digest) if given is None else given
     if isinstance(campaign, Path):
         campaign = ExactCampaign(campaign)
@@ -68,18 +68,18 @@ def _leg(
     if only == ():
         raise Refused("a certificate of no measurements says nothing")
     problem = leg_problem(lambda k: campaign.measurement(k, leg), count, model, only)
-    root = _box(*ends, len(problem.unknowns))
+    root = _box(lo, hi, len(problem.unknowns))
     if root.lo[-1] < 0:
         raise Refused("eps is negative in the box of the problem")
     return problem, root
 
 
 def _stated(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
-    _, _, names, objective, count, *ends = _STATED(header)
+    _, _, names, objective, count, lo, hi = _STATED(header)
     n = len(names)
     if not 0 < n <= _MOST_UNKNOWNS or len(set(names)) < n or (objective or 0) >= n:
         raise Refused(f"there must be from 1 to {_MOST_UNKNOWNS} unknowns, with names of their own; objective is one")
-    root, items, terms = _box(*ends, n), [], 0
+    root, items, terms = _box(lo, hi, n), [], 0
     given = many(entry(many(whole(n)), dyadic))
     line = record(
         {"name": text, "root": choice(True, False), "body": given, "at_least": maybe(given), "at_most": maybe(given)}
@@ -89,8 +89,9 @@ def _stated(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
         terms += sum(len(part or ()) for part in parts)
         if terms > min(_MOST_TERMS, _MOST_FIELDS // n):
             raise Refused(f"the constraints have more than {_MOST_TERMS} terms", "limit")
-        polynomials = [None if part is None else polynomial(part, lines.spend) for part in parts]
-        items.append(Constraint(*polynomials, constant(F(1), lines.spend) if rooted else None))
+        low, high = (None if part is None else polynomial(part, lines.spend) for part in parts[1:])
+        factor = constant(F(1), lines.spend) if rooted else None
+        items.append(Constraint(polynomial(parts[0], lines.spend), low, high, factor))
     return Problem(names, objective, count, tuple(range(count)), lambda k, images: items[k].on(images)), root
 
 

@@ -95,10 +95,9 @@ class Constraint:
     also: Mapping[str, Polynomial] = field(default_factory=dict)
 
     def on(self, images: Kept) -> Constraint:
-        """With what is put for each monomial."""
-        given = {name: getattr(self, name) for name in ("body", "at_least", "at_most", "factor")}
-        parts = {name: None if p is None else substituted(p, images) for name, p in given.items()}
-        return Constraint(**parts)
+        """With what is put for each monomial; of one whose factor is a number."""
+        low, high = (None if p is None else substituted(p, images) for p in (self.at_least, self.at_most))
+        return Constraint(substituted(self.body, images), low, high, self.factor)
 
     def row(self, side: str, mask: int) -> Polynomial:
         """At most zero at every solution; the zero polynomial where there is no such bound."""

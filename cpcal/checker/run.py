@@ -72,8 +72,9 @@ def _of_the_run(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, An
     yield "name of the robot", stated["robot"], campaign.robot
     every = list(range(1, campaign.legs + 1))
     asked = result["options"]["legs"] or every
-    yield "list of legs", numbers, [n for n in asked if n in every and (n in numbers or not result["interrupted"])]
-    yield "list of legs", len(numbers), len(set(numbers))
+    partly = result["interrupted"] is True
+    yield "list of legs", numbers, [n for n in asked if n in every and (n in numbers or not partly)]
+    yield "list of legs", [type(n) for n in numbers], [int] * len(set(numbers))
 
 
 def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, work: int) -> LegChecked:

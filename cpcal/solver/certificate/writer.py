@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from fractions import Fraction as F
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -45,24 +46,24 @@ class WeightProver:
             if step.weights is None:
                 continue
             if step.variable is None:
-                excluding = _within_limits(lambda w=step.weights: _excluding(table, w))
+                excluding = _within_limits(partial(_excluding, table, step.weights))
                 if excluding is not None:
                     (weights,), rows = table.encoded([excluding])
                     exclude = {"exclude": 0, "cap": cap, "rows": rows, "weights": weights}
                     return Proof(Box.empty(box.names), (*steps, step), exclude, True)
                 continue
             i = box.index(step.variable)
-            found = _within_limits(lambda i=i, step=step: _bound(table, i, step, _LOSS * _width(proposed.box, i)))
+            found = _within_limits(partial(_bound, table, i, step, _LOSS * _width(proposed.box, i)))
             if found is None:
                 continue
-            weights, bound = found
+            proof, bound = found
             if (step.side == "lo" and bound > lo[i]) or (step.side == "hi" and bound < hi[i]):
                 (lo if step.side == "lo" else hi)[i] = bound
-                bounds.append((i, step.side, number(bound), weights))
+                bounds.append((i, step.side, number(bound), proof))
                 steps.append(step)
         left, record = box.with_bounds(lo, hi), None
         if bounds:
-            texts, rows = table.encoded([found for *_, found in bounds])
+            texts, rows = table.encoded([proof for *_, proof in bounds])
             entries = [[*entry[:3], text] for entry, text in zip(bounds, texts, strict=True)]
             record = {"pass": 0, "cap": cap, "rows": rows, "bounds": entries}
         return Proof(left, tuple(steps), record, _complete(left, proposed.box))
