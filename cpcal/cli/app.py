@@ -24,6 +24,7 @@ class Verb(NamedTuple):
 VERBS = {
     "check": Verb("cpcal.cli.check", "check", CHECK_STATUS_HELP),
     "certify": Verb("cpcal.cli.certify", "certify", STATUS_HELP),
+    "accuracy": Verb("cpcal.cli.accuracy", "accuracy_of"),
     "compare": Verb("cpcal.cli.compare", "compare_models", STATUS_HELP),
     "simulate": Verb("cpcal.cli.simulate", "simulate"),
     "camera": Verb("cpcal.cli.camera", "camera"),
