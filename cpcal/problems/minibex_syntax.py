@@ -182,27 +182,27 @@ class Parser:
 
     def power(self) -> Node:
         left = self.indexed()
-        while self.now.text in ("^", "'"):
+        while self.now.text == "^":
             sign = self.take()
-            if sign.text == "'":
-                left = Node("transposed", sign, (left,))
-            else:
-                negative = self.now.text == "-" and self.take()
-                exponent = self.indexed()
-                left = Node("^", sign, (left, Node("negative", sign, (exponent,)) if negative else exponent))
+            minus = self.take() if self.now.text == "-" else None
+            exponent = self.indexed()
+            left = Node("^", sign, (left, Node("negative", minus, (exponent,)) if minus else exponent))
         return left
 
     def indexed(self) -> Node:
         left = self.atom()
-        while self.now.text in ("(", "["):
+        while self.now.text in ("(", "[", "'"):
             opening = self.take()
+            if opening.text == "'":
+                left = Node("transposed", opening, (left,))
+                continue
             parts = [self.place()]
             while self.takes(","):
                 parts.append(self.place())
             self.needs(")" if opening.text == "(" else "]")
-            called = left.kind == "name" and opening.text == "(" and left
-            kind = "call or index" if called else "index"
-            left = Node(kind, left.token if called else opening, (left, *parts), opening.text == "[")
+            called = left.kind == "name" and opening.text == "("
+            kind, token = ("call or index", left.token) if called else ("index", opening)
+            left = Node(kind, token, (left, *parts), opening.text == "[")
         return left
 
     def place(self) -> Node:

@@ -48,7 +48,8 @@ class Source:
         at, line, start = 0, 1, 0
         while at < len(self.text):
             found = _TOKEN.match(self.text, at)
-            if found is None or len(out) > MOST:
+            comment = self.text.startswith("/*", at) and found is not None and found.lastgroup != "space"
+            if found is None or comment or len(out) > MOST:
                 bad = Token("sign", self.text[at], line, at - start + 1)
                 what = (
                     "a comment does not end"
