@@ -1,0 +1,68 @@
+"""The smallest model error when some measurements may be wrong, as plain values, and its file `robust.json`."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from cpcal.files.codec import load, save
+from cpcal.results.options import Options
+from cpcal.results.result import CampaignNote
+
+FORMAT = "cpcal-robust/1"
+ROBUST_NAME = "robust.json"
+
+
+@dataclass(frozen=True)
+class RobustLeg:
+    """One leg when at most `outliers` of its measurements may be wrong, nobody knows which. Lengths in mm.
+
+    PROVED: whichever so many are left out, no parameters in the box satisfy all others for any eps < `eps_lo`.
+    `point` satisfies all but those `left_out` (names) at `eps_hi`; None and infinite without one.
+
+    `proofs`: certificates. Whichever `outliers` measurements are left out, one of these does without them and proves
+    eps_lo. `point_certificate` proves the point. Empty and None where no certificates were asked for.
+    `complete`: the bracket is closed. `searches`: how many sets of measurements were looked at.
+    """
+
+    leg: int
+    outliers: int
+    eps_lo: float
+    eps_hi: float
+    point: tuple[float, ...] | None
+    center: tuple[float, ...]
+    left_out: tuple[str, ...]
+    complete: bool
+    proofs: tuple[str, ...]
+    point_certificate: str | None
+    searches: int
+    seconds: float
+
+    @property
+    def sentence(self) -> str:
+        """What is proved, without numbers."""
+        if not self.complete:
+            return "Both bounds are proved; the search stopped at a limit before they met."
+        return "Both bounds are proved and the gap is closed."
+
+
+@dataclass(frozen=True)
+class RobustResult:
+    """The legs that were asked about, and how."""
+
+    campaign: CampaignNote
+    options: Options
+    outliers: int
+    version: str
+    legs: tuple[RobustLeg, ...]
+
+
+def save_robust(found: RobustResult, folder: str | os.PathLike[str]) -> Path:
+    """Write `robust.json` into the folder, all or nothing; its path. Raises InputError."""
+    return save(found, Path(folder) / ROBUST_NAME, FORMAT)
+
+
+def load_robust(folder: str | os.PathLike[str]) -> RobustResult:
+    """Read `robust.json` from the folder. Raises InputError."""
+    return load(RobustResult, Path(folder) / ROBUST_NAME, FORMAT, remedy="run cpcal robust again")
