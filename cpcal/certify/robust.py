@@ -14,18 +14,27 @@ of q measurements that miss the new support. The proof is the family of refutati
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cpcal.certify.certify import checked_options
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats, Indices
-from cpcal.legs import leg_box, leg_network
-from cpcal.results.robust import RobustLeg
+from cpcal.common.errors import Problem
+from cpcal.common.version import __version__
+from cpcal.files import campaign_sha256
+from cpcal.files.run_folder import ROBUST, answers_into
+from cpcal.legs import LegModel, leg_box, leg_network
+from cpcal.results import CampaignNote, ModelNote
+from cpcal.results.robust import MARGIN, SMALLEST, RobustLeg, RobustResult, save_robust
+from cpcal.robot import Campaign
 from cpcal.solver.certificate.recording import Recording, claims_of
-from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.certificate.statement import Statement
+from cpcal.solver.contract import Limits
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
@@ -37,8 +46,6 @@ from cpcal.solver.search import Contracting
 
 Told = Callable[[str], None]
 
-_MARGIN = 1e-5  # relative, below eps_hi: what is proved of every choice of outliers
-_SMALLEST = 1e-9  # mm, likewise
 _ACTIVE = 1e-6  # mm: rows this near to the largest decide a fit
 
 
@@ -65,6 +72,61 @@ class _Progress:
         return np.inf if self.best is None else self.best.hi
 
 
+def certify_robust(
+    campaign: Campaign,
+    *,
+    outliers: int,
+    legs: Sequence[int] | None = None,
+    delta: float = 100.0,
+    center: str = "fit",
+    time_limit: float | None = None,
+    contractors: Sequence[str] = ("lifted",),
+    model: str | LegModel | None = None,
+    certificates: str | os.PathLike[str] | None = None,
+    tell: Told | None = None,
+) -> RobustResult:
+    """For every leg the smallest eps when at most `outliers` of its measurements may be wrong, bracketed by proofs.
+
+    The other options are those of `certify`. `certificates` names a folder for `robust.json` and what proves it to
+    `cpcal verify`. `tell` is called with a line on what is done. Raises InputError, PluginError.
+    """
+    wrong = []
+    if isinstance(outliers, bool) or not isinstance(outliers, int) or not 0 <= outliers < len(campaign):
+        remedy = f"give a whole number from 0 to {len(campaign) - 1}, such as 2"
+        wrong.append(Problem("outliers", f"{outliers!r} is no number of measurements that may be wrong", remedy))
+    options, chosen = checked_options(
+        campaign,
+        wrong,
+        legs=legs,
+        delta=delta,
+        center=center,
+        time_limit=time_limit,
+        contractors=contractors,
+        model=model,
+        half_widths={},
+    )
+    question = Question(campaign=campaign, options=options, model=chosen)
+    if certificates is None:
+        return _answered(question, outliers, tell)
+    with answers_into(certificates, ROBUST, campaign) as draft:
+        found = _answered(replace(question, certificates=draft), outliers, tell)
+        save_robust(found, draft)
+    return found
+
+
+def _answered(question: Question, outliers: int, tell: Told | None) -> RobustResult:
+    campaign, model = question.campaign, question.model
+    numbers = question.options.legs or range(1, campaign.legs + 1)
+    return RobustResult(
+        campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
+        options=question.options,
+        model=ModelNote(model.name, model.summary, model.extra),
+        outliers=outliers,
+        version=__version__,
+        legs=tuple(robust_leg(question, leg, outliers, tell) for leg in sorted(numbers)),
+    )
+
+
 def robust_leg(question: Question, leg: int, outliers: int, tell: Told | None = None) -> RobustLeg:
     """The bracket of leg `leg` with at most `outliers` wrong measurements; with certificates where they are asked for.
 
@@ -73,10 +135,10 @@ def robust_leg(question: Question, leg: int, outliers: int, tell: Told | None = 
     began = time.monotonic()
     search = _Search(question, leg)
     state = _Progress()
-    search.improve(state, search.guessed(outliers))
+    search.begin(state, search.guessed(outliers))
     target = state.hi
     while np.isfinite(state.hi) and time.monotonic() - began < (question.options.time_limit or np.inf):
-        target = min(target, state.hi - max(_MARGIN * state.hi, _SMALLEST))
+        target = min(target, state.hi - max(MARGIN * state.hi, SMALLEST))
         if target <= 0.0:  # no error is smaller
             break
         without = hitting_set([one.members for one in state.supports], outliers)
@@ -89,10 +151,9 @@ def robust_leg(question: Question, leg: int, outliers: int, tell: Told | None = 
 
 
 def _result(search: _Search, state: _Progress, outliers: int, target: float, seconds: float) -> RobustLeg:
-    question, ids = search.question, search.question.campaign.measurement_ids
+    ids = search.question.campaign.measurement_ids
     settled = hitting_set([one.members for one in state.supports], outliers) is None
     lo = min((one.lo for one in state.supports), default=0.0) if settled else 0.0
-    complete = state.hi == 0.0 or (settled and state.hi - lo <= 2.0 * max(_MARGIN * state.hi, _SMALLEST))
     witness = None if state.best is None else state.best.witness
     certificate = search.point_certificate(state)
     proofs = tuple(one.certificate for one in state.supports if one.certificate is not None) if settled else ()
@@ -104,7 +165,6 @@ def _result(search: _Search, state: _Progress, outliers: int, target: float, sec
         point=None if witness is None else tuple(map(float, witness.point[:-1])),
         center=tuple(map(float, search.center)),
         left_out=tuple(ids[k] for k in sorted(state.without)),
-        complete=bool(complete),
         proofs=proofs,
         point_certificate=certificate if witness is not None else None,
         searches=state.searches,
@@ -135,12 +195,11 @@ class _Search:
             without |= {min(trials)[1]}
         return without
 
-    def improve(self, state: _Progress, without: frozenset[int]) -> None:
-        """Bracket the others' eps; its point counts where it is better."""
-        network = self._kept(self._whole, without)
-        found = self._minimum(network, None)
+    def begin(self, state: _Progress, without: frozenset[int]) -> None:
+        """The least eps of the others: the first point."""
+        found = self._minimum(self._kept(self._whole, without), None)
         state.searches += 1
-        if found.witness is not None and found.hi < state.hi:
+        if found.witness is not None:
             state.best, state.without = found, without
 
     def turn(self, state: _Progress, without: frozenset[int], target: float) -> float:
@@ -156,9 +215,8 @@ class _Search:
             model=self.question.model,
         )
         found, support = self._proved(self._kept(network, without), without)
-        if found.witness is not None:
-            self.improve(state, without)
-            state.supports = [one for one in state.supports if one.lo >= 0.0]
+        if found.witness is not None:  # it lies below the target, and so below the best
+            state.best, state.without = found, without
             return target
         state.supports.append(support)
         return min(target, support.lo)
@@ -198,7 +256,7 @@ class _Search:
 
     def _minimum(self, network: ConstraintNetwork, recording: Recording | None) -> Minimum:
         question = self.question
-        limits = Limits(seconds=question.options.time_limit, gap=0.1 * _MARGIN, gap_absolute=0.1 * _SMALLEST)
+        limits = Limits(seconds=question.options.time_limit, gap=0.1 * MARGIN, gap_absolute=0.1 * SMALLEST)
         states = minimize(
             network,
             "eps",
@@ -217,11 +275,11 @@ class _Search:
         network, kept = self._kept(self._whole, without), self._rows(without)
         rows = Rows(network)
         point = fit(rows, network.names.index("eps"), network.domain, start, Dense())
-        excess = rows.linearize(point).values
-        per_row = excess.reshape(-1, len(kept)).max(axis=0) if excess.size % len(kept) == 0 else excess
-        return point, [int(kept[k]) for k in np.flatnonzero(per_row >= -_ACTIVE) if k < len(kept)]
+        # each one-sided row of a leg has an element for every measurement
+        excess = rows.linearize(point).values.reshape(-1, len(kept)).max(axis=0)
+        return point, [int(kept[k]) for k in np.flatnonzero(excess >= -_ACTIVE)]
 
-    def _statement(self, domain: Box, without: frozenset[int]) -> object:
+    def _statement(self, domain: Box, without: frozenset[int]) -> Statement | None:
         return self.question.statement(self.leg, domain, tuple(sorted(self._all - without)) if without else None)
 
     def _rows(self, without: frozenset[int]) -> Indices:
@@ -234,8 +292,3 @@ class _Search:
 def _members(found: Minimum, kept: Indices) -> frozenset[int]:
     """The measurements with a weight in some step."""
     return frozenset(int(kept[k]) for _, k in found.rows)
-
-
-def undecided(legs: Sequence[RobustLeg]) -> list[int]:
-    """Legs whose bracket is open."""
-    return [leg.leg for leg in legs if not leg.complete or leg.point is None]

@@ -8,10 +8,12 @@ from pathlib import Path
 
 from cpcal.files.codec import load, save
 from cpcal.results.options import Options
-from cpcal.results.result import CampaignNote
+from cpcal.results.result import CampaignNote, ModelNote
 
 FORMAT = "cpcal-robust/1"
 ROBUST_NAME = "robust.json"
+MARGIN = 1e-5  # relative, below eps_hi: what is proved of every choice of outliers
+SMALLEST = 1e-9  # mm, likewise
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class RobustLeg:
 
     `proofs`: certificates. Whichever `outliers` measurements are left out, one of these does without them and proves
     eps_lo. `point_certificate` proves the point. Empty and None where no certificates were asked for.
-    `complete`: the bracket is closed. `searches`: how many sets of measurements were looked at.
+    `searches`: how many sets of measurements were looked at.
     """
 
     leg: int
@@ -33,11 +35,15 @@ class RobustLeg:
     point: tuple[float, ...] | None
     center: tuple[float, ...]
     left_out: tuple[str, ...]
-    complete: bool
     proofs: tuple[str, ...]
     point_certificate: str | None
     searches: int
     seconds: float
+
+    @property
+    def complete(self) -> bool:
+        """Whether the bracket is closed."""
+        return self.point is not None and self.eps_hi - self.eps_lo <= 2.0 * max(MARGIN * self.eps_hi, SMALLEST)
 
     @property
     def sentence(self) -> str:
@@ -53,6 +59,7 @@ class RobustResult:
 
     campaign: CampaignNote
     options: Options
+    model: ModelNote
     outliers: int
     version: str
     legs: tuple[RobustLeg, ...]
