@@ -24,8 +24,10 @@ class Verb(NamedTuple):
 VERBS = {
     "check": Verb("cpcal.cli.check", "check", CHECK_STATUS_HELP),
     "certify": Verb("cpcal.cli.certify", "certify", STATUS_HELP),
+    "accuracy": Verb("cpcal.cli.accuracy", "accuracy_of"),
     "compare": Verb("cpcal.cli.compare", "compare_models", STATUS_HELP),
     "simulate": Verb("cpcal.cli.simulate", "simulate"),
+    "camera": Verb("cpcal.cli.camera", "camera"),
     "target": Verb("cpcal.cli.target", "target"),
     "detect": Verb("cpcal.cli.detect", "detect_poses"),
     "calibrate": Verb("cpcal.cli.calibrate", "calibrate"),
