@@ -34,6 +34,7 @@ VERBS = {
     "detect": Verb("cpcal.cli.detect", "detect_poses"),
     "calibrate": Verb("cpcal.cli.calibrate", "calibrate"),
     "demo": Verb("cpcal.cli.demo.command", "demo", STATUS_HELP),
+    "robust": Verb("cpcal.cli.robust", "robust_brackets", STATUS_HELP),
     "report": Verb("cpcal.cli.report", "report"),
     "plugins": Verb("cpcal.cli.plugins", "plugins"),
     "verify": Verb("cpcal.cli.verify", "verify", VERIFY_STATUS_HELP),
