@@ -9,7 +9,13 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from cpcal.cli.leaving import leaving, refuse_empty
-from cpcal.cli.status import CHECK_STATUS_HELP, SOLVE_STATUS_HELP, STATUS_HELP, VERIFY_STATUS_HELP
+from cpcal.cli.status import (
+    CHECK_STATUS_HELP,
+    IMPORT_STATUS_HELP,
+    SOLVE_STATUS_HELP,
+    STATUS_HELP,
+    VERIFY_STATUS_HELP,
+)
 from cpcal.common.version import __version__
 
 
@@ -22,6 +28,8 @@ class Verb(NamedTuple):
 
 
 VERBS = {
+    "robot": Verb("cpcal.cli.robot", "robot"),
+    "import": Verb("cpcal.cli.import_log", "import_log", IMPORT_STATUS_HELP),
     "check": Verb("cpcal.cli.check", "check", CHECK_STATUS_HELP),
     "certify": Verb("cpcal.cli.certify", "certify", STATUS_HELP),
     "accuracy": Verb("cpcal.cli.accuracy", "accuracy_of"),
@@ -33,6 +41,7 @@ VERBS = {
     "detect": Verb("cpcal.cli.detect", "detect_poses"),
     "calibrate": Verb("cpcal.cli.calibrate", "calibrate"),
     "demo": Verb("cpcal.cli.demo.command", "demo", STATUS_HELP),
+    "robust": Verb("cpcal.cli.robust", "robust_brackets", STATUS_HELP),
     "report": Verb("cpcal.cli.report", "report"),
     "plugins": Verb("cpcal.cli.plugins", "plugins"),
     "verify": Verb("cpcal.cli.verify", "verify", VERIFY_STATUS_HELP),
