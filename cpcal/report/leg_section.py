@@ -13,7 +13,7 @@ from cpcal.legs import PARAMETERS, LegModel, model_residuals
 from cpcal.report.advice import FEW, Advice, advise, measurement_names, support_numbers
 from cpcal.report.bars import Enclosure, enclosure_svg
 from cpcal.report.fitted import Fitted, fitted
-from cpcal.report.pairs import pairs
+from cpcal.report.pairs import eps_text, pairs
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
 from cpcal.report.sensitivity import reading_sensitivity
 from cpcal.report.words import center_sentence, fit_sentence, leg_sentence
@@ -41,7 +41,7 @@ def leg_section(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
         "fit_error": None if found is None or model is None else _fit_error(campaign, leg, model, found),
         "trials": [_trial(leg, trial) for trial in leg.trials],
         "parameters": _parameters(campaign, result, leg, found),
-        "ranges": _ranges(leg),
+        "ranges": _ranges(result, leg),
         "enclosure": _enclosure(result, leg),
         "bars": _bars(campaign, leg, found),
         "contractors": contractors_sentences(leg),
@@ -100,13 +100,13 @@ def _hex(box: Box, k: int) -> tuple[str, str]:
     return float(box.lo[k]).hex(), float(box.hi[k]).hex()
 
 
-def _ranges(leg: LegResult) -> dict[str, Any] | None:
+def _ranges(result: Result, leg: LegResult) -> dict[str, Any] | None:
     """To which eps the ranges belong, and who can check them."""
     if leg.ranges is None:
         return None
     eps = leg.ranges.eps
     return {
-        "eps": bracket_text(eps, eps)[0],  # rounded down: what holds to within eps holds to within less
+        "eps": eps_text(result, eps),
         "margin": about(eps / leg.eps_hi) if 0.0 < leg.eps_hi < eps else None,
         "certificate": leg.ranges.certificate,
     }

@@ -73,7 +73,7 @@ def platform_svg(campaign: Campaign, result: Result) -> str:
     low, extent = view.low, np.maximum(view.extent, 1e-9)
     scale = (_WIDTH - 2.0 * _PADDING) / float(max(extent[0], 1.3 * extent[1]))
     width, height = scale * extent
-    figure = Figure(_WIDTH, float(height) + 2.0 * _PADDING + 16.0)
+    figure = Figure(_WIDTH, float(height) + 2.0 * _PADDING + 28.0)
     left = 0.5 * (_WIDTH - float(width))
     frame = (left, _PADDING, left + float(width), _PADDING + float(height))
     axes = Axes(figure, frame, (low[0], low[0] + extent[0]), (low[1], low[1] + extent[1]))
@@ -89,7 +89,7 @@ def platform_svg(campaign: Campaign, result: Result) -> str:
     axes.dots([at[k] for k in forcing], SUPPORT, 6.0)
     axes.hover([at[k] for k in forcing], measurement_names(campaign, forcing))
     length = ticks(0.0, 0.3 * float(extent[0]), 3)[-1]
-    start = (low[0], low[1] - 14.0 / scale)
+    start = (low[0], low[1] - 30.0 / scale)
     axes.line([start, (start[0] + length, start[1])], INK, 1.6)
     x, y = axes.at([(start[0] + length, start[1])])[0]
     figure.text(float(x) + 5.0, float(y), f"{about(length)} mm")

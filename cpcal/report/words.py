@@ -24,6 +24,7 @@ QUANTIFIER = (
     "in its set at which the leg equation is off by at most eps."
 )
 LONGER = "The model takes each leg to be longer than eps."
+SHORT_QUANTIFIER = "To fit: for every measurement some reading in its set is off by at most that."
 FRAME = (
     "a: base joint centre, in the base frame of the campaign's poses; b: mobile joint centre, in their mobile frame; "
     "l: length offset."
@@ -78,6 +79,23 @@ def fit_sentence(verdict: LegVerdict) -> str:
         said = _misfit(verdict)
     tolerance = None if isinstance(verdict, Bounded) else verdict.tolerance
     return f"{said}." if tolerance is None else f"{said}; {stated(tolerance)} {bracket.unit} are allowed."
+
+
+def short_fit(verdict: LegVerdict) -> str:
+    """The same in a few words, for a line of a terminal."""
+    bracket = verdict.bracket
+    if isinstance(verdict, Undetermined):
+        names = verdict.determination.undetermined
+        return f"undetermined: {', '.join(names)}" if names else "undetermined: too few measurements"
+    if isinstance(verdict, Undecided):
+        return f"undecided, {bracket.range}"
+    if isinstance(verdict, Unexplained):
+        word = "does not fit" if verdict.tolerance is None else "fail"
+        if verdict.beyond is not None:
+            return f"{word} to within {stated(verdict.beyond)} {bracket.unit}" if verdict.beyond else f"{word} exactly"
+        return f"{word}, {bracket.no_better}" if math.isfinite(bracket.lo) else word
+    passed = "pass, " if isinstance(verdict, Explained) and verdict.tolerance is not None else ""
+    return f"{passed}fits {bracket.within}"
 
 
 def _misfit(verdict: Unexplained) -> str:

@@ -13,6 +13,7 @@ from rich.console import Console
 import cpcal
 from cpcal.cli.show import show_result
 from cpcal.files import campaign_sha256
+from cpcal.legs import PLAIN
 from cpcal.report import QUANTIFIER, REPORT_NAME, reading_sensitivity, write_report
 from cpcal.report.page import render
 from tests.report.made import made_result
@@ -260,6 +261,7 @@ def test_one_number_has_one_rounding(campaign):
     result = result_of(campaign)
     printed = io.StringIO()
     console = Console(file=printed, width=200)
-    show_result(console, result, campaign.legs)
+    show_result(console, campaign, result, PLAIN, verbose=True)
+    show_result(console, campaign, result, PLAIN)
     for text in (render(campaign, result), printed.getvalue()):
         assert set(re.findall(r"\b0\.0890\d*", text)) == {"0.08901174", "0.08901176"}
