@@ -56,9 +56,7 @@ def network(case: str, delta: float, runs: int) -> ConstraintNetwork:
     assert truth is not None
     center = truth.parameters[0] + 0.3 * delta * np.array([1, -1, 1, 1, -1, 1, -1])
     if case != "uncertain":
-        campaign = Campaign.from_arrays(
-            campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True
-        )
+        campaign = Campaign.of(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
     return leg_network(campaign, 1, leg_box(center, delta), engine=get_arithmetic("float64"), eps=(0.0, eps))
 
 

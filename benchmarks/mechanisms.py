@@ -37,7 +37,7 @@ def campaign(study: Study) -> cpcal.Campaign:
     truth, table = study.truth, study.calibration
     assert truth is not None
     poses = truth.mobile_in_base(table)
-    return cpcal.Campaign.from_arrays(
+    return cpcal.Campaign.of(
         study.robot, poses.position, poses.quaternion, table.length, pose=table.pose, run=table.run, exact=True
     )
 

@@ -57,7 +57,7 @@ def averaged(
     widths = half_widths(spread, method, factor=factor, coverage=coverage, confidence=confidence)
     shrink = np.sqrt(spread.repeats[:, None]) if of == "mean" else np.ones((len(spread.names), 1))
     radii = widths / shrink
-    return Campaign.from_arrays(
+    return Campaign.of(
         campaign.robot,
         _means(used.position, spread),
         mean_rotations(used.quaternion, spread.group, len(spread.names)),
@@ -90,7 +90,7 @@ def _kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
         what = f"has the shape {mask.shape} and the type {mask.dtype}"
         raise InputError([Problem("option keep", what, f"give {len(campaign)} truth values")])
     rows = np.flatnonzero(mask).tolist()
-    return Campaign.from_arrays(
+    return Campaign.of(
         campaign.robot,
         campaign.position[rows],
         campaign.quaternion[rows],

@@ -85,7 +85,7 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0) 
 def as_campaign(table: PoseTable, robot: Robot) -> Campaign:
     """The rows of a table as measurements of a robot whose joint centres are in the frames of camera and target."""
     runs = table.run if table.image is None else [f"{r}:{i}" for r, i in zip(table.run, table.image, strict=True)]
-    return Campaign.from_arrays(
+    return Campaign.of(
         robot, table.position, table.quaternion, table.length, pose=list(table.pose), run=list(runs), exact=True
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,7 +13,7 @@ from cpcal.cli.shots import shot_study, write_shots
 from cpcal.cli.simulate_flags import CampaignFlags, CommonFlags, LegFlags, SimulateFlags, StudyFlags
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import save_campaign, save_study
-from cpcal.robot import ROBOTS, Robot, known_robot
+from cpcal.robot import ROBOTS, KnownRobot, known_robot
 from cpcal.simulate import simulate as simulate_campaign
 from cpcal.simulate import simulate_study
 
@@ -24,30 +24,44 @@ def simulate(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for what is simulated.")],
     options: SimulateFlags,
 ) -> None:
-    """Write a simulated campaign of ROBOT: extremal and random poses, with the paper's noise. Or a --study."""
+    """Write a simulated campaign of ROBOT: extremal and random poses, with the paper's noise. Or a --study.
+
+    `cpcal robot list` says where the dimensions of each ROBOT are published.
+    """
     _check(options)
     check_new(output, force=options.force)
     nominal = known_robot(robot)
     rows = _study(nominal, output, options) if options.study else _campaign(nominal, output, options)
-    typer.echo(printable(f"{nominal.name}: {rows} (seed {options.seed}) in {output}"))
+    typer.echo(printable(f"{nominal.robot.name}: {rows} (seed {options.seed}) in {output}"))
 
 
-def _campaign(nominal: Robot, output: Path, options: SimulateFlags) -> str:
+def _campaign(nominal: KnownRobot, output: Path, options: SimulateFlags) -> str:
     """Write a campaign; how many rows it has, in words."""
-    campaign = simulate_campaign(nominal, **options.given(CommonFlags, CampaignFlags))
+    given = _range(nominal, options) | options.given(CommonFlags, CampaignFlags)
+    campaign = simulate_campaign(nominal.robot, **given)
     save_campaign(campaign, output)
     return f"{len(campaign):,} measurements"
 
 
-def _study(nominal: Robot, output: Path, options: SimulateFlags) -> str:
+def _range(nominal: KnownRobot, options: SimulateFlags) -> dict[str, Any]:
+    """Where the robot is measured. Raises InputError for a stroke where poses are what is chosen."""
+    if nominal.workspace is None:
+        return {"stroke": nominal.stroke}
+    if options.stroke is not None:
+        what = f"has no meaning for {nominal.robot.name}, which is measured all over a box of poses"
+        raise InputError([Problem("option --stroke", what, "leave it out")])
+    return {"workspace": nominal.workspace}
+
+
+def _study(nominal: KnownRobot, output: Path, options: SimulateFlags) -> str:
     """Write a study, or images of one."""
-    given = options.given(CommonFlags, StudyFlags, LegFlags)
+    given = {"stroke": nominal.stroke} | options.given(CommonFlags, StudyFlags, LegFlags)
     if given.pop("render", False):
-        study, shots = shot_study(nominal, given)
+        study, shots = shot_study(nominal.robot, given)
         write_shots(study, shots, output)
         kind = "images"
     else:
-        study = simulate_study(nominal, **given)
+        study = simulate_study(nominal.robot, **given)
         save_study(study, output)
         kind = "rows"
     return f"{len(study.calibration):,} {kind} for calibration, {len(study.validation):,} for validation"

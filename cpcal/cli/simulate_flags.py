@@ -47,8 +47,9 @@ class CommonFlags:
         float, typer.Option(metavar="MM", help="Standard deviation of true parameters from nominal ones.")
     ] = 1.0
     stroke: Annotated[
-        tuple[float, float], typer.Option(metavar="SHORT LONG", help="Shortest and longest reading, mm.")
-    ] = (0.0, 140.0)
+        tuple[float, float] | None,
+        typer.Option(metavar="SHORT LONG", help="Shortest and longest reading, mm.", show_default="the robot's"),
+    ] = None
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,11 @@ import numpy.typing as npt
 
 from cpcal.common.errors import Problem, Problems
 from cpcal.files.campaign_settings import Settings, read_settings
-from cpcal.files.campaign_writer import CSV_NAME, TOML_NAME, override_columns
+from cpcal.files.campaign_writer import CSV_NAME, TOML_NAME
 from cpcal.files.documents import open_regular, small_file, unreadable
 from cpcal.files.table import Table, read_table
 from cpcal.robot import Campaign
+from cpcal.robot.columns import half_widths
 
 _ABSENT = "a campaign is a folder with the two files campaign.toml and measurements.csv"
 
@@ -71,11 +72,7 @@ def _assembled(settings: Settings, table: Table) -> Campaign:
     assert robot is not None  # what keeps it from being read is a problem, and was raised
     legs = robot.legs
     stated = np.zeros(6 + legs) if settings.uncertainty is None else settings.uncertainty.half_widths
-    radii = np.tile(stated, (len(table.pose), 1))
-    for column, name in enumerate(override_columns(legs)):
-        if name in values:
-            own = ~np.isnan(values[name])
-            radii[own, column] = values[name][own]
+    radii = half_widths(stated, values, legs, len(table.pose))
 
     def columns(*names: str) -> npt.NDArray[np.float64]:
         return np.stack([values[name] for name in names], axis=1)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from cpcal.common.atomic import write_folder
 from cpcal.files.cells import csv_table
+from cpcal.robot.columns import override_columns, reading_columns
 
 if TYPE_CHECKING:
     from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty
@@ -20,16 +21,6 @@ if TYPE_CHECKING:
 FORMAT = "cpcal-campaign/1"
 TOML_NAME = "campaign.toml"
 CSV_NAME = "measurements.csv"
-
-
-def reading_columns(legs: int) -> list[str]:
-    """The columns that every measurements.csv has, for n legs."""
-    return ["pose", "run", "x", "y", "z", "qw", "qx", "qy", "qz", *(f"L{i}" for i in range(1, legs + 1))]
-
-
-def override_columns(legs: int) -> list[str]:
-    """The optional columns: half-widths (mm, rad, mm) that replace those of campaign.toml row by row."""
-    return ["dx", "dy", "dz", "drx", "dry", "drz", *(f"dL{i}" for i in range(1, legs + 1))]
 
 
 def toml_bytes(campaign: Campaign) -> bytes:

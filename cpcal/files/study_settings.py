@@ -13,7 +13,7 @@ from cpcal.files.campaign_settings import SettingsReader
 from cpcal.files.study_writer import STUDY_FORMAT
 from cpcal.files.toml_reader import Table
 from cpcal.robot import Mechanisms, Pose, Robot, Truth
-from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
+from cpcal.robot.campaign_problems import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.mechanisms import FIELDS, wrong_value
 
 _SECTIONS = ("robot", "provenance", "truth")

@@ -12,12 +12,12 @@ from cpcal.files.campaign_writer import (
     matrix,
     provenance_lines,
     quoted,
-    reading_columns,
     robot_lines,
     vector,
 )
 from cpcal.files.cells import csv_table
 from cpcal.robot import Pose, PoseTable, Study, Truth
+from cpcal.robot.columns import reading_columns
 from cpcal.robot.mechanisms import FIELDS
 
 STUDY_FORMAT = "cpcal-study/1"

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from cpcal.common.errors import Problem, Problems, shown
 from cpcal.common.names import IDENTIFIER_REMEDY, is_identifier
-from cpcal.files.campaign_writer import override_columns, reading_columns
 from cpcal.files.cells import unguarded
-from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
+from cpcal.robot.campaign_problems import QUATERNION_TOLERANCE, quaternion_problem
+from cpcal.robot.columns import override_columns, reading_columns
 from cpcal.robot.robot import LARGEST
 
 BAD_ROWS_MAX = 1_000  # reading stops after so many

@@ -12,6 +12,13 @@ from .kinematics import (
     leg_vectors,
     pose_jacobian,
 )
+from .known_robots import (
+    DELTALAB,
+    ROBOTS,
+    KnownRobot,
+    Workspace,
+    known_robot,
+)
 from .mechanisms import (
     Mechanisms,
 )
@@ -28,10 +35,7 @@ from .proved_pose import (
     prove_pose,
 )
 from .robot import (
-    DELTALAB,
-    ROBOTS,
     Robot,
-    known_robot,
 )
 from .rotation import (
     normalised,
@@ -60,6 +64,7 @@ __all__ = [
     "Campaign",
     "ForwardPoses",
     "KinematicsError",
+    "KnownRobot",
     "Mechanisms",
     "ModelChoice",
     "Pose",
@@ -69,6 +74,7 @@ __all__ = [
     "Study",
     "Truth",
     "Uncertainty",
+    "Workspace",
     "central_pose",
     "compose",
     "forward_kinematics",

@@ -5,29 +5,31 @@ A campaign is a value: arrays are private copies and read-only. `cpcal.files` re
 
 from __future__ import annotations
 
-import math
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
-from cpcal.common.errors import InputError, Problem, Problems, shown
-from cpcal.common.names import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
+from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.values import Value, frozen_array, frozen_mapping
+from cpcal.robot.campaign_arrays import Frame, frame_columns, in_mm, stated_robot, stated_uncertainty, table_arguments
+from cpcal.robot.campaign_problems import ARRAYS, shape_problems, value_problems
+from cpcal.robot.columns import override_columns, reading_columns
 from cpcal.robot.model_choice import ModelChoice
-from cpcal.robot.robot import LARGEST, Robot, good_numbers
-from cpcal.robot.uncertainty import Uncertainty, sizes
-
-QUATERNION_TOLERANCE = 1e-6  # on | |q| - 1 |
-_ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
+from cpcal.robot.robot import Robot
+from cpcal.robot.rotation_form import RotationForm
+from cpcal.robot.uncertainty import Uncertainty
 
 
 @dataclass(frozen=True, eq=False)
 class Campaign(Value):
-    """N measurements of a robot with n legs; use `Campaign.from_arrays`, `load_campaign` or `simulate`.
+    """N measurements of a robot with n legs.
+
+    Use `load_campaign`, `Campaign.from_arrays`, `Campaign.from_frame` or `simulate`; `Campaign.of` takes what is in
+    cpcal's own units and frames already.
 
     pose, run        N names each; `pose/run` is unique
     position         (N, 3) mm, P in the base frame
@@ -59,7 +61,7 @@ class Campaign(Value):
     files: tuple[tuple[str, str], ...] = field(default=(), init=False, compare=False)
 
     def __post_init__(self) -> None:
-        for name in _ARRAYS:
+        for name in ARRAYS:
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
         object.__setattr__(self, "pose", tuple(self.pose))
         object.__setattr__(self, "run", tuple(self.run))
@@ -73,7 +75,7 @@ class Campaign(Value):
         problems.raise_any()
 
     @classmethod
-    def from_arrays(
+    def of(
         cls,
         robot: Robot,
         position: npt.ArrayLike,
@@ -97,7 +99,7 @@ class Campaign(Value):
         Poses left out are named p0, p1, ...; runs left out are all "1". Raises InputError.
         """
         radii_given = [values is not None for values in (position_radius, rotation_radius, length_radius)]
-        _check_choice(uncertainty, exact, radii_given)
+        check_choice(uncertainty, exact, radii_given)
         try:
             arrays = [np.asarray(values, dtype=np.float64) for values in (position, quaternion, length)]
             given = [
@@ -125,6 +127,117 @@ class Campaign(Value):
             model,
         )
 
+    @classmethod
+    def from_arrays(
+        cls,
+        positions: npt.ArrayLike,
+        rotations: npt.ArrayLike | Any,
+        lengths: npt.ArrayLike,
+        *,
+        base: npt.ArrayLike | None = None,
+        mobile: npt.ArrayLike | None = None,
+        offset: npt.ArrayLike | None = None,
+        name: str | None = None,
+        robot: Robot | str | None = None,
+        rotation: str = "quaternion-wxyz",
+        position_unit: str = "mm",
+        length_unit: str = "mm",
+        position_sigma: npt.ArrayLike | None = None,
+        rotation_sigma: npt.ArrayLike | None = None,
+        length_sigma: npt.ArrayLike | None = None,
+        factor: float = 3.0,
+        uncertainty: Uncertainty | None = None,
+        exact: bool = False,
+        pose: Sequence[str] | None = None,
+        run: Sequence[str] | None = None,
+        provenance: Mapping[str, str] | None = None,
+        model: ModelChoice | None = None,
+    ) -> Campaign:
+        """A campaign of N measurements of n legs in memory, in the units and the rotation form that are named.
+
+        positions      (N, 3), P in the base frame; `position_unit` mm, cm, m, um or in
+        rotations      (N, ...) in the form `rotation`: quaternion-wxyz or quaternion-xyzw (N, 4), matrix (N, 3, 3),
+                       vector-rad or vector-deg (N, 3), euler-xyz-deg, euler-ZYX-rad, ... (N, 3), or a scipy Rotation.
+                       `P + R b` maps mobile to base
+        lengths        (N, n), the readings; `length_unit` as for positions
+        base, mobile   (n, 3) mm, joint centres; offset (n,) mm, what a reading lacks of the leg's length; name
+        robot          instead of these four: a Robot, or one of the catalogue (`cpcal robot list`)
+        ..._sigma      standard deviations: position (3,) mm, rotation (3,) rad, lengths (n,) mm, or one number for all.
+                       Half-widths are `factor` times them. Or give an `uncertainty`, or say that readings are `exact`
+        pose, run      N names; left out: p0, p1, ... and all "1"
+
+        Raises InputError, with every problem found.
+        """
+        form = RotationForm.named(rotation)
+        position, length = in_mm(positions, position_unit, "positions"), in_mm(lengths, length_unit, "lengths")
+        built = stated_robot(robot, base, mobile, offset, name)
+        sigmas = {"position": position_sigma, "rotation": rotation_sigma, "length": length_sigma}
+        return cls.of(
+            built,
+            position,
+            form.quaternions(rotations),
+            length,
+            pose=pose,
+            run=run,
+            uncertainty=stated_uncertainty(built.legs, sigmas, factor, uncertainty),
+            exact=exact,
+            provenance=provenance,
+            model=model,
+        )
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: Frame,
+        *,
+        robot: Robot | str,
+        columns: str | Mapping[str, str] = "",
+        rotation: str = "quaternion-wxyz",
+        position_sigma: npt.ArrayLike | None = None,
+        rotation_sigma: npt.ArrayLike | None = None,
+        length_sigma: npt.ArrayLike | None = None,
+        factor: float = 3.0,
+        uncertainty: Uncertainty | None = None,
+        exact: bool = False,
+        provenance: Mapping[str, str] | None = None,
+        model: ModelChoice | None = None,
+    ) -> Campaign:
+        """A campaign of a pandas DataFrame: one row for each measurement.
+
+        columns  how its columns are called and what their units are, as `cpcal import --map` has it: "x=Tx[m], ..."
+                 or {"x": "Tx[m]", ...}. Columns with the names of measurements.csv need no entry
+        rotation and the rest: see `from_arrays`
+
+        Raises InputError, with every problem found.
+        """
+        form = RotationForm.named(rotation)
+        built = stated_robot(robot, None, None, None, None)
+        names, values = frame_columns(frame, columns, built.legs, form)
+        sigmas = {"position": position_sigma, "rotation": rotation_sigma, "length": length_sigma}
+        stated = stated_uncertainty(built.legs, sigmas, factor, uncertainty)
+        arguments = table_arguments(names, values, built, form, stated)
+        if stated is None and not exact and not set(override_columns(built.legs)) <= set(values):
+            check_choice(None, False, [False])
+        return cls.of(**arguments, exact=exact, provenance=provenance, model=model)
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame with the columns of measurements.csv, all half-widths included; needs pandas.
+
+        `Campaign.from_frame(frame, robot=campaign.robot, uncertainty=campaign.uncertainty)` gives it back.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise InputError([Problem("to_frame", "needs pandas", "pip install 'cpcal[frames]'")]) from None
+        parts = (self.position, self.quaternion, self.length)
+        radii = (self.position_radius, self.rotation_radius, self.length_radius)
+        numbers = np.concatenate([*parts, *radii], axis=1)
+        titles = [*reading_columns(self.legs)[2:], *override_columns(self.legs)]
+        frame = pandas.DataFrame(numbers, columns=titles)
+        frame.insert(0, "pose", list(self.pose))
+        frame.insert(1, "run", list(self.run))
+        return frame
+
     @property
     def legs(self) -> int:
         """The number of legs, n."""
@@ -148,7 +261,7 @@ class Campaign(Value):
         return f"<Campaign of {self.robot.name!r}: {len(self)} measurements, {self.legs} legs>"
 
 
-def _check_choice(uncertainty: Uncertainty | None, exact: bool, radii_given: list[bool]) -> None:
+def check_choice(uncertainty: Uncertainty | None, exact: bool, radii_given: list[bool]) -> None:
     """InputError unless it was said how far readings may be off."""
     if exact and uncertainty is not None:
         what = "is given, and readings are called exact"
@@ -156,7 +269,10 @@ def _check_choice(uncertainty: Uncertainty | None, exact: bool, radii_given: lis
         return
     else:
         what = "is missing"
-    remedy = "give uncertainty=Uncertainty(...), or exact=True, or position_radius, rotation_radius and length_radius"
+    remedy = (
+        "give the standard deviations (position_sigma=, rotation_sigma=, length_sigma=), uncertainty=Uncertainty(...), "
+        "all three half-widths, or exact=True"
+    )
     raise InputError([Problem("campaign uncertainty", what, remedy)])
 
 
@@ -169,63 +285,3 @@ def _radius(given: Floats | None, declared: Floats | None, shape: tuple[int, int
         return np.broadcast_to(values, shape)
     except ValueError:
         return values
-
-
-def shape_problems(campaign: Campaign) -> Iterator[Problem]:
-    """What is wrong with the sizes and the texts."""
-    count, legs = len(campaign.pose), campaign.robot.legs
-    remedy = f"give one row for each of the {count} measurements"
-    if count == 0:
-        yield Problem("campaign", "holds no measurements", "give at least one")
-    if len(campaign.run) != count:
-        yield Problem("campaign run", f"has {len(campaign.run)} names", remedy)
-    for name, width in zip(_ARRAYS, (3, 4, legs, 3, 3, legs), strict=True):
-        shape = getattr(campaign, name).shape
-        if shape != (count, width):
-            yield Problem(f"campaign {name}", f"has the shape {shape}, not {(count, width)}", remedy)
-    stated = campaign.uncertainty
-    if stated is not None and stated.length.shape != (legs,):
-        what = f"has {len(stated.length)} numbers for {legs} legs"
-        yield Problem("campaign uncertainty.length", what, "give one for each leg")
-    yield from provenance_problems("campaign", campaign.provenance)
-
-
-def provenance_problems(where: str, provenance: Mapping[str, str]) -> Iterator[Problem]:
-    """What is wrong with the texts of a provenance."""
-    for key, text in provenance.items():
-        if not is_name(key):
-            yield Problem(f"{where} provenance", f"{shown(key)} cannot be a name", NAME_REMEDY)
-        if not is_text(text):
-            yield Problem(f"{where} provenance {shown(key)}", f"is {shown(text)}", TEXT_REMEDY)
-
-
-def value_problems(campaign: Campaign) -> Iterator[Problem]:
-    """What is wrong with the values, measurement by measurement."""
-    for kind, names in (("pose", campaign.pose), ("run", campaign.run)):
-        for bad in sorted({shown(name) for name in names if not is_identifier(name)}):
-            yield Problem(f"campaign {kind}", f"{bad} cannot be a name", IDENTIFIER_REMEDY)
-    keys = campaign.measurement_ids
-    for key, times in Counter(keys).items():
-        if times > 1:
-            yield Problem(f"measurement {key}", f"is given {times} times", "give each pose and run once")
-    for name in _ARRAYS:
-        array: Floats = getattr(campaign, name)
-        allowed = sizes(array) if name.endswith("radius") else good_numbers(array)
-        what = f"is {'negative, ' * name.endswith('radius')}NaN, infinite or above {LARGEST:g}"
-        for row in np.flatnonzero(~allowed.all(axis=1)):
-            yield Problem(f"measurement {keys[row]}", f"its {name} {what}", "correct it, or leave it out")
-    for key, row in zip(keys, campaign.quaternion.tolist(), strict=True):
-        norm = math.hypot(*row)
-        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-            yield Problem(f"measurement {key}", *quaternion_problem(norm))
-
-
-def quaternion_problem(norm: float) -> tuple[str, str]:
-    """What is wrong with a quaternion of that norm, and the remedy."""
-    if norm == 0.0:
-        return (
-            "the quaternion is zero, which is no rotation",
-            "give qw,qx,qy,qz of norm 1 (no rotation: 1,0,0,0)",
-        )
-    what = f"the quaternion has the norm {norm:.9g}, not 1 (to within {QUATERNION_TOLERANCE:g})"
-    return what, "divide it by its norm, and check the order qw,qx,qy,qz"

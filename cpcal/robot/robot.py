@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,29 +83,3 @@ class Robot(Value):
             what = f"have the shape {rows.shape}"
             raise InputError([Problem("robot parameters", what, "give one row of 7 numbers a leg")])
         return cls(name, rows[:, :3], rows[:, 3:6], rows[:, 6])
-
-
-# The paper's Table 1: a_x a_y a_z b_x b_y b_z l, in mm. Legs run from 345 to 485 mm: readings from 0 to 140.
-DELTALAB = Robot.from_parameters(
-    "DeltaLab Table of Stewart",
-    [
-        [-223.1792, -151.9573, 0.0, -19.9938, -193.9723, 0.0, 345.0],
-        [223.1792, -151.9573, 0.0, 19.9938, -193.9723, 0.0, 345.0],
-        [243.1885, -117.3002, 0.0, 177.9818, 79.6710, 0.0, 345.0],
-        [20.0093, 269.2575, 0.0, 157.9880, 114.3013, 0.0, 345.0],
-        [-20.0093, 269.2575, 0.0, -157.9880, 114.3013, 0.0, 345.0],
-        [-243.1885, -117.3002, 0.0, -177.9818, 79.6710, 0.0, 345.0],
-    ],
-)
-
-ROBOTS: dict[str, Robot] = {"deltalab": DELTALAB}
-
-
-def known_robot(name: str) -> Robot:
-    """The nominal robot registered as `name` (in any case); InputError lists those there are."""
-    try:
-        return ROBOTS[name.casefold()]
-    except KeyError:
-        near = difflib.get_close_matches(name.casefold(), ROBOTS, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else "choose one of " + ", ".join(map(repr, ROBOTS))
-        raise InputError([Problem("robot", f"there is no robot called {name!r}", hint)]) from None

@@ -18,7 +18,7 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.names import IDENTIFIER_REMEDY, is_identifier
 from cpcal.common.values import Value, frozen_array, frozen_mapping
-from cpcal.robot.campaign import QUATERNION_TOLERANCE, provenance_problems, quaternion_problem
+from cpcal.robot.campaign_problems import QUATERNION_TOLERANCE, provenance_problems, quaternion_problem
 from cpcal.robot.kinematics import Pose
 from cpcal.robot.mechanisms import Mechanisms
 from cpcal.robot.motion import compose, inverse

@@ -29,6 +29,7 @@ from cpcal.robot import (
     Pose,
     Robot,
     Uncertainty,
+    Workspace,
     central_pose,
     forward_kinematics,
     inverse_kinematics,
@@ -40,6 +41,7 @@ from cpcal.robot import (
 )
 from cpcal.robot.mechanisms import joint_phases
 from cpcal.simulate.option_checks import OptionChecks
+from cpcal.simulate.workspace_poses import corner_count, workspace_poses
 
 STROKE = (0.0, 140.0)  # mm, readings of a DeltaLab leg: 345 to 485 mm long (the paper, section 2.2)
 LENGTH_SIGMA = (0.0077, 0.0127, 0.0117, 0.0102, 0.0118, 0.0190)  # mm (the paper, Table 2)
@@ -55,7 +57,7 @@ MEASUREMENTS_MAX = 10_000_000
 
 @dataclass(frozen=True)
 class _Sensors:
-    """Standard deviations: position (3,) mm, rotation (3,) rad, length (6,) mm."""
+    """Standard deviations: position (3,) mm, rotation (3,) rad, length (n,) mm."""
 
     position: Floats
     rotation: Floats
@@ -75,10 +77,11 @@ def simulate(
     truncate: float | None = None,
     deviation: float = 1.0,
     stroke: tuple[float, float] = STROKE,
+    workspace: Workspace | None = None,
 ) -> Campaign:
     """A campaign of the 64 extremal leg configurations and of random ones, as a sensor would deliver it.
 
-    robot         the nominal robot, which the campaign states; six legs
+    robot         the nominal robot, which the campaign states; six legs, or any number with a `workspace`
     seed          >= 0; the same seed gives the same campaign, bit for bit, with the same versions of cpcal, numpy and
                   its linear algebra library on the same kind of processor. Other versions may draw other numbers
                   (numpy promises the bits of PCG64, not what becomes of them) or round the poses differently
@@ -92,6 +95,9 @@ def simulate(
                   truth lies inside the reading sets (when joint_error is 0)
     deviation     mm, standard deviation of each true parameter from its nominal value
     stroke        mm, shortest and longest reading
+    workspace     the box of poses to measure, instead of a stroke: its corners are the extremal configurations, and
+                  random ones are drawn from it. Coordinates that it fixes are read without noise. Legs repeat the
+                  paper's six standard deviations in turn
 
     The true robot is in the provenance: see `true_robot`. InputError for senseless options, KinematicsError
     when a configuration cannot be assembled.
@@ -100,13 +106,14 @@ def simulate(
     shape_stream, joint_stream, pose_stream, noise_stream = streams(seed)
     deviations = deviation * shape_stream.standard_normal((robot.legs, 7))
     truth = Robot.from_parameters(robot.name, robot.parameters + deviations)
-    names, readings = configurations(stroke, pose_stream, random_poses=random_poses, extremal=extremal)
-    poses = assembled(truth, readings, stroke)
+    if workspace is None:
+        names, readings = configurations(stroke, pose_stream, random_poses=random_poses, extremal=extremal)
+        poses = assembled(truth, readings, stroke)
+    else:
+        names, poses = workspace_poses(workspace, pose_stream, random_poses=random_poses, extremal=extremal)
     phases = joint_phases(truth.legs, joint_stream)
     lengths = inverse_kinematics(truth, poses) + joint_error * joint_effect(truth, poses, phases)
-    sensors = _Sensors(
-        noise * np.array(POSITION_SIGMA), noise * np.radians(EULER_SIGMA), noise * np.array(LENGTH_SIGMA)
-    )
+    sensors = _sensors(noise, robot.legs, workspace)
     position, quaternion, length = _measured(poses, lengths, sensors, runs, truncate, noise_stream)
     stated = Uncertainty(sensors.position, sensors.rotation, sensors.length, factor) if factor > 0 else None
     options: dict[str, object] = {
@@ -116,8 +123,12 @@ def simulate(
         "extremal": extremal,
     }
     options |= {"joint_error": joint_error, "factor": factor, "noise": noise, "truncate": truncate}
-    options |= {"deviation": deviation, "stroke": list(stroke)}
-    return Campaign.from_arrays(
+    options["deviation"] = deviation
+    if workspace is None:
+        options["stroke"] = list(stroke)
+    else:
+        options["workspace"] = {name: getattr(workspace, name).tolist() for name in ("low", "high", "turn")}
+    return Campaign.of(
         robot,
         position,
         quaternion,
@@ -198,6 +209,13 @@ def joint_effect(robot: Robot, poses: Pose, phases: Floats) -> Floats:
     return np.asarray(0.5 * waves)
 
 
+def _sensors(noise: float, legs: int, workspace: Workspace | None) -> _Sensors:
+    """The paper's standard deviations, scaled; none for what a workspace fixes."""
+    free = np.ones(6) if workspace is None else workspace.free.astype(np.float64)
+    pose = noise * free * np.concatenate([POSITION_SIGMA, np.radians(EULER_SIGMA)])
+    return _Sensors(pose[:3], pose[3:], noise * np.resize(LENGTH_SIGMA, legs))
+
+
 def _measured(
     poses: Pose,
     lengths: Floats,
@@ -239,12 +257,15 @@ def streams(seed: int, count: int = 4) -> list[np.random.Generator]:
 def _check_options(options: dict[str, Any]) -> None:
     """InputError that names every option without a meaning."""
     checks = OptionChecks(options)
-    checks.six_legs("robot")
+    workspace: Workspace | None = options["workspace"]
+    if workspace is None:
+        checks.six_legs("robot")
     checks.whole("seed", 0)
     checks.whole("runs", 1, _POSES_MAX)
     checks.whole("random_poses", 0 if options["extremal"] else 1, _POSES_MAX)
     if not checks.problems:
-        total = (64 * bool(options["extremal"]) + options["random_poses"]) * options["runs"]
+        corners = 64 if workspace is None else corner_count(workspace)
+        total = (corners * bool(options["extremal"]) + options["random_poses"]) * options["runs"]
         checks.demand("runs", total <= MEASUREMENTS_MAX, f"keep poses times runs within {MEASUREMENTS_MAX:,}")
     checks.sizes("joint_error", "factor", "noise", "deviation")
     checks.truncate("truncate")

@@ -34,7 +34,7 @@ class OptionChecks:
 
     def six_legs(self, name: str) -> None:
         robot = self.options[name]
-        self.demand(name, isinstance(robot, Robot) and robot.legs == 6, "give a Robot with six legs")
+        self.demand(name, isinstance(robot, Robot) and robot.legs == 6, "give a Robot with six legs, or a workspace")
 
     def truncate(self, name: str) -> None:
         value = self.options[name]

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import frozen_array
+from cpcal.common.values import Value, frozen_array
 
 CAMERA_NUMBERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
@@ -18,7 +18,7 @@ _LAST = 1e-8  # of a normalised coordinate: after so short a step of Newton the 
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class Camera(Value):
     """What makes pixels of directions.
 
     width, height  of the image, pixels
@@ -84,17 +84,6 @@ class Camera:
             found = np.stack([x, y], axis=-1)
             found[~((np.abs(dx - u) < 1e-9) & (np.abs(dy - v) < 1e-9))] = np.nan
         return found
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Camera):
-            return NotImplemented
-        same = (self.width, self.height) == (other.width, other.height)
-        return same and all(
-            np.array_equal(getattr(self, n), getattr(other, n)) for n in ("focal", "center", "distortion")
-        )
-
-    def __hash__(self) -> int:
-        return hash((self.width, self.height, *self.focal))
 
 
 def distorted(normalised: npt.ArrayLike, distortion: Floats) -> Floats:

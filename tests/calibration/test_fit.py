@@ -220,7 +220,7 @@ def test_poses_that_never_turn_leave_joint_centres_undetermined_but_not_the_offs
     position = np.array([0, 0, 360]) + rng.uniform(-60, 60, (40, 3))
     vectors = position[:, None] + DELTALAB.mobile - DELTALAB.base
     length = np.linalg.norm(vectors, axis=-1) - DELTALAB.offset + rng.normal(0, 0.01, (40, 6))
-    campaign = Campaign.from_arrays(DELTALAB, position, [[1, 0, 0, 0]] * 40, length, exact=True)
+    campaign = Campaign.of(DELTALAB, position, [[1, 0, 0, 0]] * 40, length, exact=True)
     found = fit(campaign)
     assert found.rank == 24
     assert found.undetermined[:, :6].all()

@@ -61,7 +61,7 @@ def test_errors_are_those_that_were_put_in(poses):
     """Move and turn the measured poses by known amounts: that is what the true parameters are off by."""
     rng = np.random.default_rng(0)
     move, turn = rng.normal(0, 1, (64, 3)), rng.normal(0, 0.01, (64, 3))
-    moved = Campaign.from_arrays(
+    moved = Campaign.of(
         DELTALAB,
         poses.position + move,
         quaternion_product(quaternion_from_rotation_vector(turn), poses.quaternion),

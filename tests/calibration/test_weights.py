@@ -38,7 +38,7 @@ def never_turning(rng, turn_sigma):
     noise = Noise.from_sigmas([0.06, 0.02, 0.06], [turn_sigma] * 3, [0.01] * 6, count=40)
     position = np.array([0, 0, 360]) + rng.uniform(-60, 60, (40, 3))
     still = Pose(position, np.tile([1.0, 0, 0, 0], (40, 1)))
-    clean = Campaign.from_arrays(DELTALAB, position, still.quaternion, inverse_kinematics(DELTALAB, still), exact=True)
+    clean = Campaign.of(DELTALAB, position, still.quaternion, inverse_kinematics(DELTALAB, still), exact=True)
     return redrawn(clean, noise, rng), noise
 
 

@@ -16,7 +16,7 @@ from cpcal.simulate import true_robot
 
 
 def without_sets(campaign: Campaign) -> Campaign:
-    return Campaign.from_arrays(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
+    return Campaign.of(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
 
 
 def part(campaign: Campaign, rows: Floats | list[int], *, exact: bool = False) -> Campaign:
@@ -26,7 +26,7 @@ def part(campaign: Campaign, rows: Floats | list[int], *, exact: bool = False) -
         if exact
         else {name: getattr(campaign, name)[rows] for name in ("position_radius", "rotation_radius", "length_radius")}
     )
-    return Campaign.from_arrays(
+    return Campaign.of(
         campaign.robot,
         campaign.position[rows],
         campaign.quaternion[rows],

@@ -15,7 +15,7 @@ def part(rows):
     rows = np.asarray(rows)
     robot, radii = whole.robot, (whole.position_radius, whole.rotation_radius, whole.length_radius)
     position, rotation, length = (radius[rows] for radius in radii)
-    return cpcal.Campaign.from_arrays(
+    return cpcal.Campaign.of(
         robot,
         whole.position[rows],
         whole.quaternion[rows],

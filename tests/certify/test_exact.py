@@ -51,7 +51,7 @@ def test_one_unit_in_the_last_place_decides(toward: float) -> None:
     x = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 300.0]
     height = 300.1
     pose = [[0.0, 0.0, height]], [[0.6, 0.0, 0.0, 0.8]]
-    campaign = cpcal.Campaign.from_arrays(robot, *pose, [[height - 300.0]], exact=True)
+    campaign = cpcal.Campaign.of(robot, *pose, [[height - 300.0]], exact=True)
     assert solves_exactly(campaign, 1, x)
     length = np.nextafter(campaign.length, toward)
     assert not solves_exactly(replace(campaign, length=length), 1, x)

@@ -10,7 +10,7 @@ from cpcal.robot import Campaign
 
 def only(campaign: Campaign, ids: tuple[str, ...]) -> Campaign:
     keep = [k for k, name in enumerate(campaign.measurement_ids) if name in ids]
-    return Campaign.from_arrays(
+    return Campaign.of(
         campaign.robot,
         campaign.position[keep],
         campaign.quaternion[keep],
@@ -58,7 +58,7 @@ def test_nothing_can_be_left_out_of_an_irreducible_support() -> None:
         """Within the same box, so that only the measurements differ."""
         robot = cpcal.Robot("fit", [leg.center[:3]], [leg.center[3:6]], [leg.center[6]])
         part = only(campaign, ids)
-        alone = Campaign.from_arrays(robot, part.position, part.quaternion, part.length[:, :1], exact=True)
+        alone = Campaign.of(robot, part.position, part.quaternion, part.length[:, :1], exact=True)
         return cpcal.certify(alone, legs=[1], center="nominal").legs[0].eps_lo
 
     assert bound(leg.support) == pytest.approx(leg.eps_lo, rel=1e-5)

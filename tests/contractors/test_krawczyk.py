@@ -216,7 +216,7 @@ def exact_leg() -> ConstraintNetwork:
     campaign = simulate(seed=1, noise=0.0)
     truth = true_robot(campaign)
     assert truth is not None
-    exact = Campaign.from_arrays(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
+    exact = Campaign.of(campaign.robot, campaign.position, campaign.quaternion, campaign.length, exact=True)
     center = truth.parameters[0] + 0.5 * np.array([1, -1, 1, 1, -1, 1, -1])
     return leg_network(exact, 1, leg_box(center, 1.0), engine=get_arithmetic("float64"), eps=(0.0, 1e-3))
 

@@ -51,7 +51,7 @@ def campaigns(draw):
             radii[name] = array(count, width, of=sizes)
     quaternion = array(count, 4, of=st.floats(-1, 1)) + np.array([2.0, 0.0, 0.0, 0.0])
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    return Campaign.from_arrays(
+    return Campaign.of(
         robot,
         array(count, 3),
         quaternion,
@@ -167,13 +167,13 @@ def test_whether_readings_are_exact_is_never_taken_for_granted():
     some = {"position_radius": 0.1, "rotation_radius": 0.0}
     for way in ({}, some, {"uncertainty": Uncertainty([0] * 3, [0] * 3, [0] * 6), "exact": True}):
         with pytest.raises(InputError, match="exact=True"):
-            Campaign.from_arrays(*arrays, **way)
-    assert Campaign.from_arrays(*arrays, exact=True).exact
-    assert not Campaign.from_arrays(*arrays, **some, length_radius=0.0).exact
+            Campaign.of(*arrays, **way)
+    assert Campaign.of(*arrays, exact=True).exact
+    assert not Campaign.of(*arrays, **some, length_radius=0.0).exact
 
 
 def test_names_with_commas_and_quotes(tmp_path):
-    campaign = Campaign.from_arrays(
+    campaign = Campaign.of(
         DELTALAB,
         np.zeros((2, 3)),
         [[1, 0, 0, 0]] * 2,
@@ -245,7 +245,7 @@ def test_campaigns_are_values():
 
 
 def test_half_widths_in_memory_broadcast():
-    campaign = Campaign.from_arrays(
+    campaign = Campaign.of(
         DELTALAB, np.zeros((2, 3)), [[1, 0, 0, 0]] * 2, np.zeros((2, 6)), length_radius=0.25, exact=True
     )
     assert campaign.measurement_ids == ["p0/1", "p1/1"]
@@ -260,7 +260,7 @@ def in_memory(**changes):
         "length": np.zeros((3, 6)),
     }
     how = {} if "uncertainty" in changes else {"exact": True}
-    return Campaign.from_arrays(DELTALAB, **values | how | changes)
+    return Campaign.of(DELTALAB, **values | how | changes)
 
 
 def test_every_problem_of_a_campaign_in_memory_is_reported_at_once():

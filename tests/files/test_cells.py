@@ -25,7 +25,7 @@ def test_every_name_comes_back_and_none_is_run(name):
 def test_pose_ids_that_a_spreadsheet_would_run_are_quoted(tmp_path):
     count = len(NAMES)
     poses = np.zeros((count, 3)), np.tile([1.0, 0, 0, 0], (count, 1)), -np.ones((count, 6))
-    campaign = Campaign.from_arrays(DELTALAB, *poses, pose=NAMES, run=NAMES[::-1], exact=True)
+    campaign = Campaign.of(DELTALAB, *poses, pose=NAMES, run=NAMES[::-1], exact=True)
     save_campaign(campaign, tmp_path)
     rows = list(csv.reader(io.StringIO((tmp_path / "measurements.csv").read_text())))
     assert all(cell[0] not in RUN for row in rows[1:] for cell in row[:2])

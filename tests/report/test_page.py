@@ -211,7 +211,7 @@ def test_a_result_of_another_campaign_is_refused(campaign, tmp_path):
 
 
 def test_one_exact_measurement_and_no_residual_at_all():
-    single = cpcal.Campaign.from_arrays(
+    single = cpcal.Campaign.of(
         cpcal.Robot.from_parameters("r", [[0, 0, 0, 0, 0, 0, 0]]), [[0, 0, 100]], [[1, 0, 0, 0]], [[100.0]], exact=True
     )
     leg = leg_result(single, eps_lo=0.0, eps_hi=0.0, support=())

@@ -27,7 +27,7 @@ def test_robots_are_values():
 
 
 def test_the_registry():
-    assert known_robot("DeltaLab") is DELTALAB
+    assert known_robot("DeltaLab").robot is DELTALAB
     with pytest.raises(InputError, match="did you mean 'deltalab'"):
         known_robot("delta-lab")
     with pytest.raises(InputError, match="choose one of 'deltalab'"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, Problems
-from cpcal.common.values import frozen_array
+from cpcal.common.values import Value, frozen_array, frozen_mapping
 from cpcal.files.campaign_writer import matrix, provenance_lines, quoted, vector
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
 from cpcal.vision.files.plausible_camera import implausible
@@ -25,7 +26,7 @@ _NEGATIVE = 1e-9  # the least eigenvalue of a correlation matrix that rounding c
 
 
 @dataclass(frozen=True, eq=False)
-class CameraRecord:
+class CameraRecord(Value):
     """What camera.toml says.
 
     covariance  (9, 9) of fx, fy, cx, cy (pixels), k1, k2, p1, p2, k3, or None
@@ -37,9 +38,10 @@ class CameraRecord:
     camera: Camera
     covariance: Floats | None = None
     rms: float | None = None
-    provenance: dict[str, str] = field(default_factory=dict)
+    provenance: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "provenance", frozen_mapping(self.provenance))
         problems = [Problem(f"camera {key}", what, remedy) for key, what, remedy in implausible(self.camera)]
         if self.covariance is not None:
             object.__setattr__(self, "covariance", frozen_array(self.covariance))
@@ -48,12 +50,6 @@ class CameraRecord:
             problems.append(Problem("camera rms", f"is {self.rms}", "give pixels, from 0"))
         if problems:
             raise InputError(problems)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, CameraRecord) and camera_bytes(self) == camera_bytes(other)
-
-    def __hash__(self) -> int:
-        return hash((self.camera, self.rms))
 
 
 def covariance_problems(matrix: Floats) -> list[tuple[str, str]]:

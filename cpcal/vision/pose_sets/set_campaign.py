@@ -41,7 +41,7 @@ def campaign_of(
     if problems:
         raise InputError(problems)
     poses = [one.pose for one in sets if one.pose is not None]
-    return Campaign.from_arrays(
+    return Campaign.of(
         robot,
         np.array([one.position for one in poses]),
         np.array([one.quaternion for one in poses]),

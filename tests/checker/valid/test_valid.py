@@ -255,7 +255,7 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
         radii = {name: v + rng.uniform(0, 0.1, v.shape) * (rng.random(v.shape) < 0.5) for name, v in radii.items()}
     scale = 1 + rng.uniform(-9e-7, 9e-7, (7, 1))
     quaternion = campaign.quaternion * scale
-    odd = cpcal.Campaign.from_arrays(campaign.robot, campaign.position, quaternion, campaign.length, **radii)
+    odd = cpcal.Campaign.of(campaign.robot, campaign.position, quaternion, campaign.length, **radii)
     cpcal.save_campaign(odd, tmp_path / "odd")
     loaded = cpcal.load_campaign(tmp_path / "odd")
     file = save_campaign_json(loaded, tmp_path)

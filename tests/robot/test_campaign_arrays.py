@@ -1,0 +1,182 @@
+"""Campaigns from what users have in memory: units, rotation forms, DataFrames, and every mistake said."""
+
+import sys
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from cpcal.common.errors import InputError
+from cpcal.robot import DELTALAB, Campaign, Uncertainty, rotation_matrix
+from cpcal.robot.columns import Source, column_map
+from cpcal.robot.rotation_form import SEQUENCES, RotationForm
+from cpcal.simulate import simulate
+
+pandas = pytest.importorskip("pandas")
+
+GOOD = simulate(seed=3, random_poses=5)
+TURNS = Rotation.from_quat(GOOD.quaternion, scalar_first=True)
+DRAWING = {"base": DELTALAB.base, "mobile": DELTALAB.mobile, "offset": DELTALAB.offset}
+
+
+def from_arrays(rotations, **more):
+    arguments = {"exact": True, **DRAWING, **more}
+    return Campaign.from_arrays(GOOD.position, rotations, GOOD.length, **arguments)
+
+
+def same_rotations(campaign):
+    assert_allclose(rotation_matrix(campaign.quaternion), TURNS.as_matrix(), atol=1e-12)
+
+
+def test_every_euler_sequence_means_what_it_means_in_scipy():
+    assert len(SEQUENCES) == 24
+    angles = np.random.default_rng(0).uniform(-3, 3, (20, 3))
+    for sequence in SEQUENCES:
+        expected = Rotation.from_euler(sequence, angles).as_matrix()
+        for unit, values in (("rad", angles), ("deg", np.degrees(angles))):
+            found = RotationForm.named(f"euler-{sequence}-{unit}").quaternions(values)
+            assert_allclose(rotation_matrix(found), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("form", "rotations"),
+    [
+        ("quaternion-wxyz", GOOD.quaternion),
+        ("quaternion-xyzw", TURNS.as_quat()),
+        ("matrix", TURNS.as_matrix()),
+        ("matrix", TURNS.as_matrix().reshape(-1, 9)),
+        ("matrix", np.round(TURNS.as_matrix(), 15)),
+        ("vector-rad", TURNS.as_rotvec()),
+        ("vector-deg", TURNS.as_rotvec(degrees=True)),
+        ("euler-xyz-deg", TURNS.as_euler("xyz", degrees=True)),
+        ("quaternion-wxyz", TURNS),
+    ],
+)
+def test_all_forms_of_the_same_rotations_give_the_same_campaign(form, rotations):
+    same_rotations(from_arrays(rotations, rotation=form))
+    assert RotationForm.named(form).name == form
+
+
+def test_quaternions_of_norm_one_are_taken_bit_for_bit_and_rounded_ones_are_normalised():
+    assert np.array_equal(from_arrays(GOOD.quaternion).quaternion, GOOD.quaternion)
+    assert_allclose(from_arrays(np.round(GOOD.quaternion, 4)).quaternion, GOOD.quaternion, atol=2e-4)
+
+
+def test_units_are_converted():
+    campaign = Campaign.from_arrays(
+        GOOD.position / 1000,
+        GOOD.quaternion,
+        GOOD.length / 25.4,
+        robot="deltalab",
+        position_unit="m",
+        length_unit="in",
+        exact=True,
+    )
+    assert_allclose(campaign.position, GOOD.position, rtol=1e-15)
+    assert_allclose(campaign.length, GOOD.length, rtol=1e-15)
+    assert campaign.robot == DELTALAB
+
+
+def test_one_sigma_stands_for_all_axes_and_legs():
+    stated = from_arrays(GOOD.quaternion, exact=False, position_sigma=0.1, rotation_sigma=1e-4, length_sigma=0.02)
+    assert stated.uncertainty == Uncertainty([0.1] * 3, [1e-4] * 3, [0.02] * 6, 3.0)
+    assert_allclose(stated.length_radius, 0.06)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rotation": "euler-xxy-deg"}, "no form of rotations -> give quaternion-wxyz"),
+        ({"position_unit": "furlong"}, "unknown unit 'furlong' -> give one of mm, cm, m"),
+        ({"offset": None}, "offset missing"),
+        ({"robot": "deltalab"}, "is given, and base too"),
+        ({"exact": False}, "is missing -> give the standard deviations"),
+        ({"position_sigma": 0.1}, "rotation_sigma and length_sigma missing"),
+        ({"length_sigma": [1, 2], "position_sigma": 0, "rotation_sigma": 0}, "give one number, or 3, 3 and 6"),
+        ({"rotation": "quaternion-xyzw", "rotations": GOOD.quaternion[:, :3]}, "give one row of 4 numbers"),
+        ({"rotations": 2 * GOOD.quaternion}, "rotation of row 0: is a quaternion whose norm is not 1"),
+        ({"rotation": "matrix", "rotations": -TURNS.as_matrix()}, "left-handed"),
+        ({"rotation": "vector-rad", "rotations": TURNS.as_rotvec() * np.nan}, "not finite"),
+    ],
+)
+def test_mistakes_are_said(changes, message):
+    with pytest.raises(InputError) as caught:
+        from_arrays(changes.pop("rotations", GOOD.quaternion), **changes)
+    assert message in str(caught.value)
+
+
+def test_the_old_order_of_arguments_is_explained():
+    with pytest.raises(InputError, match=r"are a Robot, not numbers -> .*Campaign\.of"):
+        Campaign.from_arrays(DELTALAB, GOOD.position, GOOD.quaternion, exact=True)
+
+
+def test_a_frame_comes_back_as_the_same_campaign():
+    frame = GOOD.to_frame()
+    assert list(frame.columns[:5]) == ["pose", "run", "x", "y", "z"]
+    assert Campaign.from_frame(frame, robot=DELTALAB, uncertainty=GOOD.uncertainty, provenance=GOOD.provenance) == GOOD
+
+
+def test_a_frame_with_foreign_columns_is_mapped():
+    table = {"Tx": GOOD.position[:, 0] / 1e3, "Ty": GOOD.position[:, 1] / 1e3, "Tz, up": GOOD.position[:, 2] / 1e3}
+    angles = TURNS.as_euler("ZYX", degrees=True)
+    table |= {name: angles[:, k] for k, name in enumerate("ABC")}
+    table |= {f"leg{i + 1}": GOOD.length[:, i] for i in range(6)}
+    frame = pandas.DataFrame(table)
+    legs = ", ".join(f"L{i}=leg{i}" for i in range(1, 7))
+    campaign = Campaign.from_frame(
+        frame,
+        robot="deltalab",
+        columns=f'x=Tx[m], y=Ty[m], z="Tz, up"[m], r1=A, r2=B[deg], r3=#6, {legs}',
+        rotation="euler-ZYX-deg",
+        exact=True,
+    )
+    same_rotations(campaign)
+    assert_allclose(campaign.position, GOOD.position, rtol=1e-14)
+    assert campaign.measurement_ids[:2] == ["p1/1", "p2/1"]
+
+
+def test_maps_are_read_as_text_and_as_mappings():
+    known = ["x", "y", "L1"]
+    expected = {"x": Source("Tx", "m"), "y": Source("T y"), "L1": Source("#3", "mm")}
+    assert column_map("x=Tx[m], y = T y ,L1=#3[mm]", known) == expected
+    assert column_map({"x": "Tx[m]", "y": "T y", "L1": "#3[mm]"}, known) == expected
+    assert column_map("", known) == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("X=Tx", "unknown column 'X'"),
+        ("x=Tx, x=Ty", "x is given twice"),
+        ("x=", "x has no column"),
+        ("x=Tx[yd]", "unknown unit 'yd'"),
+        ("nonsense", "cannot be read from 'nonsense' on"),
+        ("x=a[mm]b", "cannot be read"),
+    ],
+)
+def test_maps_that_mean_nothing_are_refused(text, message):
+    with pytest.raises(InputError) as caught:
+        column_map(text, ["x", "y"])
+    assert message in str(caught.value)
+
+
+def test_frames_that_do_not_fit_are_refused_with_every_problem():
+    frame = GOOD.to_frame().drop(columns=["z", "L3"])
+    with pytest.raises(InputError) as caught:
+        Campaign.from_frame(frame, robot="deltalab", exact=True)
+    assert [problem.what for problem in caught.value.problems] == [
+        "the column 'z' is missing",
+        "the column 'L3' is missing",
+    ]
+    with pytest.raises(InputError, match="x cannot be in deg"):
+        Campaign.from_frame(GOOD.to_frame(), robot="deltalab", columns="x=x[deg]", exact=True)
+    bare = GOOD.to_frame().iloc[:, :15]
+    with pytest.raises(InputError, match="exact=True"):
+        Campaign.from_frame(bare, robot="deltalab")
+
+
+def test_without_pandas_the_message_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(InputError, match=r"needs pandas -> pip install 'cpcal\[frames\]'"):
+        GOOD.to_frame()

@@ -1,0 +1,65 @@
+"""The catalogue of robots: every one has a source, and can be simulated."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cpcal.common.errors import InputError
+from cpcal.robot import ROBOTS, Pose, Workspace, inverse_kinematics, known_robot
+from cpcal.simulate import simulate, true_robot
+
+
+def campaign_of(name, **options):
+    known = known_robot(name)
+    where = {"stroke": known.stroke} if known.workspace is None else {"workspace": known.workspace}
+    return simulate(known.robot, **where, **options)
+
+
+def test_there_are_hexapods_a_cable_robot_and_a_planar_robot():
+    assert {name: known.robot.legs for name, known in ROBOTS.items()} == {
+        "deltalab": 6,
+        "rubin-camera": 6,
+        "cogiro": 8,
+        "planar-3rpr": 3,
+    }
+    assert all(len(known.source) > 80 for known in ROBOTS.values())
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_true_robot_explains_a_simulated_campaign_without_noise(name):
+    campaign = campaign_of(name, seed=1, noise=0.0, random_poses=10)
+    readings = inverse_kinematics(true_robot(campaign), Pose(campaign.position, campaign.quaternion))
+    assert_allclose(readings, campaign.length, atol=1e-8)
+    assert len(set(campaign.pose)) == len(campaign) >= 18
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_readings_stay_within_the_stroke(name):
+    low, high = known_robot(name).stroke
+    campaign = campaign_of(name, seed=1, noise=0.0, deviation=0.0, random_poses=200)
+    assert campaign.length.min() >= low - 1e-6
+    assert campaign.length.max() <= high + 1e-6
+
+
+def test_what_a_planar_robot_cannot_do_is_fixed_and_exact():
+    campaign = campaign_of("planar-3rpr", seed=2, random_poses=30)
+    assert len(campaign) == 38
+    assert not campaign.position[:, 2].any()
+    assert not campaign.quaternion[:, 1:3].any()
+    assert np.array_equal(campaign.position_radius[0] > 0, [True, True, False])
+    assert np.array_equal(campaign.rotation_radius[0] > 0, [False, False, True])
+
+
+def test_corners_are_named_by_their_bits():
+    workspace = Workspace([0, 0, 5], [1, 2, 5], [0, 0, 0.5])
+    campaign = simulate(known_robot("cogiro").robot, seed=1, workspace=workspace, noise=0.0)
+    assert len(campaign) == 8
+    row = campaign.pose.index("e05")  # x and the turn about z at their upper ends
+    assert campaign.position[row].tolist() == [1, 0, 5]
+    assert campaign.quaternion[row, 3] > 0
+
+
+@pytest.mark.parametrize(("low", "turn"), [([2, 0, 0], [0, 0, 0]), ([0, 0, 0], [-1, 0, 0]), ([0, 0], [0, 0, 0])])
+def test_an_empty_workspace_is_refused(low, turn):
+    with pytest.raises(InputError, match="no box of poses"):
+        Workspace(low, [1, 1, 1], turn)
