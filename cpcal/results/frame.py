@@ -18,8 +18,7 @@ def result_frame(result: Result) -> DataFrame:
     try:
         import pandas
     except ImportError:
-        what, remedy = "is not installed", "pip install pandas, or use `cpcal export`"
-        raise InputError([Problem("pandas", what, remedy)]) from None
+        raise InputError([Problem("to_frame", "needs pandas", "pip install 'cpcal[frames]'")]) from None
     return pandas.DataFrame([row for leg in result.legs for row in _rows(result, leg)])
 
 

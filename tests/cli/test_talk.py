@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from typing import Any
 
 import pytest
 import typer
@@ -63,7 +64,7 @@ def test_every_help_has_an_example_that_the_verb_understands_and_flags_have_no_t
     example = VERBS[verb].example
     assert f"Example: cpcal {example[:30]}" in text
     assert "<bool>" not in text
-    command = typer.main.get_command(app)
+    command: Any = typer.main.get_command(app)
     name, *arguments = shlex.split(example)
     context = command.make_context("cpcal", [name], resilient_parsing=True)
     command.get_command(context, name).make_context(name, arguments, parent=context)

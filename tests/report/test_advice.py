@@ -47,7 +47,7 @@ def test_a_wrong_scale_of_the_sensor_calls_for_the_model_gain():
 
 def test_poses_are_asked_for_where_parameters_are_open():
     few = [0] * 9
-    same = Campaign.from_arrays(
+    same = Campaign.of(
         CAMPAIGN.robot, CAMPAIGN.position[few], CAMPAIGN.quaternion[few], CAMPAIGN.length[few], exact=True
     )
     found, verdict = advised(same, tolerance=1.0)
