@@ -131,6 +131,7 @@ def _context(comparison: Comparison) -> dict[str, Any]:
         "title": printable(comparison.title),
         "tolerance": None if tolerance is None else f"{stated(tolerance)}{_unit(comparison)}",
         "interrupted": comparison.interrupted,
+        "lines": comparison_lines(comparison)[1:],
         "sentences": comparison_sentences(comparison),
         "header": comparison_header(comparison),
         "rows": rows,

@@ -81,7 +81,8 @@ def platform_svg(campaign: Campaign, result: Result) -> str:
     for k, (foot, head) in enumerate(zip(base, mobile, strict=True)):
         axes.line([foot, head], f"var(--{kinds.get(k + 1, 'shade')})", 2.4)
         x, y = axes.at([foot])[0]
-        figure.text(float(x), float(y) + 9.0, str(k + 1), anchor="middle")
+        aside = 5.0 if k % 2 else -5.0  # the feet of two legs may be in one place
+        figure.text(float(x) + aside, float(y) + 9.0, str(k + 1), anchor="middle")
     axes.area(mobile, _PANEL, INK)
     forcing, at = forcing_numbers(campaign, result), view.flat(campaign.position)
     step = max(1, math.ceil(len(campaign) / _MOST_POSES))
