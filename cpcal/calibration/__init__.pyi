@@ -1,3 +1,7 @@
+from .alignment import (
+    Alignment,
+    aligned,
+)
 from .averaging import (
     averaged,
 )
@@ -37,14 +41,26 @@ from .observability import (
     column_scale,
     observability,
 )
+from .own_frame import (
+    in_own_frame,
+    own_frame_covariance,
+)
 from .record import (
     CalibrationRecord,
-    recorded,
 )
 from .record_file import (
     RECORD_NAME,
     load_record,
     save_record,
+)
+from .repeat_tests import (
+    RepeatTest,
+    RepeatTests,
+    repeat_tests,
+)
+from .repeatability import (
+    Repeatability,
+    repeatability,
 )
 from .screening import (
     Screening,
@@ -62,8 +78,13 @@ from .statistics import (
 )
 from .study import (
     StudyCalibration,
-    as_campaign,
     calibrate_study,
+)
+from .study_record import (
+    recorded,
+)
+from .study_rows import (
+    as_campaign,
 )
 from .tolerance import (
     half_widths,
@@ -72,6 +93,7 @@ from .tolerance import (
 )
 from .validation import (
     ErrorSummary,
+    NoiseFloor,
     PoseErrors,
     Validation,
     pose_errors,
@@ -83,6 +105,7 @@ from .weights import (
 
 __all__ = [
     "RECORD_NAME",
+    "Alignment",
     "CalibrationRecord",
     "ChannelStatistics",
     "Deviations",
@@ -92,12 +115,17 @@ __all__ = [
     "HandEye",
     "LegEquations",
     "Noise",
+    "NoiseFloor",
     "Observability",
     "PoseErrors",
+    "RepeatTest",
+    "RepeatTests",
+    "Repeatability",
     "Screening",
     "Selection",
     "StudyCalibration",
     "Validation",
+    "aligned",
     "as_campaign",
     "averaged",
     "calibrate_frames",
@@ -111,15 +139,19 @@ __all__ = [
     "fit",
     "half_widths",
     "hand_eye",
+    "in_own_frame",
     "least_squares",
     "leg_jacobian",
     "load_record",
     "mean_rotations",
     "observability",
+    "own_frame_covariance",
     "pose_errors",
     "readings_needed",
     "recorded",
     "redefined",
+    "repeat_tests",
+    "repeatability",
     "robot_jacobian",
     "save_record",
     "screen",

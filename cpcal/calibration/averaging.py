@@ -8,7 +8,8 @@ The centres are means of a configuration's readings: positions and leg readings 
 
 For the standard errors of a fit to the means (`Noise.of`) only the second is right; the first overstates them.
 
-Neither knows of errors that all readings of a configuration share.
+Neither knows of errors that all readings of a configuration share. Where the robot itself scatters, the repeats'
+deviations are not the readings' errors: give those as `sigma` (`Repeatability.noise_sigma`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.statistics import Deviations, campaign_deviations, mean_rotations
+from cpcal.calibration.statistics import campaign_deviations, group_means, grouped, mean_rotations
 from cpcal.calibration.tolerance import Method, half_widths
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
@@ -36,6 +37,7 @@ def averaged(
     coverage: float = 0.95,
     confidence: float = 0.95,
     keep: npt.ArrayLike | None = None,
+    sigma: npt.ArrayLike | None = None,
 ) -> Campaign:
     """One measurement for each pose of the campaign: means over its runs, in the order of the poses' first readings.
 
@@ -43,6 +45,8 @@ def averaged(
     of      whose half-widths: of "single" readings, or of the "mean" (method "sigma" only: nothing distribution-free is
             known of means that is not known of single readings)
     keep    (N,) which measurements to use, as of `Screening.keep`; left out: all
+    sigma   (6 + n,) standard deviations of a reading's channels, mm and rad, in place of those of the repeats (method
+            "sigma" only); then nothing need be repeated
 
     The new campaign's `run` is "mean", and its provenance says how it was made. Raises InputError when nothing is
     repeated, or for options without a meaning.
@@ -52,23 +56,28 @@ def averaged(
     if of == "mean" and method != "sigma":
         what = f"'mean' has no meaning with method {method!r}"
         raise InputError([Problem("option of", what, 'use method="sigma", or half-widths of "single" readings')])
-    used = campaign if keep is None else _kept(campaign, keep)
-    spread = campaign_deviations(used)
-    widths = half_widths(spread, method, factor=factor, coverage=coverage, confidence=confidence)
-    shrink = np.sqrt(spread.repeats[:, None]) if of == "mean" else np.ones((len(spread.names), 1))
+    used = campaign if keep is None else kept(campaign, keep)
+    if sigma is None:
+        widths = half_widths(campaign_deviations(used), method, factor=factor, coverage=coverage, confidence=confidence)
+    else:
+        widths = factor * _sigmas(sigma, method, campaign.legs)
+    group, names = grouped(used.pose, repeated=sigma is None)
+    repeats = np.bincount(group)
+    shrink = np.sqrt(repeats[:, None]) if of == "mean" else np.ones((len(names), 1))
     radii = widths / shrink
+    said = _said((len(group), len(names)), method, of, factor, coverage, confidence)
     return Campaign.of(
         campaign.robot,
-        _means(used.position, spread),
-        mean_rotations(used.quaternion, spread.group, len(spread.names)),
-        _means(used.length, spread),
-        pose=spread.names,
-        run=["mean"] * len(spread.names),
+        group_means(used.position, group, len(names)),
+        mean_rotations(used.quaternion, group, len(names)),
+        group_means(used.length, group, len(names)),
+        pose=names,
+        run=["mean"] * len(names),
         uncertainty=_declared(radii.max(axis=0), factor if method == "sigma" else None),
         position_radius=radii[:, :3],
         rotation_radius=radii[:, 3:6],
         length_radius=radii[:, 6:],
-        provenance={**campaign.provenance, "averaged": _said(spread, method, of, factor, coverage, confidence)},
+        provenance={**campaign.provenance, "averaged": said},
     )
 
 
@@ -78,13 +87,16 @@ def _declared(widths: Floats, factor: float | None) -> Uncertainty:
     return Uncertainty(values[:3], values[3:6], values[6:], factor)
 
 
-def _means(table: Floats, spread: Deviations) -> Floats:
-    total = np.zeros((len(spread.names), table.shape[1]))
-    np.add.at(total, spread.group, table)
-    return np.asarray(total / spread.repeats[:, None])
+def _sigmas(sigma: npt.ArrayLike, method: Method, legs: int) -> Floats:
+    values = np.asarray(sigma, dtype=np.float64)
+    if method != "sigma" or values.shape != (6 + legs,) or not (np.isfinite(values) & (values >= 0.0)).all():
+        what = f"has the shape {values.shape}, with method {method!r}"
+        raise InputError([Problem("option sigma", what, f'give {6 + legs} numbers >= 0, with method="sigma"')])
+    return values
 
 
-def _kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
+def kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
+    """The measurements with a true value in `keep` (N,), declared exact: half-widths come from the scatter."""
     mask = np.asarray(keep)
     if mask.shape != (len(campaign),) or mask.dtype != np.bool_:
         what = f"has the shape {mask.shape} and the type {mask.dtype}"
@@ -97,15 +109,15 @@ def _kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:
         campaign.length[rows],
         pose=[campaign.pose[k] for k in rows],
         run=[campaign.run[k] for k in rows],
-        exact=True,  # half-widths come from the scatter
+        exact=True,
     )
 
 
-def _said(spread: Deviations, method: Method, of: Of, factor: float, coverage: float, confidence: float) -> str:
+def _said(counts: tuple[int, int], method: Method, of: Of, factor: float, coverage: float, confidence: float) -> str:
     sets = {
         "sigma": f"{factor:g} standard deviations",
         "extreme": "the largest error seen",
         "tolerance": f"{coverage:g} of the errors with confidence {confidence:g}, from order statistics",
     }[method]
     whose = "single readings" if of == "single" else "the means"
-    return f"{len(spread.group)} readings of {len(spread.names)} configurations; half-widths of {whose}: {sets}"
+    return f"{counts[0]} readings of {counts[1]} configurations; half-widths of {whose}: {sets}"

@@ -33,6 +33,7 @@ class ChannelStatistics:
     dagostino   p-value of D'Agostino and Pearson's test: skewness and kurtosis of a normal distribution
     shapiro     p-value of Shapiro and Wilk's; of every second, third, ... reading where there are more than 5000
     dip         p-value of Hartigan's: one mode
+    tests       how many tests the p-values are among: the words take it into account (Bonferroni)
     """
 
     name: str
@@ -44,9 +45,11 @@ class ChannelStatistics:
     dagostino: float
     shapiro: float
     dip: float
+    tests: int = 1
 
     def sentence(self, level: float = 0.01) -> str:
-        """The channel in words; `level` is the probability of calling a good channel bad, test by test."""
+        """The channel in words; `level` is the probability of calling a good channel bad among all `tests`."""
+        level /= self.tests
         spread = f"{self.name}: standard deviation {self.sigma:.3g}, largest error {self.extreme:.3g}"
         tests = [p for p in (self.dagostino, self.shapiro) if not math.isnan(p)]
         shape = "not tested for normality" if not tests else "NOT NORMAL" if min(tests) < level else "looks normal"

@@ -30,7 +30,8 @@ SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 
 _IN_NULL_SPACE = 1e-6  # share of a parameter's direction that must be undetermined for it to be called so
 _BIASED = 0.1  # share of the noise from which the sentence speaks of it
-_SUSPICIOUS = 1e-3  # probability of residuals so large by noise alone below which the noise is said not to explain them
+_SUSPICIOUS = 1e-3  # probability of residuals so large, or so small, by noise alone from which the sentence says so
+_DOUBTFUL = 0.01  # probability of residuals so large by noise alone from which the covariance is taken from them
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,7 @@ class Fit:
     legs      numbers from 1; rows of everything below
     form      of the equations: "g" in mm, "f" in mm^2
     source    what the covariance comes from: "noise" or "residuals"
+    chosen    whether the residuals decided that, as they do where `fit` is not told
     """
 
     legs: tuple[int, ...]
@@ -68,6 +70,7 @@ class Fit:
     source: Literal["noise", "residuals"]
     estimate: Estimate
     noise: Noise | None
+    chosen: bool = False
 
     @property
     def parameters(self) -> Floats:
@@ -162,6 +165,29 @@ class Fit:
         return np.asarray(np.sqrt(np.sum(self.residuals**2 / variance, axis=0) / (len(self.residuals) - 7)))
 
     @cached_property
+    def noise_chances(self) -> tuple[float, float] | None:
+        """Probabilities of residuals so small, and so large, by the noise alone, all legs together.
+
+        Of the sum over poses of F_k' Sigma_k^-1 F_k. None when the noise is not known, or singular, or no residuals are
+        left.
+        """
+        freedom = self.residuals.size - self.rank
+        if self.noise is None or freedom <= 0:
+            return None
+        sigma = self.noise.propagated(self.estimate.equations, self.parameters)
+        try:
+            white = np.linalg.solve(np.linalg.cholesky(sigma), self.residuals[..., None])
+        except np.linalg.LinAlgError:
+            return None
+        return _chances(float(np.sum(white**2)), freedom, self.noise.freedom)
+
+    @property
+    def explained(self) -> bool:
+        """Whether the residuals are no larger than the noise has them; true where that cannot be said."""
+        chances = self.noise_chances
+        return chances is None or chances[1] >= _DOUBTFUL
+
+    @cached_property
     def noise_share(self) -> float | None:
         """How much of the least determined direction is seen by the readings' noise alone, from 0 to about 1.
 
@@ -245,9 +271,33 @@ class Fit:
         if ratio is None:
             return "Whether the noise explains the residuals cannot be said: too few measurements, or a noise of zero."
         freedom = len(self.residuals) - 7
-        chance = special.chdtrc(freedom, ratio**2 * freedom)
+        chances = [_chances(float(r**2) * freedom, freedom, self.noise.freedom) for r in ratio]
         said = f"Residuals are {ratio.min():.3g} to {ratio.max():.3g} times what the noise explains, by leg"
-        if (chance < _SUSPICIOUS).any():
-            bad = ", ".join(str(leg) for leg, p in zip(self.legs, chance, strict=True) if p < _SUSPICIOUS)
-            return f"{said}: for leg {bad} THE NOISE DOES NOT EXPLAIN THEM, and standard errors from it are too small."
-        return f"{said}: as expected."
+        large, small = ([leg for leg, p in zip(self.legs, chances, strict=True) if p[k] < _SUSPICIOUS] for k in (1, 0))
+        if large:
+            bad = ", ".join(map(str, large))
+            taken = (
+                "standard errors are from the residuals, and know nothing of what the model lacks"
+                if self.source == "residuals"
+                else "standard errors from it are too small"
+            )
+            return f"{said}: for leg {bad} THE NOISE DOES NOT EXPLAIN THEM; {taken}."
+        if small:
+            bad = ", ".join(map(str, small))
+            causes = "is it shared by camera and sensors, or that of single readings?"
+            return f"{said}: for leg {bad} THE NOISE IS OVERSTATED ({causes})."
+        taken = ", though hardly; standard errors are from the residuals" if self.doubted else ""
+        return f"{said}: as expected{taken}."
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the residuals decided against the noise."""
+        return self.chosen and self.source == "residuals" and self.noise is not None
+
+
+def _chances(square: float, freedom: float, known: float) -> tuple[float, float]:
+    """Of so small, and so large, a sum of squares in standard deviations known with so many degrees of freedom."""
+    if np.isinf(known):
+        return float(special.chdtr(freedom, square)), float(special.chdtrc(freedom, square))
+    ratio = square / freedom
+    return float(special.fdtr(freedom, known, ratio)), float(special.fdtrc(freedom, known, ratio))

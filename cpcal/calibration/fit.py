@@ -65,7 +65,7 @@ def fit(
                 1.4826 median |residual| of the plain fit, for each leg (joint: for all together)
     covariance  "noise": propagated from `noise`, what repeating the measurements would show if the model holds.
                 "residuals": from their scatter, correlations between legs included; takes model error for noise.
-                Left out: "noise" if given and the loss is linear
+                Left out: "noise" if given and the loss is linear, unless it does not explain the residuals
     start       (n, 7) mm; left out: the campaign's nominal parameters
     tolerance   scipy's ftol, xtol and gtol
 
@@ -80,7 +80,7 @@ def fit(
     known = None if noise is None else noise.of_legs(columns)
     equations = LegEquations.of(campaign, chosen, form)
     source = covariance or ("noise" if known is not None and loss == "linear" else "residuals")
-    return Fit(
+    found = Fit(
         legs=chosen,
         form=form,
         weights=weights,
@@ -88,7 +88,9 @@ def fit(
         source=source,
         estimate=_estimate(equations, known, first, options),
         noise=known,
+        chosen=covariance is None,
     )
+    return found if covariance is not None or found.explained else replace(found, source="residuals")
 
 
 def _estimate(equations: LegEquations, noise: Noise | None, start: Floats, options: _Options) -> Estimate:

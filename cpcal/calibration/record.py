@@ -13,19 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.distribution import ChannelStatistics
-from cpcal.calibration.estimate import Fit
-from cpcal.calibration.frames import FrameCalibration
-from cpcal.calibration.statistics import Deviations, campaign_deviations
-from cpcal.calibration.study import StudyCalibration, as_campaign
-from cpcal.calibration.validation import PoseErrors, Validation
-from cpcal.files import campaign_sha256
-from cpcal.robot import Pose, Study, transformed
+from cpcal.calibration.repeat_tests import RepeatTests
+from cpcal.calibration.validation import NoiseFloor, PoseErrors, Validation
+from cpcal.robot import Pose, transformed
 
 Numbers = tuple[float, ...]
 Rows = tuple[Numbers, ...]
-
-_BINS = 31  # of a histogram
-_REACH = 4.0  # standard deviations to each side; the outermost bins hold what is beyond
 
 
 @dataclass(frozen=True)
@@ -38,26 +31,40 @@ class Histogram:
 
 @dataclass(frozen=True)
 class Channel:
-    """One channel of the repeats (tables 2 and 3, figures 3 and 4): `unit` is "mm" or "rad"."""
+    """One channel of the repeats (tables 2 and 3, figures 3 and 4), outliers left out: `unit` is "mm" or "rad".
+
+    noise      standard deviation of a run by the noise of camera or sensors alone
+    with_outliers  the standard deviation with them
+    """
 
     unit: str
     statistics: ChannelStatistics
     histogram: Histogram
+    noise: float
+    with_outliers: float
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame in another: position (mm), quaternion, and standard deviations of position and rotation vector."""
+    """A frame in another: position (mm), quaternion, and standard deviations (6,) of position and rotation vector.
+
+    sigma          of the frame that the robot's own joint centres define
+    drawing_sigma  of the drawing's, from which those centres deviate by `drawing_error` mm a coordinate; 95 % of it
+                   takes the `coverage_factor`
+    """
 
     position: Numbers
     quaternion: Numbers
-    position_sigma: Numbers
-    rotation_sigma: Numbers
+    sigma: Numbers
+    drawing_sigma: Numbers
+    drawing_error: float
+    coverage_factor: float
 
 
 @dataclass(frozen=True)
 class Frames:
-    """`FrameCalibration` in short: residuals as root mean squares of the components, mm and rad."""
+    """The frames by the joint centres of x_c_sigma, and how they were started: from pairs of poses, whose residuals are
+    root mean squares of the components, mm and rad."""
 
     method: str
     camera_in_base: Frame
@@ -69,24 +76,55 @@ class Frames:
 
     @property
     def sentence(self) -> str:
-        """Method, residuals (angles in degrees), what is doubtful."""
+        """Method, residuals (angles in degrees), what is doubtful, and how well the frames are known."""
         said = (
-            f"Frames by the method of {self.method.capitalize()}, refined: the two ways to the target differ by "
-            f"{self.position_residual:.3g} mm and {np.degrees(self.rotation_residual):.3g} degrees a component (rms), "
-            "which holds the drawing's errors and the legs' imperfections too."
+            f"Frames by the method of {self.method.capitalize()}, refined, to start with: the two ways to the target "
+            f"differ by {self.position_residual:.3g} mm and {np.degrees(self.rotation_residual):.3g} degrees a "
+            "component (rms), which holds the drawing's errors and the legs' imperfections too."
         )
-        return " ".join([said, *self.remarks])
+        return " ".join([said, *self.remarks, *(self._said(*pair) for pair in self.both)])
+
+    @property
+    def both(self) -> tuple[tuple[str, Frame], ...]:
+        """With what each is called."""
+        return ("camera in base", self.camera_in_base), ("target in mobile", self.target_in_mobile)
+
+    @staticmethod
+    def _said(name: str, frame: Frame) -> str:
+        own, drawn = (np.array(sigma)[:3].max() for sigma in (frame.sigma, frame.drawing_sigma))
+        return (
+            f"{name.capitalize()}: the calibrated joint centres are {frame.drawing_error:.2g} mm a coordinate off the "
+            f"drawing's; the frame that they define is known to U = {2.0 * own:.2g} mm (k = 2), the drawing's to "
+            f"{frame.coverage_factor * drawn:.2g} mm (k = {frame.coverage_factor:.2g}, 95 %)."
+        )
+
+
+@dataclass(frozen=True)
+class OwnFrame:
+    """Parameters and standard errors (n, 7), mm, in frames of the joint centres themselves (own_frame.py)."""
+
+    convention: str
+    values: Rows
+    standard_errors: Rows
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """A fit: parameters and standard errors (n, 7), mm, and what it says of itself. An error is inf where unknown."""
+    """A fit: parameters and standard errors (n, 7), mm, and what it says of itself. An error is inf where unknown.
+
+    source   what the errors are from: "noise" or "residuals"
+    explained  whether the noise explains the residuals: if not, no error knows what the model lacks
+    own      the same in the joint centres' own frames
+    """
 
     values: Rows
     standard_errors: Rows
     form: str
     weights: str
     converged: bool
+    source: str
+    explained: bool
+    own: tuple[OwnFrame, ...]
     sentence: str
 
     def __post_init__(self) -> None:
@@ -105,13 +143,15 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Errors:
-    """Of N poses before and after calibration, mm and rad; nan where the forward kinematics did not converge."""
+    """Of N poses before and after calibration, mm and rad; nan where the forward kinematics did not converge. `floor`:
+    what the readings' noise alone shows."""
 
     names: tuple[str, ...]
     position_before: Numbers
     orientation_before: Numbers
     position_after: Numbers
     orientation_after: Numbers
+    floor: NoiseFloor | None
 
     def __post_init__(self) -> None:
         """Raises ValueError for columns that differ in length."""
@@ -123,7 +163,7 @@ class Errors:
     def validation(self) -> Validation:
         """With means, deviations and improvements."""
         before, after = (self.position_before, self.orientation_before), (self.position_after, self.orientation_after)
-        return Validation(self.names, _pose_errors(*before), _pose_errors(*after))
+        return Validation(self.names, _pose_errors(*before), _pose_errors(*after), self.floor)
 
 
 @dataclass(frozen=True)
@@ -133,7 +173,12 @@ class CalibrationRecord:
     drawing          (n, 7) nominal parameters in the drawing's own frames; the campaign's robot has them moved
     campaign_sha256  of the campaign that the fits are of; check_sha256 of the one that they were validated with
     readings         of the calibration poses, before outliers were left out
-    factor           half-width of the reading sets, in standard deviations of one reading
+    factor           half-width of the reading sets, in standard deviations
+    of               whose: of the "mean" of the repeats about which a set is, or of "single" readings
+    left_out         rows of the calibration, and check_left_out of the validation, that are outliers
+    equation_sigma   (n,) mm: scatter of g between repeats
+    robot_sigma      (n,) mm: scatter of the legs themselves, seen by camera and sensors alike; 0 where none is seen
+    validation_all   that of x_c with the validation's outliers; None where there are none
     """
 
     robot: str
@@ -143,21 +188,36 @@ class CalibrationRecord:
     readings: int
     configurations: int
     factor: float
+    of: str
     channels: tuple[Channel, ...]
     screening: str
+    check_screening: str
+    left_out: tuple[str, ...]
+    check_left_out: tuple[str, ...]
+    repeats: str
+    equation_sigma: Numbers
+    robot_sigma: Numbers
+    tests: RepeatTests
     frames: Frames
     x_c: Parameters
     x_c_sigma: Parameters
+    x_c_f: Parameters
     validation: Errors
     validation_sigma: Errors
+    validation_all: Errors | None
 
     def __post_init__(self) -> None:
         """Raises ValueError when the parts are not of the same number of legs."""
         legs = len(self.drawing)
         if not legs or any(len(row) != 7 for row in self.drawing):
             raise ValueError("the drawing is not seven numbers a leg")
-        if any(len(fit.values) != legs for fit in (self.x_c, self.x_c_sigma)):
-            raise ValueError(f"a fit (x_c, x_c_sigma) is not of the drawing's {legs} legs")
+        if any(len(fit.values) != legs for fit in self.fits.values()):
+            raise ValueError(f"a fit (x_c, x_c_sigma, x_c_f) is not of the drawing's {legs} legs")
+
+    @property
+    def fits(self) -> dict[str, Parameters]:
+        """By name."""
+        return {"x_c": self.x_c, "x_c_sigma": self.x_c_sigma, "x_c_f": self.x_c_f}
 
     def in_drawing(self, fit: Parameters) -> npt.NDArray[np.float64]:
         """A fit's parameters (n, 7), mm, moved rigidly to the drawing's frames by the frames that were found."""
@@ -174,73 +234,31 @@ class CalibrationRecord:
         return (
             self.screening,
             *(channel.statistics.sentence() for channel in self.channels),
+            self.repeats,
+            *self.tests.sentences,
+            self.sets_sentence,
             self.frames.sentence,
-            f"x_c: {self.x_c.sentence}",
-            f"x_c_sigma: {self.x_c_sigma.sentence}",
+            *(f"{name}: {fit.sentence}" for name, fit in self.fits.items()),
+            f"Validation poses: {self.check_screening}",
             f"Validation of x_c: {self.validation.validation.sentence}",
             f"Validation of x_c_sigma: {self.validation_sigma.validation.sentence}",
+            *self._with_outliers(),
         )
 
+    @property
+    def sets_sentence(self) -> str:
+        """What the reading sets are, in words."""
+        whose = (
+            "of the mean of its repeats, about which they are"
+            if self.of == "mean"
+            else "of a single reading, though they are about the mean of its repeats (the paper's choice)"
+        )
+        return f"Reading sets: ±{self.factor:g} standard deviations {whose}, by the noise of camera and sensors."
 
-def recorded(study: Study, found: StudyCalibration, *, factor: float) -> CalibrationRecord:
-    """The record of what `calibrate_study` found with that factor."""
-    spread = campaign_deviations(as_campaign(study.calibration, study.robot))
-    return CalibrationRecord(
-        robot=study.robot.name,
-        drawing=_rows(study.robot.parameters),
-        campaign_sha256=campaign_sha256(found.campaign),
-        check_sha256=campaign_sha256(found.check),
-        readings=len(study.calibration),
-        configurations=len(spread.names),
-        factor=factor,
-        channels=tuple(_channel(spread, k, statistics) for k, statistics in enumerate(found.statistics)),
-        screening=found.screening.sentence,
-        frames=_frames(found.frames),
-        x_c=_parameters(found.x_c),
-        x_c_sigma=_parameters(found.x_c_sigma),
-        validation=_errors(found.validation),
-        validation_sigma=_errors(found.validation_sigma),
-    )
-
-
-def _channel(spread: Deviations, k: int, statistics: ChannelStatistics) -> Channel:
-    errors = spread.errors[:, k]
-    reach = _REACH * statistics.sigma or 1.0  # a channel without any scatter: one bin has it all
-    counts, _ = np.histogram(np.clip(errors, -reach, reach), bins=_BINS, range=(-reach, reach))
-    unit = "rad" if statistics.name.startswith("r") else "mm"
-    return Channel(unit, statistics, Histogram(reach, tuple(counts.tolist())))
-
-
-def _frames(found: FrameCalibration) -> Frames:
-    sigma = found.standard_deviations
-    return Frames(
-        method=found.method,
-        camera_in_base=_frame(found.camera_in_base, sigma[:6]),
-        target_in_mobile=_frame(found.target_in_mobile, sigma[6:]),
-        position_residual=float(np.sqrt(np.mean(found.position_residual**2))),
-        rotation_residual=float(np.sqrt(np.mean(found.rotation_residual**2))),
-        unit_weight=found.unit_weight,
-        remarks=found.remarks,
-    )
-
-
-def _frame(pose: Pose, sigma: npt.NDArray[np.float64]) -> Frame:
-    parts = (pose.position, pose.quaternion, sigma[:3], sigma[3:])
-    return Frame(*(tuple(map(float, np.ravel(part))) for part in parts))
-
-
-def _parameters(fit: Fit) -> Parameters:
-    values = (_rows(fit.parameters), _rows(fit.standard_errors))
-    return Parameters(*values, fit.form, fit.weights, bool(fit.converged), fit.sentence)
-
-
-def _errors(found: Validation) -> Errors:
-    columns = (found.before.position, found.before.orientation, found.after.position, found.after.orientation)
-    return Errors(found.names, *(tuple(column.tolist()) for column in columns))
-
-
-def _rows(values: npt.NDArray[np.float64]) -> Rows:
-    return tuple(tuple(row) for row in values.tolist())
+    def _with_outliers(self) -> tuple[str, ...]:
+        if self.validation_all is None:
+            return ()
+        return (f"Validation of x_c with the outliers: {self.validation_all.validation.sentence}",)
 
 
 def _pose_errors(position: Numbers, orientation: Numbers) -> PoseErrors:

@@ -8,7 +8,7 @@ from pathlib import Path
 from cpcal.calibration.record import CalibrationRecord
 from cpcal.files.codec import load, save
 
-FORMAT = "cpcal-calibration/1"
+FORMAT = "cpcal-calibration/2"
 RECORD_NAME = "calibration.json"
 
 

@@ -39,10 +39,10 @@ def _directions(noise: Noise) -> list[tuple[Floats, Floats, Floats]]:
     """Independent moves (N, 3), turns (N, 3) and changes of length (N, n), of one standard deviation each."""
     variances, axes = np.linalg.eigh(noise.pose)
     roots = axes * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
-    legs = noise.length.shape[1]
+    legs, longer = noise.length.shape[1], noise.length_root
     nothing, still = np.zeros((len(roots), 3)), np.zeros_like(noise.length)
     poses = [(roots[:, :3, c], roots[:, 3:, c], still) for c in range(6)]
-    return poses + [(nothing, nothing, noise.length * np.eye(legs)[leg]) for leg in range(legs)]
+    return poses + [(nothing, nothing, longer[:, :, leg]) for leg in range(legs)]
 
 
 def _moved(equations: LegEquations, move: Floats, turn: Floats, longer: Floats) -> LegEquations:

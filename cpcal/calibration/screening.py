@@ -16,11 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.statistics import Deviations
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Bools, Floats
 from cpcal.common.errors import InputError, Problem
+
+THRESHOLD = 5.0  # robust standard deviations
 
 _QUARTILE = 0.6744897501960817  # of |z| for a standard normal z
 _SAMPLES = 40_000  # groups that the medians of small groups are simulated with: to about 0.005
+_OUTLIERS_MAX = 0.1  # share of the readings
 _LARGE = 64  # readings from which the group's median is as good as the centre
 
 
@@ -40,8 +43,20 @@ class Screening:
     untested: tuple[str, ...]
 
     @property
+    def too_many(self) -> bool:
+        """Whether so many are beyond that they are no outliers, but how the readings are distributed."""
+        return len(self.rows) > _OUTLIERS_MAX * len(self.scores)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """The names of the outliers; none where they are too many to be such."""
+        return () if self.too_many else self.names
+
+    @property
     def keep(self) -> npt.NDArray[np.bool_]:
-        """(N,) which readings are within the threshold in every channel."""
+        """(N,) which readings are within the threshold in every channel; all where too many are not."""
+        if self.too_many:
+            return np.ones(len(self.scores), dtype=np.bool_)
         return np.asarray(np.isin(np.arange(len(self.scores)), self.rows, invert=True))
 
     @property
@@ -58,12 +73,16 @@ class Screening:
             ]
             more = f" and {len(listed) - 10} more" if len(listed) > 10 else ""
             said = f"{len(self.rows)} of {len(self.scores)} readings are {beyond}: {', '.join(listed[:10])}{more}."
+        if self.too_many:
+            said += (
+                " These are TOO MANY FOR OUTLIERS, and none is left out: look for play, or a set-up that was changed."
+            )
         if self.untested:
             said += f" Not tested, as most of their readings agree exactly: {', '.join(self.untested)}."
         return said
 
 
-def screen(deviations: Deviations, threshold: float = 5.0) -> Screening:
+def screen(deviations: Deviations, threshold: float = THRESHOLD) -> Screening:
     """Which readings lie beyond `threshold` robust standard deviations in some channel.
 
     At 5, chance alone names one of about 1.7 million normal readings; fewer than half of a configuration's readings,
@@ -73,17 +92,26 @@ def screen(deviations: Deviations, threshold: float = 5.0) -> Screening:
         raise InputError(
             [Problem("option threshold", f"has no meaning: {threshold!r}", "give a number > 0, such as 5")]
         )
+    return beyond(deviations, scores(deviations), threshold)
+
+
+def scores(deviations: Deviations) -> Floats:
+    """(N, C) distances from the medians in robust standard deviations; nan in channels that cannot be tested."""
     distance = _from_medians(deviations)
     usual = np.array([_usual_distance(int(r)) for r in deviations.repeats])[deviations.group]
     several = usual > 0
     scale = np.median(np.abs(distance[several]) / usual[several, None], axis=0)
-    tested = scale > 0
-    scores = np.zeros_like(distance)
-    scores[:, tested] = distance[:, tested] / scale[tested]
-    rows = np.flatnonzero((np.abs(scores) > threshold).any(axis=1)).tolist()
+    return np.asarray(distance / np.where(scale > 0, scale, np.nan))
+
+
+def beyond(deviations: Deviations, values: Floats, threshold: float) -> Screening:
+    """The readings with a score (N, C) beyond the threshold."""
+    silent: Bools = np.asarray(np.isnan(values).all(axis=0))
+    known = np.where(np.isnan(values), 0.0, values)
+    rows = np.flatnonzero((np.abs(known) > threshold).any(axis=1)).tolist()
     names = tuple(deviations.row_names[row] for row in rows)
-    silent = tuple(name for name, good in zip(deviations.channels, tested, strict=True) if not good)
-    return Screening(threshold, deviations.channels, scores, tuple(rows), names, silent)
+    untested = tuple(name for name, quiet in zip(deviations.channels, silent, strict=True) if quiet)
+    return Screening(threshold, deviations.channels, known, tuple(rows), names, untested)
 
 
 def _from_medians(deviations: Deviations) -> Floats:

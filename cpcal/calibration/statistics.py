@@ -98,8 +98,8 @@ def deviations(
     labels = tuple(f"row {k}" for k in range(len(table))) if row_names is None else tuple(row_names)
     if len(titles) != table.shape[1] or len(labels) != len(table):
         raise InputError([Problem("readings", "names do not fit the table", "name each channel and each row once")])
-    group, names = _grouped(configuration)
-    centred = table - _means(table, group, len(names))[group]
+    group, names = grouped(configuration)
+    centred = table - group_means(table, group, len(names))[group]
     return Deviations(names, group, labels, titles, frozen_array(centred))
 
 
@@ -109,7 +109,7 @@ def campaign_deviations(campaign: Campaign) -> Deviations:
     Channels x y z rx ry rz L1 ... Ln. A rotation deviates from its configuration's mean rotation by the vector t with
     R = R(t) R_mean, in the base frame, as in the reading sets.
     """
-    group, names = _grouped(campaign.pose)
+    group, names = grouped(campaign.pose)
     mean = mean_rotations(campaign.quaternion, group, len(names))[group]
     turned = rotation_vector(quaternion_product(campaign.quaternion, quaternion_conjugate(mean)))
     channels = (*POSE_CHANNELS, *(f"L{leg}" for leg in range(1, campaign.legs + 1)))
@@ -128,18 +128,21 @@ def mean_rotations(quaternion: Floats, group: Ints, count: int) -> Floats:
     return np.asarray(np.where(mean[:, :1] < 0, -mean, mean))
 
 
-def _grouped(configuration: Sequence[Hashable]) -> tuple[Ints, tuple[str, ...]]:
-    """The number of each row's configuration, and the configurations' names; InputError if none is repeated."""
+def grouped(configuration: Sequence[Hashable], *, repeated: bool = True) -> tuple[Ints, tuple[str, ...]]:
+    """The number of each row's configuration, and the configurations' names.
+
+    Raises InputError if none is repeated, where that is asked for.
+    """
     number: dict[Hashable, int] = {}
     group = np.array([number.setdefault(name, len(number)) for name in configuration], dtype=np.int64)
-    if len(number) == len(group):
+    if repeated and len(number) == len(group):
         what = f"holds each of its {len(group)} configurations once"
         remedy = "measure configurations several times: pose repeats, run differs"
         raise InputError([Problem("table of repeats", what, remedy)])
     return group, tuple(str(name) for name in number)
 
 
-def _means(table: Floats, group: Ints, count: int) -> Floats:
+def group_means(table: Floats, group: Ints, count: int) -> Floats:
     """(count, C) means of each group's rows."""
     total = np.zeros((count, table.shape[1]))
     np.add.at(total, group, table)

@@ -13,10 +13,14 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.calibration.equations import LegEquations
+from cpcal.calibration.weights import Noise
 from cpcal.common.arrays import Bools, Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import frozen_array
 from cpcal.robot import Campaign, Pose, quaternion_conjugate, quaternion_product, rotation_vector
+
+_DRAWS = 20_000
 
 # forward(parameters (n, 7), lengths (N, n), guess): position (N, 3) mm, quaternion (N, 4), converged (N,). The guess
 # holds the N measured poses: the solution wanted is that of their assembly branch.
@@ -34,12 +38,31 @@ class PoseErrors:
 
 @dataclass(frozen=True)
 class ErrorSummary:
-    """Means and standard deviations (divisor N - 1) over poses: mm for positions, rad for orientations."""
+    """Over poses, mm for positions and rad for orientations: means, standard deviations (divisor N - 1), largest
+    errors, and those that 95 % of the poses do not exceed."""
 
     position_mean: float
     position_deviation: float
     orientation_mean: float
     orientation_deviation: float
+    position_largest: float
+    orientation_largest: float
+    position_95: float
+    orientation_95: float
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """What perfect parameters would show on the same poses, by the noise of their readings: mm and rad.
+
+    position_mean, orientation_mean    expected means of the errors' sizes
+    position_square, orientation_square    expected means of their squares
+    """
+
+    position_mean: float
+    orientation_mean: float
+    position_square: float
+    orientation_square: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +71,13 @@ class Validation:
 
     names   of the N poses; `compared` (N,) tells where the forward kinematics of both converged. Means, deviations
             and improvements are over these, so that before and after are of the same poses; `failed` names the others
+    floor   what the readings' noise alone makes of it, where that is known
     """
 
     names: tuple[str, ...]
     before: PoseErrors
     after: PoseErrors
+    floor: NoiseFloor | None = None
 
     @property
     def compared(self) -> Bools:
@@ -73,6 +98,17 @@ class Validation:
     def summary_after(self) -> ErrorSummary:
         """Column "after calibration" of table 6."""
         return self._summary(self.after)
+
+    @property
+    def beyond_noise(self) -> tuple[float, float] | None:
+        """Root mean squares (mm, rad) of the errors after calibration, less what the noise of the validation's own
+        readings adds; 0 where that is all. None where the floor is not known."""
+        if self.floor is None or not self.compared.any():
+            return None
+        squares = [float(np.mean(v[self.compared] ** 2)) for v in (self.after.position, self.after.orientation)]
+        noise = (self.floor.position_square, self.floor.orientation_square)
+        left = [float(np.sqrt(max(0.0, a - b))) for a, b in zip(squares, noise, strict=True)]
+        return left[0], left[1]
 
     @cached_property
     def position_improvement(self) -> Floats:
@@ -106,15 +142,38 @@ class Validation:
             f"Mean error of {compared} of {len(self.names)} poses: position {old.position_mean:.3g} mm before and "
             f"{new.position_mean:.3g} mm after, orientation {np.degrees(old.orientation_mean):.3g} and "
             f"{np.degrees(new.orientation_mean):.3g} degrees; "
-            f"worse after: {worse} in position, {turned} in orientation.{lost}"
+            f"worse after: {worse} in position, {turned} in orientation.{self._said_of_floor()}{lost}"
+        )
+
+    def _said_of_floor(self) -> str:
+        left = self.beyond_noise
+        if self.floor is None or left is None:
+            return ""
+        return (
+            f" Noise of these readings alone would show {self.floor.position_mean:.3g} mm and "
+            f"{np.degrees(self.floor.orientation_mean):.2g} degrees; beyond it the errors after calibration are "
+            f"{left[0]:.2g} mm and {np.degrees(left[1]):.2g} degrees (root mean squares)."
         )
 
     def _summary(self, errors: PoseErrors) -> ErrorSummary:
-        figures = []
-        for values in (errors.position[self.compared], errors.orientation[self.compared]):
-            figures.append(float(np.mean(values)) if len(values) else np.nan)
-            figures.append(float(np.std(values, ddof=1)) if len(values) > 1 else np.nan)
-        return ErrorSummary(*figures)
+        chosen = [values[self.compared] for values in (errors.position, errors.orientation)]
+        if not len(chosen[0]):
+            return ErrorSummary(*(8 * [np.nan]))
+        (mean, apart), (turn, turned) = (_moments(values) for values in chosen)
+        return ErrorSummary(
+            position_mean=mean,
+            position_deviation=apart,
+            orientation_mean=turn,
+            orientation_deviation=turned,
+            position_largest=float(np.max(chosen[0])),
+            orientation_largest=float(np.max(chosen[1])),
+            position_95=float(np.quantile(chosen[0], 0.95)),
+            orientation_95=float(np.quantile(chosen[1], 0.95)),
+        )
+
+
+def _moments(values: Floats) -> tuple[float, float]:
+    return float(np.mean(values)), float(np.std(values, ddof=1)) if len(values) > 1 else np.nan
 
 
 def pose_errors(campaign: Campaign, parameters: npt.ArrayLike, forward: Forward) -> PoseErrors:
@@ -143,14 +202,41 @@ def pose_errors(campaign: Campaign, parameters: npt.ArrayLike, forward: Forward)
 
 
 def validate(
-    campaign: Campaign, parameters: npt.ArrayLike, forward: Forward, *, before: npt.ArrayLike | None = None
+    campaign: Campaign,
+    parameters: npt.ArrayLike,
+    forward: Forward,
+    *,
+    before: npt.ArrayLike | None = None,
+    noise: Noise | None = None,
 ) -> Validation:
     """Pose errors on the campaign with `parameters` (n, 7), mm, against those `before` (left out: the nominal ones).
 
     Take a campaign whose poses were not used for calibration; with repeated runs, average it first (`averaged`).
+    `noise` of its readings gives the floor below which no parameters can come.
     """
     old = pose_errors(campaign, campaign.robot.parameters if before is None else before, forward)
-    return Validation(tuple(campaign.measurement_ids), old, pose_errors(campaign, parameters, forward))
+    new = pose_errors(campaign, parameters, forward)
+    floor = None if noise is None else noise_floor(campaign, np.asarray(parameters, dtype=np.float64), noise)
+    return Validation(tuple(campaign.measurement_ids), old, new, floor)
+
+
+def noise_floor(campaign: Campaign, parameters: Floats, noise: Noise) -> NoiseFloor:
+    """The pose errors that the readings' noise alone shows, to first order.
+
+    The forward kinematics of lengths that are off by s is off by J^-1 s, and the camera by c: they differ by
+    J^-1 s - c. Means of sizes are from draws with a fixed seed, to about a percent.
+    """
+    equations = LegEquations.of(campaign, range(1, campaign.legs + 1))
+    back = np.linalg.pinv(equations.by_pose(parameters))
+    read = back @ noise.length_root
+    covariance = read @ read.transpose(0, 2, 1) + noise.pose
+    values, axes = np.linalg.eigh(covariance)
+    root = axes * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    draws = max(10, _DRAWS // len(campaign))
+    drawn = np.einsum("kij,dkj->dki", root, np.random.default_rng(0).standard_normal((draws, len(campaign), 6)))
+    sizes = [float(np.mean(np.linalg.norm(drawn[..., part], axis=-1))) for part in (slice(0, 3), slice(3, 6))]
+    squares = np.mean(np.diagonal(covariance, axis1=1, axis2=2), axis=0)
+    return NoiseFloor(sizes[0], sizes[1], float(squares[:3].sum()), float(squares[3:].sum()))
 
 
 def _improvement(before: Floats, after: Floats) -> Floats:

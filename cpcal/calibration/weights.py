@@ -33,18 +33,24 @@ _SYMMETRIC = 1e-9  # relative: how far a covariance may be from symmetric, and i
 class Noise:
     """Covariances of N measurements' readings; measurements are independent of one another.
 
-    pose    (N, 6, 6): of the position (mm) and the rotation vector in the base frame (rad)
-    length  (N, n): standard deviations of the leg readings, mm, independent of the pose and of one another
+    pose         (N, 6, 6): of the position (mm) and the rotation vector in the base frame (rad)
+    length       (N, n): standard deviations of the leg readings, mm, independent of the pose
+    correlation  (n, n): of the leg readings of one measurement; None where they are independent of one another
+    freedom      degrees of freedom that these were estimated with; infinite where they are known
 
     Raises InputError when a shape is wrong, or a matrix is no covariance.
     """
 
     pose: Floats
     length: Floats
+    correlation: Floats | None = None
+    freedom: float = np.inf
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", frozen_array(self.pose))
         object.__setattr__(self, "length", frozen_array(self.length))
+        if self.correlation is not None:
+            object.__setattr__(self, "correlation", frozen_array(self.correlation))
         pose, length = self.pose, self.length
         if pose.ndim != 3 or pose.shape[1:] != (6, 6) or length.ndim != 2 or len(length) != len(pose):
             what = f"has the shapes {pose.shape} and {length.shape}"
@@ -57,6 +63,12 @@ class Noise:
         if len(bad):
             what = f"the pose's matrix of row {bad[0]} is not symmetric and positive semidefinite"
             raise InputError([Problem("noise", what, "give covariances")])
+        joint = self.correlation
+        if joint is not None and not _is_correlation(joint, length.shape[1]):
+            what = f"the correlation, of shape {joint.shape}, is none of {length.shape[1]} leg readings"
+            raise InputError(
+                [Problem("noise", what, "give (n, n), symmetric, positive semidefinite, 1 on the diagonal")]
+            )
 
     @classmethod
     def from_sigmas(
@@ -88,14 +100,24 @@ class Noise:
 
     def of_legs(self, columns: list[int]) -> Noise:
         """Of some of the legs, counted from 0."""
-        return Noise(self.pose, self.length[:, columns])
+        joint = self.correlation
+        kept = None if joint is None else joint[np.ix_(columns, columns)]
+        return Noise(self.pose, self.length[:, columns], kept, self.freedom)
+
+    @property
+    def length_root(self) -> Floats:
+        """(N, n, n): A with A A' the covariance of the leg readings of each measurement, mm."""
+        size = self.length.shape[1]
+        if self.correlation is None:
+            return self.length[:, :, None] * np.eye(size)
+        values, axes = np.linalg.eigh(self.correlation)
+        return np.asarray(self.length[:, :, None] * (axes * np.sqrt(np.maximum(values, 0.0))))
 
     def propagated(self, equations: LegEquations, x: Floats) -> Floats:
         """Sigma_k of every measurement, (N, n, n): mm^2 for g, mm^4 for f."""
         by_pose = equations.by_pose(x)
-        by_length = equations.by_length(x) * self.length
-        shared = by_pose @ self.pose @ by_pose.transpose(0, 2, 1)
-        return np.asarray(shared + by_length[:, :, None] ** 2 * np.eye(self.length.shape[1]))
+        read = equations.by_length(x)[:, :, None] * self.length_root
+        return np.asarray(by_pose @ self.pose @ by_pose.transpose(0, 2, 1) + read @ read.transpose(0, 2, 1))
 
 
 def whitening(sigma: Floats, weights: Weights) -> Floats:
@@ -122,6 +144,13 @@ def whitening(sigma: Floats, weights: Weights) -> Floats:
         what = "makes the legs' errors exactly dependent: their covariance has no inverse"
         raise InputError([Problem("noise", what, 'give lengths a sigma > 0, or use weights="legs"')]) from None
     return np.asarray(np.linalg.solve(factor, scale))
+
+
+def _is_correlation(matrix: Floats, size: int) -> bool:
+    if matrix.shape != (size, size) or not np.isfinite(matrix).all():
+        return False
+    near = np.allclose(matrix, matrix.T, atol=_SYMMETRIC) and np.allclose(np.diagonal(matrix), 1.0, atol=_SYMMETRIC)
+    return bool(near and np.linalg.eigvalsh(matrix)[0] >= -_SYMMETRIC * size)
 
 
 def _rows(values: npt.ArrayLike, count: int) -> Floats:

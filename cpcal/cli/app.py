@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from cpcal.cli.leaving import leaving, refuse_empty
-from cpcal.cli.status import STATUS_HELP, VERIFY_STATUS_HELP
+from cpcal.cli.status import CHECK_STATUS_HELP, STATUS_HELP, VERIFY_STATUS_HELP
 from cpcal.common.version import __version__
 
 
@@ -27,7 +27,11 @@ class Verb(NamedTuple):
 
 
 VERBS = {
+    "check": Verb("cpcal.cli.check", "check", "check campaign", CHECK_STATUS_HELP),
     "certify": Verb("cpcal.cli.certify", "certify", "certify campaign -o run --tolerance 0.5", STATUS_HELP),
+    "accuracy": Verb(
+        "cpcal.cli.accuracy", "accuracy_of", "accuracy run -o accuracy --workspace x=-50:50,y=-50:50,z=300:400"
+    ),
     "compare": Verb(
         "cpcal.cli.compare", "compare_models", "compare campaign -o models --tolerance 0.5 --legs 1", STATUS_HELP
     ),

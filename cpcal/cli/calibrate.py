@@ -26,6 +26,18 @@ class FrameStart(StrEnum):
     ANDREFF = "andreff"
 
 
+class SetOf(StrEnum):
+    MEAN = "mean"
+    SINGLE = "single"
+
+
+class Frame(StrEnum):
+    MEASURED = study_tables.MEASURED
+    DRAWING = study_tables.DRAWING
+    CENTROID = "centroid"
+    MINIMAL = "minimal"
+
+
 def calibrate(
     study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of study.toml and two tables of poses.")],
     output: Annotated[
@@ -40,9 +52,21 @@ def calibrate(
     method: Annotated[
         FrameStart, typer.Option(help="How the frames of camera and target are started.")
     ] = FrameStart.SHAH,
-    factor: Annotated[
-        float, typer.Option(help="Half-width of the reading sets, in standard deviations of one reading.")
-    ] = 3.0,
+    factor: Annotated[float, typer.Option(help="Half-width of the reading sets, in standard deviations.")] = 3.0,
+    of: Annotated[
+        SetOf,
+        typer.Option(
+            help="Whose deviations: of the mean of a configuration's repeats, about which its set is, or of a single "
+            "reading (the paper's choice; wider by the root of the number of repeats)."
+        ),
+    ] = SetOf.MEAN,
+    frame: Annotated[
+        Frame,
+        typer.Option(
+            help="In which the parameters are printed: measured (of camera and target), drawing, or the joint centres' "
+            "own: centroid (the paper's tables 4 and 5), minimal (its Omega_a and Omega_b)."
+        ),
+    ] = Frame.CENTROID,
 ) -> None:
     """Calibrate a STUDY as is usual: statistics, frames, least squares x_c and x_c_sigma, validation. Proves nothing.
 
@@ -53,11 +77,11 @@ def calibrate(
         raise InputError([Problem("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")])
     check_writable(output)
     measured = load_study(study)
-    found = calibrate_study(measured, method=method.value, factor=factor)
-    record = recorded(measured, found, factor=factor)
+    found = calibrate_study(measured, method=method.value, factor=factor, of=of.value)
+    record = recorded(measured, found, factor=factor, of=of.value)
     warn(found.campaign)
     write_calibration(found, record, output)
-    show_record(terminal(), record)
+    show_record(terminal(), record, frame.value)
     typer.echo(printable(f"Campaign to certify: {output / CAMPAIGN}. Everything above: {output / RECORD_NAME}"))
 
 
@@ -72,15 +96,20 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
     save_record(record, folder)
 
 
-def show_record(console: Console, record: CalibrationRecord) -> None:
-    """Tables and sentences."""
+def show_record(console: Console, record: CalibrationRecord, frame: str = Frame.CENTROID.value) -> None:
+    """Tables and sentences; parameters in one of `study_tables.FRAMES`."""
+    fits = {
+        "x_c, plain least squares": record.x_c,
+        "x_c of the paper's f, plain least squares": record.x_c_f,
+        "x_c_sigma, weighted by the noise of all legs together": record.x_c_sigma,
+    }
     title = f"{record.robot}: {record.readings:,} readings of {record.configurations} configurations"
     console.print(Text(printable(title), style="bold"))
     tables = (
         ("Standard deviations of a leg reading [mm]", study_tables.leg_lengths(record, paper_too=False)),
         ("Standard deviations of a pose", study_tables.poses(record, paper_too=False)),
-        ("x_c, plain least squares [mm]", study_tables.parameters(record.x_c)),
-        ("x_c_sigma, weighted by the noise of all legs together [mm]", study_tables.parameters(record.x_c_sigma)),
+        ("Standard deviations in the calibration equations [mm]", study_tables.equations(record)),
+        *((f"{name} [mm, frame: {frame}]", study_tables.parameters(record, fit, frame)) for name, fit in fits.items()),
         ("Errors of the validation poses", study_tables.validation(record)),
     )
     for heading, content in tables:

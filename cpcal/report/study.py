@@ -26,6 +26,8 @@ from cpcal.results import Result
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 
+_FRAME = "centroid"  # that of the paper's tables 4 and 5
+
 
 @dataclass(frozen=True)
 class StudyFound:
@@ -75,8 +77,9 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "table1": study_tables.drawing(record),
         "table2": study_tables.leg_lengths(record),
         "table3": study_tables.poses(record),
-        "table4": study_tables.moved(record, record.x_c, paper.TABLE_4 if six else None),
-        "table5": study_tables.moved(record, record.x_c_sigma, paper.TABLE_5 if six else None),
+        "table4": study_tables.parameters(record, record.x_c, _FRAME, paper.TABLE_4 if six else None),
+        "table5": study_tables.parameters(record, record.x_c_sigma, _FRAME, paper.TABLE_5 if six else None),
+        "equations": study_tables.equations(record),
         "table6": study_tables.validation(record, paper_too=True),
         "table7": _table7(found),
         "fits_table": _fits_table(found.fits),
@@ -85,7 +88,9 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "figure4": [_histogram(channel) for channel in poses],
         "figure5": [_validation("x_c", record.validation), _validation("x_c_sigma", record.validation_sigma)],
         "apart": _apart(record),
-        "errors": about(max(max(row) for fit in (record.x_c, record.x_c_sigma) for row in fit.standard_errors), 2),
+        "errors": about(
+            max(2.0 * max(row) for fit in (record.x_c, record.x_c_sigma) for row in fit.standard_errors), 2
+        ),
         "loose": _loose(found.result),
         "exact": _exact_sentence(found.result),
         "images": found.images,
@@ -144,10 +149,17 @@ def _fit_sentence(name: str, verdicts: list[Verdict]) -> str:
 
 
 def _apart(record: CalibrationRecord) -> dict[str, Any]:
-    """Where x_c and x_c_sigma differ most, mm, in the drawing's frames."""
-    difference = np.abs(record.in_drawing(record.x_c) - record.in_drawing(record.x_c_sigma))
+    """Where x_c and x_c_sigma differ most, mm, in the frames of the tables and in the same ones for both."""
+    own = [study_tables.in_frame(record, fit, _FRAME)[0] for fit in (record.x_c, record.x_c_sigma)]
+    difference = np.abs(np.array(own[0]) - np.array(own[1]))
+    same = np.abs(record.in_drawing(record.x_c) - record.in_drawing(record.x_c_sigma))
     leg, k = np.unravel_index(int(np.argmax(difference)), difference.shape)
-    return {"mm": about(float(difference[leg, k]), 2), "name": SYMBOLS[int(k)], "leg": int(leg) + 1}
+    return {
+        "mm": about(float(difference[leg, k]), 2),
+        "name": SYMBOLS[int(k)],
+        "leg": int(leg) + 1,
+        "same": about(float(same.max()), 2),
+    }
 
 
 def _loose(result: Result) -> dict[str, Any] | None:

@@ -11,13 +11,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from cpcal.calibration import CalibrationRecord, ErrorSummary
+from cpcal.calibration.own_frame import CONVENTIONS
 from cpcal.calibration.record import Channel, Parameters, Rows
 from cpcal.common.numbers import about, nearest
 from cpcal.report import paper
 
 SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 PAPER = "the paper"
-BEFORE, WITH_X_C, WITH_X_C_SIGMA = "before", "with x_c", "with x_c_sigma"
+BEFORE, WITH_X_C, WITH_X_C_SIGMA, WITH_OUTLIERS = "before", "with x_c", "with x_c_sigma", "with x_c, outliers kept"
+EXPANDED = "U (k = 2)"
+MEASURED, DRAWING = "measured", "drawing"
+FRAMES = (MEASURED, DRAWING, *CONVENTIONS)  # of camera and target; of the drawing; of the joint centres themselves
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ def leg_lengths(record: CalibrationRecord, *, paper_too: bool = True) -> TextTab
     """Table 2: standard deviations of the leg readings, mm."""
     channels = [c for c in record.channels if c.statistics.name.startswith("L")]
     head = ("leg", *(str(k) for k in range(1, len(channels) + 1)))
-    rows = [("this study", *(nearest(c.statistics.sigma, 4) for c in channels))]
+    rows = _deviations(record, channels, lambda _, value: nearest(value, 4))
     if paper_too and len(channels) == len(paper.TABLE_2):
         rows.append((PAPER, *(nearest(value, 4) for value in paper.TABLE_2)))
     return TextTable(head, tuple(rows))
@@ -42,11 +46,31 @@ def poses(record: CalibrationRecord, *, paper_too: bool = True) -> TextTable:
     """Table 3: standard deviations of the poses, angles in degrees, positions in mm."""
     channels = [c for c in record.channels if not c.statistics.name.startswith("L")]
     head = ("component", *(f"{c.statistics.name} [{'°' if c.unit == 'rad' else 'mm'}]" for c in channels))
-    rows = [("this study", *(_significant(shown(c, c.statistics.sigma)) for c in channels))]
+    rows = _deviations(record, channels, lambda channel, value: _significant(shown(channel, value)))
     if paper_too:
         theirs = [_significant(paper.TABLE_3[c.statistics.name]) for c in channels]
         rows.append((PAPER, *theirs))
     return TextTable(head, tuple(rows))
+
+
+def equations(record: CalibrationRecord) -> TextTable:
+    """Scatter of the calibration equations between repeats, and of the robot itself where it is seen, mm."""
+    rows = [("equations g between repeats", *(nearest(value, 4) for value in record.equation_sigma))]
+    if any(record.robot_sigma):
+        rows.append(("the robot itself", *(nearest(value, 4) for value in record.robot_sigma)))
+    return TextTable(("leg", *(str(k) for k in range(1, len(record.equation_sigma) + 1))), tuple(rows))
+
+
+def _deviations(
+    record: CalibrationRecord, channels: list[Channel], text: Callable[[Channel, float], str]
+) -> list[tuple[str, ...]]:
+    """What the repeats show, robot included; what is camera's and sensors' of it; and with the outliers."""
+    rows = [("this study", *(text(c, c.statistics.sigma) for c in channels))]
+    if any(record.robot_sigma):
+        rows.append(("without the robot's own scatter", *(text(c, c.noise) for c in channels)))
+    if record.left_out:
+        rows.append(("with the outliers", *(text(c, c.with_outliers) for c in channels)))
+    return rows
 
 
 def shown(channel: Channel, value: float) -> float:
@@ -60,35 +84,50 @@ def drawing(record: CalibrationRecord) -> TextTable:
     return TextTable(("leg", *SYMBOLS), tuple(lines))
 
 
-def parameters(fit: Parameters) -> TextTable:
-    """x_c or x_c_sigma in the frames of camera and target, mm; below each leg, after ±, the standard errors."""
+def parameters(
+    record: CalibrationRecord, fit: Parameters, frame: str = MEASURED, theirs: Rows | None = None
+) -> TextTable:
+    """x_c, x_c_sigma or x_c_f, mm, in one of `FRAMES`; below each leg its expanded uncertainty, where that is known in
+    the frame, and what the paper prints, where it does."""
+    values, errors = in_frame(record, fit, frame)
     lines: list[tuple[str, ...]] = []
-    for leg, (values, errors) in enumerate(zip(fit.values, fit.standard_errors, strict=True), 1):
-        lines.append((str(leg), *(nearest(value, 4) for value in values)))
-        lines.append(("±", *(nearest(value, 4) for value in errors)))
-    return TextTable(("leg", *SYMBOLS), tuple(lines))
-
-
-def moved(record: CalibrationRecord, fit: Parameters, theirs: Rows | None = None) -> TextTable:
-    """Tables 4 and 5: parameters in the drawing's frames, mm; below each leg what the paper prints, where it does."""
-    lines: list[tuple[str, ...]] = []
-    for leg, values in enumerate(record.in_drawing(fit).tolist()):
-        lines.append((str(leg + 1), *(nearest(value, 4) for value in values)))
+    for leg, row in enumerate(values):
+        lines.append((str(leg + 1), *(nearest(value, 4) for value in row)))
+        if errors is not None:
+            lines.append((EXPANDED, *(nearest(2.0 * value, 4) for value in errors[leg])))
         if theirs is not None and leg < len(theirs):
             lines.append((PAPER, *(nearest(value, 4) for value in theirs[leg])))
     return TextTable(("leg", *SYMBOLS), tuple(lines))
 
 
+def in_frame(record: CalibrationRecord, fit: Parameters, frame: str) -> tuple[Rows, Rows | None]:
+    """Parameters and standard errors, where these are known; as measured where the centres define no frame."""
+    own = {one.convention: (one.values, one.standard_errors) for one in fit.own}
+    if frame == DRAWING:
+        return tuple(tuple(row) for row in record.in_drawing(fit).tolist()), None
+    return own.get(frame, (fit.values, fit.standard_errors))
+
+
 def validation(record: CalibrationRecord, *, paper_too: bool = False) -> TextTable:
     """Table 6: errors of the validation poses, positions in mm and orientations in degrees."""
     plain, weighted = record.validation.validation, record.validation_sigma.validation
-    columns = (plain.summary_before, plain.summary_after, weighted.summary_after)
+    columns = [plain.summary_before, plain.summary_after, weighted.summary_after]
+    head = ["error", BEFORE, WITH_X_C, WITH_X_C_SIGMA]
+    if record.validation_all is not None:
+        columns.append(record.validation_all.validation.summary_after)
+        head.append(WITH_OUTLIERS)
     rows: list[tuple[str, ...]] = []
-    for (name, figure), theirs in zip(_FIGURES, paper.TABLE_6, strict=True):
+    for (name, figure), theirs in zip(_FIGURES, (*paper.TABLE_6, *(4 * [None])), strict=True):
         rows.append((name, *(_significant(figure(column)) for column in columns)))
-        if paper_too:
-            rows.append((PAPER, *map(_significant, theirs)))
-    return TextTable(("error", BEFORE, WITH_X_C, WITH_X_C_SIGMA), tuple(rows))
+        if paper_too and theirs is not None:
+            rows.append((PAPER, *map(_significant, theirs), *("" for _ in columns[3:])))
+    floor = plain.floor
+    if floor is not None:
+        means = (_significant(floor.position_mean), _significant(math.degrees(floor.orientation_mean)))
+        for name, mean in zip(("position", "orientation"), means, strict=True):
+            unit = "mm" if name == "position" else "°"
+            rows.append((f"{name}, mean by noise alone [{unit}]", "", mean, mean, *("" for _ in columns[3:])))
+    return TextTable(tuple(head), tuple(rows))
 
 
 _FIGURES: tuple[tuple[str, Callable[[ErrorSummary], float]], ...] = (
@@ -96,6 +135,10 @@ _FIGURES: tuple[tuple[str, Callable[[ErrorSummary], float]], ...] = (
     ("position, std. dev. [mm]", lambda s: s.position_deviation),
     ("orientation, mean [°]", lambda s: math.degrees(s.orientation_mean)),
     ("orientation, std. dev. [°]", lambda s: math.degrees(s.orientation_deviation)),
+    ("position, 95 % of poses [mm]", lambda s: s.position_95),
+    ("position, largest [mm]", lambda s: s.position_largest),
+    ("orientation, 95 % of poses [°]", lambda s: math.degrees(s.orientation_95)),
+    ("orientation, largest [°]", lambda s: math.degrees(s.orientation_largest)),
 )
 
 

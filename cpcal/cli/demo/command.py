@@ -13,6 +13,7 @@ from rich.console import Console
 from cpcal.common.numbers import stated
 from cpcal.calibration import calibrate_study
 from cpcal.calibration import CalibrationRecord, recorded
+from cpcal.calibration.averaging import Of
 from cpcal.certify import certify
 from cpcal.certify.fits import certify_fits
 from cpcal.cli.calibrate import show_record, write_calibration
@@ -35,7 +36,8 @@ from cpcal.robot import Campaign
 from cpcal.files import load_campaign, load_study, save_study
 from cpcal.simulate import simulate_study
 
-FACTOR = 3.0  # half-width of the reading sets, in standard deviations
+FACTOR = 3.0  # half-width of the reading sets, in standard deviations of
+OF: Of = "single"  # readings: the paper's choice
 
 
 @dataclass(frozen=True)
@@ -111,8 +113,8 @@ def _calibrated(output: Path, seed: int, console: Console) -> CalibrationRecord:
     how = ", ".join(f"{name.replace('_', ' ')} {stated(size)} mm" for name, size in PLAN.imperfect.items())
     console.print(f"Study: {output / STUDY} (simulated, seed {seed}; {how})", soft_wrap=True)
     study = load_study(output / STUDY)
-    found = calibrate_study(study, factor=FACTOR)
-    record = recorded(study, found, factor=FACTOR)
+    found = calibrate_study(study, factor=FACTOR, of=OF)
+    record = recorded(study, found, factor=FACTOR, of=OF)
     write_calibration(found, record, output)
     show_record(console, record)
     return record

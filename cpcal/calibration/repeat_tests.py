@@ -1,0 +1,182 @@
+"""Do repeats scatter as independent noise does? Drift, hysteresis, backlash, and shapes that are not normal.
+
+All tests of a study are corrected for their number (Bonferroni), so that a good study has one false alarm among all of
+them in a hundred at level 0.01:
+
+    runs         analysis of variance: do runs have means of their own, over all configurations? (drift, warming up)
+    variances    Bartlett's test: do configurations scatter alike? (play that only some loads take up)
+    modes        Hartigan's dip (play that is taken up from either side)
+    normality    D'Agostino and Pearson's and Shapiro and Wilk's
+
+Channels are the readings themselves and, leg by leg, g between repeats (`Repeatability.equations`) in standard
+deviations that camera and sensors explain. There the robot's own scatter is no disturbance, and play is plain, which
+the length sensors of the legs do not see and the camera does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cpcal.calibration.dip import dip, dip_p_value
+from cpcal.calibration.distribution import ChannelStatistics
+from cpcal.calibration.repeatability import Repeatability
+from cpcal.calibration.statistics import Deviations
+from cpcal.common.arrays import Floats, Ints
+
+LEVEL = 0.01  # probability of a word in capitals for a study in which all is well
+
+RUNS, VARIANCES, MODES = "runs", "variances", "modes"
+_DIP_MIN = 10  # readings
+_RESTLESS = 1e-3  # probability of so large a scatter by noise from which a configuration counts as restless
+_RESTLESS_MIN = 4  # configurations
+_OWN_SCALE = (
+    6  # repeats from which a configuration's own deviation can be its unit: two or three values always have modes
+)
+
+
+@dataclass(frozen=True)
+class RepeatTest:
+    """One test of one channel: `statistic` F of "runs", chi-square over its degrees of freedom of "variances", the dip
+    of "modes"; `p` as it is, and `corrected` for the number of tests."""
+
+    kind: str
+    channel: str
+    statistic: float
+    p: float
+    corrected: float
+
+
+@dataclass(frozen=True)
+class RepeatTests:
+    """All that a study's repeats were tested for, and how many tests they were with those of the channels' shapes."""
+
+    tests: tuple[RepeatTest, ...]
+    count: int
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where p-values are none."""
+        if any(not 0.0 <= p <= 1.0 for test in self.tests for p in (test.p, test.corrected)):
+            raise ValueError("a test's p is not between 0 and 1")
+
+    def found(self, kind: str, level: float = LEVEL) -> tuple[RepeatTest, ...]:
+        """Tests of that kind that say no, the clearest first."""
+        bad = [test for test in self.tests if test.kind == kind and test.corrected < level]
+        return tuple(sorted(bad, key=lambda test: (test.p, -test.statistic)))
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One for each kind of test that was made."""
+        said = (
+            (RUNS, "RUNS DIFFER", "Runs do not differ", "drift, or something changed between them"),
+            (VARIANCES, "CONFIGURATIONS SCATTER DIFFERENTLY", "Configurations scatter alike", "play or stick-slip"),
+            (MODES, "MORE THAN ONE MODE between repeats", "One mode between repeats", "backlash or hysteresis"),
+        )
+        return tuple(self._said(*words) for words in said if any(test.kind == words[0] for test in self.tests))
+
+    def _said(self, kind: str, bad: str, good: str, cause: str) -> str:
+        found, made = self.found(kind), sum(test.kind == kind for test in self.tests)
+        about = f"corrected for {self.count} tests"
+        if not found:
+            least = min(test.corrected for test in self.tests if test.kind == kind)
+            return f"{good}: of {made} channels none beyond chance (least p {least:.2g}, {about})."
+        names = ", ".join(test.channel for test in found[:6]) + (" and others" if len(found) > 6 else "")
+        return f"{bad}: {cause}? {names} (p {found[0].corrected:.2g}, {about})."
+
+
+def repeat_tests(
+    found: Repeatability, runs: Sequence[str], statistics: Sequence[ChannelStatistics]
+) -> tuple[RepeatTests, tuple[ChannelStatistics, ...]]:
+    """The tests, and the channels' statistics with their p-values corrected for the number of all tests.
+
+    runs   the run of each of the rows that `found` is of
+    """
+    spread = found.spread
+    legs = tuple(f"g of leg {k}" for k in range(1, found.equations.shape[1] + 1))
+    safe = np.where(found.expected > 0.0, found.expected, 1.0)
+    scaled = found.equations / safe
+    made = _runs((*spread.channels, *legs), np.concatenate([spread.values, scaled], axis=1), spread.group, runs)
+    made += _variances(legs, scaled, spread)
+    made += _modes(legs, scaled, spread)
+    shapes = sum(not math.isnan(p) for one in statistics for p in (one.dagostino, one.shapiro, one.dip))
+    count = len(made) + shapes
+    tests = tuple(replace(test, corrected=min(1.0, count * test.p)) for test in made)
+    return RepeatTests(tests, count), tuple(replace(one, tests=count) for one in statistics)
+
+
+def _runs(channels: Sequence[str], values: Floats, group: Ints, runs: Sequence[str]) -> list[RepeatTest]:
+    """Of two-way tables without interaction: what runs explain beside configurations."""
+    from scipy import stats  # here: it takes half a second to load, which certification need not wait for
+
+    names = {name: k for k, name in enumerate(dict.fromkeys(runs))}
+    number = np.array([names[name] for name in runs])
+    if len(names) < 2:
+        return []
+    design = np.zeros((len(values), len(names) - 1))
+    chosen = number < len(names) - 1
+    design[np.flatnonzero(chosen), number[chosen]] = 1.0
+    design -= _group_means(design, group)
+    basis, sizes, _ = np.linalg.svd(design, full_matrices=False)
+    basis = basis[:, sizes > 1e-9 * sizes[0]] if sizes[0] > 0.0 else basis[:, :0]
+    between, rest = basis.shape[1], len(values) - (int(group.max()) + 1) - basis.shape[1]
+    if between < 1 or rest < 1:
+        return []
+    explained, total = np.sum((basis.T @ values) ** 2, axis=0), np.sum(values**2, axis=0)
+    tests = []
+    for name, part, whole in zip(channels, explained, total, strict=True):
+        left = whole - part
+        if left > 1e-12 * whole:
+            f = float((part / between) / (left / rest))
+            p = float(stats.f.sf(f, between, rest))
+            tests.append(RepeatTest(RUNS, name, f, p, p))
+    return tests
+
+
+def _variances(legs: Sequence[str], scaled: Floats, spread: Deviations) -> list[RepeatTest]:
+    from scipy import stats
+
+    several = np.flatnonzero(spread.repeats > 2)
+    if len(several) < 2:
+        return []
+    tests = []
+    for name, values in zip(legs, scaled.T, strict=True):
+        groups = [values[spread.group == k] for k in several]
+        if min(float(np.var(one)) for one in groups) > 0.0:
+            found = stats.bartlett(*groups)
+            p, size = float(found.pvalue), float(found.statistic) / (len(groups) - 1)
+            tests.append(RepeatTest(VARIANCES, name, size, p, p))
+    return tests
+
+
+def _modes(legs: Sequence[str], scaled: Floats, spread: Deviations) -> list[RepeatTest]:
+    """The dip, over the configurations that scatter beyond the noise where there are some: they hold the play."""
+    from scipy import stats
+
+    freedom = np.maximum(spread.repeats - 1, 1)
+    several, many = spread.repeats > 2, spread.repeats >= _OWN_SCALE
+    tests = []
+    for name, values in zip(legs, scaled.T, strict=True):
+        variance = np.bincount(spread.group, values**2, minlength=len(several)) / freedom
+        usual = float(np.median((variance * freedom / stats.chi2.median(freedom))[several])) if several.any() else 0.0
+        if not usual > 0.0:
+            continue
+        restless = many & (stats.chi2.sf(variance * freedom / usual, freedom) < _RESTLESS)
+        if restless.sum() >= _RESTLESS_MIN:
+            sample = (values / np.sqrt(np.maximum(variance, np.finfo(np.float64).tiny))[spread.group])[
+                restless[spread.group]
+            ]
+        else:
+            sample = values[several[spread.group]]
+        if len(sample) >= _DIP_MIN:
+            p = dip_p_value(sample)
+            tests.append(RepeatTest(MODES, name, dip(sample), p, p))
+    return tests
+
+
+def _group_means(values: Floats, group: Ints) -> Floats:
+    total = np.zeros((int(group.max()) + 1, values.shape[1]))
+    np.add.at(total, group, values)
+    return np.asarray((total / np.bincount(group)[:, None])[group])

@@ -1,0 +1,239 @@
+"""Whose scatter is it: the camera's, the leg sensors', or the robot's own? Estimated from repeated configurations.
+
+A robot that does not come back to the same place moves the platform and its legs together. Camera and leg sensors
+both see that motion, and the calibration equations hold all the same: it is no noise of theirs. With the legs' motion
+m, the camera's noise c and the sensors' noise s, a repeat of configuration k deviates from the mean of its repeats by
+
+    pose     c + J_k^-1 m             J_k: derivative of the leg lengths by the pose (n, 6)
+    lengths  s + m                    so that   J_k (pose) - (lengths) = J_k c - s     is free of the motion
+
+and their covariance is linear in those of the three sources,
+
+    Sigma_k = [C 0; 0 S] + [J_k^-1; 1] M [J_k^-1; 1]'
+
+which are estimated by maximum likelihood (Fisher scoring) from the scatter of all configurations. What camera and
+sensors see differently and noise does not explain, such as backlash, ends up in C and S.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cpcal.calibration.equations import LegEquations
+from cpcal.calibration.statistics import Deviations, campaign_deviations
+from cpcal.calibration.weights import Noise
+from cpcal.common.arrays import Floats, Ints
+from cpcal.robot import Campaign
+
+_ROUNDS = 6  # of Fisher scoring: the last one changes standard deviations by well below a percent
+_FEWEST = 40  # degrees of freedom of the repeats from which three sources are told apart
+_FLOOR = 1e-3  # of a channel's variance, below which scoring does not let its noise fall
+_SEEN = 3.0  # standard errors from which the robot's own scatter is said to be seen
+
+
+@dataclass(frozen=True, eq=False)
+class Repeatability:
+    """Covariances of single repeats, and what they were estimated from.
+
+    camera     (6, 6) of position (mm) and rotation vector (rad) in the camera frame
+    sensors    (n, n) mm^2 of the leg readings
+    robot      (n, n) mm^2 of the legs' own motion; zero where none is seen beyond three of its standard errors
+    told       whether the repeats are enough to tell the sources apart; if not, all scatter counts as noise
+    robot_error  (n,) mm^2, standard errors of the robot's variances
+    total      (6 + n,) standard deviations of the deviations as they are: tables 2 and 3 of the paper
+    equations  (N, n) mm: deviations of g between the repeats of a configuration, J (pose) - (lengths)
+    expected   (N, n) mm: their standard deviations by camera and sensors
+    spread     what all of it is taken from
+    """
+
+    camera: Floats
+    sensors: Floats
+    robot: Floats
+    told: bool
+    robot_error: Floats
+    total: Floats
+    equations: Floats
+    expected: Floats
+    spread: Deviations
+
+    @property
+    def freedom(self) -> int:
+        """Repeats less configurations."""
+        return self.spread.freedom
+
+    @property
+    def noise_sigma(self) -> Floats:
+        """(6 + n,) standard deviations of camera and sensors alone."""
+        return np.asarray(np.sqrt(np.concatenate([np.diagonal(self.camera), np.diagonal(self.sensors)])))
+
+    @property
+    def robot_sigma(self) -> Floats:
+        """(n,) mm: how far the legs scatter between repeats themselves."""
+        return np.asarray(np.sqrt(np.diagonal(self.robot)))
+
+    @cached_property
+    def equation_sigma(self) -> Floats:
+        """(n,) mm: pooled standard deviation of g between repeats, leg by leg."""
+        return np.asarray(np.sqrt(np.sum(self.equations**2, axis=0) / self.freedom))
+
+    @cached_property
+    def equation_covariance(self) -> Floats:
+        """(n, n) mm^2: pooled covariance of g between repeats."""
+        return np.asarray(self.equations.T @ self.equations / self.freedom)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the robot's own scatter is seen, beyond chance, in some leg."""
+        return bool(self.robot.any())
+
+    def noise(self, repeats: Ints) -> Noise:
+        """Of the means of so many repeats (N,): what the calibration equations are off by."""
+        count, sigma = len(repeats), np.sqrt(np.diagonal(self.sensors))
+        share = 1.0 / np.asarray(repeats, dtype=np.float64)
+        safe = np.where(sigma > 0.0, sigma, 1.0)
+        correlation = np.where(np.eye(len(sigma)) == 1.0, 1.0, self.sensors / np.outer(safe, safe))
+        return Noise(
+            self.camera * share[:, None, None],
+            np.broadcast_to(sigma, (count, len(sigma))) * np.sqrt(share)[:, None],
+            correlation,
+            float(self.freedom),
+        )
+
+    @property
+    def sentence(self) -> str:
+        """What scatters, in words."""
+        legs = self.equation_sigma
+        said = f"Between repeats the calibration equations scatter by {legs.min():.3g} to {legs.max():.3g} mm, by leg"
+        if not self.told:
+            return f"{said}; the repeats are too few to tell the robot's own scatter from that of camera and sensors."
+        if not self.moves:
+            return f"{said}. The robot itself comes back: no scatter of its own is seen beside camera's and sensors'."
+        robot = self.robot_sigma
+        return (
+            f"{said}. The ROBOT ITSELF SCATTERS by {robot.min():.2g} to {robot.max():.2g} mm, by leg, which camera and "
+            "sensors both see: it is no noise of theirs, and counts neither in standard errors nor in reading sets."
+        )
+
+
+def repeatability(campaign: Campaign) -> Repeatability:
+    """Of a campaign with several runs of its poses, at the joint centres of its robot (the drawing's will do).
+
+    Raises InputError when nothing is repeated.
+    """
+    spread = campaign_deviations(campaign)
+    equations = LegEquations.of(campaign, range(1, campaign.legs + 1))
+    by_pose = equations.by_pose(campaign.robot.parameters)
+    legs = np.einsum("kij,kj->ki", by_pose, spread.values[:, :6]) - spread.values[:, 6:]
+    middle = _middle(by_pose, spread)
+    parts = _told_apart(middle, spread)
+    told = parts is not None
+    camera, sensors, robot, error = parts if parts is not None else _taken_as_noise(spread)
+    if told and not (np.diagonal(robot) > _SEEN * error).any():  # then the scatter itself tells the noise best
+        camera, sensors, robot, _ = _taken_as_noise(spread)
+    of_mean = np.einsum("kij,jl,kml->kim", middle, camera, middle) + sensors
+    expected = np.sqrt(np.diagonal(of_mean, axis1=1, axis2=2))[spread.group]
+    return Repeatability(camera, sensors, robot, told, error, spread.sigma, legs, expected, spread)
+
+
+def _middle(by_pose: Floats, spread: Deviations) -> Floats:
+    """(K, n, 6): the mean derivative of each configuration's repeats."""
+    total = np.zeros((len(spread.names), *by_pose.shape[1:]))
+    np.add.at(total, spread.group, by_pose)
+    return np.asarray(total / spread.repeats[:, None, None])
+
+
+def _taken_as_noise(spread: Deviations) -> tuple[Floats, Floats, Floats, Floats]:
+    covariance = spread.values.T @ spread.values / spread.freedom
+    legs = len(covariance) - 6
+    return covariance[:6, :6], covariance[6:, 6:], np.zeros((legs, legs)), np.zeros(legs)
+
+
+def _told_apart(by_pose: Floats, spread: Deviations) -> tuple[Floats, Floats, Floats, Floats] | None:
+    """Camera, sensors, robot, and the standard errors of the robot's variances; None where there is too little."""
+    scale = spread.sigma
+    if spread.freedom < _FEWEST or not (scale > 0.0).all() or len(spread.names) < 7:
+        return None
+    legs = by_pose.shape[1]
+    # channels in units of their own scatter, so that nothing depends on mm against rad
+    unit = float(np.median(scale[6:]))
+    back = np.linalg.pinv(by_pose * scale[:6])
+    motion = np.concatenate([back, np.broadcast_to(np.eye(legs), (len(back), legs, legs))], axis=1)
+    motion[:, 6:] /= scale[6:, None]
+    motion *= unit
+    basis = _basis(motion)
+    scatter = np.zeros((len(back), 6 + legs, 6 + legs))
+    values = spread.values / scale
+    np.add.at(scatter, spread.group, values[:, :, None] * values[:, None, :])
+    found, information = _scored(basis, scatter, np.asarray(spread.repeats - 1.0, dtype=np.float64))
+    camera, sensors, robot = _parts(found, legs)
+    error = np.sqrt(np.diagonal(np.linalg.inv(information)))[_sizes(legs)[0] + _sizes(legs)[1] :]
+    diagonal = np.flatnonzero(np.equal(*np.triu_indices(legs)))
+    return (
+        _positive(camera) * np.outer(scale[:6], scale[:6]),
+        _positive(sensors) * np.outer(scale[6:], scale[6:]),
+        _positive(robot) * unit**2,
+        error[diagonal] * unit**2,
+    )
+
+
+def _sizes(legs: int) -> tuple[int, int, int]:
+    return 21, legs * (legs + 1) // 2, legs * (legs + 1) // 2
+
+
+def _symmetric(size: int) -> Floats:
+    """(size (size + 1) / 2, size, size): the unit symmetric matrices, row by row of the upper triangle."""
+    rows, columns = np.triu_indices(size)
+    out = np.zeros((len(rows), size, size))
+    each = np.arange(len(rows))
+    out[each, rows, columns] = out[each, columns, rows] = 1.0
+    return out
+
+
+def _basis(motion: Floats) -> Floats:
+    """(K, p, 6 + n, 6 + n): what each unknown adds to the covariance of configuration k."""
+    count, size, legs = motion.shape
+    sizes = _sizes(legs)
+    out = np.zeros((count, sum(sizes), size, size))
+    out[:, : sizes[0], :6, :6] = _symmetric(6)
+    out[:, sizes[0] : sizes[0] + sizes[1], 6:, 6:] = _symmetric(legs)
+    out[:, sizes[0] + sizes[1] :] = np.einsum("kai,pij,kbj->kpab", motion, _symmetric(legs), motion, optimize=True)
+    return out
+
+
+def _scored(basis: Floats, scatter: Floats, freedom: Floats) -> tuple[Floats, Floats]:
+    """The unknowns and their information matrix, from sums of squares with so many degrees of freedom each."""
+    count, size = scatter.shape[:2]
+    covariance = np.broadcast_to(np.eye(size), (count, size, size))
+    found, information = np.zeros(basis.shape[1]), np.eye(basis.shape[1])
+    for _ in range(_ROUNDS):
+        whiten = np.linalg.inv(np.linalg.cholesky(covariance))[:, None]
+        seen = (whiten @ basis @ np.swapaxes(whiten, -1, -2)).reshape(count, -1, size * size)
+        given = (whiten[:, 0] @ scatter @ np.swapaxes(whiten[:, 0], -1, -2)).reshape(count, size * size)
+        information = 0.5 * np.einsum("k,kpa,kqa->pq", freedom, seen, seen, optimize=True)
+        found = np.linalg.lstsq(information, 0.5 * np.einsum("kpa,ka->p", seen, given), rcond=None)[0]
+        camera, sensors, robot = (_positive(part) for part in _parts(found, size - 6))
+        safe = np.concatenate([_flat(camera + _FLOOR * np.eye(6)), _flat(sensors + _FLOOR * np.eye(size - 6))])
+        covariance = np.einsum("p,kpab->kab", np.concatenate([safe, _flat(robot)]), basis)
+    return np.asarray(found), np.asarray(information)
+
+
+def _flat(matrix: Floats) -> Floats:
+    return np.asarray(matrix[np.triu_indices(len(matrix))])
+
+
+def _parts(found: Floats, legs: int) -> tuple[Floats, Floats, Floats]:
+    first, second, _ = _sizes(legs)
+    pieces = (found[:first], found[first : first + second], found[first + second :])
+    camera, sensors, robot = (
+        np.einsum("p,pij->ij", piece, _symmetric(size)) for piece, size in zip(pieces, (6, legs, legs), strict=True)
+    )
+    return camera, sensors, robot
+
+
+def _positive(matrix: Floats) -> Floats:
+    """The nearest positive semidefinite matrix."""
+    values, axes = np.linalg.eigh(matrix)
+    return np.asarray((axes * np.maximum(values, 0.0)) @ axes.T)

@@ -1,0 +1,75 @@
+"""Whose scatter it is: the robot's own counts neither in standard errors nor in reading sets."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cpcal.calibration import as_campaign, calibrate_study, redefined, repeatability
+from cpcal.robot import Study, inverse
+from cpcal.simulate import simulate_study
+from cpcal.simulate.disturbances import with_pose_noise, with_robot_scatter
+
+
+def found_of(study: Study):
+    truth = study.truth
+    robot = redefined(study.robot, inverse(truth.camera), truth.target)
+    return repeatability(as_campaign(study.calibration, robot))
+
+
+@pytest.fixture(scope="module")
+def perfect():
+    return simulate_study(seed=3, random_poses=4, validation_runs=2)
+
+
+def test_a_robot_that_comes_back_has_no_scatter_of_its_own(perfect):
+    found = found_of(perfect)
+    assert found.told
+    assert not found.moves
+    assert np.array_equal(found.robot, np.zeros((6, 6)))
+    assert np.allclose(found.noise_sigma, found.total)
+    assert "comes back" in found.sentence
+
+
+def test_scatter_of_the_robot_is_told_from_noise(perfect):
+    quiet, found = found_of(perfect), found_of(with_robot_scatter(perfect, 0.1, seed=5))
+    assert found.moves
+    assert found.robot_sigma == pytest.approx(np.full(6, 0.1), rel=0.1)
+    assert found.total[0] > 5 * quiet.total[0]
+    assert found.noise_sigma == pytest.approx(quiet.noise_sigma, rel=0.5)
+    assert found.equation_sigma == pytest.approx(quiet.equation_sigma, rel=0.02)  # in leg space nothing has changed
+    assert "ROBOT ITSELF SCATTERS by 0.09" in found.sentence
+
+
+def test_standard_errors_and_sets_do_not_grow_with_the_robots_scatter(perfect):
+    quiet, restless = (calibrate_study(s) for s in (perfect, with_robot_scatter(perfect, 0.1, seed=5)))
+    ratio = restless.x_c_sigma.standard_errors / quiet.x_c_sigma.standard_errors
+    assert 0.8 < ratio.min() < ratio.max() < 1.2
+    assert (restless.campaign.length_radius < 1.2 * quiet.campaign.length_radius).all()
+    assert "as expected" in restless.x_c_sigma.sentence
+
+
+def test_correlated_noise_of_the_pose_is_found(perfect):
+    root = np.array([[0.05], [0.0], [0.05], [2e-4], [0.0], [0.0]])
+    found = found_of(with_pose_noise(perfect, root, seed=1))
+    camera = found.camera / np.outer(found.noise_sigma[:6], found.noise_sigma[:6])
+    assert camera[0, 2] > 0.7
+    assert camera[0, 3] > 0.7
+
+
+def test_the_noise_of_means_is_that_of_the_equations(perfect):
+    found = found_of(perfect)
+    noise = found.noise(np.full(64, 11))
+    assert noise.freedom == 640
+    assert noise.length[0] * np.sqrt(11) == pytest.approx(found.noise_sigma[6:])
+    scaled = found.equations / found.expected
+    assert np.sum(scaled**2, axis=0) / found.freedom == pytest.approx(np.ones(6), rel=0.1)
+
+
+def test_few_repeats_are_all_taken_as_noise():
+    study = simulate_study(seed=3, runs=1, validation_runs=6, random_poses=4)
+    truth = study.truth
+    robot = redefined(study.robot, inverse(truth.camera), truth.target)
+    found = repeatability(as_campaign(study.validation, robot))
+    assert not found.told
+    assert "too few" in found.sentence
