@@ -12,6 +12,7 @@ from cpcal.common.numbers import about, bracket_text, nearest, plain_gap, rounde
 from cpcal.legs import PARAMETERS, LegModel, model_residuals
 from cpcal.report.advice import FEW, Advice, advise, measurement_names, support_numbers
 from cpcal.report.bars import Enclosure, enclosure_svg
+from cpcal.report.drawing_frames import DrawingFrames
 from cpcal.report.fitted import Fitted, fitted
 from cpcal.report.pairs import eps_text, pairs
 from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
@@ -27,8 +28,14 @@ _MORE = 9  # of others, such as shares
 _MOST_NAMES = 120  # measurements listed for a leg
 
 
-def leg_section(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | None) -> dict[str, Any]:
-    """`model`: None where it is not known here; then nothing is said of residuals."""
+def leg_section(
+    campaign: Campaign,
+    result: Result,
+    leg: LegResult,
+    model: LegModel | None,
+    frames: DrawingFrames | None = None,
+) -> dict[str, Any]:
+    """`model`: None where it is not known here; then nothing is said of residuals. `frames`: of the drawing."""
     found = None if model is None else fitted(campaign, result, leg, model)
     names = measurement_names(campaign, support_numbers(campaign, leg))
     return {
@@ -43,6 +50,7 @@ def leg_section(campaign: Campaign, result: Result, leg: LegResult, model: LegMo
         "parameters": _parameters(campaign, result, leg, found),
         "ranges": _ranges(result, leg),
         "enclosure": _enclosure(result, leg),
+        "moved": None if frames is None else _moved(result, leg, frames),
         "bars": _bars(campaign, leg, found),
         "contractors": contractors_sentences(leg),
         "proved_point": leg.point is not None,
@@ -123,6 +131,19 @@ def _enclosure(result: Result, leg: LegResult) -> list[dict[str, Any]]:
         point = "—" if leg.point is None else nearest(leg.point[k], decimals)
         rows.append({"name": name, "cells": (label, point, *sides), "exact": _hex(leg.enclosure, k)})
     return rows
+
+
+def _moved(result: Result, leg: LegResult, frames: DrawingFrames) -> list[tuple[str, ...]] | None:
+    """Certified values and ranges in the drawing's frames; None without them."""
+    if leg.point is None or leg.ranges is None:
+        return None
+    point, (lo, hi) = frames.point(np.array(leg.point)), frames.box(leg.ranges.box.lo, leg.ranges.box.hi)
+    box = Box(leg.ranges.box.names, lo, hi)
+    decimals = _DECIMALS["mm"]
+    return [
+        (name, nearest(float(point[k]), decimals), *_sides(box, k, decimals))
+        for k, name in enumerate(result.parameters)
+    ]
 
 
 def _bars(campaign: Campaign, leg: LegResult, found: Fitted | None) -> dict[str, Any]:

@@ -19,6 +19,7 @@ COLOURS = {"explained": "good", "unexplained": "bad", "bounded": "known", "undec
 _WIDTH, _ROW, _LEFT, _TOP, _BELOW = 330.0, 18.0, 40.0, 18.0, 32.0  # points, of the figure of errors
 _PADDING = 20.0  # of the platform's drawing
 _TURN, _TILT = math.radians(-30.0), math.radians(18.0)  # from where the platform is seen
+_LETTER = 11.0  # points: room for a number
 _MOST_POSES = 400  # dots that are drawn
 _SOFT, _PANEL = "var(--soft)", "var(--panel)"
 
@@ -80,9 +81,7 @@ def platform_svg(campaign: Campaign, result: Result) -> str:
     axes.area(base, "none", INK)
     for k, (foot, head) in enumerate(zip(base, mobile, strict=True)):
         axes.line([foot, head], f"var(--{kinds.get(k + 1, 'shade')})", 2.4)
-        x, y = axes.at([foot])[0]
-        aside = 5.0 if k % 2 else -5.0  # the feet of two legs may be in one place
-        figure.text(float(x) + aside, float(y) + 9.0, str(k + 1), anchor="middle")
+    _number(axes, base)
     axes.area(mobile, _PANEL, INK)
     forcing, at = forcing_numbers(campaign, result), view.flat(campaign.position)
     step = max(1, math.ceil(len(campaign) / _MOST_POSES))
@@ -95,6 +94,17 @@ def platform_svg(campaign: Campaign, result: Result) -> str:
     x, y = axes.at([(start[0] + length, start[1])])[0]
     figure.text(float(x) + 5.0, float(y), f"{about(length)} mm")
     return figure.svg("The platform seen from the side, and the poses that were measured")
+
+
+def _number(axes: Axes, feet: Floats) -> None:
+    """The number of each leg below its foot, or further down where another number stands."""
+    taken: list[tuple[float, float]] = []
+    for k, (x, y) in enumerate(axes.at(feet).tolist()):
+        down = y + _LETTER
+        while any(abs(x - left) < _LETTER and abs(down - above) < _LETTER for left, above in taken):
+            down += 1.0
+        taken.append((x, down))
+        axes.figure.text(x, down, str(k + 1), anchor="middle")
 
 
 def forcing_numbers(campaign: Campaign, result: Result) -> tuple[int, ...]:

@@ -12,7 +12,9 @@ from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, PluginError
 from cpcal.common.numbers import stated
 from cpcal.legs import PLAIN, LegModel
+from cpcal.report import drawing_frames
 from cpcal.report.assumptions import assumptions
+from cpcal.report.drawing_frames import DrawingFrames
 from cpcal.report.leg_section import leg_section
 from cpcal.report.match import check_match
 from cpcal.report.origin import command, versions
@@ -55,13 +57,16 @@ def render(
     Raises InputError when the result is of another campaign, or garbled.
     """
     check_match(campaign, result)
-    return rendered("report.html.j2", {"study": study, **_context(campaign, result, model)})
+    frames = None if study is None else DrawingFrames.of(study["record"])
+    return rendered("report.html.j2", {"study": study, **_context(campaign, result, model, frames)})
 
 
-def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict[str, Any]:
+def _context(
+    campaign: Campaign, result: Result, model: LegModel | None, frames: DrawingFrames | None
+) -> dict[str, Any]:
     table = result_table(result)
     model, lacking = _known(result, model)
-    legs = [leg_section(campaign, result, leg, model) for leg in result.legs]
+    legs = [leg_section(campaign, result, leg, model, frames) for leg in result.legs]
     return {
         "robot": campaign.robot.name,
         "count": len(campaign),
@@ -78,6 +83,7 @@ def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict
         "forcing": len(forcing_numbers(campaign, result)),
         "head": [(name, campaign.provenance[name]) for name in _HEAD if name in campaign.provenance],
         "frame": FRAME,
+        "drawing_frame": drawing_frames.FRAME,
         "quantifier": QUANTIFIER,
         "longer": LONGER,
         "lacking": lacking,
