@@ -36,6 +36,7 @@ VERBS = {
         "cpcal.cli.compare", "compare_models", "compare campaign -o models --tolerance 0.5 --legs 1", STATUS_HELP
     ),
     "simulate": Verb("cpcal.cli.simulate", "simulate", "simulate deltalab -o campaign --joint-error 1"),
+    "camera": Verb("cpcal.cli.camera", "camera", "camera head_camera.yaml -o camera.toml"),
     "target": Verb("cpcal.cli.target", "target", "target -o target.toml"),
     "detect": Verb(
         "cpcal.cli.detect", "detect_poses", "detect images --target target.toml --camera camera.toml -o poses.csv"
