@@ -3,6 +3,7 @@ from .common.errors import CpcalError, InputError, ModelError, PluginError
 from .common.version import __version__
 from .files import load_campaign, save_campaign
 from .legs import LegModel, Measured, Parameter
+from .report import write_report
 from .results import (
     Comparison,
     LegResult,
@@ -74,4 +75,5 @@ __all__ = [
     "status_of",
     "verdict_of",
     "with_ranges",
+    "write_report",
 ]

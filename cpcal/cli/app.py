@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from cpcal.cli.leaving import leaving, refuse_empty
-from cpcal.cli.status import CHECK_STATUS_HELP, STATUS_HELP, VERIFY_STATUS_HELP
+from cpcal.cli.status import CHECK_STATUS_HELP, IMPORT_STATUS_HELP, STATUS_HELP, VERIFY_STATUS_HELP
 from cpcal.common.version import __version__
 
 
@@ -27,6 +27,10 @@ class Verb(NamedTuple):
 
 
 VERBS = {
+    "robot": Verb("cpcal.cli.robot", "robot", "robot list"),
+    "import": Verb(
+        "cpcal.cli.import_log", "import_log", "import log.csv --robot deltalab -o campaign", IMPORT_STATUS_HELP
+    ),
     "check": Verb("cpcal.cli.check", "check", "check campaign", CHECK_STATUS_HELP),
     "certify": Verb("cpcal.cli.certify", "certify", "certify campaign -o run --tolerance 0.5", STATUS_HELP),
     "accuracy": Verb(
