@@ -9,7 +9,7 @@ from cpcal.checker import Accepted, LegChecked, Refused, Unusable, check, check_
 from cpcal.common.errors import InputError, Problem
 
 
-def checked_run(run: Path) -> list[LegChecked] | str:
+def checked_legs(run: Path) -> list[LegChecked] | str:
     """The legs of a run, or why it is refused as a whole. Raises InputError where there is nothing to check."""
     try:
         return check_run(run)

@@ -11,9 +11,10 @@ import typer
 
 from cpcal.certify.fits import FITS_NAME, load_fits
 from cpcal.certify.recomputed import stated_otherwise
-from cpcal.checker import Accepted, Refused, Unusable, check
-from cpcal.cli.checked import checked_certificate, checked_run
+from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check
+from cpcal.cli.checked import checked_certificate, checked_legs
 from cpcal.cli.claims import sentences
+from cpcal.cli.robust import robust_verified
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import nearest
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
@@ -39,6 +40,8 @@ def verify(
     same = campaign is None or _same_campaign(target, campaign)
     if not target.is_dir():
         accepted = _certificate(target)
+    elif (target / ROBUST_NAME).exists():
+        accepted = robust_verified(target)
     elif (target / RESULT_NAME).exists():
         accepted = _run(target)
     else:
@@ -61,7 +64,7 @@ def _run(run: Path) -> bool:
     result = load_result(run)
     if unfinished(run):
         typer.echo("Another run into this folder is at work, or was killed: these are the answers before it.")
-    legs = checked_run(run)
+    legs = checked_legs(run)
     if isinstance(legs, str):
         typer.echo(printable(f"{RESULT_NAME}: REFUSED, {legs}"))
         return False
