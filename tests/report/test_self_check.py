@@ -81,7 +81,7 @@ def campaign():
 def runs(campaign, tmp_path_factory):
     """Folder and result of a run of one leg, for each way to ask."""
 
-    def made(name) -> tuple:
+    def made(name):
         folder = tmp_path_factory.mktemp(name)
         found = cpcal.certify(campaign, legs=[1], delta=4.0, certificates=folder, **ASKED[name])
         save_campaign_json(campaign, folder)
