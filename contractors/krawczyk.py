@@ -11,7 +11,7 @@ from contractors.polyhedral import Programs
 from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Polyhedron, repeated
 from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.linear import Glop
+from cpcal.solver.linear import Dense
 from cpcal.solver.linear.engine import LinearEngine
 from cpcal.solver.network import ConstraintNetwork
 
@@ -33,7 +33,7 @@ class Krawczyk(Composable):
         *,
         objective: str | None = None,
         arithmetic: str = "float64",
-        engine: Callable[[], LinearEngine] = Glop,
+        engine: Callable[[], LinearEngine] = Dense,
         slopes: bool = False,
         ratio: float = 0.9,
         most: int = 20,

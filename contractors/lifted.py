@@ -7,9 +7,8 @@ are ever active: the programs start with some dozens, and violated ones are adde
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +16,8 @@ from contractors.directions import Directions, over_box
 from contractors.relaxation import Relaxation, Structure
 from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.linear import Glop, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
+from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
+from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.network.monotone import DecisiveReadings
 from cpcal.solver.network.restrict import restricted
@@ -47,7 +46,7 @@ class Lifted(Composable):
         *,
         objective: str | None = None,
         arithmetic: str = "float64",
-        engine: Callable[[], LinearEngine] = Glop,
+        engine: Callable[[], LinearEngine] = Dense,
     ) -> None:
         self._arithmetic = get_arithmetic(arithmetic)
         self._engine = engine
@@ -111,39 +110,27 @@ def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) 
     return out
 
 
-class _Proof(NamedTuple):
-    """A proved bound, the rows and the bound products with a multiplier, and those multipliers."""
-
-    bound: float
-    rows: Indices
-    on_rows: Floats
-    products: Indices
-    on_products: Floats
-
-
 class _Programs:
     """The linear programs on one box: one polyhedron, many objectives."""
 
     def __init__(self, structure: Structure, arithmetic: Arithmetic, engine: LinearEngine, box: Box) -> None:
         self._structure = structure
         self._arithmetic = arithmetic
-        self._relaxation = Relaxation(structure, self._arithmetic, box)
+        self._relaxation = Relaxation(structure, arithmetic, box)
         self._box = box
-        self._columns = np.flatnonzero(structure.used)
-        self._rows = self._relaxation.program(engine)
+        columns = {column: k for k, column in enumerate(self._relaxation.columns.tolist())}
+        self._positions = {variable: columns[k] for variable, k in structure.positions.items()}
+        self._engine = self._relaxation.load(engine)
+        self.count = 0
 
     @property
     def variables(self) -> Collection[int]:
-        return self._structure.positions
-
-    @property
-    def count(self) -> int:
-        return self._rows.programs
+        return self._positions
 
     def support_function(self, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x`; infinite where a program fails."""
-        positions, count = self._structure.positions, len(self._structure.used)
-        asked = Directions(self._arithmetic, self._box, positions, count, directions)
+        count = len(self._relaxation.columns)
+        asked = Directions(self._arithmetic, self._box, self._positions, count, directions)
         lowest = np.empty(len(directions))
         for k, objective in enumerate(asked.objectives):
             lowest[k] = self._lowest(objective)
@@ -153,63 +140,53 @@ class _Programs:
 
     def _lowest(self, objective: Floats) -> float:
         """A proved lower bound of an objective: inf when the box is proved empty, -inf when none is known."""
-        solution = self._rows.minimize(objective[self._columns])
+        solution = self._minimized(objective)
         if solution.status is LinearStatus.INFEASIBLE and self.empty(solution) is not None:
             return np.inf
-        return self._proved(solution, objective).bound if solution.status is LinearStatus.OPTIMAL else -np.inf
+        return self._proved(solution, objective) if solution.status is LinearStatus.OPTIMAL else -np.inf
 
     def minimize(self, variable: int, sign: float) -> LinearSolution:
-        return self._rows.minimize(self._objective(variable, sign)[self._columns])
+        return self._minimized(self._objective(variable, sign))
+
+    def _minimized(self, objective: Floats) -> LinearSolution:
+        self.count += 1
+        return self._engine.minimize(objective)
 
     def coordinates(self, solution: LinearSolution) -> Floats:
-        vertex = np.zeros(len(self._structure.used))
-        vertex[self._columns] = solution.point
         u = np.zeros(len(self._box))
-        for variable, k in self._structure.positions.items():
-            u[variable] = vertex[k]
+        u[list(self._positions)] = solution.point[list(self._positions.values())]
         return u
 
     def _objective(self, variable: int, sign: float) -> Floats:
-        objective = np.zeros(len(self._structure.used))
-        objective[self._structure.positions[variable]] = sign
+        objective = np.zeros(len(self._relaxation.columns))
+        objective[self._positions[variable]] = sign
         return objective
 
     # proofs ---------------------------------------------------------------------------------------------
 
-    def _proved(self, solution: LinearSolution, objective: Floats) -> _Proof:
+    def _proved(self, solution: LinearSolution, objective: Floats) -> float:
         """Rigorous lower bound of the objective from the multipliers."""
-        products = self._structure.products
-        count = len(products.rhs)
-        y = solution.multipliers
-        with_products = np.flatnonzero(y[:count] > 0.0)
-        chosen = np.flatnonzero(y[count:] > 0.0)
-        rows = self._rows.active[chosen]
-        values, rhs = self._relaxation.rigorous(rows)
-        exact = products.matrix[with_products]
-        matrix = IntervalArray(np.concatenate([exact, values.lo]), np.concatenate([exact, values.hi]))
-        on_products, on_rows = y[with_products], y[count:][chosen] / self._relaxation.scale[rows]
-        bound = lower_bound(
-            self._arithmetic,
-            matrix,
-            np.concatenate([products.rhs[with_products], rhs]),
-            np.concatenate([on_products, on_rows]),
-            objective,
-            self._structure.columns,
-        )
-        return _Proof(bound, rows, on_rows, with_products, on_products)
+        r = self._relaxation
+        return lower_bound(self._arithmetic, r.matrix, r.rhs, solution.rows, solution.multipliers, objective, r.bounds)
 
-    def _carriers(self, proof: _Proof) -> Carriers:
+    def _carriers(self, solution: LinearSolution) -> Carriers:
         """The rows that carry a proof, and their weights in a form that can be checked."""
-        system = self._structure.system
-        origin, part = system.origin[proof.rows].tolist(), system.part[proof.rows].tolist()
-        weights = proof.on_rows.tolist()
+        r, system = self._relaxation, self._structure.system
+        on_products = solution.rows < len(r.products)
+        places = solution.rows[~on_products] - len(r.products)
+        rows = r.kept[places]
+        weights = np.ldexp(solution.multipliers[~on_products], -r.exponents[places]).tolist()
+        origin, part = system.origin[rows].tolist(), system.part[rows].tolist()
         carried = tuple((c, p, k, w) for (c, k), p, w in zip(origin, part, weights, strict=True))
-        return tuple((c, k) for c, k in origin), self._weights(carried, proof)
+        products = zip(r.products[solution.rows[on_products]], solution.multipliers[on_products].tolist(), strict=True)
+        return tuple((c, k) for c, k in origin), self._weights(carried, products)
 
-    def _weights(self, rows: tuple[tuple[int, int, int, float], ...], proof: _Proof) -> StepWeights | None:
+    def _weights(
+        self, rows: tuple[tuple[int, int, int, float], ...], products: Iterable[tuple[int, float]]
+    ) -> StepWeights | None:
         """None for products of more than two variables."""
         pairs, tangents = [], []
-        for position, weight in zip(proof.products, proof.on_products.tolist(), strict=True):
+        for position, weight in products:
             beta, delta, on_beta, on_delta, on_gamma = self._structure.products.factors[position]
             if len(beta) + len(delta) > 2:
                 return None
@@ -222,17 +199,18 @@ class _Programs:
         return StepWeights(rows, tuple(pairs), tuple(tangents))
 
     def empty(self, solution: LinearSolution) -> Step | None:
-        proof = self._proved(solution, np.zeros(len(self._structure.used)))
-        return Step("lifted", None, "", np.nan, *self._carriers(proof)) if proof.bound > 0.0 else None
+        if not self._proved(solution, np.zeros(len(self._relaxation.columns))) > 0.0:
+            return None
+        return Step("lifted", None, "", np.nan, *self._carriers(solution))
 
     def bound(self, variable: int, side: str, solution: LinearSolution) -> Step | None:
         sign = 1.0 if side == "lo" else -1.0
-        proof = self._proved(solution, self._objective(variable, sign))
-        if not -1.0 < proof.bound < np.inf:
+        lowest = self._proved(solution, self._objective(variable, sign))
+        if not -1.0 < lowest < np.inf:
             return None
-        value = self._relaxation.value(variable, sign * proof.bound)
+        value = self._relaxation.value(variable, sign * lowest)
         new = float(value.lo) if side == "lo" else float(value.hi)
         old = self._box.lo[variable] if side == "lo" else self._box.hi[variable]
         if sign * (new - old) <= 0.0:
             return None
-        return Step("lifted", self._box.names[variable], side, new, *self._carriers(proof))
+        return Step("lifted", self._box.names[variable], side, new, *self._carriers(solution))

@@ -1,24 +1,26 @@
 """The lifted relaxation of a polynomial system on one box: linear rows in the columns of `monomials`.
 
-Every row has two versions: approximate (all rows at once, for the linear programs) and rigorous (the few
-rows with a multiplier, for the proof).
+All numbers of the rows are exact float64 numbers, their right sides large enough for what was rounded on the way: what
+holds at every solution in the box is what the linear programs work on, and what their multipliers are proved with.
 """
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
-import numpy.typing as npt
 
-from contractors.monomials import Shift, column_bounds, product_rows
-from cpcal.common.arrays import Floats, Indices
+from contractors.centred import CentredRows, Shift
+from contractors.monomials import column_bounds, product_rows
+from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
-from cpcal.solver.linear import LazyRows, LinearEngine
+from cpcal.solver.linear import LinearEngine
 from cpcal.solver.network import PolynomialSystem
+from cpcal.solver.network.polynomial import Monomial
 
-
-def _up(count: int) -> float:
-    """Factor that covers the rounding of a sum of so many positive numbers."""
-    return 1.0 + (count + 8) * float(np.finfo(np.float64).eps)
+_NEGLIGIBLE = 1e-3  # coefficients of a product, beside the largest of the row, below which it needs no column
+_UNIT = 2.0**-53
+_SMALLEST = 1e-290
 
 
 class Structure:
@@ -26,82 +28,81 @@ class Structure:
 
     def __init__(self, system: PolynomialSystem) -> None:
         self.system = system
-        self.shift = Shift(system.monomials, len(system.names))
-        self.center = system.coefficients.mid
-        self.slack = system.coefficients.rad[0]
-        self.guard_center = system.guards.mid
-        self.columns = column_bounds(system.monomials)
+        shift = Shift(system.monomials, len(system.names))
+        self.rows = CentredRows(shift, system.coefficients)
+        self.guards = CentredRows(shift, _guards(system)) if system.guarded.any() else None
         # A monomial whose coefficients all contain zero is bounded, not given a column.
-        matters = (np.abs(self.center[0]) > self.slack).any(axis=0)
-        self.used = _with_divisors(system.monomials, matters)[1:]
+        center, slack = system.coefficients.mid[0], system.coefficients.rad[0]
+        self._divisors = _divisors(system.monomials)
+        self.used = self.with_divisors((np.abs(center) > slack).any(axis=0)[1:])
+        self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], dtype=np.bool_)
+        self.bounds = column_bounds(system.monomials)
         self.products = product_rows(system.monomials, self.used)
+        self.factors = self.products.matrix != 0.0
         self.positions = {m[0]: k - 1 for k, m in enumerate(system.monomials) if len(m) == 1 and self.used[k - 1]}
 
+    def with_divisors(self, monomials: Bools) -> Bools:
+        """Those monomials (without the constant), and all that divide one of them."""
+        return np.asarray(self._divisors[monomials].any(axis=0))
 
-def _with_divisors(monomials: tuple[tuple[int, ...], ...], matters: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    column = {m: k for k, m in enumerate(monomials)}
-    marked = matters.copy()
-    for k in reversed(range(len(monomials))):
-        if marked[k]:
-            for j in range(len(monomials[k])):
-                marked[column[monomials[k][:j] + monomials[k][j + 1 :]]] = True
-    return marked
+
+def _guards(system: PolynomialSystem) -> IntervalArray:
+    """The guards of the guarded rows, in all monomials."""
+    own = system.guards[:, system.guarded]
+    lo, hi = np.zeros((2, *own.shape[:2], len(system.monomials)))
+    lo[..., system.guard_monomials], hi[..., system.guard_monomials] = own.lo, own.hi
+    return IntervalArray(lo, hi)
+
+
+def _divisors(monomials: tuple[Monomial, ...]) -> Bools:
+    """Which monomials (columns) divide which (rows), each itself included; the constant is left out."""
+    count = [Counter(m) for m in monomials[1:]]
+    return np.array([[d <= m for d in count] for m in count], dtype=np.bool_).reshape(len(count), len(count))
 
 
 class Relaxation:
-    """The rows of a `Structure` on one bounded box: `row . w <= rhs` with w the monomials of u in [-1, 1]^n."""
+    """The rows of a `Structure` on one bounded box: `matrix @ w <= rhs` for some of the monomials w of u in [-1, 1]^n.
+
+    `columns` are those monomials, in `bounds`; the first rows are the bound products `products`, the others the rows
+    `kept` of the system, times 2^-exponent, but for those that no point of the box violates.
+    """
 
     def __init__(self, structure: Structure, engine: Arithmetic, box: Box) -> None:
-        self._structure, self._engine = structure, engine
+        self._engine = engine
         self.center, self.radius = box.mid, box.rad
-        self._shift = structure.shift.matrix(engine, self.center, self.radius)
         with np.errstate(all="ignore"):
-            self._approximate()
+            rows, widening = structure.rows.on(engine, self.center, self.radius)
+            constant = rows[0]
+            rows, rhs, exponents = _scaled(rows[1:], self._guarded(structure, widening), constant)
+            has_column = _columns(structure, rows)
+            self.columns = np.flatnonzero(has_column)
+            beside = np.abs(rows[~has_column])
+            rhs = np.nextafter(rhs + _up(beside.sum(axis=0), len(beside)), np.inf)
+            self.bounds = structure.bounds[self.columns]
+            matrix = rows[self.columns]
+            largest = self.bounds.hi @ np.maximum(matrix, 0.0) + self.bounds.lo @ np.minimum(matrix, 0.0)
+            known = np.isfinite(matrix).all(axis=0) & np.isfinite(rhs)  # overflow: these say nothing
+        self.kept = np.flatnonzero(known & (largest > rhs))
+        self.exponents = exponents[self.kept]
+        self.products = np.flatnonzero(~structure.factors[:, ~has_column].any(axis=1))
+        products = structure.products.matrix[np.ix_(self.products, self.columns)]
+        self.matrix = np.concatenate([products.T, matrix[:, self.kept]], axis=1).T
+        self.rhs = np.concatenate([structure.products.rhs[self.products], rhs[self.kept]])
 
-    def _approximate(self) -> None:
-        """All rows in plain float64, each scaled to a largest coefficient of 1: `matrix`, `rhs`, `scale`."""
-        s, shift = self._structure, self._shift.mid
-        rows = s.center @ shift
-        widening = np.abs(rows[1:]).sum(axis=(0, 2)) + s.slack @ np.abs(shift).sum(axis=1)
-        guards = s.guard_center @ shift[s.system.guard_monomials]
-        lowest = guards[0, :, 0] - np.abs(guards[0, :, 1:]).sum(axis=1) - np.abs(guards[1:]).sum(axis=(0, 2))
-        widening += np.where(s.system.guarded, np.minimum(lowest, 0.0) ** 2, 0.0)
-        matrix = rows[0, :, 1:]
-        largest = np.abs(matrix).max(axis=1, initial=0.0)
-        self.scale = np.where(largest > 0.0, largest, 1.0)
-        self.matrix = matrix / self.scale[:, None]
-        self.rhs = (widening - rows[0, :, 0]) / self.scale
-        lost = ~(np.isfinite(self.matrix).all(axis=1) & np.isfinite(self.rhs))  # overflow: these say nothing
-        self.matrix[lost], self.rhs[lost], self.scale[lost] = 0.0, 1.0, 1.0
+    def _guarded(self, structure: Structure, widening: Floats) -> Floats:
+        """With the square of what a guard may fall short by: see `Row`."""
+        if structure.guards is None:
+            return widening
+        rows, error = structure.guards.on(self._engine, self.center, self.radius)
+        lowest = _down(rows[0] - _up(np.abs(rows[1:]).sum(axis=0) + error, len(rows)))
+        out = widening.copy()
+        out[structure.system.guarded] += _up(np.minimum(lowest, 0.0) ** 2, 1)
+        return out
 
-    def program(self, engine: LinearEngine) -> LazyRows:
-        """Its rows as a linear program in the used columns."""
-        columns, products = np.flatnonzero(self._structure.used), self._structure.products
-        bounds = self._structure.columns[columns]
-        return LazyRows(
-            engine,
-            (products.matrix[:, columns], products.rhs),
-            (self.matrix[:, columns], self.rhs),
-            (bounds.lo, bounds.hi),
-        )
-
-    def rigorous(self, rows: Indices) -> tuple[IntervalArray, Floats]:
-        """Enclosures of the given rows and upper bounds of their right sides (not scaled)."""
-        e, system = self._engine, self._structure.system
-        values = self._in_box(system.coefficients[:, rows], self._shift)
-        widening = _spread(values[1:])
-        guards = self._in_box(system.guards[:, rows], self._shift[system.guard_monomials])
-        inner = _spread(guards[1:]) + guards[0, :, 1:].mag.sum(axis=1) * _up(guards.shape[2])
-        lowest = e.sub(IntervalArray.point(guards.lo[0, :, 0]), IntervalArray.point(inner * _up(1))).lo
-        shortfall = np.where(system.guarded[rows], np.minimum(lowest, 0.0), 0.0)
-        extra = e.add(e.sqr(IntervalArray.point(shortfall)), IntervalArray.point(widening))
-        rhs = e.sub(extra, IntervalArray.point(values.lo[0, :, 0])).hi
-        return values[0, :, 1:], rhs
-
-    def _in_box(self, coefficients: IntervalArray, shift: IntervalArray) -> IntervalArray:
-        slots, count, size = coefficients.shape
-        flat = self._engine.dot(coefficients.reshape((slots * count, size)), shift)
-        return flat.reshape((slots, count, shift.shape[1]))
+    def load(self, engine: LinearEngine) -> LinearEngine:
+        """The engine, with its rows."""
+        engine.load(self.matrix, self.rhs, self.bounds.lo, self.bounds.hi, len(self.products))
+        return engine
 
     def value(self, variable: int, u: float) -> IntervalArray:
         """Enclosure of `c + r u` for one variable."""
@@ -110,7 +111,28 @@ class Relaxation:
         return e.add(IntervalArray.point(self.center[variable]), scaled)
 
 
-def _spread(slopes: IntervalArray) -> Floats:
-    """Upper bound of what the readings add to each row: the sum of |derivative| over readings and monomials."""
-    total: Floats = slopes.mag.sum(axis=(0, 2)) * _up(slopes.shape[0] * slopes.shape[2])
-    return total
+def _columns(structure: Structure, rows: Floats) -> Bools:
+    """Which monomials (but the constant) get a column: used ones, unless it is a product that hardly counts here."""
+    counts = np.abs(rows).max(axis=1, initial=0.0) > _NEGLIGIBLE
+    return structure.with_divisors(structure.used & (structure.linear | counts))
+
+
+def _scaled(rows: Floats, widening: Floats, constant: Floats) -> tuple[Floats, Floats, Indices]:
+    """Rows over powers of two, to a largest coefficient of about 1, right sides, and the exponents."""
+    exponents = np.frexp(np.abs(rows).max(axis=0, initial=0.0))[1].astype(np.intp)
+    scale = np.ldexp(1.0, -np.clip(exponents, -900, 900))
+    exponents = np.where(np.isfinite(scale), exponents, 0)
+    rhs = widening - constant
+    rhs += 4.0 * _UNIT * (np.abs(widening) + np.abs(constant))
+    rows = rows * scale
+    tiny = np.abs(rows) < _SMALLEST
+    return np.where(tiny, 0.0, rows), np.nextafter(rhs * scale + len(rows) * _SMALLEST, np.inf), exponents
+
+
+def _up(values: Floats, count: int) -> Floats:
+    """Upper bounds of sums of so many numbers >= 0, computed in any order."""
+    return np.asarray(values * (1.0 + (count + 8) * 2.0 * _UNIT) + _SMALLEST)
+
+
+def _down(values: Floats) -> Floats:
+    return np.asarray(np.nextafter(values, -np.inf))

@@ -14,7 +14,7 @@ import numpy as np
 from contractors.relaxation import Relaxation, Structure
 from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.linear import Glop
+from cpcal.solver.linear import Dense
 from cpcal.solver.linear.engine import LinearEngine, LinearStatus
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.search import LargestFirst
@@ -32,7 +32,7 @@ class MostViolated(LargestFirst):
         width: float = 0.0,
         *,
         arithmetic: str = "float64",
-        engine: Callable[[], LinearEngine] = Glop,
+        engine: Callable[[], LinearEngine] = Dense,
     ) -> None:
         super().__init__(width)
         self._arithmetic, self._engine = get_arithmetic(arithmetic), engine
@@ -55,20 +55,21 @@ class MostViolated(LargestFirst):
                 u[variable] = vertex[k]
             for k, monomial in self._products:
                 gap = abs(vertex[k] - float(np.prod(u[list(monomial)])))
-                score[list(set(monomial))] += gap if gap > 1e-9 else 0.0
+                score[list(set(monomial))] += gap if gap > 1e-9 else 0.0  # not where there is no column
         return score
 
     def _vertices(self, box: Box) -> list[Floats]:
-        structure = self._structure
-        columns = np.flatnonzero(structure.used)
-        rows = Relaxation(structure, self._arithmetic, box).program(self._engine())
+        """The columns that a product has on the box, at two vertices; where it has none, the product itself."""
+        structure, relaxation = self._structure, Relaxation(self._structure, self._arithmetic, box)
+        engine = relaxation.load(self._engine())
+        places = {column: k for k, column in enumerate(relaxation.columns.tolist())}
         vertices = []
         for sign in (1.0, -1.0):
-            objective = np.zeros(len(structure.used))
-            objective[list(structure.positions.values())] = sign
-            solution = rows.minimize(objective[columns])
+            objective = np.zeros(len(places))
+            objective[[places[k] for k in structure.positions.values()]] = sign
+            solution = engine.minimize(objective)
             if solution.status is LinearStatus.OPTIMAL:
-                vertex = np.zeros(len(structure.used))
-                vertex[columns] = solution.point
+                vertex = np.full(len(structure.used), np.nan)
+                vertex[relaxation.columns] = solution.point
                 vertices.append(vertex)
         return vertices

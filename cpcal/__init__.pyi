@@ -1,8 +1,9 @@
-from .certify import PointResult, certify, certify_point, compare, compare_networks, with_ranges
+from .certify import DataCheck, PointResult, certify, certify_point, check_data, compare, compare_networks, with_ranges
 from .common.errors import CpcalError, InputError, ModelError, PluginError
 from .common.version import __version__
 from .files import load_campaign, save_campaign
 from .legs import LegModel, Measured, Parameter
+from .report import write_report
 from .results import (
     Comparison,
     LegResult,
@@ -30,6 +31,7 @@ __all__ = [
     "Contraction",
     "Contractor",
     "CpcalError",
+    "DataCheck",
     "Expr",
     "InputError",
     "Interval",
@@ -54,6 +56,7 @@ __all__ = [
     "__version__",
     "certify",
     "certify_point",
+    "check_data",
     "compare",
     "compare_networks",
     "evaluate",
@@ -72,4 +75,5 @@ __all__ = [
     "status_of",
     "verdict_of",
     "with_ranges",
+    "write_report",
 ]

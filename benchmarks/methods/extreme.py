@@ -8,7 +8,7 @@ from scipy import optimize
 from benchmarks.problems import Leg
 from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Box
-from cpcal.solver.linear import Glop
+from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize import fit
@@ -20,7 +20,7 @@ _BACK = (0.0, 1e-9, 1e-7, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
 def minimax(leg: Leg) -> Floats:
     """The point of the smallest eps, well inside of S(eps) for a larger one."""
     network = leg.network()
-    return np.asarray(fit(Rows(network), 7, network.domain, leg.start, Glop())[:7])
+    return np.asarray(fit(Rows(network), 7, network.domain, leg.start, Dense())[:7])
 
 
 def extreme(network: ConstraintNetwork, box: Box, eps: float, end: tuple[int, float], inside: Floats) -> Floats:

@@ -20,13 +20,16 @@ from cpcal.vision.files.camera_file import CameraRecord, load_camera, save_camer
 from cpcal.vision.files.detection import SCALE, Detection, detections_bytes
 from cpcal.vision.files.readings import Readings, load_readings
 from cpcal.vision.files.target_file import load_target, save_target
+from cpcal.vision.files.video_file import SUFFIXES, VideoFrames
 from cpcal.vision.target import Target
 
 _NAMED = 3  # files for each reason
 
 
 def detect_poses(
-    images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Folder of PNG, JPEG or TIFF files, and below.")],
+    images: Annotated[
+        Path, typer.Argument(metavar="IMAGES", help="Folder of PNG, JPEG or TIFF files, and below; or a video file.")
+    ],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE", help="What to write: poses.csv, or camera.toml.")
     ],
@@ -39,6 +42,11 @@ def detect_poses(
     table: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="With --readings: the table of a study to write, such as calibration.csv."),
+    ] = None,
+    every: Annotated[int, typer.Option(metavar="N", min=1, help="Of a video, each Nth frame.")] = 1,
+    overlays: Annotated[
+        Path | None,
+        typer.Option("--overlay", metavar="DIR", help="Pictures of what was found, and why not."),
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes [default: one a core]")] = None,
     calibrate: Annotated[
@@ -61,7 +69,8 @@ def detect_poses(
         return
     plate, record, known = _loaded(target, camera, readings)
     lens = record.camera
-    source = ImageFolder(images, (lens.width, lens.height))
+    size = (lens.width, lens.height)
+    source = VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
     made(output.absolute().parent)
     with bar("images") as progress:
         found = detect(
@@ -72,6 +81,7 @@ def detect_poses(
             journal=output.with_name(f"{output.name}.journal"),
             workers=workers,
             progress=progress,
+            overlays=overlays,
         )
     write_file(output, detections_bytes(found.rows))
     show_detections(found, output)
@@ -139,6 +149,10 @@ def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool) -> 
         typer.echo(f"Target as it was seen: {printable(refined)}")
 
 
+def _is_video(images: Path) -> bool:
+    return images.is_file() and images.suffix.lower() in SUFFIXES
+
+
 def _check(
     images: Path, camera: Path | None, readings: Path | None, table: Path | None, calibrate: bool, refine_dots: bool
 ) -> None:
@@ -152,7 +166,9 @@ def _check(
         problems.append(Problem("option --refine-dots", "has no meaning without --calibrate", "leave it out"))
     if (readings is None) != (table is None):
         problems.append(Problem("options", "--readings and --table go together", "give both, or none"))
-    if not images.is_dir():
+    if _is_video(images) and not (calibrate or readings):
+        pass
+    elif not images.is_dir():
         what = "is not a folder" if images.exists() else "does not exist"
         problems.append(Problem(str(images), what, "give a folder with images"))
     elif not ImageFolder(images).names:

@@ -21,6 +21,7 @@ from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of, predict
 from cpcal.vision.median import median
 from cpcal.vision.pose_fit import NoPose, PoseFit, fit, plain_model, same_pose, turned_over
+from cpcal.vision.shared_errors import shared_part
 from cpcal.vision.target import Target
 from cpcal.vision.two_by_two import determinants
 
@@ -39,8 +40,9 @@ class PoseEstimate:
 
     pose        position (3,) mm, unit quaternion (4,)
     covariance  (6, 6) of position (mm) and rotation vector (rad) in the camera frame: R = R(vector) R_estimated;
-                it follows from the dots' covariances, times `scale`, and the camera's
-    camera_part (6, 6) of it: what the camera's covariance makes, the same in every image of that camera; 0 without one
+                it follows from the dots' covariances, times `scale`, and from the errors that images share
+    shared_part (6, 6) of it: what the camera's covariance and the target's deviations make; these errors are the same
+                in every image of that camera and plate, so no mean makes them smaller
     residuals   (m, 2) found minus predicted centres, pixels, of all given dots
     outliers    (m,) dots that were screened and have no part in the pose
     rms         root mean square of the others' residuals, pixels, per axis
@@ -53,7 +55,7 @@ class PoseEstimate:
 
     pose: Pose
     covariance: Floats
-    camera_part: Floats
+    shared_part: Floats
     residuals: Floats
     outliers: Bools
     rms: float
@@ -97,7 +99,8 @@ def estimate_pose(
     pixels = _Pixels(dots, seen, factors, target.radius, camera)
     used, final, residuals = _screened(pixels, first.pose)
     degrees = 2 * int(used.sum()) - 6
-    part, chi_square = _of_camera(pixels.only(used), final, camera_covariance)
+    kept = pixels.only(used)
+    part, chi_square = shared_part(final, kept.dots, target, camera, camera_covariance, kept.whitened)
     p_value = float(chdtrc(degrees, chi_square))
     scale = chi_square / degrees if p_value < POOR else 1.0
     rival = _rival(first, second, final, pixels, used, scale)
@@ -117,27 +120,6 @@ def estimate_pose(
         scale,
         rival,
     )
-
-
-def _of_camera(pixels: _Pixels, found: PoseFit, covariance: Floats | None) -> tuple[Floats, float]:
-    """What the camera's covariance (9, 9) adds to the pose's (6, 6), and chi-square of the residuals r under it.
-
-    By A and B, the derivatives of the whitened centres by pose and camera, an error c = F e of the camera moves the
-    pose by -(A' A)^-1 A' B c and leaves the residuals M e, M = (B - A (A' A)^-1 A' B) F. For e of unit covariance
-    chi-square is r' (I + M M')^-1 r.
-    """
-    if covariance is None:
-        return np.zeros((6, 6)), found.chi_square
-    prediction = predict(pixels.dots, pixels.radius, pixels.camera, found.pose, by_camera=True)
-    assert prediction.by_camera is not None  # it was asked for
-    by_pose = pixels.whitened(prediction.by_pose).reshape(-1, 6)
-    by_camera = pixels.whitened(prediction.by_camera).reshape(-1, 9)
-    moved = np.linalg.solve(by_pose.T @ by_pose, by_pose.T @ by_camera)
-    values, vectors = np.linalg.eigh(covariance)
-    left = (by_camera - by_pose @ moved) @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-    against = found.residuals @ left
-    explained = against @ np.linalg.solve(np.eye(len(against)) + left.T @ left, against)
-    return np.asarray(moved @ covariance @ moved.T), float(found.chi_square - explained)
 
 
 def _rival(first: PoseFit, second: PoseFit, final: PoseFit, pixels: _Pixels, used: Bools, scale: float) -> float:

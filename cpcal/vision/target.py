@@ -11,19 +11,20 @@ import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, shown
-from cpcal.common.values import frozen_array
+from cpcal.common.values import Value, frozen_array
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
 MOST_LINES = 20  # identifying rows
 LARGEST = 1e6  # mm: of coordinates and radii
 SMALLEST = 1e-6  # mm: of radii
+MOST_SCALE_SIGMA = 0.1  # a plate less known than so is no target
 
 _TOLD = 10  # overlapping pairs, in a message
 _OFF_LINE = 0.1  # of the radius: a measured plate's dots lie on a line as well as it was printed
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class Target(Value):
     """Equal round dots in the plane z = 0 of the target frame.
 
     dots    (n, 2) mm, their centres
@@ -31,6 +32,8 @@ class Target:
     lines   for each identifying row the numbers of its dots in order; the cross-ratios of its first four and its last
             four dots differ, so that a row is recognised together with its direction (the paper, section 2.3.1)
     bright  whether the dots are brighter than the plate
+    scale_sigma  standard deviation of the plate's true size over the stated one: how well the scale was measured
+    dot_sigma    mm, standard deviation of a dot's x and of its y on the plate about the stated ones
 
     Raises InputError when the values make no target.
     """
@@ -40,6 +43,8 @@ class Target:
     radius: float
     lines: tuple[tuple[int, ...], ...]
     bright: bool = True
+    scale_sigma: float = 0.0
+    dot_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "dots", frozen_array(self.dots))
@@ -47,6 +52,7 @@ class Target:
         if self.dots.ndim != 2 or self.dots.shape[1] != 2 or not np.isfinite(self.dots).all():
             raise InputError([Problem("target dots", "are not rows of two finite numbers", "give x and y in mm")])
         problems = self.problems_of(self.dots, self.radius, self.lines)
+        problems += wrong_deviations(self.scale_sigma, self.dot_sigma, self.radius)
         if problems:
             raise InputError(problems)
 
@@ -84,15 +90,16 @@ class Target:
         """The centres (n, 3) mm in the target frame."""
         return np.concatenate([self.dots, np.zeros((len(self.dots), 1))], axis=1)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Target):
-            return NotImplemented
-        mine = (self.name, self.radius, self.lines, self.bright)
-        same = mine == (other.name, other.radius, other.lines, other.bright)
-        return same and np.array_equal(self.dots, other.dots)
 
-    def __hash__(self) -> int:
-        return hash((self.name, len(self.dots), self.radius))
+def wrong_deviations(scale_sigma: float, dot_sigma: float, radius: float) -> list[Problem]:
+    """What keeps two numbers from being deviations of a plate with dots of that radius (mm)."""
+    out = []
+    if not 0.0 <= scale_sigma <= MOST_SCALE_SIGMA:
+        remedy = f"give a share from 0 to {MOST_SCALE_SIGMA:g}: 0.0001 is 0.03 mm of 300"
+        out.append(Problem("target scale_sigma", f"is {scale_sigma:g}", remedy))
+    if not 0.0 <= dot_sigma <= radius:
+        out.append(Problem("target dot_sigma", f"is {dot_sigma:g}", "give mm, from 0 to the radius"))
+    return out
 
 
 def _overlapping(dots: Floats, radius: float) -> Iterator[tuple[int, int]]:

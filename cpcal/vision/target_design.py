@@ -157,7 +157,7 @@ class _Search:
             if len(found) >= _CHAINS:
                 return np.array(found[:_CHAINS])
         what = f"has no room for rows of {_ROWS[0]} and {_ROWS[1]} dots"
-        raise InputError([Problem("target", what, "give a larger side, smaller dots or a smaller least gap")])
+        raise InputError([Problem("target", what, "give a larger side or a smaller radius")])
 
     def moved(self, at: Floats, longest: float) -> Floats:
         """Some dots of each chain shifted, to the nearest places there are."""
@@ -200,7 +200,7 @@ def _places(grid: Floats, side: float, step: float, distance: float, off_rows: f
         out &= bool((gaps[gaps > 1e-9] >= distance - 1e-9).all())
     if out.sum() < max(_ROWS):
         what = "has no room for the diagonals' dots"
-        raise InputError([Problem("target", what, "give a larger side or pitch, smaller dots or a smaller least gap")])
+        raise InputError([Problem("target", what, "give a larger side or pitch, or a smaller radius")])
     return np.asarray(places[out])
 
 

@@ -73,10 +73,7 @@ def test_a_correction_is_found_with_its_standard_error():
     noise = found.repeats.noise(np.full(64, 4))
     gain = corrected(Poses.of([found.campaign], [noise]), found.x_c_sigma.parameters, "gain")
     truth = simulate_study(seed=2, **SIZE, gain=0.001).truth.mechanisms.gain
-    assert (
-        np.mean(np.abs(-gain.values - truth) < 3.0 * gain.errors + 2e-6) == 1.0
-        or np.mean(np.abs(gain.values - truth) < 3.0 * gain.errors + 2e-6) == 1.0
-    )
+    assert (np.abs(-gain.values - truth) < 4.0 * gain.errors).all()  # what the sensors add is to be taken away
     assert (gain.errors < 1e-4).all()
 
 

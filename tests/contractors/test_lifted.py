@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import HC4, Lifted
-from contractors.monomials import Shift, column_bounds, product_rows
+from contractors.centred import Shift
+from contractors.monomials import column_bounds, product_rows
 from cpcal.calibration import least_squares
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign

@@ -121,7 +121,7 @@ def test_where_no_program_helps_the_box_does() -> None:
     class Failing(Glop):
         def minimize(self, objective: np.ndarray) -> LinearSolution:
             solution = super().minimize(objective)
-            return LinearSolution(LinearStatus.FAILED, solution.point, solution.multipliers)
+            return LinearSolution(LinearStatus.FAILED, solution.point, solution.rows, solution.multipliers)
 
     bounded = net.domain.replace("x", lo=-5.0)
     assert Lifted(net, engine=Failing).support_function(bounded, directions) == pytest.approx([2, 3, 5, 5])

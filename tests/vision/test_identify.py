@@ -42,7 +42,7 @@ def test_every_dot_of_a_good_image_is_identified(target: Target) -> None:
         found = checked(centers, labels, target)
         assert len(found.found) == len(labels)
         assert not len(found.false)
-        assert found.margin == MARGIN
+        assert found.margin >= MARGIN
         assert found.accidents < ACCIDENTS
 
 

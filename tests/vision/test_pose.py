@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,16 +61,38 @@ def test_an_error_of_the_camera_is_in_the_covariance_and_is_no_doubt_of_the_resi
         error = pose_error(true, found)
         squares.append(error @ np.linalg.solve(found.covariance, error) / 6.0)
         scales.append(found.scale)
-        own = found.covariance - found.camera_part
+        own = found.covariance - found.shared_part
         without.append(error @ np.linalg.solve(own, error) / 6.0)
     assert np.abs(np.mean(squares) - 1.0) < 0.2  # standard deviation 0.047
     assert np.mean(without) > 20.0
     assert np.max(scales) < 2.0
 
 
+@pytest.mark.parametrize(("scale_sigma", "dot_sigma"), [(2e-4, 0.0), (0.0, 0.02), (1e-4, 0.01)])
+def test_an_error_of_the_plate_is_in_the_covariance(scale_sigma: float, dot_sigma: float) -> None:
+    """Plates off by what the target says, far more than the dots' noise in the image: NEES/6 is still 1."""
+    rng = np.random.default_rng(7)
+    poses = facing_poses(rng, 150)
+    plate = replace(DELTALAB_TARGET, scale_sigma=scale_sigma, dot_sigma=dot_sigma)
+    squares, without, p_values = [], [], []
+    for k in range(150):
+        shape = (1.0 + scale_sigma * rng.standard_normal()) * plate.dots + dot_sigma * rng.standard_normal((133, 2))
+        seen = predicted_centers(replace(plate, dots=shape, lines=()), DELTALAB_CAMERA, one(poses, k))
+        spread = 0.003**2 * np.tile(np.eye(2), (133, 1, 1))
+        found = estimate_pose(seen + 0.003 * rng.standard_normal((133, 2)), spread, ALL, plate, DELTALAB_CAMERA)
+        error = pose_error(one(poses, k), found)
+        squares.append(error @ np.linalg.solve(found.covariance, error) / 6.0)
+        own = found.covariance - found.shared_part
+        without.append(error @ np.linalg.solve(own, error) / 6.0)
+        p_values.append(found.p_value)
+    assert np.abs(np.mean(squares) - 1.0) < 0.2  # standard deviation 0.047
+    assert np.mean(without) > 2.0
+    assert np.mean(np.array(p_values) < 1e-3) < 0.05  # the residuals are as stated: no doubt
+
+
 def test_without_a_cameras_covariance_its_part_is_nothing() -> None:
     found = estimated(predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, tilted(9.0, 5.0, 600.0, 40.0)), 0.01)
-    assert not found.camera_part.any()
+    assert not found.shared_part.any()
 
 
 def test_the_stated_covariance_holds() -> None:

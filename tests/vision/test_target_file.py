@@ -71,6 +71,30 @@ def test_a_file_written_by_hand_is_read(tmp_path):
     assert b"radius = 2.5\n" in target_bytes(target)
 
 
+def test_a_measured_plate_has_another_scale_and_deviations(tmp_path):
+    measured = TOML.replace("radius", "scale = 1.001\nscale_sigma = 2e-5\ndot_sigma = 0.01\nradius")
+    target = load(tmp_path, measured)
+    np.testing.assert_allclose(target.dots[2], [30.03, 30.03])
+    assert (target.radius, target.scale_sigma, target.dot_sigma) == (1.001 * 2.5, 2e-5, 0.01)
+    save_target(target, tmp_path / "again.toml")
+    assert load_target(tmp_path / "again.toml") == target
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("scale = 0", "scale is 0"),
+        ("scale = -1.0", "scale is -1"),
+        ("scale_sigma = 0.5", "scale_sigma is 0.5"),
+        ("scale_sigma = -1e-5", "scale_sigma holds the negative number -1e-05"),
+        ("dot_sigma = 3.0", "dot_sigma is 3"),
+        ('dot_sigma = "0.01"', "dot_sigma holds '0.01', which is not a number"),
+    ],
+)
+def test_deviations_that_cannot_be_are_refused_at_their_line(tmp_path, line, what):
+    assert refused(tmp_path, TOML.replace("radius", f"{line}\nradius")) == [(6, what)]
+
+
 def test_every_problem_is_said_at_once_with_its_line(tmp_path):
     text = TOML.replace('"five"', "5").replace("false", '"no"').replace("2.5", "-2.5")
     text = text.replace("[10, 10]", "[10, nan]").replace("[30, 30.0]", "[30]").replace("printed", "[unknown]\nprinted")

@@ -14,7 +14,7 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.vision.dots import observe_dots
 from cpcal.vision.files.image_file import read_image
-from cpcal.vision.files.target_print import print_target, sheet, target_pdf, target_svg
+from cpcal.vision.files.target_print import PAPERS, on_paper, print_target, sheet, target_pdf, target_svg
 from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
 
 SMALL = two_diagonals(
@@ -124,10 +124,10 @@ def test_settings_of_matplotlib_do_not_show():
 @pytest.mark.parametrize(
     ("extent", "paper", "size"),
     [
-        ((100.0, 150.0), "A4", (210.0, 297.0)),
-        ((200.0, 100.0), "A4", (297.0, 210.0)),
-        ((200.0, 250.0), "A3", (297.0, 420.0)),
-        ((1000.0, 700.0), "A0", (1189.0, 841.0)),
+        ((100.0, 150.0), "a4", (210.0, 297.0)),
+        ((200.0, 100.0), "a4", (297.0, 210.0)),
+        ((200.0, 250.0), "a3", (297.0, 420.0)),
+        ((1000.0, 700.0), "a0", (1189.0, 841.0)),
         ((2000.0, 2000.0), "", (2034.0, 2052.0)),
     ],
 )
@@ -135,6 +135,19 @@ def test_the_page_is_the_smallest_that_holds_the_target(extent, paper, size):
     corners = np.array([[0.0, 0.0], extent, [0.0, extent[1]]])
     found = sheet(Target("t", corners, 2.0, ()))
     assert (found.paper, found.size) == (paper, pytest.approx(size))
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+def test_a_target_made_for_a_paper_is_the_largest_that_fits_it(paper):
+    """Its rows are told apart as the default's are: cross-ratios do not know the size."""
+    made = on_paper(DELTALAB_TARGET, paper)
+    assert sheet(made, paper).paper == paper
+    factor = made.radius / DELTALAB_TARGET.radius
+    np.testing.assert_allclose(made.dots, factor * DELTALAB_TARGET.dots)
+    more = (factor + 0.05) / factor
+    larger = Target("t", more * made.dots, more * made.radius, made.lines)
+    with pytest.raises(InputError, match=f"does not fit {paper}"):
+        sheet(larger, paper)
 
 
 def test_files_are_written_by_their_suffix(tmp_path):

@@ -7,14 +7,13 @@ import numpy as np
 from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.linear.engine import LinearEngine, LinearSolution, LinearStatus
-from cpcal.solver.linear.lazy import LazyRows
 from cpcal.solver.linear.rigorous import lower_bound
 
 
 class BoxProgram:
     """`matrix @ x <= rhs`, (m, n) and (m,), for x in a bounded box (n,).
 
-    The programs are in u = (x - mid) / rad, each row scaled to a largest coefficient of 1; rows that can matter enter.
+    The programs are in u = (x - mid) / rad, each row scaled to a largest coefficient of 1; `count` were solved.
     """
 
     def __init__(
@@ -25,18 +24,14 @@ class BoxProgram:
         inner = matrix * self._radius
         largest = np.abs(inner).max(axis=1, initial=0.0)
         self._scale = np.where(largest > 0.0, largest, 1.0)
+        self._engine, self.count = engine, 0
         n = matrix.shape[1]
-        rows = (inner / self._scale[:, None], (rhs - matrix @ box.mid) / self._scale)
-        self._rows = LazyRows(engine, (np.zeros((0, n)), np.zeros(0)), rows, (-np.ones(n), np.ones(n)))
-
-    @property
-    def count(self) -> int:
-        """Programs solved so far."""
-        return self._rows.programs
+        engine.load(inner / self._scale[:, None], (rhs - matrix @ box.mid) / self._scale, -np.ones(n), np.ones(n))
 
     def minimize(self, k: int, sign: float) -> LinearSolution:
         """The least `sign * u_k`."""
-        return self._rows.minimize(self._unit(k, sign))
+        self.count += 1
+        return self._engine.minimize(self._unit(k, sign))
 
     def proved(self, k: int, sign: float, solution: LinearSolution) -> tuple[float, Indices]:
         """A lower bound of `sign * x_k` from the multipliers, and the rows that carry it."""
@@ -61,8 +56,7 @@ class BoxProgram:
         return objective
 
     def _bound(self, objective: Floats, solution: LinearSolution, unit: float) -> tuple[float, Indices]:
-        chosen = np.flatnonzero(solution.multipliers > 0.0)
-        rows = self._rows.active[chosen]
-        weights = solution.multipliers[chosen] / self._scale[rows] * unit
-        matrix = IntervalArray.point(self._matrix[rows])
-        return lower_bound(self._arithmetic, matrix, self._rhs[rows], weights, objective, self._box), rows
+        rows = solution.rows
+        weights = solution.multipliers / self._scale[rows] * unit
+        matrix, rhs = self._matrix, self._rhs
+        return lower_bound(self._arithmetic, matrix, rhs, rows, weights, objective, self._box), rows

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Floats, Indices
 
 
 class LinearStatus(Enum):
@@ -19,25 +19,28 @@ class LinearStatus(Enum):
 
 @dataclass(frozen=True)
 class LinearSolution:
-    """Approximate answer to `min c.z : rows z <= rhs, lower <= z <= upper`; `multipliers` >= 0, one per row.
+    """Approximate answer to `min c.z : matrix z <= rhs, lower <= z <= upper`.
 
-    With status INFEASIBLE the multipliers are those of the elastic program: a Farkas ray.
+    `rows` (k,) are those with a multiplier, `multipliers` (k,) > 0 theirs: few. With status INFEASIBLE they are a
+    Farkas ray.
     """
 
     status: LinearStatus
     point: Floats  # (columns,)
-    multipliers: Floats  # (rows,)
+    rows: Indices
+    multipliers: Floats
 
 
 class LinearEngine(Protocol):
     """One polyhedron, many objectives. Proposes; rigorous arithmetic disposes."""
 
-    def load(self, matrix: Floats, rhs: Floats, lower: Floats, upper: Floats) -> None:
-        """Forget what was before and take `matrix z <= rhs`, `lower <= z <= upper` (finite bounds)."""
+    def load(self, matrix: Floats, rhs: Floats, lower: Floats, upper: Floats, always: int = 0) -> None:
+        """Forget what was before and take `matrix z <= rhs`, `lower <= z <= upper` (finite bounds).
+
+        Of many rows an engine may leave out those that no vertex violates; the first `always` are likely to matter.
+        """
         ...
 
-    def add_rows(self, matrix: Floats, rhs: Floats) -> None: ...
-
     def minimize(self, objective: Floats) -> LinearSolution:
-        """Minimise from the last basis."""
+        """Minimise, from where the program before ended."""
         ...

@@ -13,7 +13,6 @@ import numpy as np
 
 from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Box
-from cpcal.solver.linear import LazyRows
 from cpcal.solver.linear.engine import LinearEngine, LinearStatus
 from cpcal.solver.network.rows import Rows, RowValues
 
@@ -64,15 +63,15 @@ class _Problem:
         matrix = state.rows.jacobian * reach
         largest = np.maximum(np.abs(matrix).max(axis=1, initial=0.0), 1e-300)
         slack = -state.rows.values
-        program = LazyRows(
-            engine,
-            (np.zeros((0, len(reach))), np.zeros(0)),
-            (matrix / largest[:, None], np.maximum(slack, 0.0) / largest),
-            (np.minimum(lower, 0.0), np.maximum(upper, 0.0)),
+        engine.load(
+            matrix / largest[:, None],
+            np.maximum(slack, 0.0) / largest,
+            np.minimum(lower, 0.0),
+            np.maximum(upper, 0.0),
         )
         cost = np.zeros(len(reach))
         cost[self.objective] = 1.0
-        solution = program.minimize(cost)
+        solution = engine.minimize(cost)
         if solution.status is not LinearStatus.OPTIMAL:
             return None
         return np.asarray(reach * solution.point)

@@ -7,7 +7,7 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.solver.contract import Limits
 from cpcal.solver.interval import Arithmetic, Box
-from cpcal.solver.linear import Glop
+from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.fit import fit
@@ -40,7 +40,7 @@ class Incumbent:
 
     def propose(self, start: Floats) -> None:
         """Fit from a point and keep what is proved, if it is better."""
-        for point in (fit(self._rows, self.objective, self.domain, start, Glop()), start):
+        for point in (fit(self._rows, self.objective, self.domain, start, Dense()), start):
             witness = self._prover.prove(point)
             if witness is not None and witness.value < self.hi:
                 self.witness = witness

@@ -15,6 +15,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from cpcal.common.arrays import Floats
+from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError
 from cpcal.vision.batch.journal import Journal
 from cpcal.vision.batch.parallel import in_parallel
@@ -23,11 +25,12 @@ from cpcal.vision.files.detection import Detection
 from cpcal.vision.files.image_file import UnreadableImageError, image_files, read_image
 from cpcal.vision.measure import Measured, NotMeasured, measure_pose
 from cpcal.vision.opencv import MissingExtraError, opencv
+from cpcal.vision.overlay import overlay, refusal
 from cpcal.vision.target import Target
 
-Array = np.ndarray[Any, np.dtype[np.float64]]
 Progress = Callable[[int, int], None]
 _UNEXPECTED = "failed unexpectedly"
+_WIDEST = 1024  # pixels of a picture
 
 
 class Source(Protocol):
@@ -87,12 +90,13 @@ def detect(
     source: Source,
     target: Target,
     camera: Camera,
-    camera_covariance: Array | None = None,
+    camera_covariance: Floats | None = None,
     *,
     journal: Path | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
+    overlays: Path | None = None,
 ) -> Detections:
     """The pose of the target in each image, or the reason why there is none: no image stops the others.
 
@@ -101,6 +105,8 @@ def detect(
     workers   processes; left out: one a core. 1: none, the work is done here
     executor  any `concurrent.futures.Executor` to use instead; it is not shut down
     progress  called with the numbers of images done and of all
+    overlays  folder for a picture NAME.jpg of each image, with what was found in it and what was not; an image without
+              its picture is measured again
 
     KeyboardInterrupt leaves with what is done in the journal. Raises MissingExtraError, InputError (the journal is no
     journal).
@@ -108,12 +114,14 @@ def detect(
     opencv()
     names = list(source.names)
     with Journal.opened(journal, target, camera, camera_covariance) as kept:
-        done = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
+        work = _Work(source, target, camera, camera_covariance, overlays)
+        known = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
+        done = {name: row for name, row in known.items() if work.pictured(name)}
         todo = [name for name in names if name not in done]
         seconds: dict[str, float] = {}
         if progress is not None:
             progress(len(done), len(names))
-        for rows, spent in in_parallel(_Work(source, target, camera, camera_covariance), todo, workers, executor):
+        for rows, spent in in_parallel(work, todo, workers, executor):
             for row in rows:
                 if not row.reason.startswith(_UNEXPECTED):  # that is tried again
                     kept.add(row, source.stamp(row.file))
@@ -131,7 +139,12 @@ class _Work:
     source: Source
     target: Target
     camera: Camera
-    camera_covariance: Array | None
+    camera_covariance: Floats | None
+    overlays: Path | None
+
+    def pictured(self, name: str) -> bool:
+        """Whether there is nothing left to draw."""
+        return self.overlays is None or self._picture(self.overlays, name).exists()
 
     def __call__(self, names: Sequence[str]) -> tuple[list[Detection], dict[str, float]]:
         waited: dict[str, float] = {}
@@ -145,10 +158,8 @@ class _Work:
         try:
             image = self.source.read(name)
             _add(waited, {self.source.stage: time.perf_counter() - start})
-            found = measure_pose(image, self.target, self.camera, self.camera_covariance)
-            _add(waited, found.seconds)
-            return detection(name, found)
-        except (UnreadableImageError, NotMeasured) as error:
+            return self._measured(name, image, waited)
+        except UnreadableImageError as error:
             return Detection(name, str(error))
         except InputError as error:
             return Detection(name, "; ".join(problem.what for problem in error.problems))
@@ -156,6 +167,25 @@ class _Work:
             raise
         except Exception as error:  # one image must never stop thousands
             return Detection(name, f"{_UNEXPECTED}: {type(error).__name__}: {error}"[:200])
+
+    def _measured(self, name: str, image: np.ndarray[Any, np.dtype[Any]], waited: dict[str, float]) -> Detection:
+        width = min(image.shape[1], _WIDEST)
+        try:
+            found = measure_pose(image, self.target, self.camera, self.camera_covariance)
+        except NotMeasured as reason:
+            if self.overlays is not None:
+                write_file(self._picture(self.overlays, name), refusal(image, str(reason), self.target.bright, width))
+            return Detection(name, str(reason))
+        _add(waited, found.seconds)
+        if self.overlays is not None:
+            write_file(self._picture(self.overlays, name), overlay(image, found, self.target, self.camera, width))
+        return detection(name, found)
+
+    @staticmethod
+    def _picture(folder: Path, name: str) -> Path:
+        file = folder / f"{name}.jpg"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        return file
 
 
 def _add(total: dict[str, float], more: dict[str, float]) -> None:
@@ -167,8 +197,9 @@ def detection(name: str, found: Measured) -> Detection:
     """The row of a pose that was measured."""
     pose = found.estimate.pose
     sigma = np.sqrt(np.diagonal(found.estimate.covariance))
-    of_camera = np.sqrt(np.diagonal(found.estimate.camera_part))
+    shared = np.sqrt(np.diagonal(found.estimate.shared_part))
     identified = found.identification
-    quality = found.estimate.rms, found.estimate.scale, len(identified.missing), len(identified.false)
-    numbers = [*pose.position, *pose.quaternion, *sigma, *of_camera, *quality]
+    fit = found.estimate.rms, found.estimate.scale
+    dots = len(identified.missing), len(identified.false), identified.margin
+    numbers = [*pose.position, *pose.quaternion, *sigma, *shared, *fit, *dots]
     return Detection(name, "", len(found.numbers), tuple(float(v) for v in numbers), found.doubt)

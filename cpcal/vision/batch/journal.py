@@ -21,7 +21,7 @@ from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import NUMBERS, Detection
 from cpcal.vision.target import Target
 
-FORMAT = "cpcal-detect-journal/2"
+FORMAT = "cpcal-detect-journal/3"
 SIZE_MAX = 2**30  # bytes; a line of a million images each takes some 400
 
 
@@ -131,5 +131,6 @@ def _digest(target: Target, camera: Camera, covariance: npt.NDArray[np.float64] 
         camera.distortion,
         *([] if covariance is None else [covariance]),
     ]
-    told = (target.radius, target.lines, target.bright, camera.width, camera.height, *(a.tolist() for a in arrays))
+    plate = (target.radius, target.lines, target.bright, target.scale_sigma, target.dot_sigma)
+    told = (*plate, camera.model, camera.width, camera.height, *(a.tolist() for a in arrays))
     return hashlib.sha256(repr(told).encode()).hexdigest()

@@ -17,8 +17,8 @@ _AXES = ("x", "y", "z", "rx", "ry", "rz")
 NUMBERS = (
     *("x", "y", "z", "qw", "qx", "qy", "qz"),
     *(f"s{axis}" for axis in _AXES),
-    *(f"camera_s{axis}" for axis in _AXES),
-    *("rms", "scale", "missing", "false"),
+    *(f"shared_s{axis}" for axis in _AXES),
+    *("rms", "scale", "missing", "false", "margin"),
 )
 RMS, SCALE = NUMBERS.index("rms"), NUMBERS.index("scale")
 COLUMNS = ("file", "dots", *NUMBERS, "doubt", "reason")
@@ -31,10 +31,11 @@ class Detection:
     file    its name below the folder of images, with "/"
     reason  "" where a pose was found
     dots    how many dots it rests on
-    values  x y z (mm), qw qx qy qz, their standard deviations sx sy sz (mm) and srx sry srz (rad, rotation vector in
-            the camera frame), that part of them which the camera's covariance makes and all images share, the RMS of
-            the residuals in pixels per axis, the residuals' mean square over the stated one (1 unless it is surely
-            larger), how many dots of the target are missing, and how many found ones are none; empty without a pose
+    values  x y z (mm), qw qx qy qz; their standard deviations sx sy sz (mm) and srx sry srz (rad, rotation vector in
+            the camera frame); that part of them which errors of camera and target make, the same in all images; the
+            RMS of the residuals in pixels per axis; their mean square over the stated one (1 unless it is surely
+            larger); how many dots of the target are missing, and how many found ones are none; how many more such
+            errors every other way to lay the target makes at least; empty without a pose
     doubt   "" or why the pose may be off by more than is stated
     """
 
@@ -50,7 +51,7 @@ class Detection:
 
 
 def values_of(detections: Iterable[Detection]) -> npt.NDArray[np.float64]:
-    """(m, 23): the numbers of those that have a pose."""
+    """(m, 24): the numbers of those that have a pose."""
     rows = [d.values for d in detections if d.found]
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(NUMBERS))
 

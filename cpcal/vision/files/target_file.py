@@ -11,11 +11,12 @@ from cpcal.common.atomic import write_file
 from cpcal.common.errors import Problems, shown
 from cpcal.files.campaign_writer import matrix, provenance_lines, quoted
 from cpcal.vision.files.sections import Table, TomlReader, opened
-from cpcal.vision.target import Target
+from cpcal.vision.target import Target, wrong_deviations
 
 TARGET_FORMAT = "cpcal-target/1"
 
 _KEYS = ("name", "bright", "radius", "lines", "dots")
+_MEASURED = ("scale", "scale_sigma", "dot_sigma")  # of the plate as it was printed
 
 
 def load_target(path: str | os.PathLike[str]) -> Target:
@@ -37,6 +38,7 @@ def target_bytes(target: Target, provenance: dict[str, str] | None = None) -> by
     """The canonical target.toml; floats by repr, so that they are read back bit for bit."""
     lines = [f"format = {quoted(TARGET_FORMAT)}", "", "[target]", f"name = {quoted(target.name)}"]
     lines += [f"bright = {str(target.bright).lower()}", f"radius = {float(target.radius)!r}"]
+    lines += [f"{key} = {value!r}" for key in _MEASURED[1:] if (value := float(getattr(target, key)))]
     lines += ["lines = [", *(f"    {list(line)}," for line in target.lines), "]"]
     lines += [f"dots = {matrix(target.dots)}", *provenance_lines(provenance or {})]
     return ("\n".join(lines) + "\n").encode()
@@ -45,11 +47,15 @@ def target_bytes(target: Target, provenance: dict[str, str] | None = None) -> by
 def _target(reader: TomlReader) -> Target | None:
     problems = reader.problems
     reader.provenance()
-    table = reader.required("target", _KEYS)
+    table = reader.required("target", _KEYS, _MEASURED)
     if table is None:
         return None
     name, bright = reader.text(("target", "name"), table), reader.truth(("target", "bright"), table)
     radius = reader.positive(("target", "radius"), table, "mm")
+    scale = reader.positive(("target", "scale"), table, "true millimetres by stated ones")
+    scale_sigma, dot_sigma = (
+        reader.number(("target", key), key, table[key], signed=False) if key in table else 0.0 for key in _MEASURED[1:]
+    )
     before = len(problems)
     dots = reader.rows(("target", "dots"), table, 2, "x and y in mm")
     if "dots" not in table or len(problems) > before:
@@ -58,11 +64,13 @@ def _target(reader: TomlReader) -> Target | None:
     lines = _lines(reader, table, len(dots))
     if problems.listed:
         return None
-    for problem in Target.problems_of(np.array(dots), radius, lines):
+    places, radius = scale * np.array(dots), scale * radius
+    wrong = Target.problems_of(places, radius, lines) or wrong_deviations(scale_sigma, dot_sigma, radius)
+    for problem in wrong:
         key = problem.where.rpartition(" ")[2]  # radius, dots or lines
         what = problem.what if problem.what.startswith(("(", "the")) else f"{key} {problem.what}"
         reader.wrong(("target", key), what, problem.remedy)
-    return None if problems.listed else Target(name, np.array(dots), radius, lines, bright)
+    return None if problems.listed else Target(name, places, radius, lines, bright, scale_sigma, dot_sigma)
 
 
 def _lines(reader: TomlReader, table: Table, dots: int | None) -> tuple[tuple[int, ...], ...]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,10 @@ from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
 from cpcal.vision.target import Target
 
-_PAPERS = {"A4": (210, 297), "A3": (297, 420), "A2": (420, 594), "A1": (594, 841), "A0": (841, 1189)}
+_SIZES = {"a4": (210.0, 297.0), "a3": (297.0, 420.0), "a2": (420.0, 594.0), "a1": (594.0, 841.0), "a0": (841.0, 1189.0)}
+_PAPERS = {**_SIZES, "letter": (215.9, 279.4)}  # mm
+PAPERS = tuple(_PAPERS)
+_STEP = 0.05  # sizes of targets for a paper are multiples of it
 _BORDER = 10.0  # mm, of the page
 _FOOT = 18.0  # mm, below the plate: the bar, the name
 _BAR = 100.0  # mm
@@ -62,40 +66,67 @@ class Sheet:
         return np.asarray(np.array(self.origin) + dots * np.array([1.0, -1.0]))
 
 
-def sheet(target: Target) -> Sheet:
-    """The smallest sheet from A4 to A0, upright or lying, that holds the target; else one of the size it needs."""
-    margin = target.radius + max(2.0 * target.radius, 5.0)  # a detector needs ground all around a dot
-    low, high = target.dots.min(axis=0) - margin, target.dots.max(axis=0) + margin
+def on_paper(target: Target, paper: str) -> Target:
+    """The target in the largest size, a multiple of 0.05 of its own, that the paper (one of PAPERS) holds."""
+    fits = [_resized(target, k * _STEP) for k in range(1, 101)]
+    return [size for size in fits if _sheet_for(size, (paper,))[0]][-1]
+
+
+def _resized(target: Target, factor: float) -> Target:
+    across = factor * float(np.ptp(target.dots, axis=0).max())
+    kept = target.lines, target.bright, target.scale_sigma, target.dot_sigma
+    return Target(f"asymmetric dots, {across:.4g} mm across", factor * target.dots, factor * target.radius, *kept)
+
+
+def _plate(target: Target) -> tuple[Floats, Floats]:
+    """The corners of the ground, mm in the target's frame: a detector needs some all around a dot."""
+    margin = target.radius + max(2.0 * target.radius, 5.0)
+    return target.dots.min(axis=0) - margin, target.dots.max(axis=0) + margin
+
+
+def _sheet_for(target: Target, papers: Iterable[str]) -> tuple[str, tuple[float, float]]:
+    """The first of the papers, upright or lying, that holds the target; "" and the size it needs where none does."""
+    low, high = _plate(target)
     width, height = (high - low).tolist()
     needs = (max(width, _BAR + 2.0 * _TICK) + 2.0 * _BORDER, height + _FOOT + 2.0 * _BORDER)
-    paper, size = next(
-        (
-            (name, (float(across), float(down)))
-            for name, sides in _PAPERS.items()
-            for across, down in (sides, sides[::-1])
-            if needs[0] <= across and needs[1] <= down
-        ),
-        ("", needs),
-    )
+    for name in papers:
+        for across, down in (_PAPERS[name], _PAPERS[name][::-1]):
+            if needs[0] <= across and needs[1] <= down:
+                return name, (across, down)
+    return "", needs
+
+
+def sheet(target: Target, paper: str | None = None) -> Sheet:
+    """That paper, or the smallest sheet from A4 to A0, upright or lying, that holds the target; else one of the size
+    that it needs. Raises InputError when the target does not fit the paper that is named."""
+    name, size = _sheet_for(target, _SIZES if paper is None else (paper,))
+    if paper is not None and not name:
+        what = f"needs {size[0]:.0f} x {size[1]:.0f} mm and does not fit {paper}"
+        raise InputError([Problem(f"target {target.name}", what, "choose another --paper, or a smaller --side")])
+    low, high = _plate(target)
+    width, height = (high - low).tolist()
     left, top = 0.5 * (size[0] - width), 0.5 * (size[1] - height - _FOOT)
     bar = (0.5 * (size[0] - _BAR), top + height + 7.0)
-    return Sheet(paper, size, (left, top, width, height), (left - float(low[0]), top + float(high[1])), bar)
+    return Sheet(name, size, (left, top, width, height), (left - float(low[0]), top + float(high[1])), bar)
 
 
-def print_target(target: Target, path: str | os.PathLike[str]) -> None:
-    """Write the page to a .pdf or .svg file. Raises InputError for another one, or one that cannot be written."""
+def print_target(target: Target, path: str | os.PathLike[str], paper: str | None = None) -> None:
+    """Write the page to a .pdf or .svg file, on that paper (one of PAPERS) or on the smallest that holds the target.
+
+    Raises InputError for another kind of file, one that cannot be written, or a target that the paper does not hold.
+    """
     file = Path(path)
     if file.suffix == ".pdf":
-        write_file(file, target_pdf(target))
+        write_file(file, target_pdf(target, paper))
     elif file.suffix == ".svg":
-        write_file(file, target_svg(target).encode())
+        write_file(file, target_svg(target, paper).encode())
     else:
         raise InputError([Problem(str(file), "is neither a .pdf nor an .svg file", "name it so")])
 
 
-def target_svg(target: Target) -> str:
+def target_svg(target: Target, paper: str | None = None) -> str:
     """The page as SVG; its unit is the mm."""
-    on = sheet(target)
+    on = sheet(target, paper)
     width, height = (_number(side) for side in on.size)
     ground, ink = ("#000000", "#ffffff") if target.bright else ("#ffffff", "#000000")
     left, top, across, down = (_number(value) for value in on.plate)
@@ -124,9 +155,9 @@ def target_svg(target: Target) -> str:
     )
 
 
-def target_pdf(target: Target) -> bytes:
+def target_pdf(target: Target, paper: str | None = None) -> bytes:
     """The page as PDF."""
-    on = sheet(target)
+    on = sheet(target, paper)
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)

@@ -156,23 +156,24 @@ def accidents(view: View, hypothesis: Hypothesis, candidates: int) -> float:
 
 
 def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tuple[int, bool]:
-    """How many errors more than `fit` the best near-symmetric hypothesis makes (counted up to `margin`), and whether it
-    is mirrored to it. Maps that cannot come within the margin are passed over."""
+    """How many errors more than `fit` the best near-symmetric hypothesis makes, and whether it is mirrored to it. Maps
+    that cannot come within the margin are not laid: what they make at least is told of them."""
     maps = self_maps(target)
     seen = np.zeros(len(target.dots), dtype=bool)
     seen[fit.numbers] = True
     false = len(view.points) - len(fit.found)
     unexplained = (seen & (maps.image < 0)).sum(axis=1) - false  # at least: false dots may become true ones
     close = np.flatnonzero(unexplained < fit.errors + margin)
+    least = int(np.delete(unexplained, close).min(initial=len(target.dots))) - fit.errors
     if not len(close):
-        return margin, False
+        return least, False
     back = np.linalg.inv(maps.matrix[close])
     predicted = mapped(
         fit.homography, ((target.dots - maps.shift[close][:, None, :]) @ np.swapaxes(back, 1, 2)).reshape(-1, 2)
     ).reshape(len(close), -1, 2)
     errors = np.array([_errors(view, target, fit, places) for places in predicted]) - fit.errors
     best = int(errors.argmin())
-    return min(int(errors[best]), margin), bool(maps.mirrored[close[best]])
+    return min(int(errors[best]), least), bool(maps.mirrored[close[best]])
 
 
 def _errors(view: View, target: Target, fit: Hypothesis, predicted: Floats) -> int:

@@ -55,7 +55,7 @@ class Identification:
     false       found dots that are none of the target's
     missing     dots of the target that should be in view and were not found
     accidents   expected number of hypotheses as good by chance
-    margin      how many errors more the best rival has
+    margin      how many errors more every rival has at least
     """
 
     found: Ints
@@ -175,7 +175,7 @@ def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> 
         return _Refusal(f"only {len(fit.found)} of the {len(view.points)} dots found would be the target's")
     margin, reflected = best_rival(view, target, fit, MARGIN)
     if fit.mirrored:
-        return _Refusal(_MIRRORED if margin == MARGIN else "", margin == MARGIN)
+        return _Refusal(_MIRRORED if margin >= MARGIN else "", margin >= MARGIN)
     if margin < MARGIN:
         other = "the target's mirror image fits" if reflected else "another assignment fits"
         return _Refusal(f"ambiguous: {other} as well or nearly so", margin > -MARGIN)  # else the other is to be found

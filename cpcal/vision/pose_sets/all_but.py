@@ -17,7 +17,7 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.solver.contract import shrunk
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.linear import BoxProgram, Glop
+from cpcal.solver.linear import BoxProgram, Dense
 from cpcal.vision.pose_sets.enclosed import ENGINE
 from cpcal.vision.pose_sets.pose_enclosure import Found, View
 from cpcal.vision.pose_sets.pose_rows import PoseBox, PoseRows, pose_rows
@@ -77,6 +77,6 @@ class _Programs:
     def _bound(self, k: int, sign: float, without: Dots) -> tuple[float, Dots]:
         """The bound when all dots but these hold, and those that carry its proof."""
         kept = np.setdiff1d(np.arange(len(self._rhs)), [4 * dot + j for dot in without for j in range(4)])
-        program = BoxProgram(self._matrix[kept], self._rhs[kept], self._box, ENGINE, Glop())
+        program = BoxProgram(self._matrix[kept], self._rhs[kept], self._box, ENGINE, Dense())
         bound, rows = program.least(k, sign)
         return bound, frozenset((kept[rows] // 4).tolist())

@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import frozen_array
+from cpcal.common.values import ByValue, frozen_array
 from cpcal.robot import Pose, normalised, quaternion_conjugate, quaternion_product
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.model import Network
@@ -50,7 +50,7 @@ _IDENTITY = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class Frames(ByValue):
     """Exact motions between which the pose stands, of the floats that they are (quaternions divided by |q|^2).
 
     camera  the base frame seen in the camera frame: `x_camera = P + R x_base`, mm
@@ -75,18 +75,6 @@ class Frames:
                 problems.append(Problem(f"frames {name}", "has the quaternion zero", "give a unit quaternion"))
         if problems:
             raise InputError(problems)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Frames):
-            return NotImplemented
-        pairs = ((self.camera, other.camera), (self.target, other.target))
-        return all(
-            np.array_equal(one.position, two.position) and np.array_equal(one.quaternion, two.quaternion)
-            for one, two in pairs
-        )
-
-    def __hash__(self) -> int:
-        return hash((*self.camera.position, *self.target.position))
 
     def in_mobile(self, points: Floats) -> IntervalArray:
         """Points (m, 3) of the target frame in the mobile frame."""

@@ -1,0 +1,132 @@
+"""Rows of polynomials in a box's own coordinates: exact float64 numbers, and what rounding leaves out as a widening.
+
+On a box with midpoint c and radius r every variable is `x_i = c_i + r_i u_i` with u in [-1, 1]^n, so that
+`x^alpha = sum_beta T[alpha, beta] u^beta`. Every `u^beta` lies in [-1, 1]: an error in its coefficient is an error of
+that size in the value, and one number for each row covers them all.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import product
+
+import numpy as np
+
+from cpcal.common.arrays import Floats, Indices
+from cpcal.solver.compiled import compiled
+from cpcal.solver.interval import Arithmetic, IntervalArray
+from cpcal.solver.network.polynomial import Monomial
+
+_UNIT = 2.0**-53
+_UNDERFLOW = 1e-290  # more than all that products lose that are too small
+
+
+class Shift:
+    """The matrix T for a list of monomials closed under division, by its terms: products of centres and radii."""
+
+    def __init__(self, monomials: tuple[Monomial, ...], variables: int) -> None:
+        column = {m: k for k, m in enumerate(monomials)}
+        degree = max((len(m) for m in monomials), default=0)
+        pairs: Counter[tuple[int, int, tuple[int, ...]]] = Counter()
+        for alpha in monomials:
+            for chosen in product((False, True), repeat=len(alpha)):
+                beta = tuple(i for i, moves in zip(alpha, chosen, strict=True) if moves)
+                # positions in the vector (1, c_0 .. c_n-1, r_0 .. r_n-1)
+                factors = sorted(1 + i + variables * moves for i, moves in zip(alpha, chosen, strict=True))
+                padded = tuple(factors) + (0,) * (degree - len(factors))
+                pairs[column[beta], column[alpha], padded] += 1
+        terms = sorted(pairs.items())
+        self.size = len(monomials)
+        self.beta = np.array([key[0] for key, _ in terms], dtype=np.intp)
+        self.alpha = np.array([key[1] for key, _ in terms], dtype=np.intp)
+        self._factors = np.array([key[2] for key, _ in terms], dtype=np.intp).reshape(len(terms), degree)
+        self._count = np.array([count for _, count in terms], dtype=np.float64)
+
+    def values(self, engine: Arithmetic, center: Floats, radius: Floats) -> IntervalArray:
+        """Every term, for exact float64 `center` and `radius`."""
+        vector = np.concatenate([[1.0], center, radius])
+        value = IntervalArray.point(self._count)
+        for k in range(self._factors.shape[1]):
+            value = engine.mul(value, IntervalArray.point(vector[self._factors[:, k]]))
+        return value
+
+    def matrix(self, engine: Arithmetic, center: Floats, radius: Floats) -> IntervalArray:
+        """T, shape (M, M)."""
+        value = self.values(engine, center, radius)
+        lo, hi = np.zeros((2, self.size, self.size))
+        lo[self.alpha, self.beta], hi[self.alpha, self.beta] = value.lo, value.hi
+        return IntervalArray(lo, hi)
+
+    @property
+    def degree(self) -> int:
+        return self._factors.shape[1]
+
+    def rounded(self, center: Floats, radius: Floats) -> Floats:
+        """Every term, each wrong by at most `degree` roundings."""
+        vector = np.concatenate([[1.0], center, radius])
+        return np.asarray(self._count * vector[self._factors].prod(axis=1))
+
+
+class CentredRows:
+    """K rows of polynomials `coefficients` (1 + J, K, M), in the J readings and the monomials of a `Shift`."""
+
+    def __init__(self, shift: Shift, coefficients: IntervalArray) -> None:
+        self._shift, self._coefficients = shift, coefficients
+        # along the rows in memory, for the loops of `_centred`
+        self._mid = np.ascontiguousarray(coefficients.mid.transpose(0, 2, 1))
+        slots = self._mid.shape[0]
+        gamma = 4.0 * (len(shift.beta) * slots + shift.degree + 8) * _UNIT
+        errors = gamma * np.abs(self._mid) + coefficients.rad.transpose(0, 2, 1)
+        self._errors = errors.sum(axis=0) * (1.0 + 4.0 * (slots + 2) * _UNIT)
+        self._gamma = gamma
+
+    def on(self, engine: Arithmetic, center: Floats, radius: Floats) -> tuple[Floats, Floats]:
+        """On a box: coefficients (M, K) of every u^beta, and a widening (K,): for all readings in their sets
+
+        the row's value at u lies within the widening of `coefficients.T @ u^beta`.
+        """
+        if engine.name == "float64":
+            term = self._shift.rounded(center, radius)
+            return _centred(self._mid, self._errors, self._shift.beta, self._shift.alpha, term, self._gamma)
+        slots, count, size = self._coefficients.shape
+        flat = self._coefficients.reshape((slots * count, size))
+        found = engine.dot(flat, self._shift.matrix(engine, center, radius)).reshape((slots, count, size))
+        spread = found[0].rad.sum(axis=1) + found[1:].mag.sum(axis=(0, 2))
+        return np.ascontiguousarray(found[0].mid.T), spread * (1.0 + 4.0 * (slots * size + 8) * _UNIT)
+
+
+@compiled
+def _centred(
+    mid: Floats, errors: Floats, beta: Indices, alpha: Indices, term: Floats, gamma: float
+) -> tuple[Floats, Floats]:
+    """`errors` (M, K): for each coefficient its own radius, and all roundings of its products, per unit of a term.
+
+    A sum of p products errs by at most p u / (1 - p u) times the sum of their sizes; gamma is four times p u for all p
+    that occur, which covers the roundings of the widening, too.
+    """
+    slots, size, count = mid.shape
+    rows = np.zeros((size, count))
+    widening = np.full(count, _UNDERFLOW)
+    extent = np.zeros(size)
+    for t in range(term.size):
+        extent[alpha[t]] += abs(term[t]) + _UNDERFLOW
+    for m in range(size):
+        for k in range(count):
+            widening[k] += errors[m, k] * extent[m]
+    for t in range(term.size):
+        out, source, factor = rows[beta[t]], mid[0, alpha[t]], term[t]
+        for k in range(count):
+            out[k] += factor * source[k]
+    slope = np.zeros(count)
+    for j in range(1, slots):
+        for t in range(term.size):
+            source, factor = mid[j, alpha[t]], term[t]
+            for k in range(count):
+                slope[k] += factor * source[k]
+            if t + 1 == term.size or beta[t + 1] != beta[t]:
+                for k in range(count):
+                    widening[k] += abs(slope[k])
+                    slope[k] = 0.0
+    for k in range(count):
+        widening[k] *= 1.0 + gamma
+    return rows, widening

@@ -1,0 +1,75 @@
+"""The default linear engine: a dense simplex method, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpcal.common.arrays import Floats, Indices
+from cpcal.solver.linear.engine import LinearSolution, LinearStatus
+from cpcal.solver.linear.glop import Glop
+from cpcal.solver.linear.simplex import FAILED, OPTIMAL, begin, exact_point, minimise
+from cpcal.solver.linear.vertex import Vertex, to_box
+
+_ALL = 640  # rows that are all looked at in every pivot
+_FIRST = 3  # of more rows, those that enter at the start, per column
+_ROOM = 1536  # and the most that enter at all
+_PIVOTS = 60  # for one program, per column
+
+
+class Dense:
+    """`LinearEngine` by `cpcal.solver.linear.simplex`; a program that it fails at goes to GLOP."""
+
+    def load(self, matrix: Floats, rhs: Floats, lower: Floats, upper: Floats, always: int = 0) -> None:
+        m, n = matrix.shape
+        self._columns = np.ascontiguousarray(matrix.T, np.float64)
+        self._rhs = np.ascontiguousarray(rhs, np.float64)
+        room = m if m <= _ALL else min(m, always + _ROOM)
+        self._vertex = Vertex(
+            rows=np.empty((n, room)),
+            rhs=np.empty(room),
+            number=np.empty(room, np.intp),
+            entered=np.zeros(m, np.bool_),
+            lower=np.ascontiguousarray(lower, np.float64),
+            upper=np.ascontiguousarray(upper, np.float64),
+            tight=np.empty(n, np.intp),
+            inverse=np.empty((n, n)),
+            point=np.zeros(n),
+            slack=np.empty(room),
+            multipliers=np.empty(n),
+            counters=np.zeros(4, np.intp),
+        )
+        begin(self._vertex, self._columns, self._rhs, self._first(always, m, n))
+        self._fresh = True
+        self._glop: Glop | None = None
+
+    def _first(self, always: int, m: int, n: int) -> Indices:
+        if m <= _ALL:
+            return np.arange(m)
+        # the rows with the least room at the origin are the likeliest to matter
+        likeliest = always + np.argsort(self._rhs[always:], kind="stable")[: _FIRST * n]
+        return np.concatenate([np.arange(always), np.sort(likeliest)])
+
+    def minimize(self, objective: Floats) -> LinearSolution:
+        v = self._vertex
+        if self._fresh:
+            to_box(v, objective)
+            self._fresh = False
+        status = minimise(v, self._columns, self._rhs, objective, _PIVOTS * len(objective))
+        if status == FAILED:
+            self._fresh = True
+            return self._by_glop(objective)
+        on_row = np.flatnonzero((v.tight >= 0) & (v.multipliers > 0.0))
+        rows, weights = v.number[v.tight[on_row]], v.multipliers[on_row]
+        if status == OPTIMAL:
+            point = np.empty(len(objective))
+            exact_point(v, self._rhs, point)
+            return LinearSolution(LinearStatus.OPTIMAL, point, rows, weights)
+        if v.counters[3] >= 0:
+            rows, weights = np.append(rows, v.number[v.counters[3]]), np.append(weights, 1.0)
+        return LinearSolution(LinearStatus.INFEASIBLE, v.point.copy(), rows, weights)
+
+    def _by_glop(self, objective: Floats) -> LinearSolution:
+        if self._glop is None:
+            self._glop = Glop()
+            self._glop.load(self._columns.T, self._rhs, self._vertex.lower, self._vertex.upper)
+        return self._glop.minimize(objective)
