@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cpcal.common.errors import ModelError
 from cpcal.solver.network.expression import Expr, Operand, as_expr, binary, sqr, sqrt
 
 
@@ -55,8 +56,13 @@ def power(x: Operand, exponent: object) -> Expr:
     base = as_expr(x)
     if isinstance(exponent, (int, np.integer)) and not isinstance(exponent, bool):
         return sqr(base) if exponent == 2 else Expr("power", (base,), base.shape, parameter=int(exponent))
-    if isinstance(exponent, (float, np.floating)) and float(exponent).is_integer() and abs(exponent) < 2**31:
-        return power(base, int(exponent))
-    if isinstance(exponent, (float, np.floating)) and float(exponent) == 0.5:
-        return sqrt(base)
-    return binary("pow", base, exponent)  # type: ignore[arg-type]  # as_expr says what it takes
+    if isinstance(exponent, (float, np.floating)):
+        number = float(exponent)
+        if number.is_integer() and abs(number) < 2**31:
+            return power(base, int(number))
+        if number == 0.5:
+            return sqrt(base)
+    try:
+        return binary("pow", base, as_expr(exponent))  # type: ignore[arg-type]  # it says what it takes
+    except ModelError as error:
+        raise ModelError(f"{exponent!r} is no exponent: {error}") from None

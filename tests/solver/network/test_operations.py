@@ -70,7 +70,7 @@ FORMULAS: dict[str, Pair] = {
     "sign": (lambda x, y: cpcal.sign(x), lambda x, y: np.sign(x)),
     "hypot": (lambda x, y: np.hypot(x, y), lambda x, y: np.hypot(x, y)),
     "concatenate": (
-        lambda x, y: np.concatenate([x, np.stack([x[0], y[1, 2]])]),
+        lambda x, y: np.concatenate([x, np.stack([x[0], y[1, 2]])]),  # type: ignore[return-value, list-item]
         lambda x, y: np.concatenate([x, np.stack([x[0], y[1, 2]])]),
     ),
     "transpose": (lambda x, y: y.T @ y[:, 0] + x.reshape(3), lambda x, y: y.T @ y[:, 0] + x.reshape(3)),
