@@ -1,8 +1,20 @@
-from .certify import DataCheck, PointResult, certify, certify_point, check_data, compare, compare_networks, with_ranges
+from .accuracy import Accuracy, NamedPoses, Workspace, certify_accuracy
+from .certify import (
+    DataCheck,
+    PointResult,
+    certify,
+    certify_point,
+    certify_robust,
+    check_data,
+    compare,
+    compare_networks,
+    with_ranges,
+)
 from .common.errors import CpcalError, InputError, ModelError, PluginError
 from .common.version import __version__
 from .files import load_campaign, save_campaign
 from .legs import LegModel, Measured, Parameter
+from .report import write_report
 from .results import (
     Comparison,
     LegResult,
@@ -43,6 +55,7 @@ from .solver.network.mathematics import (
 )
 
 __all__ = [
+    "Accuracy",
     "Box",
     "Campaign",
     "Comparison",
@@ -59,6 +72,7 @@ __all__ = [
     "Limits",
     "Measured",
     "ModelError",
+    "NamedPoses",
     "Network",
     "Parameter",
     "Paving",
@@ -72,6 +86,7 @@ __all__ = [
     "Strategy",
     "Verdict",
     "VerifiedPoint",
+    "Workspace",
     "__version__",
     "acos",
     "asin",
@@ -79,7 +94,9 @@ __all__ = [
     "atan2",
     "ceil",
     "certify",
+    "certify_accuracy",
     "certify_point",
+    "certify_robust",
     "check_data",
     "compare",
     "compare_networks",
@@ -112,4 +129,5 @@ __all__ = [
     "tanh",
     "verdict_of",
     "with_ranges",
+    "write_report",
 ]
