@@ -53,8 +53,8 @@ class Lifted(Composable):
         self._network = network
         self._many = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints) > _MANY
         self._rows = Rows(network)
-        # with readings, or with more rows than programs can hold, every box has rows of its own
-        fixed = not (self._many or DecisiveReadings(network, self._arithmetic).any)
+        # with readings every box has rows of its own
+        fixed = not DecisiveReadings(network, self._arithmetic).any
         self._structure = Structure(polynomial_form(network, self._arithmetic)) if fixed else None
         self._objective = None if objective is None else network.names.index(objective)
 
@@ -208,8 +208,8 @@ class _Programs:
         lowest = self._proved(solution, self._objective(variable, sign))
         if not -1.0 < lowest < np.inf:
             return None
-        value = self._relaxation.value(variable, sign * lowest)
-        new = float(value.lo) if side == "lo" else float(value.hi)
+        least, largest = self._relaxation.value(variable, sign * lowest)
+        new = least if side == "lo" else largest
         old = self._box.lo[variable] if side == "lo" else self._box.hi[variable]
         if sign * (new - old) <= 0.0:
             return None
