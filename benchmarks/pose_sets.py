@@ -26,7 +26,7 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, transformed
 from cpcal.solver.contract import Verdict
-from cpcal.vision.camera import DELTALAB_CAMERA, Camera, distortion_jacobian
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.pose_sets import PixelBoxes, enclose_pose
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
@@ -53,7 +53,7 @@ def pixels_and_slopes(target: Target, camera: Camera, pose: Pose) -> tuple[Float
     by_point = np.zeros((len(points), 2, 3))
     by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0 / depth
     by_point[:, :, 2] = -direction / depth[:, None]
-    lens = camera.focal[:, None] * distortion_jacobian(direction, camera.distortion)
+    lens = camera.focal[:, None] * camera.distortion_jacobian(direction)
     arm, zero = points - pose.position, np.zeros(len(points))
     x, y, z = arm.T
     turn = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)  # of w x arm by w

@@ -38,7 +38,6 @@ class BoxConsistency(Composable):
     ) -> None:
         self._engine = get_arithmetic(arithmetic)
         self._tape = Tape(network, [row.expr for row in one_sided_rows(network)])
-        self._seeds = self._tape.variable_seeds()
         self._precision, self._most = precision, most
 
     def contract(self, box: Box) -> Contraction:
@@ -78,41 +77,33 @@ class BoxConsistency(Composable):
     def _tested(self, box: Box, component: int, pieces: IntervalArray) -> IntervalArray:
         """For K pieces (K,) what the rows r <= 0 leave of each; NaN where some row is positive or undefined."""
         slots = self._tape.forward(self._engine, _with(box, component, pieces))
-        left = pieces
-        values = [slots[self._tape.slot(root)] for root in self._tape.roots]
-        for value in values:
-            flat = value.reshape((value.shape[0], -1))
-            refuted = (~(flat.lo <= 0.0)).any(axis=1)
-            left = IntervalArray(np.where(refuted, np.nan, left.lo), np.where(refuted, np.nan, left.hi))
-        return left.intersect(self._newton(box, component, pieces, slots)) if self._tape.defined(slots) else left
+        refuted = (~(self._tape.values(slots).lo <= 0.0)).any(axis=1)
+        left = IntervalArray(np.where(refuted, np.nan, pieces.lo), np.where(refuted, np.nan, pieces.hi))
+        if not self._tape.continuous(self._engine, slots):
+            return left
+        return left.intersect(self._newton(box, component, pieces, slots))
 
-    def _newton(self, box: Box, component: int, pieces: IntervalArray, slots: list[IntervalArray]) -> IntervalArray:
+    def _newton(self, box: Box, component: int, pieces: IntervalArray, slots: IntervalArray) -> IntervalArray:
         """Of each piece X the x with `r(c) + r'(X) (x - c) <= 0` for all rows, c in its middle."""
-        e, count = self._engine, len(pieces.lo)
-        seeds = {
-            k: IntervalArray.point(np.repeat(seed.lo[component : component + 1], count, axis=0))
-            for k, seed in self._seeds.items()
-            if seed.lo[component].any()
-        }
-        tangents = self._tape.tangents(e, slots, seeds)
+        e, tape = self._engine, self._tape
+        slope = self._slopes(slots, component)
         c = IntervalArray.point(pieces.mid)
-        centers = self._tape.forward(e, _with(box, component, c))
+        low = tape.values(tape.forward(e, _with(box, component, c))).lo
         away = e.sub(pieces, c)
-        lo, hi = away.lo, away.hi
-        for root in self._tape.roots:
-            slope, value = tangents[self._tape.slot(root)], centers[self._tape.slot(root)]
-            if slope is None:
-                continue
-            size = int(np.prod(root.shape))
-            slope, low = slope.reshape((count, size)), np.broadcast_to(value.lo.reshape((-1, size)), (count, size))
-            known = np.isfinite(slope.lo) & np.isfinite(slope.hi) & np.isfinite(low)
-            room = IntervalArray(np.full(low.shape, -np.inf), np.where(known, -low, np.inf))
-            slope = IntervalArray(np.where(known, slope.lo, 0.0), np.where(known, slope.hi, 0.0))
-            step = e.factor(room, slope, away.reshape((count, 1)).broadcast_to((count, size)))
-            lo = np.maximum(lo, step.lo.max(axis=1, initial=-np.inf))
-            hi = np.minimum(hi, step.hi.min(axis=1, initial=np.inf))
+        known = np.isfinite(slope.lo) & np.isfinite(slope.hi) & np.isfinite(low)
+        room = IntervalArray(np.full(low.shape, -np.inf), np.where(known, -low, np.inf))
+        slope = IntervalArray(np.where(known, slope.lo, 0.0), np.where(known, slope.hi, 0.0))
+        step = e.factor(room, slope, away.reshape((len(low), 1)).broadcast_to(low.shape))
+        lo = np.maximum(away.lo, step.lo.max(axis=1, initial=-np.inf))
+        hi = np.minimum(away.hi, step.hi.min(axis=1, initial=np.inf))
         empty = ~(lo <= hi)
         return e.add(c, IntervalArray(np.where(empty, np.nan, lo), np.where(empty, np.nan, hi)))
+
+    def _slopes(self, slots: IntervalArray, component: int) -> IntervalArray:
+        """Derivatives (K, rows) by one component, from the slots (K, M) of the pieces."""
+        e, tape = self._engine, self._tape
+        parts = [tape.jacobian(e, tape.derivatives(e, slots[k]))[:, component] for k in range(slots.shape[0])]
+        return IntervalArray(np.stack([part.lo for part in parts]), np.stack([part.hi for part in parts]))
 
 
 def _graded(lo: float, hi: float, tolerance: float) -> list[tuple[float, float]]:

@@ -20,10 +20,7 @@ class HC4(Composable):
         self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64"
     ) -> None:
         self._engine = get_arithmetic(arithmetic)
-        rows = one_sided_rows(network)
-        self._tape = Tape(network, [row.expr for row in rows])
-        largest = max((int(np.prod(node.shape)) for node in self._tape.nodes), default=1)
-        self._together = max(1, _CACHED // max(largest, 1))
+        self._tape = Tape(network, [row.expr for row in one_sided_rows(network)])
 
     def contract(self, box: Box) -> Contraction:
         narrowed = self.contract_batch(IntervalArray(box.lo[None], box.hi[None]))
@@ -34,24 +31,7 @@ class HC4(Composable):
 
     def contract_batch(self, boxes: IntervalArray) -> IntervalArray:
         """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""
-        count = boxes.shape[0]
-        if count == 0:
-            return boxes
-        parts = [self._contract(boxes[k : k + self._together]) for k in range(0, count, self._together)]
-        return IntervalArray(np.concatenate([p.lo for p in parts]), np.concatenate([p.hi for p in parts]))
-
-    def _contract(self, boxes: IntervalArray) -> IntervalArray:
-        with np.errstate(all="ignore"):
-            slots = self._tape.forward(self._engine, boxes)
-            for root in self._tape.roots:
-                k = self._tape.slot(root)
-                slots[k] = slots[k].intersect(_AT_MOST_ZERO)
-            narrowed = self._tape.backward(self._engine, slots, boxes)
-        return boxes.intersect(narrowed)
-
-
-_CACHED = 40_000  # elements of the largest array, so that a few of them stay in the cache
-_AT_MOST_ZERO = IntervalArray(np.asarray(-np.inf), np.asarray(0.0))
+        return self._tape.contract(self._engine, boxes)
 
 
 def moved_bounds(contractor: str, before: Box, after: Box) -> tuple[Step, ...]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from contractors.hc4 import moved_bounds
-from cpcal.solver.contract import Composable, Contraction, Step, repeated
-from cpcal.solver.existence import Equalities, Operator, chosen, hansen_sengupta, unknowns
-from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.contract import Composable, Contraction, Step
+from cpcal.solver.existence import Equalities, Operator, hansen_sengupta, square_of
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 
 
@@ -38,22 +38,16 @@ class Newton(Composable):
         self._equalities = Equalities(network)
 
     def contract(self, box: Box) -> Contraction:
-        after = repeated(self._pass, box, ratio=0.5, most=self._most).box
+        left = self.contract_batch(box.array[None])
+        after = box.intersect(box.with_bounds(left.lo[0], left.hi[0]))
         if after.is_empty and not box.is_empty:
             return Contraction(after, (Step("newton", None, "", np.nan),))
         return Contraction(after, moved_bounds("newton", box, after))
 
-    def _pass(self, box: Box) -> Contraction:
-        return Contraction(self._image(box))
-
-    def _image(self, box: Box) -> Box:
-        if box.is_empty or not box.is_bounded or not self._equalities.count:
-            return box
-        linear = self._equalities.linearize(self._engine, box, box.mid)
-        square = None if linear is None else unknowns(linear, box.array)
-        if linear is None or square is None:
-            return box
-        rows, columns = square
-        with np.errstate(all="ignore"):
-            image = self._operator(self._engine, chosen(linear, rows), columns, box.array)
-        return box if image is None else box.intersect(box.with_bounds(image.lo, image.hi))
+    def contract_batch(self, boxes: IntervalArray) -> IntervalArray:
+        """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""
+        if not self._equalities.count:
+            return boxes
+        bounds = np.stack([boxes.lo, boxes.hi], axis=-1)
+        square_of(self._engine).newton_all(*self._equalities.program, self._operator.value, self._most, bounds)
+        return IntervalArray(bounds[..., 0], bounds[..., 1])

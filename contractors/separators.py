@@ -41,9 +41,8 @@ class Violating(Composable):
     def contract(self, box: Box) -> Contraction:
         if box.is_empty or not box.subset(self._domain):
             return Contraction(box)
-        with np.errstate(all="ignore"):
-            slots = self._tape.forward(self._engine, IntervalArray(box.lo[None], box.hi[None]))
-        if not self._tape.defined(slots):
+        slots = self._tape.forward(self._engine, IntervalArray(box.lo[None], box.hi[None]))
+        if not self._tape.defined(self._engine, slots):
             return Contraction(box)
         after = Box.empty(box.names)
         for part in self._parts:

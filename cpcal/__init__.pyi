@@ -1,4 +1,4 @@
-from .certify import PointResult, certify, certify_point, compare, compare_networks, with_ranges
+from .certify import DataCheck, PointResult, certify, certify_point, check_data, compare, compare_networks, with_ranges
 from .common.errors import CpcalError, InputError, ModelError, PluginError
 from .common.version import __version__
 from .files import load_campaign, save_campaign
@@ -30,6 +30,7 @@ __all__ = [
     "Contraction",
     "Contractor",
     "CpcalError",
+    "DataCheck",
     "Expr",
     "InputError",
     "Interval",
@@ -54,6 +55,7 @@ __all__ = [
     "__version__",
     "certify",
     "certify_point",
+    "check_data",
     "compare",
     "compare_networks",
     "evaluate",

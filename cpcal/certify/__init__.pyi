@@ -1,14 +1,18 @@
 from .certify import certify
 from .compare import COMPARED, compare
 from .compare_networks import compare_networks
+from .data_check import DataCheck, Finding, check_data
 from .point import PointResult, certify_point
 from .ranges import with_ranges
 
 __all__ = [
     "COMPARED",
+    "DataCheck",
+    "Finding",
     "PointResult",
     "certify",
     "certify_point",
+    "check_data",
     "compare",
     "compare_networks",
     "with_ranges",

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
+from .files import content, parsed
 from .leg import Measurement
+from .readers import anything, choice, decimal, entry, many, record, text
 from .refusal import Refused
-from .strict import decimal, no_float, opened, parsed
 
 NAME = "campaign.json"
 FORMAT = "cpcal-campaign-exact/1"
-KEYS = {"format", "files", "robot", "uncertainty", "model", "provenance", "measurements"}
-_LARGEST = 16 << 20  # bytes
+_KEYS = ("files", "robot", "uncertainty", "model", "provenance")
+_FILE = record({"format": choice(FORMAT), **dict.fromkeys(_KEYS, anything), "measurements": many(many(anything))})
 
 
 class ExactCampaign:
@@ -21,24 +23,17 @@ class ExactCampaign:
 
     def __init__(self, path: Path) -> None:
         """Raises Unusable where the file cannot be read, Refused where it is no campaign."""
-        with opened(path) as stream:
-            content = stream.read(_LARGEST + 1)
-        if len(content) > _LARGEST:
-            raise Refused(0, f"{NAME} is larger than {_LARGEST} bytes")
-        self.sha256 = hashlib.sha256(content).hexdigest()
         try:
-            value = parsed(content, floats=no_float)
-        except ValueError as error:
-            raise Refused(0, f"{NAME} {error}") from None
-        if not isinstance(value, dict) or value.get("format") != FORMAT or set(value) != KEYS:
-            raise Refused(0, f"{NAME} is not of format {FORMAT}")
-        self.robot = value["robot"].get("name") if isinstance(value["robot"], dict) else None
-        rows, self._known = value["measurements"], dict[tuple[int, int], Measurement]()
-        sizes = {len(row) if isinstance(row, list) else 0 for row in rows} if isinstance(rows, list) else set()
-        self.legs = (min(sizes, default=0) - 15) // 2
-        if sizes != {15 + 2 * self.legs} or self.legs < 1:
-            raise Refused(0, f"{NAME}: the measurements are not lists of one length")
-        self._rows: list[list[Any]] = rows
+            found = content(path)
+            self.sha256 = hashlib.sha256(found).hexdigest()
+            _, _, robot, *_, rows = _FILE(parsed(found))
+            self.robot = robot.get("name") if isinstance(robot, dict) else None
+            self.legs = (len(rows[0]) - 15) // 2 if rows else 0
+            if self.legs < 1:
+                raise Refused("it holds no measurements")
+            self._rows: list[Any] = [_row(cells, self.legs) for cells in rows]
+        except Refused as refused:
+            raise Refused(f"{NAME}: {refused.reason}", "campaign", 0) from None
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -46,44 +41,24 @@ class ExactCampaign:
     @property
     def ids(self) -> list[str]:
         """pose/run of every measurement."""
-        return [f"{row[0]}/{row[1]}" for row in self._rows]
-
-    def of(self, leg: int) -> LegRows:
-        return LegRows(self, leg)
+        return [f"{pose}/{run}" for pose, run, *_ in self._rows]
 
     def measurement(self, k: int, leg: int) -> Measurement:
-        """Row k from 0, leg from 1; read when first used."""
-        if (k, leg) not in self._known:
-            self._known[k, leg] = self._read(k, leg)
-        return self._known[k, leg]
-
-    def _read(self, k: int, leg: int) -> Measurement:
-        row, last = self._rows[k], 15 + self.legs
-        try:
-            reading, radii = ([decimal(v) for v in cells] for cells in (row[2:9], row[last - 6 : last]))
-            length, radius = decimal(row[8 + leg]), decimal(row[last - 1 + leg])
-        except ValueError as error:
-            raise Refused(0, f"{NAME}: measurement {k} cannot be used: {error}") from None
-        radii = [*radii[:3], *(r / 2 for r in radii[3:]), radius]
-        if not any(reading[3:]) or min(radii) < 0:
-            raise Refused(0, f"{NAME}: measurement {k} has a quaternion that is no rotation, or a negative half-width")
-        return Measurement(tuple(reading[:3]), tuple(reading[3:]), length, tuple(radii))
+        """Row k from 0, leg from 1."""
+        numbers = tuple(map(F, self._rows[k][2:]))
+        radii = numbers[7 + self.legs :]
+        turned = tuple(r / 2 for r in radii[3:6])
+        return Measurement(numbers[:3], numbers[3:7], numbers[6 + leg], (*radii[:3], *turned, radii[5 + leg]))
 
 
-class LegRows:
-    """The measurements of one leg."""
-
-    def __init__(self, campaign: ExactCampaign, leg: int) -> None:
-        self._campaign, self._leg = campaign, leg
-
-    def __len__(self) -> int:
-        return len(self._campaign)
-
-    def __getitem__(self, k: int) -> Measurement:
-        return self._campaign.measurement(k, self._leg)
+def _row(cells: tuple[Any, ...], legs: int) -> tuple[Any, ...]:
+    found: tuple[Any, ...] = entry(text, text, *[decimal] * (13 + 2 * legs))(list(cells))
+    if not any(found[5:9]) or min(found[9 + legs :]) < 0:
+        raise Refused("a measurement has a quaternion that is no rotation, or a negative half-width")
+    return found
 
 
-def beside(certificate: Path, sha256: str) -> ExactCampaign:
+def beside(certificate: Path, sha256: Any) -> ExactCampaign:
     """The campaign beside a certificate that has this digest, or the only one that there is."""
     paths = sorted(certificate.parent.glob(f"*{NAME}")) or [certificate.parent / NAME]
     found = [ExactCampaign(path) for path in paths]

@@ -6,13 +6,14 @@ import argparse
 import sys
 import traceback
 from collections.abc import Sequence
+from fractions import Fraction as F
 from pathlib import Path
 
 from .certificate import check
 from .claims import Accepted
+from .files import WORK
 from .refusal import Refused, Unusable
 from .run import check_run
-from .strict import WORK
 
 PROVED, REFUSED, UNUSABLE, INTERNAL = 0, 1, 2, 3
 
@@ -44,12 +45,9 @@ def main(arguments: Sequence[str]) -> int:
 def _run(folder: Path, work: int) -> int:
     legs = check_run(folder, work=work)
     for leg in legs:
-        if leg.accepted is not None:
-            print(f"leg {leg.leg}: PROVED: {stated(leg.accepted)}")
-        elif leg.refused is not None:
-            print(f"leg {leg.leg}: REFUSED: {leg.refused}")
-        else:
-            print(f"leg {leg.leg}: not certified")
+        proved = "not certified" if leg.accepted is None else f"PROVED: {stated(leg.accepted)}"
+        print(f"leg {leg.leg}: {proved if leg.refused is None else f'REFUSED: {leg.refused}'}")
+    print("Not judged here: whether the measurements determine the parameters; `cpcal verify` computes that again.")
     if any(leg.refused is not None for leg in legs):
         return REFUSED
     if not any(leg.accepted for leg in legs):
@@ -67,17 +65,13 @@ def stated(accepted: Accepted) -> str:
     if claims.eps_hi is not None:
         out.append(f"eps <= {-_down(-claims.eps_hi)}")
     if claims.point is not None:
-        out.append(
-            f"the point satisfies {len(claims.point.holds)} of {accepted.count}, fails {len(claims.point.fails)}"
-        )
+        holds, fails = len(claims.point.holds), len(claims.point.fails)
+        out.append(f"the point satisfies {holds} of {accepted.count}, fails {fails}")
     if claims.enclosure is not None:
         out.append("the enclosure holds all solutions")
     return "; ".join(out) or "nothing is claimed"
 
 
-def _down(value: object) -> float:
+def _down(value: F) -> float:
     """Cut to nine decimals, downward."""
-    from fractions import Fraction as F
-
-    assert isinstance(value, F)
     return (value * 10**9).__floor__() / 10**9

@@ -1,7 +1,7 @@
 """Polynomials with whole coefficients over a common power of two: exact, and their work is counted.
 
 A monomial is one integer with a field of FIELD bits for the exponent of each variable, so that a product of monomials
-is the sum of their integers: variable i is 1 << (FIELD i). The first READINGS variables are those of a reading.
+is the sum of their integers. The first READINGS variables are those of a reading, the others the unknowns.
 """
 
 from __future__ import annotations
@@ -9,15 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction as F
 
+from .refusal import Refused
+
 FIELD = 6
 READINGS = 7
 _MOST_TERMS = 100_000  # of one polynomial
 _MOST_SUMMED = 500_000  # of all polynomials that one sum holds in memory
+_MOST_KEPT = 100_000  # terms of all that are remembered of one kind
 _MOST_BITS = 4096  # of a coefficient over the common power of two
+Spend = Callable[[int], None]
 
 
-class TooLarge(Exception):
-    """A polynomial beyond the limits."""
+def unknown(i: int) -> int:
+    """The monomial of one unknown."""
+    return 1 << FIELD * (READINGS + i)
 
 
 class Polynomial:
@@ -25,7 +30,7 @@ class Polynomial:
 
     __slots__ = ("exponent", "spend", "terms")
 
-    def __init__(self, terms: dict[int, int], exponent: int, spend: Callable[[int], None]) -> None:
+    def __init__(self, terms: dict[int, int], exponent: int, spend: Spend) -> None:
         self.terms, self.exponent, self.spend = terms, exponent, spend
 
     def __add__(self, other: Polynomial) -> Polynomial:
@@ -36,9 +41,9 @@ class Polynomial:
 
     def __mul__(self, other: Polynomial) -> Polynomial:
         a, b = self.terms, other.terms
-        bits, others = self.bits, other.bits
+        bits, others = (max(map(int.bit_length, t.values()), default=0) for t in (a, b))
         if bits + others > _MOST_BITS:
-            raise TooLarge(f"a coefficient has more than {_MOST_BITS} bits")
+            raise _too_many(_MOST_BITS, "bits of a coefficient")
         self.spend(10 + len(a) * len(b) * (1 + (bits * others >> 20)))
         out: dict[int, int] = {}
         known = out.get
@@ -46,61 +51,46 @@ class Polynomial:
             for n, d in b.items():
                 out[m + n] = known(m + n, 0) + c * d
             if len(out) > _MOST_TERMS:
-                raise TooLarge(f"a polynomial has more than {_MOST_TERMS} terms")
+                raise _too_many(_MOST_TERMS, "terms of a polynomial")
         return Polynomial(out, self.exponent + other.exponent, self.spend)
-
-    def squared(self) -> Polynomial:
-        """The same as `self * self`, in half the work."""
-        terms = list(self.terms.items())
-        if 2 * (bits := self.bits) > _MOST_BITS:
-            raise TooLarge(f"a coefficient has more than {_MOST_BITS} bits")
-        self.spend(10 + len(terms) ** 2 // 2 * (1 + (bits * bits >> 20)))
-        out: dict[int, int] = {}
-        for k, (m, c) in enumerate(terms):
-            out[2 * m] = out.get(2 * m, 0) + c * c
-            double = 2 * c
-            for n, d in terms[:k]:
-                out[m + n] = out.get(m + n, 0) + double * d
-            if len(out) > _MOST_TERMS:
-                raise TooLarge(f"a polynomial has more than {_MOST_TERMS} terms")
-        return Polynomial(out, 2 * self.exponent, self.spend)
 
     def times(self, factor: int, power: int = 0) -> Polynomial:
         """factor * 2 ** power times it."""
         return Polynomial({m: factor * c for m, c in self.terms.items()}, self.exponent + power, self.spend)
 
     @property
-    def bits(self) -> int:
-        return max(map(int.bit_length, self.terms.values()), default=0)
-
-    @property
     def constant(self) -> F:
         """Its constant term: its value at the centre."""
-        return dyadic(self.terms.get(0, 0), self.exponent)
+        return _dyadic(self.terms.get(0, 0), self.exponent)
 
 
-def combined(parts: Iterable[tuple[int, Polynomial]], spend: Callable[[int], None]) -> Polynomial:
+def combined(parts: Iterable[tuple[int, Polynomial]], spend: Spend) -> Polynomial:
     """The sum of whole multiples."""
     held, terms = [], 0
     for factor, p in parts:
         terms += len(p.terms)
         if terms > _MOST_SUMMED:
-            raise TooLarge(f"a sum has more than {_MOST_SUMMED} terms")
+            raise _too_many(_MOST_SUMMED, "terms in a sum")
         if p.terms:
             held.append((factor, p))
+    spend(5 * len(held) + terms // 4)
     lowest = min((p.exponent for _, p in held), default=0)
     out: dict[int, int] = {}
     for factor, p in held:
         shift = p.exponent - lowest
         if factor.bit_length() + shift > _MOST_BITS:
-            raise TooLarge(f"a coefficient has more than {_MOST_BITS} bits")
-        spend(5 + len(p.terms) // 4)
+            raise _too_many(_MOST_BITS, "bits of a coefficient")
         multiple = factor << shift
         for m, c in p.terms.items():
             out[m] = out.get(m, 0) + multiple * c
         if len(out) > _MOST_TERMS:
-            raise TooLarge(f"a polynomial has more than {_MOST_TERMS} terms")
+            raise _too_many(_MOST_TERMS, "terms of a polynomial")
     return Polynomial({m: c for m, c in out.items() if c}, lowest, spend)
+
+
+def substituted(p: Polynomial, images: Kept) -> Polynomial:
+    """With what is put for each monomial."""
+    return combined(((c, images[monomial]) for monomial, c in p.terms.items()), p.spend).times(1, p.exponent)
 
 
 def total(parts: Sequence[Polynomial]) -> Polynomial:
@@ -108,11 +98,45 @@ def total(parts: Sequence[Polynomial]) -> Polynomial:
     return combined([(1, p) for p in parts], parts[0].spend)
 
 
-def constant(value: F, spend: Callable[[int], None]) -> Polynomial:
+def constant(value: F, spend: Spend) -> Polynomial:
     return Polynomial({0: value.numerator}, 1 - value.denominator.bit_length(), spend)
 
 
-def dyadic(mantissa: int, exponent: int) -> F:
+class Kept(dict[int, Polynomial]):
+    """Polynomials that are formed when first used, and forgotten when they are too many."""
+
+    def __init__(self, form: Callable[[int], Polynomial]) -> None:
+        self._form, self._terms = form, 0
+
+    def __missing__(self, key: int) -> Polynomial:
+        found = self._form(key)
+        self._terms += len(found.terms)
+        if self._terms > _MOST_KEPT:
+            self.clear()
+            self._terms = len(found.terms)
+        self[key] = found
+        return found
+
+
+def products(variable: Callable[[int], Polynomial], spend: Spend) -> Kept:
+    """By monomial, the product of what `variable` puts for the variable of each field."""
+
+    def form(monomial: int) -> Polynomial:
+        field = ((monomial & -monomial).bit_length() - 1) // FIELD
+        if not monomial:
+            return constant(F(1), spend)
+        one = 1 << FIELD * field
+        return variable(field) if monomial == one else kept[monomial - one] * kept[one]
+
+    kept = Kept(form)
+    return kept
+
+
+def _too_many(most: int, what: str) -> Refused:
+    return Refused(f"the check takes more than {most} {what}", "limit")
+
+
+def _dyadic(mantissa: int, exponent: int) -> F:
     return F(mantissa << exponent) if exponent >= 0 else F(mantissa, 1 << -exponent)
 
 
@@ -124,7 +148,7 @@ def signed(unknowns: int, signs: str = "") -> int:
 
 def least(p: Polynomial, mask: int) -> F:
     """A lower bound: a monomial lies in [0, 1] if its variables under the mask have even exponents, else in [-1, 1]."""
-    return dyadic(_least(p.terms, mask), p.exponent)
+    return _dyadic(_least(p.terms, mask), p.exponent)
 
 
 def _least(terms: dict[int, int], mask: int) -> int:
@@ -140,8 +164,8 @@ def _least(terms: dict[int, int], mask: int) -> int:
 def settled(p: Polynomial, signs: str, mask: int) -> Polynomial:
     """What is left of `p` without its readings: at their reference, less the penalties."""
     kept: dict[int, int] = {0: 0}
-    parts: list[dict[int, int]] = [{} for _ in signs]
     low = (1 << FIELD * READINGS) - 1
+    parts: list[dict[int, int]] = [{} for _ in signs]
     for monomial, c in p.terms.items():
         reading = monomial & low
         if not reading:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction as F
 from pathlib import Path
@@ -11,16 +11,18 @@ from typing import Any
 from .campaign import NAME, ExactCampaign
 from .certificate import check
 from .claims import Accepted
+from .files import WORK, content, parsed
 from .leg import EXTRA, PARAMETERS
+from .readers import finite, shown
 from .refusal import Refused, Unusable
-from .strict import WORK, opened, parsed, shown
 
 RESULT_NAME = "result.json"
 RESULT_FORMAT = "cpcal-result/4"
-_LARGEST = 16 << 20  # bytes
-_CERTIFICATE = re.compile(r"[A-Za-z0-9_.-]{1,200}\.cert\.jsonl")
+SUPPORT = "support.cert.jsonl"
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints
+_STRANGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, OverflowError, MemoryError)
+Json = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -43,194 +45,160 @@ def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
     """
     if not folder.is_dir():
         raise Unusable(f"{shown(folder.name)} is no folder")
-    with opened(folder / RESULT_NAME) as stream:
-        content = stream.read(_LARGEST + 1)
-    campaign = ExactCampaign(folder / NAME)
     try:
-        if len(content) > _LARGEST:
-            raise ValueError(f"is larger than {_LARGEST} bytes")
-        result = parsed(content, floats=_number)
-        if not isinstance(result, dict) or result.get("format") != RESULT_FORMAT:
-            raise ValueError(f"is not of format {RESULT_FORMAT}")
-        run = _Run(folder, result, campaign, work)
-        return [run.checked(leg) for leg in run.legs()]
-    except (KeyError, TypeError, ValueError, IndexError, RecursionError, OverflowError, MemoryError) as error:
-        raise Refused(0, f"{RESULT_NAME} {_reason(error)}") from None
-
-
-@dataclass(frozen=True)
-class _Run:
-    folder: Path
-    result: dict[str, Any]
-    campaign: ExactCampaign
-    work: int
-
-    def legs(self) -> list[dict[str, Any]]:
-        """The legs, after what is stated of all of them was compared. Raises ValueError and the like."""
-        stated, campaign = self.result["campaign"], self.campaign
-        _same("campaign SHA-256", stated["sha256"], campaign.sha256)
-        _same("number of measurements", stated["measurements"], len(campaign))
-        _same("name of the robot", stated["robot"], campaign.robot)
-        legs: list[dict[str, Any]] = self.result["legs"]
-        numbers = [leg["leg"] for leg in legs]
-        if any(type(n) is not int or not 1 <= n <= campaign.legs for n in numbers) or len(set(numbers)) < len(numbers):
-            raise ValueError("names a leg that the campaign has not, or one twice")
-        wanted = self.result["options"]["legs"] or list(range(1, campaign.legs + 1))
-        if self.result["interrupted"] is not True and numbers != wanted:
-            raise ValueError("lacks legs that it was asked about, and does not say that it was interrupted")
-        named = {str(leg["certificate"]) for leg in legs if leg["certificate"] is not None}
+        text = content(folder / RESULT_NAME)
+        campaign = ExactCampaign(folder / NAME)
+        result = parsed(text, lambda number: F(finite(number)))
+        _same("format", result["format"], RESULT_FORMAT)
+        _compare(_of_the_run(result, campaign))
+        legs: list[Json] = result["legs"]
+        named = {str(leg["certificate"]) for leg in legs} | {f"leg{leg['leg']}.{SUPPORT}" for leg in legs}
         named |= {str(leg["ranges"]["certificate"]) for leg in legs if leg["ranges"] is not None}
-        named |= {self._support(leg).name for leg in legs if self._support(leg).exists()}
-        for name in sorted({path.name for path in self.folder.glob("*.cert.jsonl")} - named):
-            raise ValueError(f"does not name the certificate {shown(name)}, which lies beside it")
-        return legs
+        for path in sorted(folder.glob("*.cert.jsonl")):
+            if path.name not in named:
+                raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
+        return [_checked(folder, result, campaign, leg, work) for leg in legs]
+    except (Refused, *_STRANGE) as error:
+        if isinstance(error, Refused) and error.code == "campaign":
+            raise
+        raise Refused(f"{RESULT_NAME} {_reason(error)}", "run", 0) from None
 
-    @property
-    def _model(self) -> str:
-        return str(self.result["model"]["name"])
 
-    @property
-    def _extra(self) -> list[Any]:
-        return list(self.result["model"]["parameters"])
+def _of_the_run(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, Any, Any]]:
+    """What is stated of the run as a whole, and what it must be."""
+    stated, numbers = result["campaign"], [leg["leg"] for leg in result["legs"]]
+    yield "campaign SHA-256", stated["sha256"], campaign.sha256
+    yield "number of measurements", stated["measurements"], len(campaign)
+    yield "name of the robot", stated["robot"], campaign.robot
+    every = list(range(1, campaign.legs + 1))
+    asked = result["options"]["legs"] or every
+    partly = result["interrupted"] is True
+    yield "list of legs", numbers, [n for n in asked if n in every and (n in numbers or not partly)]
+    yield "list of legs", [type(n) for n in numbers], [int] * len(set(numbers))
 
-    @property
-    def _parameters(self) -> list[str]:
-        return [*PARAMETERS, *(p["name"] for p in self._extra)]
 
-    def _support(self, leg: dict[str, Any]) -> Path:
-        return self.folder / f"leg{leg['leg']}.support.cert.jsonl"
+def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, work: int) -> LegChecked:
+    number, name, every = leg["leg"], leg["certificate"], list(range(len(campaign)))
 
-    def checked(self, leg: dict[str, Any]) -> LegChecked:
-        number, name, certified = leg["leg"], leg["certificate"], leg["certified"]
-        try:
-            self._ids(leg)
-            if certified is False and name is None:
-                return LegChecked(number, None, ranges=self._ranges(leg))
-            if certified is not True or not isinstance(name, str) or not _CERTIFICATE.fullmatch(name):
-                raise ValueError("is neither certified by a file of the run nor said to be not certified")
-            accepted = check(self.folder / name, self.campaign, work=self.work)
-            self._problem(accepted, number)
-            self._box(accepted, leg, self.result["options"]["eps"])
-            self._claims(accepted, leg)
-            return LegChecked(number, name, accepted, support=self._supported(leg), ranges=self._ranges(leg))
-        except Unusable as error:
-            return LegChecked(number, shown(name), refused=str(error))
-        except (Refused, KeyError, TypeError, ValueError, IndexError, RecursionError, OverflowError) as error:
-            return LegChecked(number, shown(name), refused=_reason(error))
+    def accepted(file: Any, chosen: list[int]) -> Accepted:
+        if file not in {path.name for path in folder.glob("*.cert.jsonl")}:
+            raise Refused(f"names no certificate of its folder: {shown(file)}")
+        found = check(folder / file, campaign, work=work)
+        _compare(_of_the_problem(result, leg, campaign, found, chosen))
+        return found
 
-    def _ids(self, leg: dict[str, Any]) -> None:
-        support = leg["support"]
-        if not set(support) <= set(self.campaign.ids) or len(set(support)) < len(support):
-            raise ValueError("its support names a measurement that the campaign has not, or one twice")
+    try:
+        _same("support", sorted(leg["support"]), sorted(set(leg["support"]) & set(campaign.ids)))
+        stated, ranges, few, found = leg["ranges"], None, None, None
+        if stated is not None and stated["certificate"] is not None:
+            ranges = accepted(stated["certificate"], every)
+            _compare(_of_the_ranges(result, leg, stated, ranges))
+        if type(leg["certified"]) is not bool or leg["certified"] != (name is not None):
+            raise Refused("is neither certified by a file of the run nor said to be not certified")
+        if name is not None:
+            found = accepted(name, every)
+            _compare(_of_the_box(result, leg, found, result["options"]["eps"]))
+            _compare(_of_the_leg(result, leg, campaign, found))
+        if (folder / f"leg{number}.{SUPPORT}").exists():
+            chosen = [k for k, text in enumerate(campaign.ids) if text in leg["support"]]
+            few = accepted(f"leg{number}.{SUPPORT}", chosen)
+        return LegChecked(number, name, found, support=few, ranges=ranges)
+    except (Unusable, Refused, *_STRANGE) as error:
+        return LegChecked(number, shown(name), refused=_reason(error))
 
-    def _supported(self, leg: dict[str, Any]) -> Accepted | None:
-        path = self._support(leg)
-        if not path.exists():
-            return None
-        accepted, ids = check(path, self.campaign, work=self.work), self.campaign.ids
-        self._problem(accepted, leg["leg"], [k for k, name in enumerate(ids) if name in set(leg["support"])])
-        return accepted
 
-    def _problem(self, accepted: Accepted, leg: int, chosen: list[int] | None = None) -> None:
-        model, count = self._model, len(self.campaign)
-        if model not in EXTRA:  # one of the user's own: the certificate states its constraints
-            _same("problem", accepted.about, f"leg {leg}, model {model}, campaign {self.campaign.sha256}")
-            _same("unknowns", list(accepted.unknowns), [*_NETWORK, *self._parameters[7:], "eps"])
-            return
-        _same("leg of the certificate", accepted.leg, leg)
-        _same("model", accepted.model, model)
-        _same("extra parameters", [p["name"] for p in self._extra], list(EXTRA[model]))
-        _same("measurements", list(accepted.chosen), list(range(count)) if chosen is None else chosen)
+def _of_the_problem(
+    result: Json, leg: Json, campaign: ExactCampaign, accepted: Accepted, chosen: list[int]
+) -> Iterator[tuple[str, Any, Any]]:
+    model, extra = result["model"]["name"], [p["name"] for p in result["model"]["parameters"]]
+    if model not in EXTRA:  # one of the user's own: the certificate states its constraints
+        yield "problem", f"leg {leg['leg']}, model {model}, campaign {campaign.sha256}", accepted.about
+        yield "parameters", [*_NETWORK, *extra, "eps"], list(accepted.unknowns)
+        return
+    yield "leg", leg["leg"], accepted.leg
+    yield "model", model, accepted.model
+    yield "extra parameters", extra, list(EXTRA[model])
+    yield "measurements", chosen, list(accepted.chosen)
 
-    def _box(self, accepted: Accepted, leg: dict[str, Any], asked: Any) -> None:
-        """The certificate's box is the one that the result states, rounded outward; `asked`: an eps, or None."""
-        delta = _exact(self.result["options"]["delta"])
-        centers = [_exact(v) for v in leg["center"]]
-        _same("size of the center", len(centers), len(accepted.lo) - 1)
-        ranges = [(c - delta, c + delta) for c in centers[:7]]
-        ranges += [(-_exact(p["half_width"]), _exact(p["half_width"])) for p in self._extra]
-        for i, (low, high) in enumerate(ranges):
-            slack = (abs(low) + abs(high)) / 2**50
-            if not (low - slack <= accepted.lo[i] <= low and high <= accepted.hi[i] <= high + slack):
-                raise ValueError(f"states another range of unknown {i} than the certificate")
-        if accepted.lo[-1] != (0 if asked is None else _exact(asked)):
-            raise ValueError("states another eps than the certificate was asked about")
 
-    def _claims(self, accepted: Accepted, leg: dict[str, Any]) -> None:
-        claims, asked = accepted.claims, self.result["options"]["eps"]
-        at = None if claims.point is None or claims.point.holds != accepted.chosen else claims.point.at
-        if at is not None and any(not a <= v <= b for a, v, b in zip(accepted.lo[:-1], at, accepted.hi, strict=False)):
-            at = None
-        if asked is not None:
-            _same("cap", claims.cap, _exact(asked))
-            at = at if at is not None and at[-1] == claims.cap else None
-        refuted = claims.infeasible and at is None and (asked is not None or self._all_of_it(accepted))
-        if asked is not None:  # only that one is spoken of
-            lo: F | str = _exact(asked) if refuted else F(0)
-        else:
-            lo = "inf" if refuted else claims.eps_lo or F(0)
-        _same("eps_lo", leg["eps_lo"], lo)
-        _same("eps_hi", leg["eps_hi"], "inf" if at is None else at[-1])
-        _same("point", leg["point"] and [_exact(v) for v in leg["point"]], at and list(at[:-1]))
-        self._enclosed(leg["enclosure"], accepted)
-        if (leg["status"] == "refuted") != refuted or (leg["status"] == "proved" and at is None):
-            raise ValueError("states another verdict than is proved")
-        if leg["status"] == "proved" and asked is None and at is not None:
-            gap = max(_exact(self.result["options"]["gap"]) * at[-1], _CLOSED)
-            if at[-1] - _exact(lo) > gap * F(2**20 + 1, 2**20):
-                raise ValueError("calls a bracket closed that is wider than the gap")
+def _of_the_box(result: Json, leg: Json, accepted: Accepted, asked: Any) -> Iterator[tuple[str, Any, Any]]:
+    """The certificate's box is the one that the result states, rounded outward."""
+    delta = _exact(result["options"]["delta"])
+    sides = [(_exact(c), delta) for c in leg["center"][:7]]
+    sides += [(F(0), _exact(p["half_width"])) for p in result["model"]["parameters"]]
+    yield "size of the center", len(leg["center"]), len(sides)
+    yield "number of parameters", len(sides), len(accepted.lo) - 1
+    for i, (center, half) in enumerate(sides):
+        low, high = center - half, center + half
+        slack, lo, hi = (abs(low) + abs(high)) / 2**50, accepted.lo[i], accepted.hi[i]
+        yield f"range of unknown {i}", low - slack <= lo <= low and high <= hi <= high + slack, True
+    yield "eps asked about", 0 if asked is None else _exact(asked), accepted.lo[-1]
 
-    def _ranges(self, leg: dict[str, Any]) -> Accepted | None:
-        """What the certificate of the parameters' ranges proves, which is what the result states of them."""
-        stated = leg["ranges"]
-        if stated is None or stated["certificate"] is None:
-            return None
-        name = stated["certificate"]
-        if not isinstance(name, str) or not _CERTIFICATE.fullmatch(name):
-            raise ValueError("names no file of the run as the certificate of its ranges")
-        accepted = check(self.folder / name, self.campaign, work=self.work)
-        self._problem(accepted, leg["leg"])
-        self._box(accepted, leg, stated["eps"])
-        _same("eps of the ranges", _exact(stated["eps"]), accepted.claims.cap)
-        self._enclosed(stated["box"], accepted)
-        return accepted
 
-    def _enclosed(self, box: dict[str, Any], accepted: Accepted) -> None:
-        _same("parameters", box["names"], self._parameters)
-        sides, proved = [box[side] for side in ("lo", "hi")], accepted.claims.enclosure
-        hull = None if sides == [None, None] else [[_exact(v) for v in side] for side in sides]
-        _same("enclosure", hull, proved and [list(side[:-1]) for side in proved])
+def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
+    """What the leg states, and what its certificate's claims make of it."""
+    claims, asked = accepted.claims, result["options"]["eps"]
+    at = None if claims.point is None or claims.point.holds != accepted.chosen else claims.point.at
+    ends = zip(accepted.lo[:-1], at or (), accepted.hi, strict=False)
+    if at is not None and (any(not a <= v <= b for a, v, b in ends) or (asked is not None and at[-1] != claims.cap)):
+        at = None
+    refuted = claims.infeasible and at is None
+    if asked is not None:  # only that one is spoken of
+        yield "cap", _exact(asked), claims.cap
+        lo: Any = claims.cap if refuted else 0
+    else:
+        refuted = refuted and _all_of_it(campaign, accepted)
+        lo = "inf" if refuted else claims.eps_lo or 0
+    yield "eps_lo", leg["eps_lo"], lo
+    yield "eps_hi", leg["eps_hi"], "inf" if at is None else at[-1]
+    yield "point", leg["point"] and [_exact(v) for v in leg["point"]], at and list(at[:-1])
+    yield from _of_the_hull(result, leg["enclosure"], accepted)
+    narrow, slack = at is not None, F(0)
+    if at is not None and asked is None:
+        asked_gap = max(_exact(result["options"]["gap"]) * at[-1], _CLOSED)
+        slack = asked_gap / 2**20 * (1 if leg["status"] == "proved" else -1)  # how a float64 may see it
+        narrow = at[-1] - lo <= asked_gap + slack
+    yield "status", leg["status"], "refuted" if refuted else "proved" if narrow else "unknown"
 
-    def _all_of_it(self, accepted: Accepted) -> bool:
-        """Whether the cap is above every eps for which legs can be longer than eps."""
-        rows, cap = self.campaign.of(accepted.leg or 1), accepted.claims.cap
-        shortest = min(rows[k].length - rows[k].radii[6] for k in range(len(rows)))
-        return cap is not None and cap >= shortest + accepted.hi[6]
+
+def _of_the_ranges(result: Json, leg: Json, stated: Json, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
+    """The parameters at one eps."""
+    yield from _of_the_box(result, leg, accepted, stated["eps"])
+    yield "eps of the ranges", _exact(stated["eps"]), accepted.claims.cap
+    yield from _of_the_hull(result, stated["box"], accepted)
+
+
+def _of_the_hull(result: Json, box: Json, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
+    yield "parameters", box["names"], [*PARAMETERS, *(p["name"] for p in result["model"]["parameters"])]
+    sides = [box[side] and [_exact(v) for v in box[side]] for side in ("lo", "hi")]
+    yield "enclosure", sides, [side and list(side[:-1]) for side in accepted.claims.enclosure or (None, None)]
+
+
+def _all_of_it(campaign: ExactCampaign, accepted: Accepted) -> bool:
+    """Whether the cap is above every eps for which legs can be longer than eps."""
+    rows = (campaign.measurement(k, accepted.leg or 1) for k in range(len(campaign)))
+    cap, shortest = accepted.claims.cap, min(row.length - row.radii[6] for row in rows)
+    return cap is not None and cap >= shortest + accepted.hi[6]
+
+
+def _compare(stated: Iterator[tuple[str, Any, Any]]) -> None:
+    for what, value, proved in stated:
+        _same(what, value, proved)
 
 
 def _same(what: str, stated: Any, proved: Any) -> None:
-    """Equal, and of the same kind: true is not 1. Raises ValueError."""
+    """Equal, and of the same kind: true is not 1."""
     if stated != proved or isinstance(stated, bool) != isinstance(proved, bool):
-        raise ValueError(f"states another {what} than is proved")
-
-
-def _number(text: str) -> F:
-    """The float64 nearest to a number of JSON. Raises ValueError."""
-    number = float(text)
-    if number - number != 0.0:
-        raise ValueError(f"holds the number {text[:40]}, which is too large for a float64")
-    return F(number)
+        raise Refused(f"states another {what} than is proved")
 
 
 def _exact(value: Any) -> F:
     if isinstance(value, bool) or not isinstance(value, int | F):
-        raise ValueError(f"holds {shown(value)} where a number is needed")
+        raise Refused(f"holds {shown(value)} where a number is needed")
     return F(value)
 
 
 def _reason(error: Exception) -> str:
     if isinstance(error, KeyError):
         return f"lacks the key {shown(error.args[0])}"
-    if isinstance(error, (ValueError, Refused)):
-        return str(error)
-    return "holds a value of the wrong kind"
+    return str(error) if isinstance(error, (Refused, Unusable)) else "holds a value of the wrong kind"

@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from cpcal.cli.leaving import leaving, refuse_empty
-from cpcal.cli.status import STATUS_HELP, VERIFY_STATUS_HELP
+from cpcal.cli.status import CHECK_STATUS_HELP, STATUS_HELP, VERIFY_STATUS_HELP
 from cpcal.common.version import __version__
 
 
@@ -22,9 +22,12 @@ class Verb(NamedTuple):
 
 
 VERBS = {
+    "check": Verb("cpcal.cli.check", "check", CHECK_STATUS_HELP),
     "certify": Verb("cpcal.cli.certify", "certify", STATUS_HELP),
+    "accuracy": Verb("cpcal.cli.accuracy", "accuracy_of"),
     "compare": Verb("cpcal.cli.compare", "compare_models", STATUS_HELP),
     "simulate": Verb("cpcal.cli.simulate", "simulate"),
+    "camera": Verb("cpcal.cli.camera", "camera"),
     "target": Verb("cpcal.cli.target", "target"),
     "detect": Verb("cpcal.cli.detect", "detect_poses"),
     "calibrate": Verb("cpcal.cli.calibrate", "calibrate"),

@@ -22,3 +22,8 @@ STATUS_HELP = (
 )
 
 VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."
+
+CHECK_STATUS_HELP = (
+    "Exit status: **0** nothing looks wrong, **1** something is to be looked at (each with a sentence), "
+    "**2** unusable input."
+)

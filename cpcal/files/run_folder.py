@@ -44,6 +44,7 @@ class Kind:
 
 RUN = Kind("result.json", (r"report\.html",))
 COMPARED = Kind("compare.json", (r"compare\.html",))
+ACCURACY = Kind("accuracy.json", (r"accuracy\.html",))
 FITTED = Kind("fits.json")
 POSE_SETS = Kind("sets.json")  # certificates of images, without a head
 

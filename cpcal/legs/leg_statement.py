@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction as F
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -18,22 +19,12 @@ from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network.restrict import restricted
 
 
-class LegReadings:
-    """The rows of a campaign for one leg, in exact numbers: what the checker reads from campaign.json."""
-
-    def __init__(self, campaign: Campaign, leg: int) -> None:
-        self._campaign, self._leg = campaign, leg - 1
-
-    def __len__(self) -> int:
-        return len(self._campaign)
-
-    def __getitem__(self, k: int) -> Measurement:
-        """Row k, from 0."""
-        c, leg = self._campaign, self._leg
-        length, radius = F(float(c.length[k, leg])), F(float(c.length_radius[k, leg]))
-        turned = (v / 2 for v in _exact(c.rotation_radius[k]))
-        radii = (*_exact(c.position_radius[k]), *turned, radius)
-        return Measurement(_exact(c.position[k]), _exact(c.quaternion[k]), length, radii)
+def exact_measurement(campaign: Campaign, leg: int, k: int) -> Measurement:
+    """Row k (from 0) of a campaign for one leg (from 1) in exact numbers: what the checker reads from campaign.json."""
+    length, radius = F(float(campaign.length[k, leg - 1])), F(float(campaign.length_radius[k, leg - 1]))
+    turned = (v / 2 for v in _exact(campaign.rotation_radius[k]))
+    radii = (*_exact(campaign.position_radius[k]), *turned, radius)
+    return Measurement(_exact(campaign.position[k]), _exact(campaign.quaternion[k]), length, radii)
 
 
 def leg_statement(
@@ -43,7 +34,8 @@ def leg_statement(
 
     `model` is the name of one that comes with cpcal: those the checker knows.
     """
-    return LegStatement(leg_problem(LegReadings(campaign, leg), model, only), campaign_sha256(campaign), leg, only)
+    problem = leg_problem(partial(exact_measurement, campaign, leg), len(campaign), model, only)
+    return LegStatement(problem, campaign_sha256(campaign), leg, only)
 
 
 def model_statement(

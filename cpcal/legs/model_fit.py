@@ -13,8 +13,7 @@ from cpcal.common.arrays import Floats
 from cpcal.legs.equation import leg_box, leg_equation, residuals
 from cpcal.legs.models import PLAIN, LegModel
 from cpcal.robot import Campaign
-from cpcal.solver.interval import IntervalArray, get_arithmetic
-from cpcal.solver.network.point import Point
+from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network.rows import Extremes, Rows
 
 
@@ -88,6 +87,5 @@ def reading_sensitivities(campaign: Campaign, leg: int, x: npt.ArrayLike, model:
     ends = Extremes(equation.network, equation.body)
     if not ends.tape.readings:
         return np.zeros(len(campaign))
-    at, slot = IntervalArray.point(point[None]), ends.tape.slot(equation.body)
-    low, high = (ends.tape.forward(Point(), at, readings)[slot].lo.ravel() for readings in ends.at(point))
+    low, high = (ends.values(point, readings) for readings in ends.at(point))
     return np.asarray(0.5 * np.abs(high - low))

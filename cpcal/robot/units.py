@@ -8,6 +8,7 @@ from decimal import Decimal
 from cpcal.common.errors import Problem, shown
 
 LENGTHS = {"mm": Decimal(1), "cm": Decimal(10), "m": Decimal(1000), "um": Decimal("0.001"), "in": Decimal("25.4")}
+NAMES = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "um": "micrometres", "in": "inches"}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 
 

@@ -14,8 +14,9 @@ import hashlib
 import os
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import FunctionType
 from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -45,6 +46,19 @@ def compiled(function: F) -> F:
 def plain(function: F) -> F:
     """What was compiled, as plain Python."""
     return getattr(function, "py_func", function)
+
+
+def rebound(functions: Iterable[Callable[..., Any]], primitives: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
+    """Compiled functions (each after those that it calls) as plain Python that calls other primitives, by name.
+
+    So one source computes in more than one arithmetic.
+    """
+    known: dict[str, Any] = dict(primitives)
+    for function in map(plain, functions):
+        if function.__name__ not in primitives:
+            names = {**function.__globals__, **known}
+            known[function.__name__] = FunctionType(function.__code__, names, function.__name__)
+    return known
 
 
 def _keep(dispatcher: Any, function: Callable[..., Any]) -> None:

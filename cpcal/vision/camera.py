@@ -1,4 +1,4 @@
-"""The camera: OpenCV's pinhole model with radial and tangential distortion (k1, k2, p1, p2, k3)."""
+"""The camera: a pinhole and a lens."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, shown
 from cpcal.common.values import Value, frozen_array
+from cpcal.vision.lens_models import LENSES, Lens
 
-CAMERA_NUMBERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+BROWN = "brown"  # the model that cameras are calibrated with; only it has a covariance
+CAMERA_NUMBERS = ("fx", "fy", "cx", "cy", *LENSES[BROWN].names)
 
 _NEWTON_STEPS = 50
 _LAST = 1e-8  # of a normalised coordinate: after so short a step of Newton the error is its square
@@ -24,11 +26,10 @@ class Camera(Value):
     width, height  of the image, pixels
     focal          (2,) fx, fy in pixels
     center         (2,) cx, cy in pixels; (0, 0) is the centre of the top-left pixel
-    distortion     (5,) k1, k2, p1, p2, k3
+    distortion     the lens's numbers; (5,) k1, k2, p1, p2, k3 of the model "brown"
+    model          of the lens: "brown", "rational" or "fisheye" (`cpcal.vision.lens_models`)
 
-    With (x, y) = (X / Z, Y / Z) and r^2 = x^2 + y^2 the image of a point is center + focal * d(x, y),
-
-        d(x, y) = (x, y) (1 + k1 r^2 + k2 r^4 + k3 r^6) + (2 p1 x y + p2 (r^2 + 2 x^2), p1 (r^2 + 2 y^2) + 2 p2 x y)
+    With (x, y) = (X / Z, Y / Z) the image of a point is center + focal * d(x, y), and d is the lens.
 
     Raises InputError when the numbers make no camera.
     """
@@ -38,9 +39,12 @@ class Camera(Value):
     focal: Floats
     center: Floats
     distortion: Floats
+    model: str = BROWN
 
     def __post_init__(self) -> None:
-        for name, size in (("focal", 2), ("center", 2), ("distortion", 5)):
+        if self.model not in LENSES:
+            raise InputError([Problem("camera model", f"is {shown(self.model)}", f"give one of {', '.join(LENSES)}")])
+        for name, size in (("focal", 2), ("center", 2), ("distortion", len(self.lens.names))):
             array = frozen_array(getattr(self, name))
             if array.shape != (size,) or not np.isfinite(array).all():
                 raise InputError([Problem(f"camera {name}", f"is not {size} finite numbers", "give pixels, see docs")])
@@ -49,13 +53,17 @@ class Camera(Value):
             raise InputError([Problem("camera", "has no positive size or focal length", "give them in pixels")])
 
     @property
+    def lens(self) -> Lens:
+        return LENSES[self.model]
+
+    @property
     def numbers(self) -> Floats:
-        """(9,) in the order of CAMERA_NUMBERS."""
+        """fx, fy, cx, cy and the lens's numbers; (9,) in the order of CAMERA_NUMBERS for the model "brown"."""
         return np.concatenate([self.focal, self.center, self.distortion])
 
     def with_numbers(self, numbers: Floats) -> Camera:
-        """The same image size, other numbers (9,). Raises InputError when they make no camera."""
-        return Camera(self.width, self.height, numbers[:2], numbers[2:4], numbers[4:])
+        """The same image size and model, other numbers. Raises InputError when they make no camera."""
+        return Camera(self.width, self.height, numbers[:2], numbers[2:4], numbers[4:], self.model)
 
     def project(self, points: npt.ArrayLike) -> Floats:
         """Pixels (..., 2) of points (..., 3) mm in the camera frame, Z > 0."""
@@ -64,61 +72,37 @@ class Camera(Value):
 
     def pixels(self, normalised: npt.ArrayLike) -> Floats:
         """Pixels (..., 2) of the directions (x, y, 1), given as (..., 2)."""
-        return np.asarray(self.center + self.focal * distorted(normalised, self.distortion))
+        return np.asarray(self.center + self.focal * self.distorted(normalised))
+
+    def distorted(self, normalised: npt.ArrayLike) -> Floats:
+        """d(x, y), (..., 2) -> (..., 2)."""
+        p = np.asarray(normalised, dtype=np.float64)
+        return np.stack(self.lens.bent(p[..., 0], p[..., 1], self.distortion), axis=-1)
+
+    def distortion_jacobian(self, normalised: npt.ArrayLike) -> Floats:
+        """The derivatives of d by (x, y), (..., 2) -> (..., 2, 2)."""
+        p = np.asarray(normalised, dtype=np.float64)
+        xx, cross, yy = self.lens.slopes(p[..., 0], p[..., 1], self.distortion)
+        return np.stack([np.stack([xx, cross], axis=-1), np.stack([cross, yy], axis=-1)], axis=-2)
 
     def normalised(self, pixels: npt.ArrayLike) -> Floats:
         """The directions (..., 2) that pixels (..., 2) show, by Newton's method; nan where there is none nearby."""
         wanted = (np.asarray(pixels, dtype=np.float64) - self.center) / self.focal
         u, v = np.ascontiguousarray(np.moveaxis(wanted, -1, 0))
         x, y = u, v
-        numbers = self.distortion.tolist()
+        lens, numbers = self.lens, self.distortion
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for _ in range(_NEWTON_STEPS):
-                (dx, dy), (xx, xy, yy) = _bent(x, y, numbers), _slopes(x, y, numbers)
+                (dx, dy), (xx, xy, yy) = lens.bent(x, y, numbers), lens.slopes(x, y, numbers)
                 off_x, off_y, determinant = u - dx, v - dy, xx * yy - xy * xy
                 step_x, step_y = (yy * off_x - xy * off_y) / determinant, (xx * off_y - xy * off_x) / determinant
                 x, y = x + step_x, y + step_y
                 if not ((np.abs(step_x) > _LAST) | (np.abs(step_y) > _LAST)).any():
                     break
-            dx, dy = _bent(x, y, numbers)
+            dx, dy = lens.bent(x, y, numbers)
             found = np.stack([x, y], axis=-1)
             found[~((np.abs(dx - u) < 1e-9) & (np.abs(dy - v) < 1e-9))] = np.nan
         return found
-
-
-def distorted(normalised: npt.ArrayLike, distortion: Floats) -> Floats:
-    """d(x, y), (..., 2) -> (..., 2)."""
-    p = np.asarray(normalised, dtype=np.float64)
-    return np.stack(_bent(p[..., 0], p[..., 1], distortion.tolist()), axis=-1)
-
-
-def distortion_jacobian(normalised: npt.ArrayLike, distortion: Floats) -> Floats:
-    """The derivatives of d by (x, y), (..., 2) -> (..., 2, 2)."""
-    p = np.asarray(normalised, dtype=np.float64)
-    xx, cross, yy = _slopes(p[..., 0], p[..., 1], distortion.tolist())
-    return np.stack([np.stack([xx, cross], axis=-1), np.stack([cross, yy], axis=-1)], axis=-2)
-
-
-def _bent(x: Floats, y: Floats, distortion: list[float]) -> tuple[Floats, Floats]:
-    """The two components of d."""
-    k1, k2, p1, p2, k3 = distortion
-    r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    dx = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-    dy = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-    return dx, dy
-
-
-def _slopes(x: Floats, y: Floats, distortion: list[float]) -> tuple[Floats, Floats, Floats]:
-    """The derivatives of the first component by x, of it by y (and of the other by x), of the other by y."""
-    k1, k2, p1, p2, k3 = distortion
-    r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))  # of `radial` by r^2, twice: its gradient is slope * (x, y)
-    cross = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
-    xx = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
-    yy = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-    return xx, cross, yy
 
 
 # 1024 x 768 pixels of 4.65 micrometres behind an objective of 4.2 mm; an ordinary lens, a little off its centre

@@ -27,7 +27,7 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
-from cpcal.vision.lens import Jet, jet, jets_by_coefficient
+from cpcal.vision.lens import Jet, jets_by_coefficient
 from cpcal.vision.target import Target
 
 
@@ -57,7 +57,7 @@ def centers_of(dots: Floats, radius: float, camera: Camera, pose: Pose) -> Float
     """`predicted_centers` for dots (n, 2) mm of a given radius."""
     points, normal = _placed(dots, pose)
     center, shape = _ellipse(_dual(points, normal, radius))
-    lens = jet(center, camera.distortion)
+    lens = camera.lens.jet(center, camera.distortion)
     return np.asarray(camera.center + camera.focal * _bent(lens, shape, _growth(lens)[1]))
 
 
@@ -68,7 +68,7 @@ def predict(
     points, normal = _placed(dots, pose)
     dual = _dual(points, normal, radius)
     center, shape = _ellipse(dual)
-    lens = jet(center, camera.distortion)
+    lens = camera.lens.jet(center, camera.distortion)
     growth = _growth(lens)
     bent = _bent(lens, shape, growth[1])
     slope = camera.focal[:, None, None] * _by_dual(dual, lens, shape, growth)  # (..., n, 2, 3, 3)

@@ -21,9 +21,9 @@ from cpcal.files.campaign_json import NAME, save_campaign_json
 from cpcal.legs import leg_box, leg_model, leg_network, leg_statement
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
-from cpcal.solver.certificate.readings import failing, free, holding
+from cpcal.solver.certificate.readings import failing, holding
 from cpcal.solver.certificate.recording import with_readings
-from cpcal.solver.certificate.statement import Statement, limits, number
+from cpcal.solver.certificate.statement import Statement, free, limits, number
 from cpcal.solver.certificate.writer import WeightProver, rounded
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
@@ -82,7 +82,7 @@ class Proof:
 
     def rule(self, lo: Sequence[float], hi: Sequence[float], rows: Sequence[Any]) -> Rule:
         """With the rows of a step."""
-        none = "0" * len(self.problem.item(0).radii)
+        none = "0" * len(self.problem.radii(0))
         table = [(row[0], row[1], row[2] if row[2:] else none) for row in rows]
         return Rule(self.problem, ExactBox(tuple(F(v) for v in lo), tuple(F(v) for v in hi)), table, free)
 

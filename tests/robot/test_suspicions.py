@@ -32,7 +32,7 @@ def test_good_campaigns_raise_no_suspicion(seed):
         (changed(quaternion=np.roll(GOOD.quaternion, -1, axis=1)), "order qx,qy,qz,qw"),
         (changed(length=GOOD.length + DELTALAB.offset), "whole leg lengths"),
         (changed(length=np.roll(GOOD.length, 2, axis=1)), "another order than the legs"),
-        (changed(position=GOOD.position * [1, 1, -1]), "the z axis"),
+        (changed(position=GOOD.position * [1, 1, -1]), "to be (x, y, -z)"),
     ],
 )
 def test_the_cause_is_named(campaign, cause):

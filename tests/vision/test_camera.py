@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera, distorted, distortion_jacobian
+from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera
 
 STRONG = Camera(
     2000, 1500, np.array([1500.0, 1480.0]), np.array([980.0, 760.0]), np.array([-0.3, 0.15, 2e-3, -1e-3, -0.03])
 )
-CAMERAS = [DELTALAB_CAMERA, STRONG, replace(STRONG, distortion=np.zeros(5))]
+RATIONAL = replace(STRONG, distortion=np.array([0.4, 0.2, 2e-3, -1e-3, 0.02, 0.6, 0.25, 0.03]), model="rational")
+FISHEYE = Camera(1600, 1200, [750.0, 748.0], [801.0, 598.0], [-0.03, 0.01, -4e-3, 5e-4], "fisheye")
+CAMERAS = [DELTALAB_CAMERA, STRONG, replace(STRONG, distortion=np.zeros(5)), RATIONAL]
+LENSES = [*CAMERAS, FISHEYE]
 
 
 def matrix(camera):
@@ -34,7 +37,33 @@ def test_points_are_projected_as_opencv_does(camera):
     np.testing.assert_array_equal(camera.project(points.reshape(5, 100, 3)), camera.project(points).reshape(5, 100, 2))
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
+def test_a_fisheye_projects_as_opencvs():
+    rng = np.random.default_rng(0)
+    points = np.stack([*rng.uniform(-3.0, 3.0, (2, 500)), np.ones(500)], axis=1) * rng.uniform(100.0, 2000.0, (500, 1))
+    points[0] = [0.0, 0.0, 500.0]
+    origin = np.zeros((3, 1))
+    theirs, _ = cv2.fisheye.projectPoints(points[:, None], origin, origin, matrix(FISHEYE), FISHEYE.distortion)
+    np.testing.assert_allclose(FISHEYE.project(points), theirs[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("camera", LENSES)
+def test_each_derivative_of_the_lens_is_that_of_differences(camera):
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-0.5, 0.5, (200, 2)) * rng.uniform(0.0, 1.0, (200, 1))
+    points[0] = 0.0  # the axis, and just about where a fisheye's series ends
+    points[1:3] = [[0.0999, 0.0], [0.1001, 0.0]]
+    jet, step = camera.lens.jet(points, camera.distortion), 1e-5
+    np.testing.assert_allclose(jet.value, camera.distorted(points), atol=1e-14)
+    np.testing.assert_allclose(jet.first, camera.distortion_jacobian(points), atol=1e-13)
+    for axis in range(2):
+        move = step * np.eye(2)[axis]
+        ahead, behind = (camera.lens.jet(points + by, camera.distortion) for by in (move, -move))
+        for order, below in (("second", "first"), ("third", "second")):
+            slope = (getattr(ahead, below) - getattr(behind, below)) / (2.0 * step)
+            np.testing.assert_allclose(getattr(jet, order)[..., axis], slope, atol=3e-7)
+
+
+@pytest.mark.parametrize("camera", LENSES)
 def test_pixels_show_the_directions_that_make_them(camera):
     pixels = image_grid(camera)
     directions = camera.normalised(pixels)
@@ -49,14 +78,14 @@ def test_a_pixel_that_no_direction_makes_is_said_so():
     np.testing.assert_allclose(found[1], 0.0, atol=1e-15)
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("camera", LENSES)
 def test_derivatives_of_the_distortion_are_those_of_differences(camera):
     points = camera.normalised(image_grid(camera))
     step = 1e-6
     for axis in range(2):
         move = step * np.eye(2)[axis]
-        slope = (distorted(points + move, camera.distortion) - distorted(points - move, camera.distortion)) / (2 * step)
-        np.testing.assert_allclose(distortion_jacobian(points, camera.distortion)[..., axis], slope, atol=1e-8)
+        slope = (camera.distorted(points + move) - camera.distorted(points - move)) / (2 * step)
+        np.testing.assert_allclose(camera.distortion_jacobian(points)[..., axis], slope, atol=1e-8)
 
 
 def test_the_nine_numbers_go_and_come_back():

@@ -37,6 +37,18 @@ def test_the_centre_is_that_of_the_conic_through_the_contour() -> None:
         assert np.abs(predicted[k] - wanted).max() < 1e-5
 
 
+@pytest.mark.parametrize(
+    ("model", "distortion"),
+    [("rational", [0.4, 0.2, 2e-3, -1e-3, 0.02, 0.6, 0.25, 0.03]), ("fisheye", [-0.03, 0.01, -4e-3, 5e-4])],
+)
+def test_so_it_is_behind_other_lenses(model: str, distortion: list[float]) -> None:
+    camera = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, np.array(distortion), model)
+    poses = facing_poses(np.random.default_rng(4), 4)
+    for k in range(4):
+        wanted = conic_centers(contours(DELTALAB_TARGET, camera, one(poses, k)))
+        assert np.abs(predicted_centers(DELTALAB_TARGET, camera, one(poses, k)) - wanted).max() < 2e-5
+
+
 def test_without_distortion_it_is_exact() -> None:
     rng = np.random.default_rng(1)
     straight = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, np.zeros(5))

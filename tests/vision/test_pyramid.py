@@ -10,7 +10,7 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.robot import Pose, normalised
 from cpcal.solver.interval import Box, IntervalArray
-from cpcal.vision.camera import DELTALAB_CAMERA, Camera, distortion_jacobian
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.pose_sets.enclosed import exact, half_vector, rotation
 from cpcal.vision.pose_sets.pose_rows import NAMES, Frames, PoseBox, pose_rows
 from cpcal.vision.pose_sets.pyramid import field_of_view, pixel_slopes, pixels_of, pyramids
@@ -47,7 +47,7 @@ def test_pixels_and_slopes_are_enclosed(camera: Camera) -> None:
             assert high - low < 1e-9
     slopes = pixel_slopes(camera, IntervalArray(points - 0.01, points + 0.01))
     for corner in ((0.01, 0.01), (-0.01, 0.0), (0.0, 0.0)):
-        inside = camera.focal[:, None] * distortion_jacobian(points + corner, camera.distortion)
+        inside = camera.focal[:, None] * camera.distortion_jacobian(points + corner)
         assert ((slopes.lo <= inside + 1e-9) & (inside - 1e-9 <= slopes.hi)).all()
 
 
@@ -81,7 +81,7 @@ def test_the_field_is_what_the_image_shows_before_the_lens_turns_back(camera: Ca
         points = radius[:, None] * ray
         pixels = camera.pixels(points)
         shown = ((pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])).all(axis=1)
-        onward = np.linalg.det(distortion_jacobian(points, camera.distortion)) > 0.02
+        onward = np.linalg.det(camera.distortion_jacobian(points)) > 0.02
         count = int(np.logical_and.accumulate(shown & onward).sum())
         for k in (0, count // 2, count - 1):
             assert ((cells.lo <= points[k]) & (points[k] <= cells.hi)).all(axis=1).any()

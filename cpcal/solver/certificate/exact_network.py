@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.checker.problem import SIDES, Given, Problem, Stated
+from cpcal.checker.problem import Problem
 from cpcal.common.errors import ModelError
-from cpcal.solver.certificate.statement import HIGHEST_POWER, LONGEST, NetworkStatement
+from cpcal.solver.certificate.statement import HIGHEST_POWER, LONGEST, Given, NetworkStatement, Stated
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import Constraint as NetworkConstraint
@@ -43,7 +43,9 @@ def network_statement(network: ConstraintNetwork, objective: str | None, about: 
         start[number_] = len(items)
         items += found
     goal = None if objective is None else network.names.index(objective)
-    problem = Problem(network.names, goal, len(items), tuple(range(len(items))), SIDES, items.__getitem__)
+    constraints = [item.constraint() for item in items]
+    chosen = tuple(range(len(items)))
+    problem = Problem(network.names, goal, len(items), chosen, lambda k, images: constraints[k].on(images))
     return NetworkStatement(problem, tuple(items), about, sides, start)
 
 

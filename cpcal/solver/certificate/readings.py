@@ -9,19 +9,16 @@ from fractions import Fraction as F
 from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, signed
 from cpcal.checker.problem import Box, Problem, Unknowns
 from cpcal.checker.rule import Row
-
-
-def free(_: int) -> None:
-    """Work that nobody limits."""
+from cpcal.solver.certificate.statement import free
 
 
 def row_of(problem: Problem, x: Unknowns, side: str, k: int) -> Row:
     """The row with the reference reading that costs least, component by component, on the box of x."""
-    item = problem.item(k)
-    center = "0" * len(item.radii)
-    if side == "length" or not any(item.radii):
+    radii = problem.radii(k)
+    center = "0" * len(radii)
+    if side == "length" or not any(radii):
         return side, k, center
-    q = item.at(x, x.readings(item.radii, center)).row(side, signed(len(x)))
+    q = problem.constraint(k, x.images(radii, center)).row(side, signed(len(x)))
     return side, k, "".join(_best(*span) for span in _slopes(q))
 
 
@@ -48,10 +45,11 @@ def _slopes(q: Polynomial) -> list[tuple[int, int]]:
 
 def stretching(problem: Problem, x: Unknowns, k: int) -> str:
     """The end of the reading set, in signs, at which sqrt(body) is largest compared to its bounds, at a point."""
-    item = problem.item(k)
-    if not any(item.radii):
-        return "0" * len(item.radii)
-    c = item.at(x, x.readings(item.radii, "0" * len(item.radii)))
+    radii = problem.radii(k)
+    center = "0" * len(radii)
+    if not any(radii):
+        return center
+    c = problem.constraint(k, x.images(radii, center))
     assert c.factor is not None
     assert c.at_least is not None
     assert c.at_most is not None

@@ -7,13 +7,38 @@ from dataclasses import dataclass
 from fractions import Fraction as F
 from typing import Any, Protocol
 
-from cpcal.checker.certificate import FORMAT
-from cpcal.checker.problem import Given, Problem, Stated
+from cpcal.checker import FORMAT
+from cpcal.checker.header import polynomial
+from cpcal.checker.polynomial import constant
+from cpcal.checker.problem import Constraint, Problem
 from cpcal.solver.interval import Box
 
 _DIGITS = 64  # of a number, on either side of the point, at most
 LONGEST = 2 * 4 * _DIGITS  # bits
 HIGHEST_POWER = 1100  # of two, in a number of the format
+
+
+Given = tuple[tuple[tuple[int, ...], F], ...]  # a polynomial as a certificate states it: monomials, coefficients
+
+
+@dataclass(frozen=True)
+class Stated:
+    """A constraint that the certificate states itself: `at_least <= body <= at_most`, or of the root of the body."""
+
+    name: str
+    root: bool
+    body: Given
+    at_least: Given | None
+    at_most: Given | None
+
+    def constraint(self) -> Constraint:
+        """As the checker reads it."""
+        low, high = (None if p is None else polynomial(p, free) for p in (self.at_least, self.at_most))
+        return Constraint(polynomial(self.body, free), low, high, constant(F(1), free) if self.root else None)
+
+
+def free(_: int) -> None:
+    """Work that nobody limits."""
 
 
 class Statement(Protocol):

@@ -8,20 +8,23 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction as F
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
+from cpcal.checker import Refused
 from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.rule import Row, Rule, Weights
-from cpcal.solver.certificate.readings import free, row_of
-from cpcal.solver.certificate.statement import Statement, number
+from cpcal.solver.certificate.readings import row_of
+from cpcal.solver.certificate.statement import Statement, free, number
 from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk
 from cpcal.solver.interval import Box
 from cpcal.solver.search import Proof
 
+T = TypeVar("T")
 _BITS = (10, 14, 18, 24, 32, 53)  # of the largest weight: the first that prove nearly as much as was proposed
 _LOSS = 0.02  # of the width that was proposed, given away for shorter numbers
 _NEARLY = 0.9  # of a proved width: a proposed one below that was not proved
@@ -43,21 +46,24 @@ class WeightProver:
             if step.weights is None:
                 continue
             if step.variable is None:
-                excluding = _excluding(table, step.weights)
+                excluding = _within_limits(partial(_excluding, table, step.weights))
                 if excluding is not None:
                     (weights,), rows = table.encoded([excluding])
                     exclude = {"exclude": 0, "cap": cap, "rows": rows, "weights": weights}
                     return Proof(Box.empty(box.names), (*steps, step), exclude, True)
                 continue
             i = box.index(step.variable)
-            found, bound = _bound(table, i, step, _LOSS * _width(proposed.box, i))
+            found = _within_limits(partial(_bound, table, i, step, _LOSS * _width(proposed.box, i)))
+            if found is None:
+                continue
+            proof, bound = found
             if (step.side == "lo" and bound > lo[i]) or (step.side == "hi" and bound < hi[i]):
                 (lo if step.side == "lo" else hi)[i] = bound
-                bounds.append((i, step.side, number(bound), found))
+                bounds.append((i, step.side, number(bound), proof))
                 steps.append(step)
         left, record = box.with_bounds(lo, hi), None
         if bounds:
-            texts, rows = table.encoded([found for *_, found in bounds])
+            texts, rows = table.encoded([proof for *_, proof in bounds])
             entries = [[*entry[:3], text] for entry, text in zip(bounds, texts, strict=True)]
             record = {"pass": 0, "cap": cap, "rows": rows, "bounds": entries}
         return Proof(left, tuple(steps), record, _complete(left, proposed.box))
@@ -115,6 +121,14 @@ class _Table:
 def written(row: Row) -> list[Any]:
     """The JSON of a row; signs that are all 0 are left out."""
     return [*row] if set(row[2]) & {"-", "+"} else [*row[:2]]
+
+
+def _within_limits(tried: Callable[[], T]) -> T | None:
+    """None where the checker would refuse, because a polynomial is too large for it."""
+    try:
+        return tried()
+    except Refused:
+        return None
 
 
 def _excluding(table: _Table, proposed: StepWeights) -> Weights | None:

@@ -2,7 +2,7 @@
 
 from cpcal.solver.existence.equalities import Equalities, Linearization
 from cpcal.solver.existence.inside import Inside
-from cpcal.solver.existence.operators import Operator, chosen, hansen_sengupta, krawczyk, unknowns
+from cpcal.solver.existence.operators import Operator, hansen_sengupta, krawczyk, square_of
 from cpcal.solver.existence.readings import ReadingConstraint, highest, reads, upper_ends
 from cpcal.solver.existence.unique import Unique, UniquenessProver, prove_unique
 
@@ -14,12 +14,11 @@ __all__ = [
     "ReadingConstraint",
     "Unique",
     "UniquenessProver",
-    "chosen",
     "hansen_sengupta",
     "highest",
     "krawczyk",
     "prove_unique",
     "reads",
-    "unknowns",
+    "square_of",
     "upper_ends",
 ]

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from cpcal.common.arrays import Bools, Floats
+from cpcal.solver.existence import square
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
-from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
-from cpcal.solver.network.dag import leaves
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr
+from cpcal.solver.network.engines import in_arithmetic
 from cpcal.solver.network.expression import as_expr
-from cpcal.solver.network.point import Point
+from cpcal.solver.network.rows import Extremes
 
 
 @dataclass(frozen=True)
@@ -39,11 +42,10 @@ class Equalities:
                 roots.append(_difference(constraint, equal))
             if not equal.all():
                 self.rest.add(_others(constraint, equal))
-        self._tape = Tape(network, roots)
-        self._seeds = self._tape.variable_seeds()
-        self._size = len(network.names)
-        self.count = sum(int(np.prod(root.shape)) for root in roots)
-        self.reads = any(leaf.op == "reading" for leaf in leaves(roots))
+        self._rows = Extremes(network, *roots)
+        self.tape = self._rows.tape
+        self.count = self.tape.count
+        self.reads = bool(self.tape.readings)
 
     def linearize(self, engine: Arithmetic, box: Box, center: Floats) -> Linearization | None:
         """On a bounded box, at a point of it; None where F or a derivative is not defined or not bounded.
@@ -51,49 +53,28 @@ class Equalities:
         The Jacobian encloses the derivatives (where they exist) at all points of the box, so that it encloses all
         slopes (F(x) - F(y)) between two of its points.
         """
-        both = IntervalArray(np.stack([box.lo, center]), np.stack([box.hi, center]))
-        with np.errstate(all="ignore"):
-            slots = self._tape.forward(engine, both)
-            if not self._tape.defined(slots):
-                return None
-            value = self._values([slots[self._tape.slot(root)][-1:] for root in self._tape.roots])
-            slots = [slot[:1] for slot in slots]
-            tangents = self._tape.tangents(engine, slots, self._seeds)
-            jacobian = self._stacked([tangents[self._tape.slot(root)] for root in self._tape.roots])
-        bounds = (jacobian.lo, jacobian.hi, value.lo, value.hi)
-        if not all(bool(np.isfinite(bound).all()) for bound in bounds):
+        value, jacobian = np.empty((self.count, 2)), np.empty((self.count, len(center), 2))
+        bounds = np.stack([box.lo, box.hi], axis=1)
+        kernels = in_arithmetic(engine.name, square)
+        if not kernels.linearize(*self.program, bounds, np.array(center, np.float64), value, jacobian):
             return None
-        return Linearization(value, jacobian, center)
+        return Linearization(_array(value), _array(jacobian), center)
+
+    @cached_property
+    def program(self) -> tuple[Any, ...]:
+        """The tape as the functions of `square` take it."""
+        tape, paths, leaves = self.tape, self.tape.reach, self.tape.leaves()
+        both = np.stack([leaves.lo, leaves.hi], axis=1)
+        return (*tape.program, tape.given, tape.root_slots, paths.start, paths.order, both)
 
     def estimate(self, point: Floats) -> tuple[Floats, Floats]:
-        """F (m,) and its Jacobian (m, n) at a point, in floating point without proof."""
-        engine = Point()
-        with np.errstate(all="ignore"):
-            slots = self._tape.forward(engine, IntervalArray.point(point[None]))
-            tangents = self._tape.tangents(engine, slots, self._seeds)
-            jacobian = self._stacked([tangents[self._tape.slot(root)] for root in self._tape.roots])
-            return self._values([slots[self._tape.slot(root)] for root in self._tape.roots]).lo, jacobian.lo
-
-    def _values(self, parts: list[IntervalArray]) -> IntervalArray:
-        flat = [part.reshape((-1,)) for part in parts]
-        return _joined(flat, np.zeros(0))
-
-    def _stacked(self, parts: list[IntervalArray | None]) -> IntervalArray:
-        """Tangents of shape (n, *S) as rows of the Jacobian."""
-        n = self._size
-        rows = []
-        for root, part in zip(self._tape.roots, parts, strict=True):
-            count = int(np.prod(root.shape))
-            if part is None:
-                part = IntervalArray.point(np.zeros((n, count)))
-            flat = part.reshape((n, count))
-            rows.append(IntervalArray(flat.lo.T, flat.hi.T))
-        return _joined(rows, np.zeros((0, n)))
+        """F (m,) and its Jacobian (m, n) at a point, without proof."""
+        rows = self._rows.linearize(point)
+        return rows.values, rows.jacobian
 
 
-def _joined(parts: list[IntervalArray], nothing: Floats) -> IntervalArray:
-    lo = np.concatenate([nothing, *(part.lo for part in parts)])
-    return IntervalArray(lo, np.concatenate([nothing, *(part.hi for part in parts)]))
+def _array(bounds: Floats) -> IntervalArray:
+    return IntervalArray(bounds[..., 0], bounds[..., 1])
 
 
 def _equalities(constraint: Constraint) -> Bools:

@@ -41,7 +41,7 @@ class Inside:
 def _hold(engine: Arithmetic, tape: Tape, box: IntervalArray) -> bool:
     """Whether all roots are defined and at most zero on a box."""
     slots = tape.forward(engine, box)
-    return tape.defined(slots) and all(highest(slots[tape.slot(root)]) <= 0.0 for root in tape.roots)
+    return tape.defined(engine, slots) and highest(tape.values(slots)) <= 0.0
 
 
 def _sides(constraint: Constraint) -> tuple[Expr, Expr]:

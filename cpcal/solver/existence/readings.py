@@ -9,6 +9,7 @@ from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
 from cpcal.solver.network.dag import leaves
 from cpcal.solver.network.rows import Extremes
+from cpcal.solver.network.tape import ReadingSets
 
 
 class ReadingConstraint:
@@ -26,29 +27,27 @@ class ReadingConstraint:
         self._tape = Tape(network, [self._over, self._under, self._order, constraint.body])
         self._extremes = Extremes(network, constraint.body)
         bounds_read = any(_reads_expr(e) for e in (constraint.lower, constraint.upper))
-        self._usable = self._extremes.owners.exclusive and not bounds_read
+        self._usable = self._extremes.exclusive and not bounds_read
 
     def holds_for_all(self, engine: Arithmetic, box: IntervalArray) -> bool:
         slots = self._tape.forward(engine, box)
-        worst = max(highest(slots[self._tape.slot(e)]) for e in (self._over, self._under))
-        return worst <= 0.0 and self._tape.defined(slots)
+        worst = max(highest(self._tape.value(slots, e)) for e in (self._over, self._under))
+        return worst <= 0.0 and self._tape.defined(engine, slots)
 
     def excesses(self, engine: Arithmetic, box: IntervalArray, point: Floats) -> Floats:
         """Element by element a bound of how far some reading is from satisfying it; <= 0: some reading does."""
         slots = self._tape.forward(engine, box)
         size = int(np.prod(self._over.shape))
-        if not self._usable or not self._tape.defined(slots):
+        if not self._usable or not self._tape.continuous(engine, slots):
             return np.full(size, np.inf)
-        smallest, largest = self._extremes.at(point)
-        over = self._tape.forward(engine, box, self._moved(smallest))[self._tape.slot(self._over)]
-        under = self._tape.forward(engine, box, self._moved(largest))[self._tape.slot(self._under)]
-        order = slots[self._tape.slot(self._order)]
+        smallest, largest = (self._moved(ends) for ends in self._extremes.at(point))
+        over = self._tape.value(self._tape.forward(engine, box, smallest), self._over)
+        under = self._tape.value(self._tape.forward(engine, box, largest), self._under)
+        order = self._tape.value(slots, self._order)
         return np.asarray(np.max([upper_ends(x, size) for x in (over, under, order)], axis=0))
 
-    def _moved(self, readings: dict[int, IntervalArray]) -> dict[int, IntervalArray]:
-        """The same readings (not constants: those keep their enclosures) by the slots of this tape."""
-        tape = self._extremes.tape
-        return {self._tape.slot(tape.nodes[k]): _inside(readings[k], tape.nodes[k]) for k in tape.readings}
+    def _moved(self, readings: ReadingSets) -> ReadingSets:
+        return {leaf.digest: _inside(readings[leaf.digest], leaf) for leaf in self._extremes.tape.readings}
 
 
 def _inside(values: IntervalArray, reading: Expr) -> IntervalArray:

@@ -11,7 +11,7 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
 from cpcal.solver.existence.equalities import Equalities
 from cpcal.solver.existence.inside import Inside
-from cpcal.solver.existence.operators import Operator, hansen_sengupta, inside, krawczyk
+from cpcal.solver.existence.operators import Operator, hansen_sengupta, image, inside, krawczyk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 
@@ -80,12 +80,12 @@ class UniquenessProver:
     def _narrowed(self, x: IntervalArray) -> IntervalArray:
         """N(X) again and again, as long as it halves some width; NaN where X holds no zero."""
         for _ in range(_REFINEMENTS):
-            image = self._image(self._operator, x, x.mid)
-            if image is None:
+            moved = self._image(self._operator, x, x.mid)
+            if moved is None:
                 break
-            image = image.intersect(x)
-            halved = bool(((image.hi - image.lo) < 0.5 * (x.hi - x.lo)).any())
-            x = image
+            moved = moved.intersect(x)
+            halved = bool(((moved.hi - moved.lo) < 0.5 * (x.hi - x.lo)).any())
+            x = moved
             if not halved or bool(x.empty.any()):
                 break
         return x
@@ -115,11 +115,11 @@ class UniquenessProver:
         """Epsilon-inflation: a region that grows by its own image until N(region) lies in its interior."""
         region = self._inflated(start)
         for _ in range(tries):
-            image = self._image(self._operator, region, center)
-            if image is None or bool(image.empty.any()):
+            moved = self._image(self._operator, region, center)
+            if moved is None or bool(moved.empty.any()):
                 return None
-            if inside(image, region, self._columns):
-                return self._checked(image, region)
+            if inside(moved, region, self._columns):
+                return self._checked(moved, region)
             larger = self._image(krawczyk, region, center)
             if larger is None:
                 return None
@@ -143,8 +143,7 @@ class UniquenessProver:
         linear = self._equalities.linearize(self._engine, box, center) if box.is_bounded else None
         if linear is None:
             return None
-        with np.errstate(all="ignore"):
-            return operator(self._engine, linear, self._columns, box.array)
+        return image(operator, self._engine, linear, self._columns, box.array)
 
     def _inflated(self, x: IntervalArray) -> IntervalArray:
         """A little larger in every unknown."""

@@ -10,8 +10,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from math import copysign, inf, isinf, isnan, nan, nextafter
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import flint
 import numpy as np
@@ -23,6 +24,7 @@ from cpcal.solver.interval.float64 import Float64
 
 PRECISION = 128  # bits; products of two floats are exact, and so are most sums
 
+T = TypeVar("T")
 Pair: TypeAlias = tuple[float, float]  # the bounds of one interval, or an enclosure of one real number
 
 _EMPTY: Pair = (nan, nan)
@@ -138,6 +140,30 @@ def _apply(operation: Callable[..., Pair], *operands: IntervalArray) -> Interval
     with precision(PRECISION), np.errstate(all="ignore"):
         lo, hi = elementwise(*arrays)
     return IntervalArray(np.asarray(lo, dtype=np.float64), np.asarray(hi, dtype=np.float64))
+
+
+def in_arb(function: Callable[..., T]) -> Callable[..., T]:
+    """A function that calls the primitives below, at our precision."""
+
+    @wraps(function)
+    def with_precision(*args: object) -> T:
+        with precision(PRECISION), np.errstate(all="ignore"):
+            return function(*args)
+
+    return with_precision
+
+
+def _primitive(operation: Callable[..., Pair], operands: int) -> Callable[..., Pair]:
+    """An operation of arb as one of `kernels`: bounds one after the other, then perhaps an integer."""
+
+    def one(*given: float) -> Pair:
+        bounds = [float(bound) for bound in given[: 2 * operands]]
+        if any(map(isnan, bounds)):
+            return _EMPTY
+        pairs = [(bounds[i], bounds[i + 1]) for i in range(0, len(bounds), 2)]
+        return operation(*pairs, *(int(n) for n in given[2 * operands :]))
+
+    return one
 
 
 def _pairs(x: IntervalArray) -> list[list[Pair]]:
@@ -266,3 +292,17 @@ def _dot(row: list[Pair], column: list[Pair]) -> Pair:
         products = [arb(a) * arb(b) for a in x for b in y]  # exact at 128 bits, so `min` compares numbers
         low, high = low + min(products), high + max(products)
     return float_below(low), float_above(high)
+
+
+# In the place of the functions of `kernels` that round.
+PRIMITIVES: dict[str, Callable[..., Pair]] = {
+    "add": _primitive(_add, 2),
+    "sub": _primitive(lambda x, y: _add(x, (-y[1], -y[0])), 2),
+    "mul": _primitive(_mul, 2),
+    "div": _primitive(_div, 2),
+    "sqr": _primitive(lambda x: _power(x, 2), 1),
+    "sqrt": _primitive(lambda x: _root(x, 2), 1),
+    "power": _primitive(_power, 1),
+    "root": _primitive(_root, 1),
+    "factor": _primitive(_factor, 3),
+}

@@ -4,7 +4,7 @@ from cpcal.solver.network.expression import Constraint, Expr, maximum, minimum, 
 from cpcal.solver.network.forms import CentredForm, evaluate
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.rewrite import PolynomialSystem, one_sided_rows, polynomial_form
-from cpcal.solver.network.sweep import Tape
+from cpcal.solver.network.tape import Tape
 
 __all__ = [
     "CentredForm",

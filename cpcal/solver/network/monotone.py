@@ -12,7 +12,7 @@ import numpy as np
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.rewrite import ReadingSets, one_sided_rows
-from cpcal.solver.network.sweep import Tape
+from cpcal.solver.network.tape import Tape
 
 
 class DecisiveReadings:
@@ -20,53 +20,35 @@ class DecisiveReadings:
 
     def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
         self._engine = engine
-        rows = one_sided_rows(network)
-        self._tape = Tape(network, [row.expr for row in rows])
-        shapes = {root.shape for root in self._tape.roots}
-        # one direction per component of a reading, for all measurements at once: rows only see their own
-        self._symbols = [
-            (k, j)
-            for k in self._tape.readings
-            for j in range(int(np.prod(self._tape.nodes[k].shape[1:])))
-            if self._tape.nodes[k].shape and self._tape.nodes[k].shape[:1] in shapes
-        ]
-        self._seeds = self._all_seeds()
+        self._tape = Tape(network, [row.expr for row in one_sided_rows(network)])
+        self._data = {leaf.digest: leaf.data for leaf in self._tape.readings if isinstance(leaf.data, IntervalArray)}
 
     @property
     def any(self) -> bool:
-        return bool(self._symbols)
-
-    def _all_seeds(self) -> dict[int, IntervalArray]:
-        seeds: dict[int, IntervalArray] = {}
-        for d, (k, j) in enumerate(self._symbols):
-            shape = self._tape.nodes[k].shape
-            seed = seeds[k].lo if k in seeds else np.zeros((len(self._symbols), *shape))
-            seed.reshape((len(self._symbols), shape[0], -1))[d, :, j] = 1.0
-            seeds[k] = IntervalArray.point(seed)
-        return seeds
+        return bool(self._tape.readings)
 
     def on(self, box: Box) -> list[ReadingSets]:
         """One collection of reading sets per row; components that decide at an end are single points."""
-        with np.errstate(all="ignore"):
-            slots = self._tape.forward(self._engine, IntervalArray(box.lo[None], box.hi[None]))
-            if not self._tape.defined(slots):  # monotone on either side of a pole is not monotone
-                return [{} for _ in self._tape.roots]
-            tangents = self._tape.tangents(self._engine, slots, self._seeds)
-        return [self._sets(root.shape, tangents[self._tape.slot(root)]) for root in self._tape.roots]
+        tape = self._tape
+        slots = tape.forward(self._engine, IntervalArray(box.lo[None], box.hi[None]))
+        if not tape.continuous(self._engine, slots):  # monotone on either side of a pole is not monotone
+            return [{} for _ in tape.roots]
+        g = tape.gradients(self._engine, tape.derivatives(self._engine, slots[0]))
+        return [self._sets(tape.rows(root), g) for root in tape.roots]
 
-    def _sets(self, shape: tuple[int, ...], tangent: IntervalArray | None) -> ReadingSets:
+    def _sets(self, rows: slice, g: IntervalArray) -> ReadingSets:
+        """Of the readings that enter some of these rows: a component that enters two of them stays as it is."""
+        paths, tape = self._tape.reach, self._tape
+        mine = (paths.leaf >= tape.given) & (paths.row >= rows.start) & (paths.row < rows.stop)
+        leaf, entry = paths.leaf[mine], paths.entry[mine]
+        alone = np.bincount(leaf, minlength=tape.first) == 1
+        grows, falls = np.zeros(tape.first, dtype=bool), np.zeros(tape.first, dtype=bool)
+        grows[leaf], falls[leaf] = g.lo[entry] >= 0.0, g.hi[entry] <= 0.0
         sets: ReadingSets = {}
-        if tangent is None or len(shape) != 1:
-            return sets
-        for d, (k, j) in enumerate(self._symbols):
-            node = self._tape.nodes[k]
-            assert isinstance(node.data, IntervalArray)
-            if node.shape[0] != shape[0]:
-                continue
-            known = sets.get(node.digest, IntervalArray(node.data.lo.copy(), node.data.hi.copy()))
-            lo, hi = (bound.reshape((shape[0], -1))[:, j] for bound in (known.lo, known.hi))
-            grows, falls = tangent.lo[d] >= 0.0, tangent.hi[d] <= 0.0
-            hi[grows] = lo[grows]
-            lo[falls & ~grows] = hi[falls & ~grows]
-            sets[node.digest] = known
+        for digest, where in tape.reading_slots.items():
+            if alone[where].any():
+                data = self._data[digest]
+                up, down = (grows & alone)[where], (falls & ~grows & alone)[where]
+                lo, hi = np.where(down, data.hi, data.lo), np.where(up, data.lo, data.hi)
+                sets[digest] = IntervalArray(lo, hi)
         return sets

@@ -13,9 +13,9 @@ import numpy as np
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.dag import topological
+from cpcal.solver.network.engines import elementwise
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.operations import TABLE
 
 Monomial = tuple[int, ...]
 
@@ -145,12 +145,17 @@ class Expander:
             return self._product(node, args[0], divisor)
         if all(arg.is_constant for arg in args):
             values = tuple(coef.total(e, arg.constant) for arg in args)
-            return {(): TABLE[node.op].forward(e, node, values)}
+            return {(): elementwise(e, node, values)}
         raise NotPolynomial(f"{node.op!r} of an expression with variables")
 
     def _structural(self, node: Expr, arg: PolynomialArray, c: IntervalArray) -> IntervalArray:
         full = c.broadcast_to((c.shape[0], *arg.shape))
-        return TABLE[node.op].forward(self._engine, node, (full,))
+        if node.op == "neg":
+            return self._engine.neg(full)
+        if node.op == "sum":
+            return self._engine.sum(full, node.parameter + 1)
+        assert isinstance(node.data, np.ndarray)
+        return full.reshape((full.shape[0], -1))[:, node.data]
 
     def _sum(
         self, node: Expr, left: dict[Monomial, IntervalArray], right: dict[Monomial, IntervalArray]

@@ -1,23 +1,22 @@
-"""The constraints as rows `r(x, m) <= 0`, evaluated in floating point at a point, with derivatives."""
+"""The constraints as rows `r(x, m) <= 0`, evaluated at a point, with derivatives. Nothing here is a proof."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
-from cpcal.solver.interval import Box, IntervalArray
-from cpcal.solver.network.dependence import owners
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.network.dag import leaves
+from cpcal.solver.network.dependence import exclusive
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.point import Point
-from cpcal.solver.network.rewrite import one_sided_rows
-from cpcal.solver.network.sweep import Slots, Tape
+from cpcal.solver.network.rewrite import Row, one_sided_rows
+from cpcal.solver.network.tape import ReadingSets, Tape
 
-Readings = dict[int, IntervalArray]
+_ENGINE = get_arithmetic("float64")  # at a point its bounds are as good as equal; NaN where nothing is defined
 
 
 @dataclass(frozen=True)
@@ -29,71 +28,83 @@ class RowValues:
 
 
 class Extremes:
-    """The ends of the reading sets at which an expression is smallest or largest, to first order."""
+    """The ends of the reading sets at which each element of some roots is smallest or largest, to first order."""
 
-    def __init__(self, network: ConstraintNetwork, root: Expr) -> None:
-        self.root = root
-        self.tape = Tape(network, [root])
-        self._engine = Point()
-        leaves = [k for k, node in enumerate(self.tape.nodes) if node.op in ("constant", "reading")]
-        self._sets = {k: _data(self.tape.nodes[k]) for k in leaves}
-        self.owners = owners(self.tape, root)
-        self.centers: Readings = {k: IntervalArray.point(values.mid) for k, values in self._sets.items()}
+    def __init__(self, network: ConstraintNetwork, *roots: Expr) -> None:
+        self.tape = Tape(network, roots)
+        self.exclusive = exclusive(self.tape)
+        self._sets = {leaf.digest: leaf.data for leaf in self.tape.readings if isinstance(leaf.data, IntervalArray)}
+        self.centers = {digest: IntervalArray.point(values.mid) for digest, values in self._sets.items()}
 
-    def at(self, point: Floats) -> tuple[Readings, Readings]:
-        """Values for every constant and reading that make the root smallest, and largest, at a point (n,)."""
-        slots = self.tape.forward(self._engine, IntervalArray.point(point[None]), self.centers)
+    def at(self, point: Floats) -> tuple[ReadingSets, ReadingSets]:
+        """Values for every reading that make the elements smallest, and largest, at a point (n,).
+
+        For a reading that several elements share, their sum.
+        """
+        slots = self.tape.forward(_ENGINE, IntervalArray.point(point[None]), self.centers)
+        g = _middle(self.tape.gradients(_ENGINE, self.tape.derivatives(_ENGINE, slots[0])))
+        total, paths = np.zeros(self.tape.first), self.tape.reach
+        np.add.at(total, paths.leaf, g[paths.entry])
         smallest, largest = dict(self.centers), dict(self.centers)
-        for k in self.tape.readings:
-            slope, data = self._slope(slots, k), self._sets[k]
-            smallest[k] = IntervalArray.point(np.where(slope > 0.0, data.lo, data.hi))
-            largest[k] = IntervalArray.point(np.where(slope > 0.0, data.hi, data.lo))
+        for digest, data in self._sets.items():
+            slope = total[self.tape.reading_slots[digest]]
+            smallest[digest] = IntervalArray.point(np.where(slope > 0.0, data.lo, data.hi))
+            largest[digest] = IntervalArray.point(np.where(slope > 0.0, data.hi, data.lo))
         return smallest, largest
 
-    def _slope(self, slots: Slots, k: int) -> Floats:
-        """Derivative, with respect to each component of reading k, of the element that it enters.
+    def values(self, point: Floats, readings: ReadingSets) -> Floats:
+        """All elements (K,) at a point (n,) and values of the readings."""
+        slots = self.tape.forward(_ENGINE, IntervalArray.point(point[None]), readings)
+        return _middle(self.tape.values(slots)[0])
 
-        One direction per column of the reading, for all measurements at once; for a single element one per component.
-        """
-        shape = self.tape.nodes[k].shape
-        size = int(np.prod(shape))
-        width = size if int(np.prod(self.root.shape)) == 1 else int(np.prod(shape[1:]))
-        column, component = np.arange(size) % max(width, 1), np.arange(size)
-        seed = np.zeros((width, size))
-        seed[column, component] = 1.0
-        seeds = {k: IntervalArray.point(seed.reshape((width, *shape)))}
-        tangent = self.tape.tangents(self._engine, slots, seeds)[self.tape.slot(self.root)]
-        if tangent is None:
-            return np.zeros(shape)
-        element = self.owners.element[k]
-        columns = tangent.lo.reshape((width, -1))
-        if not shape:  # a reading that all elements share
-            return np.asarray(columns.sum())
-        return np.asarray(np.where(element >= 0, columns[column, element], 0.0).reshape(shape))
+    def linearize(self, point: Floats) -> RowValues:
+        """Values and derivatives at a point (n,), each element at the readings that make it smallest."""
+        tape = self.tape
+        readings = self.at(point)[0] if tape.readings else self.centers
+        slots = tape.forward(_ENGINE, IntervalArray.point(point[None]), readings)
+        jacobian = _middle(tape.jacobian(_ENGINE, tape.derivatives(_ENGINE, slots[0])))
+        # a derivative that is not defined, as that of a norm at zero, counts as zero
+        return RowValues(_middle(tape.values(slots)[0]), np.where(np.isfinite(jacobian), jacobian, 0.0))
 
 
-def _data(node: Expr) -> IntervalArray:
-    assert isinstance(node.data, IntervalArray)
-    return node.data
+def _middle(x: IntervalArray) -> Floats:
+    with np.errstate(all="ignore"):
+        return np.asarray(0.5 * x.lo + 0.5 * x.hi)
+
+
+@dataclass(frozen=True)
+class _Block:
+    """One one-sided row of `size` elements, `width` of them for each along the leading axis."""
+
+    constraint: int
+    size: int
+    width: int
+
+    @classmethod
+    def of(cls, row: Row) -> _Block:
+        return cls(row.constraint, int(np.prod(row.expr.shape)), max(int(np.prod(row.expr.shape[1:])), 1))
 
 
 class Rows:
     """All one-sided rows of a network, in the order of its constraints."""
 
     def __init__(self, network: ConstraintNetwork) -> None:
-        self._engine = Point()
         rows = one_sided_rows(network)
+        self._constraints = len(network.constraints)
+        # one reading may be at one end for one row and at the other end for the next
+        reading = any(leaf.op == "reading" for row in rows for leaf in leaves((row.expr,)))
+        groups = [[row] for row in rows] if reading else [rows]
+        self._parts = [Extremes(network, *(row.expr for row in group)) for group in groups if group]
+        self._blocks = [_Block.of(row) for row in rows]
         self._size = len(network.names)
-        self._constraint = [row.constraint for row in rows]
-        self._parts = [Extremes(network, row.expr) for row in rows]
 
     def linearize(self, point: Floats) -> RowValues:
         """Values and derivatives at a point (n,)."""
-        with np.errstate(all="ignore"):
-            parts = [self._part(part, point) for part in self._parts]
-        values: Sequence[Floats] = [np.zeros(0), *(v for v, _ in parts)]
-        jacobians: Sequence[Floats] = [np.zeros((0, self._size)), *(j for _, j in parts)]
-        return RowValues(np.concatenate(values), np.concatenate(jacobians))
+        parts = [part.linearize(point) for part in self._parts]
+        return RowValues(
+            np.concatenate([np.zeros(0), *(part.values for part in parts)]),
+            np.concatenate([np.zeros((0, self._size)), *(part.jacobian for part in parts)]),
+        )
 
     def likely(self, box: Box, most: int) -> list[npt.NDArray[np.intp]]:
         """For each constraint the elements (along its leading axis) that are likely to exclude points of a box.
@@ -101,14 +112,16 @@ class Rows:
         At most `most` for each side: those that the midpoint violates most, without those that to first order no
         point of the box violates.
         """
-        chosen: list[set[int]] = [set() for _ in range(1 + max(self._constraint, default=-1))]
+        chosen: list[set[int]] = [set() for _ in range(self._constraints)]
+        rows = self.linearize(box.mid)
         with np.errstate(all="ignore"):
-            for number, part in zip(self._constraint, self._parts, strict=True):
-                values, jacobian = self._part(part, box.mid)
-                possible = np.flatnonzero(values + np.abs(jacobian) @ box.rad > 0.0)
-                worst = possible[np.argsort(-values[possible], kind="stable")[:most]]
-                width = max(int(np.prod(part.root.shape[1:])), 1)
-                chosen[number].update((worst // width).tolist())
+            possible = rows.values + np.abs(rows.jacobian) @ box.rad > 0.0
+        start = 0
+        for block in self._blocks:
+            some = np.flatnonzero(possible[start : start + block.size])
+            worst = some[np.argsort(-rows.values[start + some], kind="stable")[:most]]
+            chosen[block.constraint].update((worst // block.width).tolist())
+            start += block.size
         return [np.array(sorted(elements), dtype=np.intp) for elements in chosen]
 
     def second_order(self, point: Floats) -> float:
@@ -117,24 +130,10 @@ class Rows:
         This is what a relaxation that is exact to first order in the readings may lose.
         """
         worst = 0.0
-        with np.errstate(all="ignore"):
-            for part in (part for part in self._parts if part.tape.readings):
-                k = part.tape.slot(part.root)
-                low, high = part.at(point)
-                smallest, center, largest = (
-                    part.tape.forward(self._engine, IntervalArray.point(point[None]), readings)[k].lo
-                    for readings in (low, part.centers, high)
-                )
+        for part in (part for part in self._parts if part.tape.readings):
+            low, high = part.at(point)
+            smallest, center, largest = (part.values(point, readings) for readings in (low, part.centers, high))
+            with np.errstate(all="ignore"):
                 bend = 0.5 * np.abs(smallest + largest - 2.0 * center)
-                worst = max(worst, float(np.max(bend, where=np.isfinite(bend), initial=0.0)))
+            worst = max(worst, float(np.max(bend, where=np.isfinite(bend), initial=0.0)))
         return worst
-
-    def _part(self, part: Extremes, point: Floats) -> tuple[Floats, Floats]:
-        tape = part.tape
-        readings = part.at(point)[0] if tape.readings else part.centers
-        slots = tape.forward(self._engine, IntervalArray.point(point[None]), readings)
-        k, count = tape.slot(part.root), int(np.prod(part.root.shape))
-        tangent = tape.tangents(self._engine, slots, tape.variable_seeds())[k]
-        jacobian = np.zeros((count, self._size)) if tangent is None else tangent.lo.reshape((self._size, count)).T
-        # a derivative that is not defined, as that of a norm at zero, counts as zero
-        return slots[k].lo.reshape(count), np.where(np.isfinite(jacobian), jacobian, 0.0)

@@ -54,9 +54,9 @@ def _holds(
     tape = Tape(network, [constraint.body - constraint.upper, constraint.lower - constraint.body])
     slots = tape.forward(engine, box)
     size = int(np.prod(constraint.body.shape))
-    for_all = np.full(size, tape.defined(slots))
+    for_all = np.full(size, tape.defined(engine, slots))
     for root in tape.roots:
-        for_all &= upper_ends(slots[tape.slot(root)], size) <= 0.0
+        for_all &= upper_ends(tape.value(slots, root), size) <= 0.0
     if not reads(constraint):
         return for_all, np.ones(size, dtype=bool)
     return for_all | (ReadingConstraint(network, constraint).excesses(engine, box, x) <= 0.0), for_all
@@ -73,9 +73,7 @@ def _over_readings(
     network: ConstraintNetwork, row: Row, decisive: ReadingSets, engine: Arithmetic, x: Floats
 ) -> Floats:
     tape = Tape(network, [row.expr])
-    smaller = {k: decisive[tape.nodes[k].digest] for k in tape.readings if tape.nodes[k].digest in decisive}
-    slots = tape.forward(engine, IntervalArray.point(x[None]), smaller)
-    values = slots[tape.slot(row.expr)]
+    values = tape.values(tape.forward(engine, IntervalArray.point(x[None]), decisive))
     lowest = np.where(values.empty, -np.inf, values.lo)
     return np.broadcast_to(lowest.ravel(), (int(np.prod(row.expr.shape)),))
 

@@ -63,9 +63,9 @@ class WitnessProver:
         worst = [-np.inf]
         with np.errstate(all="ignore"):
             slots = self._tape.forward(self._engine, box)
-            if not self._tape.defined(slots):
+            if not self._tape.defined(self._engine, slots):
                 return np.inf
-            worst += [highest(slots[self._tape.slot(root)]) for root in self._tape.roots]
+            worst.append(highest(self._tape.values(slots)))
             open_constraints = 0
             for constraint in self._reading:
                 if constraint.holds_for_all(self._engine, box):

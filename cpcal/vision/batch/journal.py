@@ -132,5 +132,5 @@ def _digest(target: Target, camera: Camera, covariance: npt.NDArray[np.float64] 
         *([] if covariance is None else [covariance]),
     ]
     plate = (target.radius, target.lines, target.bright, target.scale_sigma, target.dot_sigma)
-    told = (*plate, camera.width, camera.height, *(a.tolist() for a in arrays))
+    told = (*plate, camera.model, camera.width, camera.height, *(a.tolist() for a in arrays))
     return hashlib.sha256(repr(told).encode()).hexdigest()

@@ -6,21 +6,27 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
 from cpcal.common.arrays import Floats
 from cpcal.common.atomic import write_file
-from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.values import Value, frozen_array, frozen_mapping
 from cpcal.files.campaign_writer import matrix, provenance_lines, quoted, vector
-from cpcal.vision.camera import CAMERA_NUMBERS, Camera
+from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, Camera
 from cpcal.vision.files.plausible_camera import implausible
 from cpcal.vision.files.sections import TomlReader, opened
+from cpcal.vision.lens_models import LENSES
+from cpcal.vision.opencv import MissingExtraError
 
 CAMERA_FORMAT = "cpcal-camera/1"
+YAML_SUFFIXES = (".yaml", ".yml")
 
 _KEYS = ("width", "height", "focal", "center", "distortion")
+_OPTIONAL = ("model",)
+_ONLY_BROWN = f"leave it out, or give a camera of the model {BROWN}"
 _PIXELS_MAX = 1_000_000  # of a side
 _NEGATIVE = 1e-9  # the least eigenvalue of a correlation matrix that rounding can make
 
@@ -46,6 +52,9 @@ class CameraRecord(Value):
         if self.covariance is not None:
             object.__setattr__(self, "covariance", frozen_array(self.covariance))
             problems += [Problem("camera covariance", *wrong) for wrong in covariance_problems(self.covariance)]
+            if self.camera.model != BROWN:
+                what = f"goes with a lens of the model {self.camera.model}"
+                problems.append(Problem("camera covariance", what, _ONLY_BROWN))
         if self.rms is not None and not 0.0 <= self.rms < np.inf:
             problems.append(Problem("camera rms", f"is {self.rms}", "give pixels, from 0"))
         if problems:
@@ -69,13 +78,27 @@ def covariance_problems(matrix: Floats) -> list[tuple[str, str]]:
 
 
 def load_camera(path: str | os.PathLike[str]) -> CameraRecord:
-    """The camera in the file `path`. Raises one InputError that lists every problem of the file."""
+    """The camera in a camera.toml, or in a YAML file of OpenCV or ROS.
+
+    Raises one InputError that lists every problem, and MissingExtraError for YAML without PyYAML.
+    """
+    if Path(path).suffix.lower() in YAML_SUFFIXES:
+        return CameraRecord(camera_yaml().camera_from_yaml(Path(path)))
     problems = Problems()
     reader = opened(path, CAMERA_FORMAT, ("camera", "calibration"), problems)
     record = None if reader is None else _record(reader)
     problems.raise_any()
     assert record is not None  # what keeps it from being read is a problem, and was raised
     return record
+
+
+def camera_yaml() -> ModuleType:
+    """The module that reads and writes YAML. Raises MissingExtraError that says how to install what it needs."""
+    try:
+        from cpcal.vision.files import camera_yaml as module
+    except ImportError as error:
+        raise MissingExtraError(f"cameras in YAML need PyYAML: pip install 'cpcal[vision]' ({error})") from error
+    return module
 
 
 def save_camera(record: CameraRecord | Camera, path: str | os.PathLike[str]) -> None:
@@ -91,6 +114,8 @@ def camera_bytes(record: CameraRecord | Camera) -> bytes:
     lines = [f"format = {quoted(CAMERA_FORMAT)}", "", "[camera]"]
     lines += [f"width = {int(camera.width)}", f"height = {int(camera.height)}"]
     lines += [f"{name} = {vector(getattr(camera, name))}" for name in ("focal", "center", "distortion")]
+    if camera.model != BROWN:
+        lines.append(f"model = {quoted(camera.model)}")
     if record.rms is not None or record.covariance is not None:
         lines += ["", "[calibration]"]
     if record.rms is not None:
@@ -103,20 +128,28 @@ def camera_bytes(record: CameraRecord | Camera) -> bytes:
 def _record(reader: TomlReader) -> CameraRecord | None:
     provenance = reader.provenance()
     covariance, rms = _calibration(reader)
-    table = reader.required("camera", _KEYS)
+    table = reader.required("camera", _KEYS, _OPTIONAL)
     if table is None:
         return None
     sides = [reader.whole(("camera", key), table, 1, _PIXELS_MAX) for key in ("width", "height")]
     focal = reader.numbers(("camera", "focal"), table, 2, "fx and fy in pixels", signed=False)
     center = reader.numbers(("camera", "center"), table, 2, "cx and cy in pixels", signed=True)
-    distortion = reader.numbers(("camera", "distortion"), table, 5, "k1, k2, p1, p2 and k3", signed=True)
+    model = reader.text(("camera", "model"), {"model": BROWN, **table})
+    if model not in LENSES:
+        reader.wrong(("camera", "model"), f"model is {shown(model)}", f"give one of {', '.join(LENSES)}")
+        return None
+    names = LENSES[model].names
+    distortion = reader.numbers(("camera", "distortion"), table, len(names), ", ".join(names), signed=True)
     if 0.0 in focal:
         reader.wrong(("camera", "focal"), "focal holds 0", "give positive numbers of pixels")
     if reader.problems.listed:
         return None
-    camera = Camera(sides[0], sides[1], np.array(focal), np.array(center), np.array(distortion))
+    camera = Camera(sides[0], sides[1], np.array(focal), np.array(center), np.array(distortion), model)
     for key, what, remedy in implausible(camera):
         reader.wrong(("camera", key), what, remedy)
+    if covariance is not None and model != BROWN:
+        what = f"covariance goes with a lens of the model {model}"
+        reader.wrong(("calibration", "covariance"), what, _ONLY_BROWN)
     return None if reader.problems.listed else CameraRecord(camera, covariance, rms, provenance)
 
 

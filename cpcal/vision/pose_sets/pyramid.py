@@ -25,7 +25,7 @@ import numpy.typing as npt
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.solver.interval import IntervalArray
-from cpcal.vision.camera import Camera, distortion_jacobian
+from cpcal.vision.camera import BROWN, Camera
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner, stacked
 
 _MARGIN = 0.1  # of the field beyond the image's border, as a share of the distance from the axis
@@ -74,7 +74,7 @@ def _rim(camera: Camera) -> tuple[Floats, Floats]:
     angle = np.linspace(-np.pi, np.pi, _RAYS)
     radius = np.linspace(0.0, _WIDEST, _STEPS)
     rays = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    onward = np.linalg.det(distortion_jacobian(rays, camera.distortion)) > _TURNS
+    onward = np.linalg.det(camera.distortion_jacobian(rays)) > _TURNS
     pixels = camera.pixels(rays)
     shown = ((pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])).all(axis=2)
     last = np.logical_and.accumulate(onward & shown, axis=0).sum(axis=0)
@@ -84,13 +84,16 @@ def _rim(camera: Camera) -> tuple[Floats, Floats]:
 def pyramids(camera: Camera, lo: Floats, hi: Floats) -> Pyramids:
     """The pyramids of pixel boxes lo, hi (m, 2).
 
-    Raises InputError for a box that nothing in the field of view is shown in.
+    Raises InputError for a box that nothing in the field of view is shown in, and for a lens that is not enclosed yet.
     """
+    if camera.model != BROWN:
+        what = f"has a lens of the model {camera.model}"
+        raise InputError([Problem("camera", what, f"pose sets are proved for the model {BROWN}: calibrate with it")])
     pixels = IntervalArray(lo, hi)
     directions = _narrowed(camera, pixels, _cells(camera, pixels))
     center = directions.mid
     slope = pixel_slopes(camera, directions)
-    near = camera.focal[:, None] * distortion_jacobian(center, camera.distortion)
+    near = camera.focal[:, None] * camera.distortion_jacobian(center)
     e = ENGINE
     rest = inner(e.sub(slope, exact(near)), e.sub(directions, exact(center))[:, None, :])
     at = inner(exact(near), exact(center)[:, None, :])

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from cpcal.checker import Accepted, Refused, check
+from cpcal.checker import Accepted, ExactCampaign, Refused, check
 from cpcal.files.campaign_json import NAME
 
 TOTAL = int(os.environ.get("CPCAL_MUTATIONS", "2000"))
@@ -195,6 +195,8 @@ class Truth:
     def __init__(self, proof: Any) -> None:
         self.proof = proof
         rng = random.Random(0)
+        if proof.folder is not None:
+            self.campaign = ExactCampaign(proof.folder / NAME)
         self.solutions = [[F(v) for v in proof.point]]
         for size in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3):
             x = [v + rng.uniform(-size, size) for v in proof.point[:-1]]
@@ -209,10 +211,10 @@ class Truth:
         problem = self.proof.problem
         if self.proof.folder is None:
             return all(obeys(c, x) for c in self.proof.lines[1 : self.proof.head])
-        return all(solves(problem.item(k).measurement, x) for k in range(problem.count))
+        return all(solves(self.campaign.measurement(k, 1), x) for k in range(problem.count))
 
     def holds(self, lines: Any, found: Accepted, k: int, x: Vector) -> bool:
-        return obeys(lines[1 + k], x) if found.leg is None else solves(self.proof.problem.item(k).measurement, x)
+        return obeys(lines[1 + k], x) if found.leg is None else solves(self.campaign.measurement(k, 1), x)
 
     def false(self, lines: Any, found: Accepted) -> str | None:
         """What is false of an accepted certificate."""
@@ -220,7 +222,7 @@ class Truth:
         if found.leg is not None and (found.leg, found.model) != tuple(proof.lines[0][k] for k in ("leg", "model")):
             silent = claims.eps_hi is None and claims.eps_lo in (None, 0) and not claims.infeasible
             return None if silent else "another leg, or another model"
-        exact_readings = found.leg is None or not any(proof.problem.item(0).radii)
+        exact_readings = found.leg is None or not any(proof.problem.radii(0))
         if claims.point is not None:
             for k in claims.point.holds:
                 if exact_readings and not self.holds(lines, found, k, claims.point.at):

@@ -296,9 +296,9 @@ def test_too_much_work(tmp_path: Path, network_proof: Any) -> None:
 def test_too_many_terms(verdict: Any, network_proof: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     lines = network_proof.lines
     terms = [sum(len(c[p] or []) for p in ("body", "at_least", "at_most")) for c in lines[1 : network_proof.head]]
-    monkeypatch.setattr("cpcal.checker.certificate._MOST_TERMS", sum(terms))
+    monkeypatch.setattr("cpcal.checker.header._MOST_TERMS", sum(terms))
     verdict(lines, None)
-    monkeypatch.setattr("cpcal.checker.certificate._MOST_TERMS", sum(terms) - 1)
+    monkeypatch.setattr("cpcal.checker.header._MOST_TERMS", sum(terms) - 1)
     with pytest.raises(Refused, match="terms") as caught:
         verdict(lines, None)
     assert caught.value.line == network_proof.head

@@ -19,9 +19,16 @@ from cpcal.checker import ExactCampaign, check
 from cpcal.checker.leg import Measurement
 from cpcal.files.campaign_json import NAME, save_campaign_json
 from cpcal.legs import leg_statement
+from cpcal.legs.leg_statement import exact_measurement
 from cpcal.results import save_result
 
 SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}
+
+
+def measured(made: Any) -> list[Measurement]:
+    """Of leg 1."""
+    campaign = ExactCampaign(made.path.parent / NAME)
+    return [campaign.measurement(k, 1) for k in range(len(campaign))]
 
 
 def test_handmade_certificates_are_accepted(verdict: Any, any_proof: Any) -> None:
@@ -195,9 +202,8 @@ def gap(m: Measurement, x: list[F], reading: list[F]) -> tuple[F, F]:
 def test_no_point_violates_what_was_accepted(certified: Any, factor: float) -> None:
     """Random points of the box, random readings of the sets: none is a solution that the claims deny."""
     made, rng = certified(factor=factor, **SMALL), random.Random(1)
-    found, rows = check(made.path), ExactCampaign(made.path.parent / NAME).of(1)
+    found, measurements = check(made.path), measured(made)
     claims, best = found.claims, [F(v) for v in made.leg.point]
-    measurements = [rows[k] for k in range(len(rows))]
     assert found.chosen == tuple(range(16))
 
     def drawn(radius: F) -> F:
@@ -231,7 +237,7 @@ def test_no_point_violates_what_was_accepted(certified: Any, factor: float) -> N
 
 def test_the_known_best_point_is_a_solution_by_the_same_words(certified: Any) -> None:
     made = certified(factor=0.0, **SMALL)
-    rows, best = ExactCampaign(made.path.parent / NAME).of(1), [F(v) for v in made.leg.point]
+    rows, best = measured(made), [F(v) for v in made.leg.point]
     for scale, good in ((1, True), (F(99, 100), False)):
         eps = F(made.leg.eps_hi) * scale
         pairs = [gap(rows[k], best, [F(0)] * 7) for k in range(16)]
@@ -264,8 +270,7 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
         assert statement.sha256 == files.sha256
         assert statement.problem.count == len(files) == 7
         for k in range(7):
-            item: Any = statement.problem.item(k)
-            ours = item.measurement
+            ours = exact_measurement(loaded, leg, k)
             assert ours == files.measurement(k, leg)
             assert any(ours.radii[:3]) == (factor > 0 or overrides) or overrides
     if overrides:

@@ -1,4 +1,4 @@
-"""Evaluation of an expression over a box: every form contains every value, and reverse mode equals forward mode."""
+"""Evaluation of an expression over a box: every form contains every value, and derivatives equal differences."""
 
 from __future__ import annotations
 
@@ -27,11 +27,9 @@ from cpcal.solver.network import (
     sqrt,
 )
 from cpcal.solver.network.forms import FormName
-from cpcal.solver.network.operations import TABLE
-from cpcal.solver.network.point import Point
-from cpcal.solver.network.reverse import Reverse
-from cpcal.solver.network.slopes import Pair, slope
+from cpcal.solver.network.rows import Extremes
 
+ENGINE = get_arithmetic("float64")
 SEEDS = st.integers(0, 2**32 - 1)
 FORMS: list[FormName] = ["natural", "centred", "slope", "tightest"]
 
@@ -107,47 +105,30 @@ def test_every_form_contains_the_values_at_points_of_the_box_and_of_the_sets(nam
     assert found["tightest"].subset(found["slope"]).all()
 
 
-@pytest.mark.parametrize("wanted", ["variables", "readings"])
 @pytest.mark.parametrize("name", FORMULAS)
-def test_reverse_mode_equals_forward_mode(name: str, wanted: str) -> None:
+def test_derivatives_by_variables_and_readings_equal_differences(name: str) -> None:
     rng = np.random.default_rng(5)
     net, x, y = variables()
-    sets = readings(rng)
-    expr = FORMULAS[name](x, y, *as_readings(net, sets))
-    tape, point = Tape(net, [expr]), rng.uniform(0.5, 2.0, 15)
-    slots = tape.forward(
-        Point(), IntervalArray.point(point[None]), {k: IntervalArray.point(_mid(tape, k)) for k in tape.readings}
-    )
-    leaves = list(tape.variables) if wanted == "variables" else tape.readings
-    plan = Reverse(tape, expr, leaves)
-
-    def partials(k: int) -> Any:
-        derivative = TABLE[tape.nodes[k].op].derivative
-        assert derivative is not None
-        return derivative(Point(), tape.nodes[k], slots[k], tuple(slots[j] for j in tape.arguments(k)))
-
-    adjoints = plan.sweep(Point(), partials)
-    for k in leaves:
-        shape = tape.nodes[k].shape
-        count = int(np.prod(shape))
-        seed = {k: IntervalArray.point(np.eye(count).reshape((count, *shape)))}
-        tangent = tape.tangents(Point(), slots, seed)[tape.slot(expr)]
-        expected = (
-            np.zeros((count, *expr.shape)) if tangent is None else np.broadcast_to(tangent.lo, (count, *expr.shape))
-        )
-        rows = np.moveaxis(expected.reshape((count, plan.rows, plan.lanes)), 0, 2)  # (N, D, components)
-        if k not in adjoints:
-            np.testing.assert_array_equal(rows, 0.0)
-            continue
-        found = plan.embedded(adjoints[k]) if plan.row_wise[k] else adjoints[k]
-        got = found.lo.reshape((plan.lanes, plan.rows, count)).swapaxes(0, 1)
-        np.testing.assert_allclose(got, rows, rtol=1e-12, atol=1e-13)
-
-
-def _mid(tape: Tape, k: int) -> Floats:
-    data = tape.nodes[k].data
-    assert isinstance(data, IntervalArray)
-    return data.mid
+    expr = FORMULAS[name](x, y, *as_readings(net, readings(rng)))
+    rows, point, step = Extremes(net, expr), rng.uniform(0.5, 2.0, 15), 1e-6
+    tape = rows.tape
+    slots = tape.forward(ENGINE, IntervalArray.point(point[None]), rows.centers)
+    found = tape.gradients(ENGINE, tape.derivatives(ENGINE, slots[0])).lo[tape.reach.entry]
+    expected = np.zeros((tape.first, tape.count))
+    for k in range(tape.size):
+        up, down = (rows.values(point + s * step * np.eye(15)[k], rows.centers) for s in (1, -1))
+        expected[k] = (up - down) / (2 * step)
+    for digest, where in tape.reading_slots.items():
+        for index in np.ndindex(where.shape):
+            ends = []
+            for s in (1, -1):
+                moved = rows.centers[digest].lo.copy()
+                moved[index] += s * step
+                ends.append(rows.values(point, {**rows.centers, digest: IntervalArray.point(moved)}))
+            expected[where[index]] = (ends[0] - ends[1]) / (2 * step)
+    np.testing.assert_allclose(found, expected[tape.reach.leaf, tape.reach.row], rtol=1e-5, atol=1e-6)
+    expected[tape.reach.leaf, tape.reach.row] = 0.0
+    assert np.abs(expected).max() < 1e-9  # what a row does not reach does not change it
 
 
 def test_rows_that_only_see_their_own_measurement_cost_no_more_than_their_number() -> None:
@@ -250,24 +231,24 @@ UNARY: dict[str, Callable[[Expr], Expr]] = {
 def test_elementary_slopes_contain_every_difference_quotient(name: str, seed: int) -> None:
     """Centres are intervals themselves, as they are within a larger expression."""
     rng = np.random.default_rng(seed)
-    e = get_arithmetic("float64")
-    u = ConstraintNetwork().variable("u", 4)
-    node = UNARY[name](u)
+    net = ConstraintNetwork()
+    u = net.variable("u", 4)
+    tape = Tape(net, [UNARY[name](u)])
     shift = 4.0 if name == "sqrt" or rng.random() < 0.3 else 0.0
     center = IntervalArray.around(rng.normal(shift, 1, 4), rng.random(4) * rng.choice([0, 1e-3, 1], 4))
     values = IntervalArray.around(rng.normal(shift, 2, 4), rng.random(4) * rng.choice([0, 1e-3, 3], 4))
-    with np.errstate(all="ignore"):
-        pairs = [Pair(TABLE[node.op].forward(e, node, (v[None],)), (v[None],)) for v in (center, values)]
-        found = slope(e, node, *pairs)[0].broadcast_to((1, 4))
+    slots = [tape.forward(ENGINE, x[None])[0] for x in (center, values)]
+    factors = tape.slopes(ENGINE, *slots)
+    found = IntervalArray(factors[:, 0], factors[:, 1])
     for _ in range(5):
         a, b = inside(rng, center), inside(rng, values)
+        fa, fb = (tape.values(tape.forward(ENGINE, IntervalArray.point(v[None]))).mid[0] for v in (a, b))
         with np.errstate(all="ignore"):
-            fa, fb = (TABLE[node.op].forward(Point(), node, (IntervalArray.point(v[None]),)).lo[0] for v in (a, b))
             quotient = (fb - fa) / (b - a)
         room = 1e-12 * (1 + np.abs(fa) + np.abs(fb)) / np.maximum(np.abs(b - a), 1e-300)
-        known = np.isfinite(quotient) & ~found.empty[0]
-        assert (found.lo[0] - room <= quotient)[known].all()
-        assert (quotient <= found.hi[0] + room)[known].all()
+        known = np.isfinite(quotient) & ~found.empty
+        assert (found.lo - room <= quotient)[known].all()
+        assert (quotient <= found.hi + room)[known].all()
 
 
 def test_the_slope_of_abs_is_sharp_across_its_kink() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, norm, sqrt
-from cpcal.solver.network.dependence import owners
+from cpcal.solver.network.dependence import exclusive
 from cpcal.solver.optimize import Witness, WitnessProver
 
 ENGINES = ["float64", "arb"]
@@ -176,12 +176,13 @@ def test_owners_of_readings() -> None:
         (r[0] + r.sum(0), [0, 1, 2, 0, 1, 2], True),
         (x * 2, [], True),
     ]
-    for root, element, exclusive in cases:
-        found = owners(Tape(net, [root]), root)
-        assert found.exclusive == exclusive
-        if exclusive and element:
-            (only,) = found.element.values()
-            assert only.tolist() == element
+    for root, element, alone in cases:
+        tape = Tape(net, [root])
+        assert exclusive(tape) == alone
+        if alone and element:
+            found = np.full(tape.first, -1)
+            found[tape.reach.leaf] = tape.reach.row
+            assert found[tape.given :].tolist() == element
 
 
 def test_prover_changes_nothing() -> None:

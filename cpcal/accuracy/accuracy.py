@@ -1,0 +1,240 @@
+"""How far from where the controller says the platform can be: the certificate of accuracy of a certified run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpcal.accuracy.certified_set import CertifiedSet, certified_set
+from cpcal.accuracy.estimates import distances, expanded_uncertainty, true_poses
+from cpcal.accuracy.model_error import Growth, growth
+from cpcal.accuracy.pose_bounds import LEGS, PoseBounds, pose_bounds
+from cpcal.accuracy.values import Accuracy, AssumedError, CellAccuracy, Estimated, PoseAccuracy, WorkspaceAccuracy
+from cpcal.accuracy.workspace import Covered, Workspace, cover
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.version import __version__
+from cpcal.files import campaign_sha256
+from cpcal.legs import PLAIN, fit_model
+from cpcal.results import CampaignNote, Result
+from cpcal.robot import Campaign, Pose, Robot, inverse_kinematics, normalised, rotation_vector
+
+CONTROLLERS = ("nominal", "fit", "proved")
+Told = Callable[[str], None]
+Truth = Callable[[Robot, Pose], Pose | None]
+
+
+@dataclass(frozen=True)
+class NamedPoses:
+    """K poses with names."""
+
+    names: tuple[str, ...]
+    poses: Pose
+
+
+def accuracy(
+    campaign: Campaign,
+    result: Result,
+    *,
+    poses: NamedPoses | None = None,
+    workspace: Workspace | None = None,
+    model_error: float | Sequence[float] | None = None,
+    controller: str = "fit",
+    validation: Campaign | None = None,
+    gap: float = 0.2,
+    cells: int = 600,
+    truth: Truth | None = None,
+    tell: Told | None = None,
+) -> Accuracy:
+    """For each pose that the controller commands, and for all of a workspace: how far off the platform can be.
+
+    PROVED under what is ASSUMED: for each leg some parameters, within `delta` mm of the center as in the result,
+    satisfy its equation to within `model_error` mm at the calibration poses (each for SOME reading in its set) and at
+    every pose spoken of; and the platform stays on the controller's assembly branch. `model_error` is one number, or
+    one for each leg; left out, it is suggested by how the least error grows over the poses of the campaign and of
+    `validation`, a campaign in the same frames.
+
+    `controller` is what computes readings from poses: "nominal" (the drawing), "fit" (least squares) or "proved" (the
+    points of the result). `gap` and `cells`: the search for the worst of the workspace ends when the bound of all cells
+    is within the gap of what a pose attains, or at so many cells. `truth`: gives the true poses of a simulated robot
+    (default: of what `cpcal simulate` wrote).
+
+    Raises InputError for a run that this cannot be asked of: of another campaign or model, without all six legs.
+    """
+    began = time.monotonic()
+    problems = _problems(campaign, result, controller, model_error)
+    if problems:
+        raise InputError(problems)
+    say = tell or (lambda _: None)
+    known = _controller(campaign, result, controller)
+    robot = Robot.from_parameters("controller", known)
+    assumed = _assumed(campaign, result, validation, model_error, say)
+    sets: list[CertifiedSet] = []
+    refuted = []
+    for leg, error in zip(result.legs, assumed, strict=True):
+        say(f"certified set of leg {leg.leg}")
+        found = certified_set(
+            campaign,
+            leg.leg,
+            error.eps,
+            center=leg.center,
+            delta=result.options.delta,
+            controller=known[leg.leg - 1],
+            contractors=result.options.contractors,
+        )
+        refuted += [leg.leg] if found is None else []
+        sets += [] if found is None else [found]
+    at: tuple[PoseAccuracy, ...] = ()
+    over = None
+    if not refuted and poses is not None:
+        say(f"{len(poses.names)} poses")
+        at = _at_poses(campaign, robot, sets, poses, truth or (lambda r, p: true_poses(campaign, r, p)))
+    if not refuted and workspace is not None:
+        tell_cover = lambda lo, hi: say(f"the worst of the workspace is between {lo:.4g} and {hi:.4g} mm")  # noqa: E731
+        over = _over(workspace, cover(workspace, sets, gap=gap, most=cells, tell=tell_cover))
+    return Accuracy(
+        campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
+        version=__version__,
+        controller=controller,
+        parameters=tuple(tuple(map(float, row)) for row in known),
+        assumed=tuple(assumed),
+        refuted=tuple(refuted),
+        poses=at,
+        workspace=over,
+        next_poses=(),
+        truth_known=any(pose.estimated.true_position is not None for pose in at),
+        seconds=time.monotonic() - began,
+    )
+
+
+def _problems(
+    campaign: Campaign, result: Result, controller: str, error: float | Sequence[float] | None
+) -> list[Problem]:
+    found = []
+    if campaign_sha256(campaign) != result.campaign.sha256:
+        found.append(Problem("run", "is of another campaign", "name the run's own"))
+    if result.model.name != PLAIN.name:
+        what = f"has the leg model {result.model.name!r}"
+        found.append(Problem("run", what, "certify with the plain model: others have no accuracy certificate yet"))
+    if [leg.leg for leg in result.legs] != list(range(1, LEGS + 1)) or campaign.legs != LEGS:
+        found.append(Problem("run", f"does not hold legs 1 to {LEGS}", "certify all legs of a robot that has six"))
+    if controller not in CONTROLLERS:
+        found.append(Problem("controller", f"{controller!r} is not known", f"use one of {', '.join(CONTROLLERS)}"))
+    elif controller == "proved" and any(leg.point is None for leg in result.legs):
+        found.append(Problem("controller", "has no proved point for each leg", "use fit or nominal"))
+    if error is not None:
+        values = np.atleast_1d(np.asarray(error, np.float64))
+        if values.shape not in ((1,), (LEGS,)) or not (np.isfinite(values) & (values >= 0.0)).all():
+            what = "is not one number of mm, or one for each leg, 0 or more"
+            found.append(Problem("model_error", what, "give for example 0.2"))
+    return found
+
+
+def _controller(campaign: Campaign, result: Result, name: str) -> Floats:
+    """(n, 7) mm."""
+    if name == "nominal":
+        return campaign.robot.parameters
+    if name == "fit":
+        return np.stack([fit_model(campaign, leg) for leg in range(1, LEGS + 1)])
+    return np.array([leg.point for leg in result.legs])
+
+
+def _assumed(
+    campaign: Campaign,
+    result: Result,
+    validation: Campaign | None,
+    error: float | Sequence[float] | None,
+    say: Told,
+) -> list[AssumedError]:
+    known = [campaign] if validation is None else [campaign, validation]
+    stated = None if error is None else np.broadcast_to(np.asarray(error, np.float64), (LEGS,))
+    out = []
+    for k, leg in enumerate(result.legs):
+        say(f"growth of the model error of leg {leg.leg}")
+        seen: Growth = growth(known, leg.leg, center=leg.center, delta=result.options.delta)
+        eps = seen.suggested if stated is None else float(stated[k])
+        lo = leg.eps_lo if result.options.eps is None else 0.0
+        out.append(AssumedError(leg.leg, eps, stated is not None, lo, seen.poses, seen.centered))
+    return out
+
+
+def _at_poses(
+    campaign: Campaign, robot: Robot, sets: Sequence[CertifiedSet], named: NamedPoses, truth: Truth
+) -> tuple[PoseAccuracy, ...]:
+    poses = named.poses
+    bounds = pose_bounds(poses, sets)
+    u_position, u_rotation = expanded_uncertainty(campaign, poses)
+    really = truth(robot, poses)
+    true = None if really is None else distances(really, poses)
+    length, turns = inverse_kinematics(robot, poses), rotation_vector(poses.quaternion)
+    beyond = ((length < campaign.length.min(axis=0)) | (length > campaign.length.max(axis=0))).any(axis=1)
+    out = []
+    for k, name in enumerate(named.names):
+        estimated = Estimated(
+            float(u_position[k]),
+            float(u_rotation[k]),
+            None if true is None else float(true[0][k]),
+            None if true is None else float(true[1][k]),
+        )
+        lo, hi = _doubled(bounds, k)
+        out.append(
+            PoseAccuracy(
+                name=name,
+                position=_three(poses.position[k]),
+                rotation=_three(turns[k]),
+                proved=bool(bounds.proved[k]),
+                lo=lo,
+                hi=hi,
+                position_bound=float(bounds.position[k]),
+                rotation_bound=float(bounds.rotation[k]),
+                shares=tuple(map(float, bounds.share[k])),
+                beyond=bool(beyond[k]),
+                estimated=estimated,
+            )
+        )
+    return tuple(out)
+
+
+def _doubled(bounds: PoseBounds, k: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The box of (p, 2 s); twice a float is exact."""
+    factor = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    return tuple(map(float, factor * bounds.box.lo[k])), tuple(map(float, factor * bounds.box.hi[k]))
+
+
+def _over(workspace: Workspace, found: Covered) -> WorkspaceAccuracy:
+    factor = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    cells = tuple(
+        CellAccuracy(
+            tuple(map(float, factor * found.boxes.lo[k])),
+            tuple(map(float, factor * found.boxes.hi[k])),
+            bool(found.proved[k]),
+            float(found.position[k]),
+            float(found.rotation[k]),
+            tuple(map(float, found.share[k])),
+        )
+        for k in range(len(found.proved))
+    )
+    at = tuple(map(float, factor * found.at))
+    return WorkspaceAccuracy(workspace.lo, workspace.hi, cells, at, found.at_position, found.complete)
+
+
+def _three(values: Floats) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return x, y, z
+
+
+def grid(workspace: Workspace, per_axis: int = 7, heights: int = 3) -> NamedPoses:
+    """Poses on `heights` slices of a workspace, `per_axis` squared on each, with its middle rotation."""
+    lo, hi = np.array(workspace.lo), np.array(workspace.hi)
+    middle = 0.5 * (lo + hi)
+    axes = [
+        np.linspace(lo[k], hi[k], n) if hi[k] > lo[k] else lo[k : k + 1]
+        for k, n in ((2, heights), (1, per_axis), (0, per_axis))
+    ]
+    z, y, x = (part.ravel() for part in np.meshgrid(*axes, indexing="ij"))
+    quaternion = normalised(np.concatenate([[1.0], 0.5 * middle[3:]]))
+    names = tuple(f"g{k:03d}" for k in range(len(x)))
+    return NamedPoses(names, Pose(np.stack([x, y, z], axis=1), np.tile(quaternion, (len(x), 1))))

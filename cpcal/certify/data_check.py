@@ -1,0 +1,103 @@
+"""Is the data of a campaign good enough before a long run? What looks wrong, what stays open, what to expect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from cpcal.certify.odd_rows import odd_rows, robust_parameters
+from cpcal.certify.outlook import LegOutlook, outlook
+from cpcal.common.numbers import about
+from cpcal.robot import Campaign
+from cpcal.robot.given import Given
+from cpcal.robot.mistakes import SHARE, likely_cause
+from cpcal.robot.repeated_rows import copied_rows, single_pose
+from cpcal.robot.suspicions import mixed_up, sizes_in_question
+
+SUSPICIOUS = 0.01  # of the leg length: `certify` warns later, since whoever runs `check` asks for more
+
+_MORE = "Measure poses that differ more; what the robot cannot move stays open."
+
+
+class Kind(Enum):
+    """What a finding is about."""
+
+    MISTAKE = "mistake"
+    ODD_ROW = "odd row"
+    COPY = "copy"
+    SAME_POSE = "same pose"
+    OPEN = "open parameters"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing to look at, in a sentence."""
+
+    kind: Kind
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class DataCheck:
+    """What `check_data` found. Estimates in floating point, no proofs.
+
+    findings  what to look at, most important first; none: the data are fit to be certified
+    nominal   (n,) mm, the median of each leg's |residual| at the nominal parameters
+    legs      what to expect of each leg; empty where a mistake, or a single pose, makes that meaningless
+    """
+
+    findings: tuple[Finding, ...]
+    nominal: tuple[float, ...]
+    legs: tuple[LegOutlook, ...]
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing was found."""
+        return not self.findings
+
+
+def check_data(campaign: Campaign) -> DataCheck:
+    """Check a campaign: mistakes of units, orders and frames; odd and copied rows; open parameters; ranges to expect.
+
+    Raises no error for bad data: what is wrong is in `findings`.
+    """
+    given = Given.of(campaign)
+    typical = given.typical
+    mistake = mistake_in(given, typical)
+    findings = [Finding(Kind.MISTAKE, sentence) for sentence in [mistake, *sizes_in_question(campaign)] if sentence]
+    still = single_pose(campaign)
+    for kind, sentence in ((Kind.SAME_POSE, still), (Kind.COPY, copied_rows(campaign))):
+        if sentence:
+            findings.append(Finding(kind, sentence))
+    nominal = np.median(given.share * given.nominal, axis=0)
+    if mistake is not None or still is not None:
+        return DataCheck(tuple(findings), tuple(nominal.tolist()), ())
+    x = robust_parameters(campaign)
+    legs = tuple(outlook(campaign, leg, x[leg - 1]) for leg in range(1, campaign.legs + 1))
+    findings += [Finding(Kind.ODD_ROW, sentence) for sentence in odd_rows(campaign, x)]
+    findings += [Finding(Kind.OPEN, sentence) for sentence in _open(legs)]
+    return DataCheck(tuple(findings), tuple(nominal.tolist()), legs)
+
+
+def mistake_in(given: Given, typical: float) -> str | None:
+    """The sentence on drawing and readings that disagree; small disagreements need a known cause."""
+    if typical <= SUSPICIOUS:
+        return None
+    cause = likely_cause(given)
+    return mixed_up(typical, cause) if cause is not None or typical > SHARE else None
+
+
+def _open(legs: tuple[LegOutlook, ...]) -> list[str]:
+    """A sentence for legs with the same determination."""
+    groups: dict[str, list[int]] = {}
+    for leg in legs:
+        if leg.determination.sentence:
+            groups.setdefault(leg.determination.sentence, []).append(leg.leg)
+    return [f"Leg{'s' * (len(n) > 1)} {', '.join(map(str, n))}: {sentence} {_MORE}" for sentence, n in groups.items()]
+
+
+def expected(leg: LegOutlook) -> tuple[str, ...]:
+    """The ranges as text: "±1.2" mm, or "open"."""
+    return tuple("open" if not np.isfinite(value) else f"±{about(float(value), 2)}" for value in leg.ranges)

@@ -1,0 +1,140 @@
+"""Readers of JSON values, from which schemas are built: a value that is not as it must be is refused in a sentence."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from fractions import Fraction as F
+from itertools import pairwise
+from typing import Any
+
+from .refusal import Refused
+
+Reader = Callable[[Any], Any]
+_HIGHEST_POWER = 1100
+_DYADIC = re.compile(r"(-?)0x([0-9a-f]{1,64})(?:\.([0-9a-f]{1,64}))?p([-+][0-9]{1,4})")
+_DECIMAL = re.compile(r"-?[0-9]{1,30}(?:\.[0-9]{1,30})?(?:e[-+]?[0-9]{1,3})?")
+
+
+def shown(value: object) -> str:
+    """At most 40 printable ASCII characters."""
+    return f"{str(value)[:40]!a}"
+
+
+def record(fields: Mapping[str, Reader]) -> Reader:
+    """An object with these keys: the list of its values, in this order."""
+
+    def read(value: Any) -> list[Any]:
+        if not isinstance(value, dict) or value.keys() != fields.keys():
+            raise Refused(f"an object with the keys {', '.join(fields)} is needed here")
+        return [reader(value[name]) for name, reader in fields.items()]
+
+    return read
+
+
+def entry(*readers: Reader, defaults: tuple[Any, ...] = ()) -> Reader:
+    """A list of so many values; `defaults` of the last ones, which may be left out."""
+    most = len(readers)
+
+    def read(value: Any) -> tuple[Any, ...]:
+        if not isinstance(value, list) or not most - len(defaults) <= len(value) <= most:
+            raise Refused(f"a list of {most} is needed here")
+        return *(reader(v) for reader, v in zip(readers, value, strict=False)), *defaults[len(value) - most or most :]
+
+    return read
+
+
+def many(reader: Reader, count: int | None = None) -> Reader:
+    """A list of one kind of value, `count` of them or any number."""
+
+    def read(value: Any) -> tuple[Any, ...]:
+        if not isinstance(value, list) or count not in (None, len(value)):
+            raise Refused(f"a list{'' if count is None else f' of {count}'} is needed here")
+        return tuple(map(reader, value))
+
+    return read
+
+
+def ascending(below: int) -> Reader:
+    """A list of whole numbers, ascending."""
+
+    def read(value: Any) -> tuple[int, ...]:
+        found: tuple[int, ...] = many(whole(below))(value)
+        if any(a >= b for a, b in pairwise(found)):
+            raise Refused("whole numbers in ascending order are needed here")
+        return found
+
+    return read
+
+
+def maybe(reader: Reader) -> Reader:
+    """null, or a value."""
+    return lambda value: None if value is None else reader(value)
+
+
+def whole(below: int, least: int = 0) -> Reader:
+    """A whole number; true and 1.0 are none."""
+
+    def read(value: Any) -> int:
+        if type(value) is not int or not least <= value < below:
+            raise Refused(f"{shown(value)} is no whole number from {least} to {below - 1}")
+        return value
+
+    return read
+
+
+def choice(*values: Any) -> Reader:
+    """One of these, and of its type."""
+
+    def read(value: Any) -> Any:
+        if not any(type(value) is type(v) and value == v for v in values):
+            raise Refused(f"{shown(value)} is none of {', '.join(map(str, values))}")
+        return value
+
+    return read
+
+
+def signs(count: int) -> Reader:
+    """A text of so many signs."""
+
+    def read(value: Any) -> str:
+        if not isinstance(value, str) or len(value) != count or not set(value) <= set("-0+"):
+            raise Refused(f"{shown(value)} is no text of {count} signs out of '-', '0' and '+'")
+        return value
+
+    return read
+
+
+def text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise Refused(f"{shown(value)} is no text")
+    return value
+
+
+def anything(value: Any) -> Any:
+    return value
+
+
+def dyadic(value: Any) -> F:
+    """A number of a certificate: exactly what its hexadecimal digits say."""
+    found = _DYADIC.fullmatch(value) if isinstance(value, str) else None
+    if found is None or abs(int(found[4])) > _HIGHEST_POWER:
+        raise Refused(f"{shown(value)} is not a number of this format")
+    sign, head, fraction, exponent = found.groups(default="")
+    power, mantissa = int(exponent) - 4 * len(fraction), int(sign + head + fraction, 16)
+    return F(mantissa << power) if power >= 0 else F(mantissa, 1 << -power)
+
+
+def decimal(value: Any) -> float:
+    """A number of a campaign: the float64 nearest to a decimal text."""
+    if not isinstance(value, str) or _DECIMAL.fullmatch(value) is None:
+        raise Refused(f"{shown(value)} is no decimal number")
+    return finite(value)
+
+
+def finite(value: str) -> float:
+    """The float64 nearest to the text of a number."""
+    number = float(value)
+    if number - number != 0.0:
+        raise Refused(f"the number {shown(value)} is too large for a float64")
+    return number

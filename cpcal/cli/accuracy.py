@@ -1,0 +1,126 @@
+"""`cpcal accuracy`: how far from where its controller says the platform can be. For exit statuses see `cpcal.cli`."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cpcal.accuracy.accuracy import NamedPoses, accuracy
+from cpcal.accuracy.values import Accuracy, save_accuracy
+from cpcal.accuracy.workspace import Workspace
+from cpcal.checker import Refused, Unusable, check_run
+from cpcal.cli.folders import check_target, output_path
+from cpcal.cli.show import terminal
+from cpcal.cli.status import Status
+from cpcal.common.errors import InputError, Problem
+from cpcal.files import load_campaign, load_campaign_json
+from cpcal.files.poses_reader import load_poses
+from cpcal.files.run_folder import ACCURACY, answers_into
+from cpcal.report.accuracy_page import ACCURACY_PAGE, write_accuracy
+from cpcal.report.accuracy_words import assumption, sentences
+from cpcal.results import load_result
+
+
+class Controller(StrEnum):
+    NOMINAL = "nominal"
+    FIT = "fit"
+    PROVED = "proved"
+
+
+def accuracy_of(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder that certify wrote, with all six legs.")],
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            parser=output_path,
+            help="Folder for accuracy.json, accuracy.html and campaign.json; replaced there.",
+        ),
+    ],
+    workspace: Annotated[
+        str | None,
+        typer.Option(metavar="BOX", help="x=LO:HI,y=LO:HI,z=LO:HI in mm, and rx, ry, rz in degrees (default 0)."),
+    ] = None,
+    poses: Annotated[Path | None, typer.Option(metavar="CSV", help="Poses: pose,x,y,z,qw,qx,qy,qz.")] = None,
+    model_error: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MM", help="ASSUMED model error everywhere: one number, or one a leg.", show_default="suggested"
+        ),
+    ] = None,
+    controller: Annotated[Controller, typer.Option(help="Whose parameters the controller has.")] = Controller.FIT,
+    validation: Annotated[
+        Path | None, typer.Option(metavar="CAMPAIGN", help="More poses to judge the model error by, same frames.")
+    ] = None,
+    gap: Annotated[float, typer.Option(help="Relative width at which the worst of the workspace is settled.")] = 0.2,
+    cells: Annotated[int, typer.Option(help="Of the workspace, at most.")] = 600,
+) -> None:
+    """How far off can the platform of a certified RUN be, at given poses or anywhere in a workspace?
+
+    Bounds are proved under one assumption, which is printed first: how large the model error is at poses that nobody
+    measured.
+    """
+    if workspace is None and poses is None:
+        raise InputError([Problem("accuracy", "has nothing to speak of", "give --workspace or --poses, or both")])
+    space = None if workspace is None else Workspace.parsed(workspace)
+    named = None if poses is None else NamedPoses(*load_poses(poses))
+    check_target(folder, ACCURACY)
+    _check(run)
+    campaign, errors = load_campaign_json(run), terminal(stderr=True)
+    found = accuracy(
+        campaign,
+        load_result(run),
+        poses=named,
+        workspace=space,
+        model_error=None if model_error is None else _numbers(model_error),
+        controller=controller.value,
+        validation=None if validation is None else load_campaign(validation),
+        gap=gap,
+        cells=cells,
+        tell=(lambda text: errors.print(text)) if errors.is_terminal else None,
+    )
+    with answers_into(folder, ACCURACY, campaign) as draft:
+        save_accuracy(found, draft)
+        write_accuracy(found, draft)
+    _show(found)
+    terminal().print(f"Page: {folder / ACCURACY_PAGE}", soft_wrap=True)
+    raise typer.Exit(_status(found))
+
+
+def _check(run: Path) -> None:
+    """Raises InputError unless every certificate of the run is accepted."""
+    try:
+        refused = [f"leg {leg.leg}: {leg.refused}" for leg in check_run(run) if leg.refused is not None]
+    except (Refused, Unusable) as reason:
+        refused = [str(reason)]
+    if refused:
+        raise InputError([Problem(str(run), f"is refused: {refused[0]}", "certify again")])
+
+
+def _numbers(text: str) -> float | tuple[float, ...]:
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        what = f"{text!r:.60} is not numbers of mm"
+        raise InputError(
+            [Problem("option --model-error", what, "give one, or one for each leg: 0.2,0.3,...")]
+        ) from None
+    return values[0] if len(values) == 1 else values
+
+
+def _show(found: Accuracy) -> None:
+    console = terminal()
+    for text in (assumption(found), *sentences(found)):
+        console.print(text, soft_wrap=not console.is_terminal)
+
+
+def _status(found: Accuracy) -> Status:
+    """Answered where something is proved of every pose and every cell."""
+    over = found.workspace
+    lost = bool(found.refuted) or any(not pose.proved for pose in found.poses)
+    return Status.UNKNOWN if lost or (over is not None and bool(over.left_out)) else Status.ANSWERED

@@ -1,0 +1,117 @@
+"""The page of an accuracy certificate."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from cpcal.accuracy.values import Accuracy, CellAccuracy, PoseAccuracy
+from cpcal.common.atomic import write_file
+from cpcal.common.numbers import about, at_most, nearest
+from cpcal.report.accuracy_map import dominating, key, map_svg
+from cpcal.report.accuracy_words import assumption, degrees_up, growth_rows, sentences
+from cpcal.report.origin import versions
+from cpcal.report.template import rendered
+
+ACCURACY_PAGE = "accuracy.html"
+_MOST = 20  # rows of a table
+
+
+def write_accuracy(found: Accuracy, folder: str | os.PathLike[str]) -> Path:
+    """Write `accuracy.html` into the folder; its path. The same certificate gives the same bytes."""
+    return write_file(Path(folder) / ACCURACY_PAGE, rendered("accuracy.html.j2", _context(found)))
+
+
+def _context(found: Accuracy) -> dict[str, Any]:
+    over = found.workspace
+    worst_first = sorted(found.proved_poses, key=lambda pose: -pose.position_bound)
+    return {
+        "robot": found.campaign.robot,
+        "measurements": found.campaign.measurements,
+        "sha256": found.campaign.sha256,
+        "controller": found.controller,
+        "assumption": assumption(found),
+        "sentences": [_styled(sentence) for sentence in sentences(found)],
+        "map": None if over is None or not over.cells else Markup(map_svg(over)),  # made by us
+        "key": [] if over is None else key(over),
+        "worst": None if over is None else _pose_text(over.worst_pose),
+        "dominating": [] if over is None else [(n, f"{100 * s:.0f} %") for n, s in dominating(over)[:6]],
+        "left_out": [] if over is None else [_cell_text(cell) for cell in over.left_out[:_MOST]],
+        "more_left_out": 0 if over is None else max(len(over.left_out) - _MOST, 0),
+        "summary": _summary(found),
+        "poses": [_pose_row(pose, found.truth_known) for pose in worst_first[:_MOST]],
+        "more_poses": max(len(worst_first) - _MOST, 0),
+        "truth": found.truth_known,
+        "growth_head": [f"{n} poses" for n in found.assumed[0].poses],
+        "growth": growth_rows(found.assumed),
+        "next": [(_pose_text((*n.position, *n.rotation)), n.by, about(n.expected)) for n in found.next_poses],
+        "versions": versions(),
+        "seconds": about(found.seconds),
+    }
+
+
+def _styled(sentence: str) -> tuple[str, str]:
+    """A sentence and the style of its first word."""
+    kinds = {"PROVED": "explained", "REFUTED": "unexplained", "THE ASSUMPTION": "unexplained", "LEFT OUT": "undecided"}
+    return next((kind for word, kind in kinds.items() if sentence.startswith(word)), ""), sentence
+
+
+def _summary(found: Accuracy) -> list[tuple[str, ...]]:
+    """Mean and largest over the poses, as position accuracy is stated; a row a quantity."""
+    poses = found.proved_poses
+    if not poses:
+        return []
+    rows = [
+        ("proved bound", [p.position_bound for p in poses], [p.rotation_bound for p in poses], True),
+        (
+            "U of least squares, k = 2",
+            [p.estimated.u_position for p in poses],
+            [p.estimated.u_rotation for p in poses],
+            False,
+        ),
+    ]
+    if found.truth_known:
+        true = [p.estimated for p in poses]
+        rows.append(
+            ("simulator's truth", [e.true_position or 0.0 for e in true], [e.true_rotation or 0.0 for e in true], False)
+        )
+    out: list[tuple[str, ...]] = []
+    for name, position, rotation, bound in rows:
+        angles = [math.degrees(v) for v in rotation]
+        form = at_most if bound else about
+        out.append(
+            (name, form(float(np.mean(position))), form(max(position)), form(float(np.mean(angles))), form(max(angles)))
+        )
+    axes = [max(max(abs(p.lo[k]), abs(p.hi[k])) for p in poses) for k in range(6)]
+    per_axis = [f"{at_most(v)} mm" for v in axes[:3]] + [f"{degrees_up(v)}°" for v in axes[3:]]
+    names = ("x", "y", "z", "rx", "ry", "rz")
+    out.append(("largest by axis", ", ".join(f"{n} {v}" for n, v in zip(names, per_axis, strict=True)), "", "", ""))
+    return out
+
+
+def _pose_row(pose: PoseAccuracy, truth: bool) -> tuple[str, ...]:
+    e = pose.estimated
+    legs = " and ".join(str(k + 1) for k in sorted(np.argsort(-np.array(pose.shares))[:2].tolist()))
+    box = [at_most(max(abs(a), abs(b)), 2) for a, b in zip(pose.lo[:3], pose.hi[:3], strict=True)]
+    row = (pose.name, at_most(pose.position_bound), degrees_up(pose.rotation_bound), *box, about(e.u_position), legs)
+    return (*row, about(e.true_position or 0.0)) if truth else row
+
+
+def _pose_text(pose: tuple[float, ...]) -> str:
+    turns = [math.degrees(v) for v in pose[3:]]
+    text = f"({', '.join(nearest(v, 1) for v in pose[:3])}) mm"
+    return text if not any(turns) else f"{text}, turned by ({', '.join(nearest(v, 2) for v in turns)})°"
+
+
+def _cell_text(cell: CellAccuracy) -> str:
+    lo, hi = list(cell.lo[:3]), list(cell.hi[:3])
+    lo += [math.degrees(v) for v in cell.lo[3:]]
+    hi += [math.degrees(v) for v in cell.hi[3:]]
+    names = ("x", "y", "z", "rx", "ry", "rz")
+    parts = zip(names, lo, hi, strict=True)
+    return ", ".join(f"{n} {nearest(a, 2)} to {nearest(b, 2)}" for n, a, b in parts if b > a)

@@ -1,0 +1,219 @@
+"""Interval operations on bounds, as compiled functions: `add(a_lo, a_hi, b_lo, b_hi) -> (lo, hi)`.
+
+They mean what `Arithmetic` says of arrays. The empty interval is NaN in both bounds and gives the empty interval;
+a lower bound is never +inf, an upper one never -inf.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cpcal.solver.compiled import compiled
+from cpcal.solver.interval.directed import (
+    nth_root_above,
+    nth_root_below,
+    power_above,
+    power_below,
+    product_above,
+    product_below,
+    quotient_above,
+    quotient_below,
+    root_above,
+    root_below,
+    sum_above,
+    sum_below,
+)
+
+Bounds = tuple[float, float]
+
+
+@compiled
+def neg(lo: float, hi: float) -> Bounds:
+    return -hi, -lo
+
+
+@compiled
+def add(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+    return sum_below(a_lo, b_lo), sum_above(a_hi, b_hi)
+
+
+@compiled
+def sub(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+    return sum_below(a_lo, -b_hi), sum_above(a_hi, -b_lo)
+
+
+@compiled
+def mul(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+    """By the signs of the bounds; an empty operand falls through to the last branch, whose products are NaN."""
+    if b_lo >= 0.0:
+        if a_lo >= 0.0:
+            return product_below(a_lo, b_lo), product_above(a_hi, b_hi)
+        if a_hi <= 0.0:
+            return product_below(a_lo, b_hi), product_above(a_hi, b_lo)
+        return product_below(a_lo, b_hi), product_above(a_hi, b_hi)
+    if b_hi <= 0.0:
+        if a_lo >= 0.0:
+            return product_below(a_hi, b_lo), product_above(a_lo, b_hi)
+        if a_hi <= 0.0:
+            return product_below(a_hi, b_hi), product_above(a_lo, b_lo)
+        return product_below(a_hi, b_lo), product_above(a_lo, b_lo)
+    if a_lo >= 0.0:
+        return product_below(a_hi, b_lo), product_above(a_hi, b_hi)
+    if a_hi <= 0.0:
+        return product_below(a_lo, b_hi), product_above(a_lo, b_lo)
+    low = min(product_below(a_lo, b_hi), product_below(a_hi, b_lo))
+    return low, max(product_above(a_lo, b_lo), product_above(a_hi, b_hi))
+
+
+@compiled
+def _over_positive(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+    """a / b for b > 0."""
+    low = quotient_below(a_lo, b_hi if a_lo >= 0.0 else b_lo)
+    return low, quotient_above(a_hi, b_lo if a_hi >= 0.0 else b_hi)
+
+
+@compiled
+def div(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+    """Hull of the quotients by the divisor's nonzero points."""
+    if b_lo > 0.0:
+        return _over_positive(a_lo, a_hi, b_lo, b_hi)
+    if b_hi < 0.0:
+        return _over_positive(-a_hi, -a_lo, -b_hi, -b_lo)
+    if not (a_lo <= a_hi and b_lo <= b_hi) or (b_lo == 0.0 and b_hi == 0.0):
+        return math.nan, math.nan
+    if a_lo == 0.0 and a_hi == 0.0:
+        return 0.0, 0.0
+    if b_lo < 0.0 and b_hi > 0.0:
+        return -math.inf, math.inf
+    if b_hi == 0.0:
+        a_lo, a_hi, b_hi = -a_hi, -a_lo, -b_lo
+    low = -math.inf if a_lo < 0.0 else quotient_below(a_lo, b_hi)
+    return low, math.inf if a_hi > 0.0 else quotient_above(a_hi, b_hi)
+
+
+@compiled
+def meet(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+    """The points of both."""
+    low = a_lo if a_lo > b_lo else b_lo
+    high = a_hi if a_hi < b_hi else b_hi
+    if low <= high and a_lo == a_lo:
+        return low, high
+    return math.nan, math.nan
+
+
+@compiled
+def hull(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+    """The points between; the empty interval is neutral."""
+    if not a_lo <= a_hi:
+        return b_lo, b_hi
+    if not b_lo <= b_hi:
+        return a_lo, a_hi
+    return (a_lo if a_lo < b_lo else b_lo), (a_hi if a_hi > b_hi else b_hi)
+
+
+@compiled
+def factor(z_lo: float, z_hi: float, y_lo: float, y_hi: float, x_lo: float, x_hi: float) -> Bounds:
+    """Hull of `{a in x : a b in z for some b in y}`."""
+    if y_lo > 0.0 or y_hi < 0.0:
+        low, high = div(z_lo, z_hi, y_lo, y_hi)
+        return meet(low, high, x_lo, x_hi)
+    if not (z_lo <= z_hi and y_lo <= y_hi):
+        return math.nan, math.nan
+    if z_lo <= 0.0 <= z_hi:
+        return x_lo, x_hi
+    low, high = div(z_lo, z_hi, y_lo, 0.0)
+    one_lo, one_hi = meet(low, high, x_lo, x_hi)
+    low, high = div(z_lo, z_hi, 0.0, y_hi)
+    two_lo, two_hi = meet(low, high, x_lo, x_hi)
+    return hull(one_lo, one_hi, two_lo, two_hi)
+
+
+@compiled
+def mig(lo: float, hi: float) -> float:
+    """The smallest absolute value."""
+    if lo > 0.0:
+        return lo
+    return -hi if hi < 0.0 else 0.0
+
+
+@compiled
+def mag(lo: float, hi: float) -> float:
+    """The largest absolute value."""
+    return hi if hi > -lo else -lo
+
+
+@compiled
+def absolute(lo: float, hi: float) -> Bounds:
+    if not lo <= hi:
+        return math.nan, math.nan
+    return mig(lo, hi), mag(lo, hi)
+
+
+@compiled
+def sqr(lo: float, hi: float) -> Bounds:
+    if not lo <= hi:
+        return math.nan, math.nan
+    least, most = mig(lo, hi), mag(lo, hi)
+    return product_below(least, least), product_above(most, most)
+
+
+@compiled
+def sqrt(lo: float, hi: float) -> Bounds:
+    """Of the part that is not negative."""
+    if not (lo <= hi and hi >= 0.0):
+        return math.nan, math.nan
+    return root_below(lo) if lo > 0.0 else 0.0, root_above(hi)
+
+
+@compiled
+def _positive_power(lo: float, hi: float, n: int) -> Bounds:
+    if n % 2 == 0:
+        return power_below(mig(lo, hi), n), power_above(mag(lo, hi), n)
+    low = power_below(lo, n) if lo >= 0.0 else -power_above(-lo, n)
+    return low, power_above(hi, n) if hi >= 0.0 else -power_below(-hi, n)
+
+
+@compiled
+def power(lo: float, hi: float, n: int) -> Bounds:
+    """x ** n for an integer n of any sign."""
+    if not lo <= hi:
+        return math.nan, math.nan
+    if n == 0:
+        return 1.0, 1.0
+    if n < 0:  # the reciprocal first: it loses no digits to underflow unless the power underflows as well
+        if n % 2 == 0:
+            lo, hi = absolute(lo, hi)
+        lo, hi = div(1.0, 1.0, lo, hi)
+        n = -n
+        if not lo <= hi:
+            return math.nan, math.nan
+    return (lo, hi) if n == 1 else _positive_power(lo, hi, n)
+
+
+@compiled
+def root(lo: float, hi: float, n: int) -> Bounds:
+    """n-th root, n >= 1: for even n of the part that is not negative, for odd n with its sign."""
+    if not lo <= hi or (n % 2 == 0 and hi < 0.0):
+        return math.nan, math.nan
+    if n == 2:
+        return sqrt(lo, hi)
+    if n % 2 == 0:
+        return nth_root_below(max(lo, 0.0), n), nth_root_above(hi, n)
+    low = nth_root_below(lo, n) if lo >= 0.0 else -nth_root_above(-lo, n)
+    return low, nth_root_above(hi, n) if hi >= 0.0 else -nth_root_below(-hi, n)
+
+
+@compiled
+def smaller(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+    """The minimum."""
+    if not (a_lo <= a_hi and b_lo <= b_hi):
+        return math.nan, math.nan
+    return (a_lo if a_lo < b_lo else b_lo), (a_hi if a_hi < b_hi else b_hi)
+
+
+@compiled
+def larger(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+    """The maximum."""
+    if not (a_lo <= a_hi and b_lo <= b_hi):
+        return math.nan, math.nan
+    return (a_lo if a_lo > b_lo else b_lo), (a_hi if a_hi > b_hi else b_hi)

@@ -1,0 +1,173 @@
+"""Cameras as OpenCV and ROS write them in YAML, read and written.
+
+OpenCV (`cv::FileStorage`): image_width, image_height, camera_matrix and distortion_coefficients as opencv-matrix; a
+fisheye says so by fisheye_model: 1, as its own calibration sample does. ROS (camera_info): the same with rows, cols and
+data, and distortion_model: plumb_bob, rational_polynomial, equidistant or fisheye.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.files.documents import small_file
+from cpcal.vision.camera import BROWN, Camera
+from cpcal.vision.files.plausible_camera import implausible
+from cpcal.vision.lens_models import LENSES
+
+STYLES = ("opencv", "ros")
+
+_ROS_MODELS = {
+    "plumb_bob": "brown",
+    "rational_polynomial": "rational",
+    "equidistant": "fisheye",
+    "fisheye": "fisheye",
+}
+_MATRIX_TAG = "tag:yaml.org,2002:opencv-matrix"
+_HEAD = re.compile(r"\A%YAML:?1\.\d\s*(---)?")  # OpenCV's first line is no YAML
+_SKEW = 1e-9  # of the focal length
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML without objects, in which OpenCV's matrices are mappings; an alias could make a small file a huge one."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases are not understood")
+        return super().compose_node(parent, index)
+
+
+def _matrix(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor(_MATRIX_TAG, _matrix)
+
+
+def camera_from_yaml(path: Path) -> Camera:
+    """The camera in a file that OpenCV or ROS wrote. Raises one InputError with every problem."""
+    problems = Problems()
+    content = small_file(path, problems, "give a camera.toml, or a YAML file of OpenCV or ROS")
+    document = None if content is None else _document(content, path, problems)
+    camera = None if document is None else _camera(document, str(path), problems)
+    problems.raise_any()
+    assert camera is not None  # what keeps it from being read is a problem, and was raised
+    return camera
+
+
+def _document(content: bytes, path: Path, problems: Problems) -> dict[str, Any] | None:
+    try:
+        document = yaml.load(_HEAD.sub("---", content.decode("utf-8-sig")), Loader=_Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        what = f"is no YAML: {getattr(error, 'problem', None) or error}"[:200]
+        line = None if mark is None else mark.line + 1
+        problems.add(Problem(str(path), what, "give a file that OpenCV or ROS wrote", line))
+        return None
+    if not isinstance(document, dict):
+        problems.add(Problem(str(path), "is no table of keys and values", "give a file that OpenCV or ROS wrote"))
+        return None
+    return document
+
+
+def _camera(document: dict[str, Any], where: str, problems: Problems) -> Camera | None:
+    def wrong(what: str, remedy: str) -> None:
+        problems.add(Problem(where, what, remedy))
+
+    sides = [document.get(f"image_{side}") for side in ("width", "height")]
+    if not all(isinstance(side, int) and not isinstance(side, bool) and side > 0 for side in sides):
+        wrong("image_width and image_height are not two whole numbers", "give the size of the images in pixels")
+    matrix = _numbers(document, "camera_matrix", wrong)
+    distortion = _numbers(document, "distortion_coefficients", wrong)
+    model = _model(document, distortion, wrong)
+    if problems.listed or matrix is None or distortion is None or model is None:
+        return None
+    if matrix.size != 9:
+        wrong(f"camera_matrix has {matrix.size} numbers", "give 3 x 3")
+        return None
+    fx, skew, cx, zero, fy, cy, *last = matrix.tolist()
+    width, height = (int(side) for side in sides if side is not None)
+    if not abs(skew) <= _SKEW * abs(fx) or zero or last != [0.0, 0.0, 1.0]:
+        wrong("camera_matrix is not [fx 0 cx; 0 fy cy; 0 0 1]", "calibrate without skew")
+        return None
+    try:
+        camera = Camera(width, height, np.array([fx, fy]), np.array([cx, cy]), distortion, model)
+    except InputError as error:
+        for problem in error.problems:
+            wrong(f"{problem.where} {problem.what}", problem.remedy)
+        return None
+    for key, what, remedy in implausible(camera):
+        wrong(f"{key}: {what}", remedy)
+    return camera
+
+
+def _numbers(document: dict[str, Any], key: str, wrong: Any) -> Floats | None:
+    """The entries of a matrix, in rows."""
+    value = document.get(key)
+    data = value.get("data") if isinstance(value, dict) else value
+    flat = data if isinstance(data, list) else None
+    if flat is None or not all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in flat):
+        wrong(f"{key} is {shown(value)}" if key in document else f"{key} is missing", "give a matrix with its data")
+        return None
+    return np.array(flat, dtype=np.float64)
+
+
+def _model(document: dict[str, Any], distortion: Floats | None, wrong: Any) -> str | None:
+    """The lens: as it is named, or by the count of its numbers. OpenCV's four numbers are k1, k2, p1, p2."""
+    named = document.get("distortion_model")
+    if named is not None and named not in _ROS_MODELS:
+        wrong(f"distortion_model is {shown(named)}", f"known are {', '.join(_ROS_MODELS)}")
+        return None
+    if distortion is None:
+        return None
+    fisheye = document.get("fisheye_model") == 1
+    model = _ROS_MODELS[named] if named else "fisheye" if fisheye else "rational" if len(distortion) == 8 else BROWN
+    if model == BROWN and len(distortion) == 4:
+        distortion.resize(5, refcheck=False)
+    if len(distortion) != len(LENSES[model].names):
+        names = ", ".join(LENSES[model].names)
+        wrong(f"distortion_coefficients has {len(distortion)} numbers", f"a lens of the model {model} has {names}")
+        return None
+    return model
+
+
+def camera_yaml(camera: Camera, style: str) -> bytes:
+    """The camera as OpenCV or ROS (`style`, one of STYLES) reads it; floats by repr."""
+    (fx, fy), (cx, cy) = camera.focal.tolist(), camera.center.tolist()
+    matrix, lens = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], camera.distortion.tolist()
+    lines = [f"image_width: {camera.width}", f"image_height: {camera.height}"]
+    if style == "opencv":
+        lines = ["%YAML:1.0", "---", *lines]
+        if camera.model == "fisheye":
+            lines.append("fisheye_model: 1")
+        tag, kind = " !!opencv-matrix", ["   dt: d"]
+    else:
+        ros = next(name for name, model in _ROS_MODELS.items() if model == camera.model)
+        lines += ["camera_name: camera", f"distortion_model: {ros}"]
+        tag, kind = "", []
+    for key, values, rows in (("camera_matrix", matrix, 3), ("distortion_coefficients", lens, 1)):
+        lines += [f"{key}:{tag}", f"   rows: {rows}", f"   cols: {len(values) // rows}", *kind]
+        lines.append(f"   data: [{', '.join(map(repr, values))}]")
+    if style == "ros":
+        lines += _ros_rest([*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0])
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _ros_rest(projection: list[float]) -> list[str]:
+    """What camera_info holds besides: no rectification."""
+    return [
+        "rectification_matrix:",
+        "   rows: 3",
+        "   cols: 3",
+        "   data: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]",
+        "projection_matrix:",
+        "   rows: 3",
+        "   cols: 4",
+        f"   data: [{', '.join(map(repr, projection))}]",
+    ]

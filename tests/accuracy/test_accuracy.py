@@ -1,0 +1,82 @@
+"""The whole certificate, from a run to its page: what is assumed stands first, what is proved holds."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.accuracy.accuracy import NamedPoses, accuracy
+from cpcal.accuracy.model_error import growth
+from cpcal.accuracy.values import load_accuracy, save_accuracy
+from cpcal.common.errors import InputError
+from cpcal.report.accuracy_page import write_accuracy
+from cpcal.report.accuracy_words import assumption, sentences
+from cpcal.robot import central_pose, forward_kinematics
+from tests.accuracy.conftest import ERROR
+
+
+@pytest.fixture(scope="module")
+def result(known):
+    return cpcal.certify(known.campaign, delta=8.0, support="none", gap=1e-3)
+
+
+@pytest.fixture(scope="module")
+def named(known):
+    readings = np.random.default_rng(8).uniform(5.0, 135.0, (3, 6))
+    centre = central_pose(known.controller, np.full(6, 70.0))
+    return NamedPoses(("p1", "p2", "p3"), forward_kinematics(known.controller, readings, centre))
+
+
+@pytest.fixture(scope="module")
+def found(known, result, named):
+    return accuracy(known.campaign, result, poses=named, model_error=ERROR)
+
+
+def test_the_truth_is_inside_and_what_is_assumed_is_said_first(found):
+    assert found.truth_known
+    assert not found.violated
+    assert all(pose.proved for pose in found.poses)
+    assert all(e.stated and e.eps == ERROR and e.refuted_below <= ERROR for e in found.assumed)
+    assert assumption(found).startswith("ASSUMED: ")
+    assert "0.02 mm" in assumption(found)
+    proved = [s for s in sentences(found) if s.startswith("PROVED")]
+    printed = float(re.search(r"within ([\d.]+) mm", proved[0])[1])
+    assert printed >= max(pose.position_bound for pose in found.poses)
+
+
+def test_it_is_written_and_read_again_and_the_page_says_what_is_assumed_before_what_is_proved(found, tmp_path):
+    save_accuracy(found, tmp_path)
+    assert load_accuracy(tmp_path) == found
+    page = write_accuracy(found, tmp_path).read_text()
+    assert page.index("ASSUMED:") < page.index("PROVED under the assumption")
+
+
+def test_a_truth_beyond_the_bound_is_shown_as_a_failed_assumption(found):
+    worse = replace(found.poses[1], estimated=replace(found.poses[1].estimated, true_position=5.0))
+    wrong = replace(found, poses=(found.poses[0], worse))
+    assert [pose.name for pose in wrong.violated] == ["p2"]
+    assert any(s.startswith("THE ASSUMPTION FAILS") for s in sentences(wrong))
+
+
+def test_an_error_that_the_campaign_refutes_gives_no_bounds(found, result, named):
+    refuted = replace(found, refuted=(1, 4), poses=())
+    assert sentences(refuted) == [
+        "REFUTED: the campaign allows no parameters of leg 1, 4 with so small an error. Nothing is proved."
+    ]
+
+
+def test_every_mistake_is_named_at_once(known, result):
+    with pytest.raises(InputError) as caught:
+        accuracy(known.campaign, result, controller="mine", model_error=(0.1, 0.2))
+    assert {problem.where for problem in caught.value.problems} == {"controller", "model_error"}
+
+
+def test_the_least_error_grows_with_the_poses_and_the_suggestion_is_above_it(known):
+    seen = growth([known.campaign], 1, center=known.controller.parameters[0], delta=8.0)
+    assert seen.poses[-1] == len(known.campaign)
+    assert list(seen.centered) == sorted(seen.centered)
+    assert seen.suggested > seen.centered[-1] >= seen.least[-1]

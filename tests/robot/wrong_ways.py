@@ -1,0 +1,159 @@
+"""Wrong ways to enter the data of a campaign: each takes a true one and returns what a hurried user would have made."""
+
+import dataclasses
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cpcal.robot import Pose, Robot, Uncertainty, inverse
+from cpcal.robot.rotation_form import quaternion_from_euler
+
+
+def changed(campaign, **changes):
+    return dataclasses.replace(campaign, **changes)
+
+
+def euler(campaign, sequence):
+    return Rotation.from_quat(campaign.quaternion, scalar_first=True).as_euler(sequence)
+
+
+def mirrored(campaign):
+    flip = np.diag([1.0, -1.0, 1.0])
+    matrix = Rotation.from_quat(campaign.quaternion, scalar_first=True).as_matrix()
+    turned = Rotation.from_matrix(flip @ matrix @ flip).as_quat(scalar_first=True)
+    return changed(campaign, position=campaign.position @ flip, quaternion=turned)
+
+
+def y_is_up(campaign):
+    turn = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    matrix = Rotation.from_quat(campaign.quaternion, scalar_first=True).as_matrix()
+    turned = Rotation.from_matrix(turn @ matrix @ turn.T).as_quat(scalar_first=True)
+    return changed(campaign, position=campaign.position @ turn.T, quaternion=turned)
+
+
+def in_tracker_frame(campaign):
+    camera = Rotation.from_rotvec([0.4, -2.0, 1.0])
+    target = Rotation.from_rotvec([0.1, 0.3, -0.2])
+    platform = Rotation.from_quat(campaign.quaternion, scalar_first=True)
+    seen = (camera * platform * target).as_quat(scalar_first=True)
+    place = camera.apply(campaign.position + platform.apply([10.0, -20.0, 35.0])) + [500.0, 900.0, 1500.0]
+    return changed(campaign, position=place, quaternion=seen)
+
+
+def inverted(campaign):
+    pose = inverse(Pose(campaign.position, campaign.quaternion))
+    return changed(campaign, position=pose.position, quaternion=pose.quaternion)
+
+
+def with_drawing(campaign, **parts):
+    robot = campaign.robot
+    known = {"base": robot.base, "mobile": robot.mobile, "offset": robot.offset}
+    return changed(campaign, robot=Robot(robot.name, **(known | parts)))
+
+
+def in_unit(campaign, factor, *what):
+    return changed(campaign, **{name: getattr(campaign, name) / factor for name in what})
+
+
+def one_leg_in_inches(campaign):
+    length = campaign.length.copy()
+    length[:, 3] /= 25.4
+    return changed(campaign, length=length)
+
+
+def twice(campaign):
+    rows = [*range(len(campaign)), 4, 9]
+    fields = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
+    names = {"pose": [*campaign.pose, "again", "more"], "run": [*campaign.run, "1", "1"]}
+    return changed(campaign, **{name: getattr(campaign, name)[rows] for name in fields}, **names)
+
+
+def one_outlier(campaign):
+    length = campaign.length.copy()
+    length[7, 2] += 4.0
+    return changed(campaign, length=length)
+
+
+def wrong_turn(campaign):
+    quaternion = campaign.quaternion.copy()
+    quaternion[11] = quaternion[12]
+    return changed(campaign, quaternion=quaternion)
+
+
+def one_pose(campaign):
+    rows = np.zeros(len(campaign), dtype=int)
+    noise = np.random.default_rng(1).normal(0.0, 0.02, campaign.length.shape)
+    place, turn = campaign.position[rows], campaign.quaternion[rows]
+    return changed(campaign, position=place + noise[:, :3], quaternion=turn, length=campaign.length[rows] + noise)
+
+
+def sigma_in_degrees(campaign):
+    stated = Uncertainty([0.06] * 3, [0.12] * 3, [0.01] * campaign.legs, 3.0)
+    return changed(campaign, uncertainty=stated, rotation_radius=np.full_like(campaign.position, 0.36))
+
+
+def columns_of_legs(campaign):
+    return changed(campaign, length=campaign.length[:, [0, 2, 1, 3, 5, 4]])
+
+
+# What was done wrong, and what `check` must say of it.
+WRONG_WAYS = {
+    "quaternion scalar last": (
+        lambda c: changed(c, quaternion=np.roll(c.quaternion, -1, axis=1)),
+        "quaternions are in the order qx,qy,qz,qw",
+    ),
+    "positions in metres": (lambda c: in_unit(c, 1e3, "position"), "positions are in metres"),
+    "readings in metres": (lambda c: in_unit(c, 1e3, "length"), "leg readings are in metres"),
+    "all in metres": (lambda c: in_unit(c, 1e3, "position", "length"), "positions and leg readings are in metres"),
+    "drawing in inches": (
+        lambda c: changed(c, robot=Robot.from_parameters("r", c.robot.parameters / 25.4)),
+        "the drawing is in inches",
+    ),
+    "degrees for radians": (
+        lambda c: changed(c, quaternion=quaternion_from_euler("xyz", np.degrees(euler(c, "xyz")))),
+        "rotation angles are in degrees",
+    ),
+    "radians for degrees": (
+        lambda c: changed(c, quaternion=quaternion_from_euler("ZYX", np.radians(euler(c, "ZYX")))),
+        "rotation angles are in radians",
+    ),
+    "Euler order": (
+        lambda c: changed(c, quaternion=quaternion_from_euler("ZYX", euler(c, "XYZ"))),
+        "Euler angles are XYZ, not ZYX",
+    ),
+    "left-handed frame": (mirrored, "frames are left-handed: the drawing's (x, y, z) are their (x, -y, z)"),
+    "y is up": (y_is_up, "frames are of other axes: the drawing's (x, y, z) are their (x, -z, y)"),
+    "legs permuted": (
+        columns_of_legs,
+        "leg 2 stands in L3, leg 3 stands in L2, leg 5 stands in L6, leg 6 stands in L5",
+    ),
+    "platforms swapped": (
+        lambda c: with_drawing(c, base=c.robot.mobile, mobile=c.robot.base),
+        "or the drawing's base and mobile are swapped",
+    ),
+    "joints shifted": (
+        lambda c: with_drawing(c, mobile=np.roll(c.robot.mobile, 1, axis=0)),
+        "the rows of mobile are in another order than those of base (take rows 2, 3, 4, 5, 6, 1)",
+    ),
+    "offset missing": (lambda c: with_drawing(c, offset=np.zeros(c.legs)), "an offset is missing or wrong"),
+    "offset twice": (lambda c: changed(c, length=c.length + c.robot.offset), "readings are whole leg lengths"),
+    "inverse pose": (inverted, "poses are those of the base in the mobile frame"),
+    "transposed matrix": (
+        lambda c: changed(c, quaternion=c.quaternion * [1, -1, -1, -1]),
+        "rotations are from base to mobile frame",
+    ),
+    "tracker frame": (in_tracker_frame, "a target in a tracker's frame"),
+    "one leg in inches": (one_leg_in_inches, "the readings of leg 4 are in inches"),
+    "rows shifted": (lambda c: changed(c, length=np.roll(c.length, 1, axis=0)), "leg readings stand 1 row below"),
+    "encoder counts": (lambda c: changed(c, length=512.0 * c.length + 10_000.0), "1 mm is about 51"),
+    "readings negative": (lambda c: changed(c, length=-c.length), "readings have the wrong sign"),
+    "metres and scalar last": (
+        lambda c: changed(c, position=c.position / 1e3, quaternion=np.roll(c.quaternion, -1, axis=1)),
+        "positions are in metres, not mm, and quaternions are in the order",
+    ),
+    "duplicate rows": (twice, "the same numbers"),
+    "one outlier": (one_outlier, "e07/1: leg 3"),
+    "one wrong pose": (wrong_turn, "e11/1: its pose"),
+    "constant pose": (one_pose, "show the same pose"),
+    "sigma in degrees": (sigma_in_degrees, "degrees are given where radians are meant"),
+}

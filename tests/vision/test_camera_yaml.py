@@ -1,0 +1,109 @@
+"""Cameras of OpenCV and ROS: what their own programs write is read, and what is written they read."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cpcal.cli.app import app
+from cpcal.common.errors import InputError
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.files.camera_file import load_camera
+from cpcal.vision.files.camera_yaml import STYLES, camera_yaml
+
+cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
+
+RATIONAL = replace(DELTALAB_CAMERA, distortion=[0.4, 0.2, 2e-3, -1e-3, 0.02, 0.6, 0.25, 0.03], model="rational")
+FISHEYE = Camera(1600, 1200, [750.0, 748.0], [801.0, 598.0], [-0.03, 0.01, -4e-3, 5e-4], "fisheye")
+ROS = """\
+image_width: 640
+image_height: 480
+camera_name: head_camera
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [525.5, 0.0, 319.5, 0.0, 526, 239.5, 0.0, 0.0, 1.0]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.1, 0.01, 0.001, -0.002, 0]
+"""
+
+
+def refused(file: Path, text: str) -> list[str]:
+    file.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_camera(file)
+    assert all(problem.where == str(file) and problem.remedy for problem in caught.value.problems)
+    return [problem.what for problem in caught.value.problems]
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("camera", [DELTALAB_CAMERA, RATIONAL, FISHEYE])
+def test_what_is_written_is_read_bit_for_bit(tmp_path: Path, camera: Camera, style: str) -> None:
+    (tmp_path / "camera.yaml").write_bytes(camera_yaml(camera, style))
+    assert load_camera(tmp_path / "camera.yaml").camera == camera
+
+
+def test_what_opencv_writes_is_read(tmp_path: Path) -> None:
+    """With four numbers of distortion, as without k3; and OpenCV reads ours."""
+    file = tmp_path / "out.yml"
+    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
+    for key, value in (("image_width", 1024), ("image_height", 768)):
+        storage.write(key, value)
+    matrix = np.array([[903.2, 0.0, 515.3], [0.0, 903.2, 380.6], [0.0, 0.0, 1.0]])
+    storage.write("camera_matrix", matrix)
+    storage.write("distortion_coefficients", np.array([[-0.18], [0.07], [4e-4], [-3e-4]]))
+    storage.release()
+    assert load_camera(file).camera == DELTALAB_CAMERA
+    file.write_bytes(camera_yaml(RATIONAL, "opencv"))
+    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
+    np.testing.assert_array_equal(storage.getNode("camera_matrix").mat(), matrix)
+    np.testing.assert_array_equal(storage.getNode("distortion_coefficients").mat().ravel(), RATIONAL.distortion)
+
+
+def test_a_file_of_ros_is_read(tmp_path: Path) -> None:
+    (tmp_path / "head.yaml").write_text(ROS)
+    camera = load_camera(tmp_path / "head.yaml").camera
+    assert (camera.width, camera.height, camera.model) == (640, 480, "brown")
+    np.testing.assert_array_equal(camera.numbers, [525.5, 526.0, 319.5, 239.5, -0.1, 0.01, 0.001, -0.002, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("640", "0", "image_width and image_height are not two whole numbers"),
+        ("plumb_bob", "thin_prism", "distortion_model is 'thin_prism'"),
+        ("plumb_bob", "equidistant", "distortion_coefficients has 5 numbers"),
+        ("525.5, 0.0", "525.5, 3.0", "camera_matrix is not [fx 0 cx; 0 fy cy; 0 0 1]"),
+        ("525.5, 0.0, ", "0.0, ", "camera_matrix has 8 numbers"),
+        ("525.5, 0.0", "525.5, .nan", "camera_matrix is not [fx 0 cx; 0 fy cy; 0 0 1]"),
+        ("camera_matrix", "cameramatrix", "camera_matrix is missing"),
+        ("[-0.1", "[-4000", "distortion: distortion bends most of the image beyond measure"),
+        ("[-0.1", "[&a -0.1, *a", "is no YAML: aliases are not understood"),
+        ("image_width", "!!python/object/apply:os.system [ls]\nimage_width", "is no YAML"),
+        ("data: [-0.1", "data: [-0.1, [[[[[", "is no YAML"),
+    ],
+)
+def test_what_cannot_be_is_refused(tmp_path: Path, old: str, new: str, what: str) -> None:
+    found = refused(tmp_path / "camera.yaml", ROS.replace(old, new, 1))
+    assert len(found) == 1
+    assert what in found[0]
+
+
+def test_hostile_files_are_refused(tmp_path: Path) -> None:
+    for text in ("", "- 1\n", "[" * 100_000, "a: " * 50, "\0"):
+        refused(tmp_path / "camera.yaml", text)
+
+
+def test_the_command_goes_there_and_back(tmp_path: Path) -> None:
+    (tmp_path / "head.yaml").write_text(ROS)
+    files = [tmp_path / name for name in ("camera.toml", "opencv.yaml", "ros.yaml")]
+    for file, more in zip(files, ([], ["--as", "opencv"], ["--as", "ros"]), strict=True):
+        assert CliRunner().invoke(app, ["camera", str(tmp_path / "head.yaml"), "-o", str(file), *more]).exit_code == 0
+        assert load_camera(file) == load_camera(files[0])
