@@ -80,7 +80,8 @@ class CentredRows:
         lo = np.ascontiguousarray(coefficients.lo.transpose(0, 2, 1))
         hi = lo if coefficients.lo is coefficients.hi else np.ascontiguousarray(coefficients.hi.transpose(0, 2, 1))
         self._mid, self._errors, self.matters = _split(lo, hi, self._gamma)
-        self._terms = np.flatnonzero(self._errors.any(axis=1)[shift.alpha])  # of monomials that occur
+        occurs = np.asarray(self._errors.any(axis=1))
+        self._terms = np.flatnonzero(occurs[shift.alpha])
 
     def on(self, engine: Arithmetic, center: Floats, radius: Floats) -> tuple[Floats, Floats]:
         """On a box: coefficients (M, K) of every u^beta, and a widening (K,): for all readings in their sets

@@ -7,11 +7,12 @@ holds at every solution in the box is what the linear programs work on, and what
 from __future__ import annotations
 
 from collections import Counter
+from functools import lru_cache
 
 import numpy as np
 
 from contractors.centred import CentredRows, Shift
-from contractors.monomials import column_bounds, product_rows
+from contractors.monomials import ProductRows, column_bounds, product_rows
 from contractors.packing import packed, reach, scaled
 from cpcal.common.arrays import Bools, Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
@@ -29,7 +30,7 @@ class Structure:
 
     def __init__(self, system: PolynomialSystem) -> None:
         self.system = system
-        shift = Shift(system.monomials, len(system.names))
+        shift = _shift(system.monomials, len(system.names))
         self.rows = CentredRows(shift, system.coefficients)
         self.guards = CentredRows(shift, _guards(system)) if system.guarded.any() else None
         # A monomial whose coefficients all contain zero is bounded, not given a column.
@@ -37,7 +38,7 @@ class Structure:
         self.used = self.with_divisors(self.rows.matters[1:])
         self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], dtype=np.bool_)
         self.bounds = column_bounds(system.monomials)
-        self.products = product_rows(system.monomials, self.used)
+        self.products = _products(system.monomials, self.used.tobytes())
         self.factors = self.products.matrix != 0.0
         self.positions = {m[0]: k - 1 for k, m in enumerate(system.monomials) if len(m) == 1 and self.used[k - 1]}
 
@@ -54,6 +55,20 @@ def _guards(system: PolynomialSystem) -> IntervalArray:
     return IntervalArray(lo, hi)
 
 
+# What follows depends on the monomials alone, which the boxes of one system share.
+
+
+@lru_cache(maxsize=16)
+def _shift(monomials: tuple[Monomial, ...], variables: int) -> Shift:
+    return Shift(monomials, variables)
+
+
+@lru_cache(maxsize=16)
+def _products(monomials: tuple[Monomial, ...], used: bytes) -> ProductRows:
+    return product_rows(monomials, np.frombuffer(used, np.bool_))
+
+
+@lru_cache(maxsize=16)
 def _divisors(monomials: tuple[Monomial, ...]) -> Bools:
     """Which monomials (columns) divide which (rows), each itself included; the constant is left out."""
     count = [Counter(m) for m in monomials[1:]]
