@@ -57,7 +57,7 @@ def dip_p_value(sample: npt.ArrayLike) -> float:
     size = int(sizes[np.argmin(np.abs(np.log(sizes / len(values))))])
     levels, tail = LAWS[size]
     if seen >= levels[-1]:
-        return float(min(SURVIVAL[-1], np.exp(np.polyval(tail, seen**2))))
+        return min(float(SURVIVAL[-1]), float(np.exp(np.polyval(tail, seen**2))))
     return float(np.exp(np.interp(seen, levels, np.log(SURVIVAL), left=0.0)))
 
 

@@ -27,3 +27,8 @@ CHECK_STATUS_HELP = (
     "Exit status: **0** nothing looks wrong, **1** something is to be looked at (each with a sentence), "
     "**2** unusable input."
 )
+
+IMPORT_STATUS_HELP = (
+    "Exit status: **0** the campaign was written (or looks right, with --preview), **1** nothing was written, since "
+    "the data look mixed up, **2** unusable input."
+)

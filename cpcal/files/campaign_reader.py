@@ -49,6 +49,15 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     return campaign
 
 
+def load_settings(path: str | os.PathLike[str]) -> Settings:
+    """What a campaign.toml, or that in a folder, says. Raises InputError with every problem of it."""
+    file = Path(path) / TOML_NAME if Path(path).is_dir() else Path(path)
+    problems = Problems()
+    settings = _settings(file, problems, lambda _: None)
+    problems.raise_any()
+    return settings
+
+
 def _settings(path: Path, problems: Problems, saw: Callable[[bytes], object]) -> Settings:
     content = small_file(path, problems, _ABSENT)
     if content is None:

@@ -72,7 +72,7 @@ def degrees_as_radians(given: Given) -> Variants:
         both = [angles, np.array([np.pi, np.pi, np.pi]) + angles * [1.0, -1.0, 1.0]]  # the same rotation
         rows = np.concatenate([each[:, None] + steps for each in both], axis=1) / _DEGREES
         quaternion = quaternion_from_euler(sequence, rows.reshape(-1, 3))
-        yield f"{name} ({sequence})", _chosen(few, quaternion.reshape(*rows.shape[:2], 4))
+        yield name, _chosen(few, quaternion.reshape(*rows.shape[:2], 4))
 
 
 def _chosen(given: Given, quaternion: Floats) -> Given:

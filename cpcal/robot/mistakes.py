@@ -96,7 +96,7 @@ _LAST = (Mistake(other_frames, 8.0, _FITTED),)  # twelve numbers, and slow: trie
 def likely_cause(given: Given) -> str | None:
     """The mistake that, undone, leaves the smallest residuals, if they are small then."""
     few = given.sampled(_ROWS)
-    typical = few.typical
+    typical = few.most
     with np.errstate(all="ignore"):
         return _best(given, few, MISTAKES, typical) or _pair(few, typical) or _best(given, few, _LAST, typical)
 
@@ -108,7 +108,7 @@ def _best(given: Given, few: Given, mistakes: tuple[Mistake, ...], typical: floa
             continue  # what is small can be fitted away, and is what calibration is for
         start = given if mistake.undone is shifted_rows else few  # neighbours must stay together
         for name, without in mistake.undone(start):
-            left = without.typical
+            left = without.most
             if left < min(mistake.limit, _BETTER * typical) and left * mistake.handicap < best * _EQUAL:
                 best, cause = left * mistake.handicap, name
         if best < min(_FITTED, _CLEAR * typical):
@@ -123,7 +123,7 @@ def _pair(given: Given, typical: float) -> str | None:
         for first, scaled in unit.undone(given):
             for other in (mistake for mistake in MISTAKES if not mistake.unit and mistake.handicap == 1.0):
                 for second, without in other.undone(scaled):
-                    left = without.typical
+                    left = without.most
                     if left < best:
                         best, cause = left, f"{first}, and {second}"
     return cause

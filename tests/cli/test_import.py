@@ -1,0 +1,188 @@
+"""`cpcal import`, `cpcal robot`, and the newcomer: from a tracker's log to a page with a verdict."""
+
+import re
+
+import numpy as np
+import pandas
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.cli.app import app
+from cpcal.files import load_settings
+from cpcal.robot import ROBOTS, rotation_matrix
+from cpcal.simulate import simulate
+
+TRUE = simulate(seed=4, truncate=2.9)
+EULER = Rotation.from_quat(TRUE.quaternion, scalar_first=True).as_euler("xyz", degrees=True)
+MAP = "pose=Frame, x=Tx (m)[m], y=Ty (m)[m], z=Tz (m)[m], r1=Rx, r2=Ry, r3=Rz, " + ", ".join(
+    f"L{i}=S{i}" for i in range(1, 7)
+)
+SIGMA = "position=0.0633[mm], rotation=0.0119[deg], length=0.019[mm]"
+LIKE_THIS = ("--robot", "deltalab", "--map", MAP, "--rotation", "euler-xyz-deg", "--sigma", SIGMA)
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def log(tmp_path):
+    """As a laser tracker's software in Europe exports it: metres, degrees, semicolons, decimal commas, Latin-1."""
+    rows = np.column_stack([np.arange(1, len(TRUE) + 1), TRUE.position / 1e3, EULER, TRUE.length])
+    lines = [";".join([f"{row[0]:.0f}", *(f"{v:.9f}".replace(".", ",") for v in row[1:])]) for row in rows]
+    names = "Frame;Tx (m);Ty (m);Tz (m);Rx;Ry;Rz;S1;S2;S3;S4;S5;S6"
+    path = tmp_path / "tracker.csv"
+    path.write_bytes("\n".join(["Export v4.2", "Operator: Müller", "", names, *lines, ""]).encode("latin-1"))
+    return path
+
+
+def test_the_newcomer_gets_a_page_with_a_verdict_in_four_commands(tmp_path, log):
+    campaign, answers = tmp_path / "campaign", tmp_path / "run"
+    steps = [
+        run("import", log, *LIKE_THIS, "-o", campaign),
+        run("check", campaign),
+        run("certify", campaign, "-o", answers, "--legs", "1", "--tolerance", "0.5"),
+        run("verify", answers),
+    ]
+    assert [step.exit_code for step in steps] == [0, 0, 0, 0], [step.output for step in steps]
+    page = (answers / "report.html").read_text(encoding="utf-8")
+    assert "pass" in page
+    assert cpcal.load_result(answers).legs[0].eps_hi <= 0.5
+
+
+def test_the_newcomer_gets_a_page_with_a_verdict_in_six_lines_of_python(tmp_path, log):
+    sigmas = {"position_sigma": 0.0633, "rotation_sigma": np.radians(0.0119), "length_sigma": 0.019}
+    # 1 import cpcal, pandas, 2 to 6:
+    frame = pandas.read_csv(log, sep=";", decimal=",", skiprows=3, encoding="latin-1", dtype={"Frame": str})
+    campaign = cpcal.Campaign.from_frame(frame, robot="deltalab", columns=MAP, rotation="euler-xyz-deg", **sigmas)
+    result = cpcal.certify(campaign, legs=[1], tolerance=0.5)
+    cpcal.write_report(campaign, result, tmp_path / "page")
+    print(cpcal.verdict_of(result, result.legs[0]).sentence)
+    assert cpcal.verdict_of(result, result.legs[0]).word == "pass"
+    assert "pass" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
+
+
+def test_what_is_imported_is_what_was_measured(tmp_path, log):
+    outcome = run("import", log, *LIKE_THIS, "-o", tmp_path / "campaign")
+    assert "Next: cpcal check" in outcome.stdout
+    campaign = cpcal.load_campaign(tmp_path / "campaign")
+    assert_allclose(campaign.position, TRUE.position, atol=1e-6)
+    assert_allclose(campaign.length, TRUE.length, atol=1e-8)
+    assert_allclose(rotation_matrix(campaign.quaternion), rotation_matrix(TRUE.quaternion), atol=1e-10)
+    assert campaign.measurement_ids[:2] == ["1/1", "2/1"]
+    assert campaign.uncertainty.factor == 3.0
+    assert_allclose(campaign.uncertainty.rotation, np.radians(0.0119))
+    assert campaign.provenance["imported_from"] == "tracker.csv"
+
+
+def test_metres_become_the_nearest_float_in_mm(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("x,y,z,qw,qx,qy,qz,L1\n0.1234567,0.3,1.1,1,0,0,0,0.7\n")
+    (tmp_path / "own.toml").write_text(
+        'format = "cpcal-campaign/1"\n[robot]\nname="one"\nbase=[[0,0,0]]\nmobile=[[0,0,0]]\noffset=[0]\n'
+        "[uncertainty]\nexact = true\n[provenance]\noperator = 'me'\n"
+    )
+    outcome = run(
+        "import",
+        path,
+        "--robot",
+        tmp_path / "own.toml",
+        "--map",
+        "x=x[m],y=y[m],z=z[m],L1=L1[m]",
+        "--anyway",
+        "-o",
+        tmp_path / "c",
+    )
+    assert outcome.exit_code == 0, outcome.output
+    campaign = cpcal.load_campaign(tmp_path / "c")
+    assert campaign.position.tolist() == [[123.4567, 300.0, 1100.0]]
+    assert campaign.length.tolist() == [[700.0]]
+    assert campaign.exact
+    assert campaign.provenance["operator"] == "me"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "cause"),
+    [
+        (("--rotation", "euler-xyz-rad"), "rotation angles are in degrees"),
+        (("--rotation", "euler-ZYX-deg"), "Euler angles are"),
+        (("--map", MAP.replace("[m]", "[mm]")), "positions are in metres"),
+        (("--map", MAP.replace("L1=S1, L2=S2", "L1=S2, L2=S1")), "leg 1 stands in L2, leg 2 stands in L1"),
+    ],
+)
+def test_what_looks_mixed_up_is_not_written(tmp_path, log, wrong, cause):
+    outcome = run("import", log, *LIKE_THIS, *wrong, "-o", tmp_path / "campaign")
+    assert outcome.exit_code == 1
+    assert cause in outcome.stdout
+    assert "Nothing was written" in outcome.stdout
+    assert not (tmp_path / "campaign").exists()
+    outcome = run("import", log, *LIKE_THIS, *wrong, "--anyway", "-o", tmp_path / "campaign")
+    assert outcome.exit_code == 0
+    assert (tmp_path / "campaign").is_dir()
+
+
+def test_a_preview_writes_nothing(tmp_path, log):
+    outcome = run("import", log, *LIKE_THIS, "--preview", "-o", tmp_path / "campaign")
+    assert outcome.exit_code == 0
+    assert "First rows" in outcome.stdout
+    assert not (tmp_path / "campaign").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--robot", "deltalab", "--map", MAP, "--rotation", "euler-xyz-deg"), "uncertainty: is not stated"),
+        (("--robot", "none.toml", "--exact"), "none.toml: does not exist -> make it with `cpcal robot init`"),
+        (("--robot", "delta", "--exact"), "did you mean 'deltalab'"),
+        ((*LIKE_THIS, "--exact"), "give one of the two"),
+        ((*LIKE_THIS, "--sigma", "position=1[deg], rotation=1, length=1"), "position is '1' in deg"),
+        ((*LIKE_THIS, "--sigma", "position=1"), "rotation_sigma and length_sigma missing"),
+        ((*LIKE_THIS, "--map", "x=Tx"), "there is no column 'Tx'"),
+        ((*LIKE_THIS, "--map", "pose=Frame"), "the column 'x' is missing"),
+    ],
+)
+def test_what_cannot_be_imported_is_said(tmp_path, log, arguments, message):
+    outcome = run("import", log, *arguments, "-o", tmp_path / "campaign")
+    assert outcome.exit_code == 2
+    assert message in outcome.stderr
+    assert not (tmp_path / "campaign").exists()
+
+
+def test_bad_cells_are_named_by_line_all_at_once(tmp_path, log):
+    lines = log.read_bytes().split(b"\n")
+    lines[5] = lines[5].replace(b"0,0", b"oops", 1)
+    lines[7] = lines[7][: lines[7].rindex(b";") + 1]
+    log.write_bytes(b"\n".join(lines))
+    outcome = run("import", log, *LIKE_THIS, "-o", tmp_path / "campaign")
+    assert outcome.exit_code == 2
+    assert "tracker.csv:6: " in outcome.stderr
+    assert "tracker.csv:8: L6 is empty" in outcome.stderr
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_template_of_a_known_robot_has_its_drawing(tmp_path, name):
+    file = tmp_path / "campaign.toml"
+    assert run("robot", "init", name, "-o", file).exit_code == 0
+    filled = file.read_text(encoding="utf-8")
+    file.write_text(re.sub(r"\bnan\b", "0.1", filled), encoding="utf-8")
+    settings = load_settings(file)
+    assert settings.robot == ROBOTS[name].robot
+    assert settings.uncertainty.factor == 3.0
+
+
+def test_a_template_that_is_not_filled_in_is_refused_line_by_line(tmp_path):
+    file = tmp_path / "own.toml"
+    assert run("robot", "init", "my crane", "--legs", "4", "-o", file).exit_code == 0
+    with pytest.raises(cpcal.InputError, match=r"own\.toml:\d+: base of leg 4 holds nan"):
+        load_settings(file)
+    again = run("robot", "init", "my crane", "-o", file)
+    assert again.exit_code == 2
+    assert "is there already" in again.stderr
+
+
+def test_the_catalogue_is_listed_with_its_sources():
+    listed = run("robot", "list").stdout
+    assert all(f"{name}: {known.robot.name}" in listed and known.source in listed for name, known in ROBOTS.items())

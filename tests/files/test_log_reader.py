@@ -1,0 +1,81 @@
+"""Logs are read whatever their separators, decimal signs, headers and comments; what is no table is refused by line."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cpcal.common.errors import InputError
+from cpcal.files import read_log
+from cpcal.files.log_reader import SEPARATORS
+
+numbers = st.floats(-1e6, 1e6, allow_nan=False).map(lambda x: round(x, 6))
+
+
+def written(tmp_path, text, encoding="utf-8"):
+    path = tmp_path / "log.txt"
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+@given(
+    st.lists(st.lists(numbers, min_size=5, max_size=5), min_size=2, max_size=6),
+    st.sampled_from(sorted(SEPARATORS)),
+    st.sampled_from(["point", "comma"]),
+)
+def test_separator_and_decimal_sign_are_guessed(tmp_path_factory, table, separator, decimal):
+    if (separator, decimal) == ("comma", "comma"):
+        return
+    sign = {"point": ".", "comma": ","}[decimal]
+    rows = [[f"{value:.6f}".replace(".", sign) for value in row] for row in table]
+    lines = [SEPARATORS[separator].join(row) for row in [["Tx", "Ty", "Tz", "S1", "S2"], *rows]]
+    path = tmp_path_factory.mktemp("log") / "log.txt"
+    path.write_text("Tracker v1\n\n" + "\n".join(lines) + "\n", encoding="utf-8")
+    log = read_log(path)
+    assert log.header == ("Tx", "Ty", "Tz", "S1", "S2")
+    assert [list(row) for row in log.rows] == rows
+    assert (log.separator, log.decimal) == (SEPARATORS[separator], sign)
+    assert log.lines[0] == 4
+
+
+def test_comments_units_and_other_encodings(tmp_path):
+    text = "% Müller\n#Frame\tX\tY\tZ\n[-]\t[mm]\t[mm]\t[mm]\n1\t0.5\t1\t2\n# pause\n\n2\t0.6\t1\t-2e-3\n"
+    for encoding in ("utf-8", "latin-1", "utf-16"):
+        log = read_log(written(tmp_path, text, encoding))
+        assert log.header == ("Frame", "X", "Y", "Z")
+        assert log.lines == (4, 7)
+        assert log.rows[1] == ("2", "0.6", "1", "-2e-3")
+
+
+def test_quoted_cells_hold_separators(tmp_path):
+    log = read_log(written(tmp_path, '"Tz, up",b,c,d\n1,2,3,"a, b"\n'))
+    assert log.header == ("Tz, up", "b", "c", "d")
+    assert log.rows == (("1", "2", "3", "a, b"),)
+
+
+def test_a_table_without_names_has_no_header(tmp_path):
+    assert read_log(written(tmp_path, "1 2 3\n4 5 6\n")).header == ()
+
+
+def test_the_header_can_be_stated(tmp_path):
+    log = read_log(written(tmp_path, "a,b,c\n1,2,3\nx,y,z\n4,5,6\n"), header=3)
+    assert log.header == ("x", "y", "z")
+    assert log.rows == (("4", "5", "6"),)
+
+
+def test_rows_of_another_length_are_refused_by_line(tmp_path):
+    with pytest.raises(InputError) as caught:
+        read_log(written(tmp_path, "a,b,c\n1,2,3\n4,5\n6,7,8\nend of file\n"))
+    assert [problem.line for problem in caught.value.problems] == [3, 5]
+
+
+@pytest.mark.parametrize("text", ["", "nothing here\nat all\n", "1,2\n3,4\n"])
+def test_what_holds_no_measurements_is_refused(tmp_path, text):
+    with pytest.raises(InputError, match="holds no rows of numbers"):
+        read_log(written(tmp_path, text))
+
+
+def test_options_without_a_meaning_are_refused(tmp_path):
+    with pytest.raises(InputError, match="give comma or semicolon or tab or blank"):
+        read_log(written(tmp_path, "1,2,3\n"), separator="pipe")
+    with pytest.raises(InputError, match=r"log\.none: does not exist"):
+        read_log(tmp_path / "log.none")
