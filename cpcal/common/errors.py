@@ -16,6 +16,9 @@ def printable(text: str | os.PathLike[str]) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in os.fspath(text))
 
 
+YOUR_DATA = "docs/your-data.md, which lists every key and column."
+
+
 class CpcalError(Exception):
     """Root of every error that cpcal raises on purpose."""
 
@@ -35,11 +38,15 @@ class Problem:
 
 
 class InputError(CpcalError):
-    """Unusable input. Carries every problem found, in order, so that a user mends them in one go."""
+    """Unusable input. Carries every problem found, in order, so that a user mends them in one go.
 
-    def __init__(self, problems: Iterable[Problem], *, omitted: int = 0) -> None:
+    `see` names the page of the documentation that explains the input.
+    """
+
+    def __init__(self, problems: Iterable[Problem], *, omitted: int = 0, see: str = "") -> None:
         self.problems = tuple(problems)
         self.omitted = omitted
+        self.see = see
         super().__init__(self.problems, omitted)
 
     def __str__(self) -> str:
@@ -48,6 +55,8 @@ class InputError(CpcalError):
         lines += [f"  {problem}" for problem in self.problems]
         if self.omitted:
             lines.append(f"  ... and {self.omitted} more of the same kinds")
+        if self.see:
+            lines.append(f"See {self.see}")
         return "\n".join(lines)
 
 
@@ -89,10 +98,10 @@ class Problems:
             near = difflib.get_close_matches(name[:100], list(known), n=1)
         self.add(Problem(where, what, f"did you mean {near[0]!r}?" if near else otherwise, line))
 
-    def raise_any(self) -> None:
-        """Raise one InputError with all problems, if there are any."""
+    def raise_any(self, see: str = "") -> None:
+        """Raise one InputError with all problems, if there are any; `see`: the page that explains the input."""
         if self.listed:
-            raise InputError(self.listed, omitted=self.omitted)
+            raise InputError(self.listed, omitted=self.omitted, see=see)
 
 
 def shown(text: object) -> str:
