@@ -13,13 +13,14 @@ class HC4(Composable):
     """Natural interval evaluation of every constraint, then narrowing of its arguments down to the variables.
 
     Works on any network and any box, also unbounded ones. Readings are narrowed like variables but never
-    reported: a reading is a number that exists in its set.
+    reported: a reading is a number that exists in its set. `sweeps` is how often the two sweeps are repeated, unless
+    nothing moves.
     """
 
     def __init__(
-        self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64"
+        self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64", sweeps: int = 1
     ) -> None:
-        self._engine = get_arithmetic(arithmetic)
+        self._engine, self._sweeps = get_arithmetic(arithmetic), sweeps
         self._tape = Tape(network, [row.expr for row in one_sided_rows(network)])
 
     def contract(self, box: Box) -> Contraction:
@@ -31,7 +32,7 @@ class HC4(Composable):
 
     def contract_batch(self, boxes: IntervalArray) -> IntervalArray:
         """Contract B boxes at once: shape (B, n) in and out, NaN where a box holds no solution."""
-        return self._tape.contract(self._engine, boxes)
+        return self._tape.contract(self._engine, boxes, self._sweeps)
 
 
 def moved_bounds(contractor: str, before: Box, after: Box) -> tuple[Step, ...]:

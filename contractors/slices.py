@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.solver.contract import Contractor, shrunk
+from cpcal.solver.contract import Contractor, shrunk, takes_batches
 from cpcal.solver.interval import Box, IntervalArray
-
-
-@runtime_checkable
-class Batch(Protocol):
-    """A contractor that takes many boxes at once, as hc4 does: shape (B, n), NaN where a box holds no solution."""
-
-    def contract_batch(self, boxes: IntervalArray) -> IntervalArray: ...
 
 
 def slice_of(box: Box, component: int, lo: float, hi: float) -> Box:
@@ -34,7 +26,7 @@ def contract_all(inner: Contractor, boxes: Sequence[Box], passes: int) -> list[B
     """Each box contracted by `inner`; all at once, `passes` times, where it can do that."""
     if not boxes:
         return []
-    if not isinstance(inner, Batch):
+    if not takes_batches(inner):
         return [inner.contract(box).box for box in boxes]
     array = IntervalArray(np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes]))
     for _ in range(passes):
@@ -42,7 +34,7 @@ def contract_all(inner: Contractor, boxes: Sequence[Box], passes: int) -> list[B
         if not alive.size:
             break
         lo, hi = array.lo.copy(), array.hi.copy()
-        narrowed = inner.contract_batch(array[alive])
+        narrowed = inner.contract_batch(array[alive])  # type: ignore[attr-defined]
         lo[alive], hi[alive] = narrowed.lo, narrowed.hi
         with np.errstate(all="ignore"):
             pays = shrunk((array.hi - array.lo)[alive], (hi - lo)[alive], 0.9)

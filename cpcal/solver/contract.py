@@ -128,6 +128,11 @@ class SupportFunction(Protocol):
         ...
 
 
+def takes_batches(contractor: Contractor) -> bool:
+    """Whether it has `contract_batch(boxes) -> boxes`, bounds of shape (B, n), NaN where a box holds no solution."""
+    return callable(getattr(contractor, "contract_batch", None))
+
+
 class ContractorFactory(Protocol):
     """What an entry point of the group `cpcal.contractors` names: usually the contractor's class.
 

@@ -38,6 +38,8 @@ __all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
 
 DEFAULT_CONTRACTORS = ("hc4", "lifted")
 
+_ABREAST = 64  # pending boxes that a round of `solve` takes, whatever the order
+
 
 class Network(ConstraintNetwork):
     """A constraint network that can be solved.
@@ -79,8 +81,9 @@ class Network(ConstraintNetwork):
 
         Where there are as many equations as unknowns, boxes are proved to hold exactly one solution if they do.
         `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative", "smear-max" or
-        "lp" (or an object); `order` which box is next: "depth", "breadth" or "best". `inner=True` looks for boxes that
-        hold nothing but solutions, which are not divided, and lists what was proved to hold none: see `Paving`.
+        "lp" (or an object); `order` which boxes are next, up to 64 abreast: "depth", "breadth" or "best". `inner=True`
+        looks for boxes that hold nothing but solutions, which are not divided, and lists what was proved to hold none:
+        see `Paving`.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
@@ -92,7 +95,7 @@ class Network(ConstraintNetwork):
             _strategy(network, strategy, _width(width), arithmetic),
             inside=Inside(network, engine) if inner else None,
         )
-        search = Search([network.domain], process, _order(network, order), outside=inner)
+        search = Search([network.domain], process, _order(network, order), outside=inner, abreast=_ABREAST)
         nodes = 0
         try:
             for event in search:

@@ -70,6 +70,22 @@ class Box:
         return box
 
     @classmethod
+    def rows(cls, names: tuple[str, ...], lo: Floats, hi: Floats) -> list[Box]:
+        """A box of each row of bounds (B, n), of the names of some box; NaN or lo > hi gives the empty box."""
+        lo, hi = lo + 0.0, hi + 0.0
+        empty = ~_has_points(lo, hi).all(axis=1)
+        lo[empty], hi[empty] = np.nan, np.nan
+        lo.flags.writeable = hi.flags.writeable = False
+        boxes = []
+        for lower, upper in zip(lo, hi, strict=True):
+            box = object.__new__(cls)
+            object.__setattr__(box, "names", names)
+            object.__setattr__(box, "lo", lower)
+            object.__setattr__(box, "hi", upper)
+            boxes.append(box)
+        return boxes
+
+    @classmethod
     def from_dict(cls, bounds: Mapping[str, Interval | Number | tuple[Number, Number]]) -> Box:
         """`Box.from_dict({"x": (0, 1), "y": Interval(2, 3), "z": 4})`."""
         intervals = [_interval(name, value) for name, value in bounds.items()]

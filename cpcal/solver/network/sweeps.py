@@ -91,10 +91,7 @@ def contract_all(
     boxes_hi: Floats,
     sweeps: int,
 ) -> None:
-    """hc4 on B boxes (B, n), in place, at most `sweeps` times each; NaN where a box holds no solution.
-
-    A box is swept again where a bound moved by more than a tenth of the width.
-    """
+    """hc4 on B boxes (B, n), in place, `sweeps` times each or until nothing moves; NaN where nothing is left."""
     n, size = boxes_lo.shape[1], first + len(code)
     lo, hi = np.empty(size), np.empty(size)
     for r in range(len(boxes_lo)):
@@ -106,7 +103,7 @@ def contract_all(
                 break
             moved = False
             for j in range(n):
-                if hi[j] - lo[j] < 0.9 * (boxes_hi[r, j] - boxes_lo[r, j]):
+                if lo[j] > boxes_lo[r, j] or hi[j] < boxes_hi[r, j]:
                     moved = True
                 boxes_lo[r, j], boxes_hi[r, j] = lo[j], hi[j]
             if not moved:

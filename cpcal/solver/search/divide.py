@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol, runtime_checkable
 
 from cpcal.solver.contract import Contractor, Strategy, shrunk
 from cpcal.solver.interval import Box
+from cpcal.solver.search.batches import Batches
 from cpcal.solver.search.orders import Node
 from cpcal.solver.search.passes import Contracting, divided
 from cpcal.solver.search.search import Decision, EventKind, Piece
@@ -38,6 +39,16 @@ class Divide:
             contracting = Contracting([("", contracting)])
         self._contracting = contracting
         self._strategy, self._inside, self._again = strategy, inside, again
+        alone = inside is None and again is None and not contracting.proves
+        self._batches = (
+            Batches(contracting.named, strategy) if alone and Batches.serve(contracting.named, strategy) else None
+        )
+
+    def all(self, nodes: Sequence[Node]) -> list[Decision]:
+        """The decisions about several nodes, at once where contractors and strategy take batches."""
+        if self._batches is None:
+            return [self(node) for node in nodes]
+        return self._batches(nodes)
 
     def __call__(self, node: Node) -> Decision:
         before = node.box if node.state is None else node.state

@@ -83,6 +83,11 @@ class Contracting:
         self._prover = prover
 
     @property
+    def named(self) -> list[tuple[str, Contractor]]:
+        """The contractors, one by one."""
+        return self._named
+
+    @property
     def proves(self) -> bool:
         """Whether steps are proved again by weights."""
         return self._prover is not None

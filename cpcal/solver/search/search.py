@@ -81,6 +81,10 @@ class Event:
 class Search(Iterator[Event]):
     """Process the most urgent node, then the next one. Lower priority goes first, then age.
 
+    With `abreast` the most urgent so many nodes are taken as one round, one after the other, before any that came of
+    them; `process.all(nodes)`, if there is one, decides `batch` of them at a time. The size of batches changes nothing
+    else. Of a round that is not over, the rest is pending.
+
     `kept` holds the pieces that were fine enough and `inside` the boxes that hold nothing but solutions; `outside`, if
     wanted, what was proved to hold none. At every moment these three and `pending` cover the roots.
     """
@@ -92,10 +96,14 @@ class Search(Iterator[Event]):
         priority: Priority = depth_first,
         *,
         outside: bool = False,
+        abreast: int = 1,
+        batch: int = 64,
     ) -> None:
         self._process, self._priority, self.wants_outside = process, priority, outside
+        self._abreast, self._batch = abreast, batch
         self._heap: list[tuple[float, int, Node]] = []
-        self._current: Node | None = None
+        self._round: list[Node] = []  # the next one last
+        self._decided: dict[int, Decision] = {}  # by serial, of the round
         self._created = 0
         self.kept: list[Piece] = []
         self.inside: list[Box] = []
@@ -107,23 +115,36 @@ class Search(Iterator[Event]):
     def pending(self) -> tuple[Node, ...]:
         """The undecided nodes, most urgent first."""
         queued = tuple(node for _, _, node in sorted(self._heap, key=lambda entry: entry[:2]))
-        return queued if self._current is None else (self._current, *queued)
+        return (*reversed(self._round), *queued)
 
     def __next__(self) -> Event:
         # Ctrl-C may strike between any two lines: a node is listed as undecided (perhaps twice) until all that
         # follows from it is stored.
-        if self._current is None:
+        if not self._round:
             if not self._heap:
                 raise StopIteration
-            self._current = self._heap[0][2]
-            heapq.heappop(self._heap)
-        node = self._current
-        decision = self._process(node)
+            chosen = heapq.nsmallest(self._abreast, self._heap) if self._abreast > 1 else self._heap[:1]
+            self._round = [node for _, _, node in reversed(chosen)]
+            for _ in chosen:
+                heapq.heappop(self._heap)
+        node = self._round[-1]
+        decision = self._decision(node)
         removed = difference(node.box, decision.box) if self.wants_outside else ()
         children = self._stored(node, decision)
         self.outside.extend(removed)
-        self._current = None
+        self._round.pop()
+        self._decided.pop(node.serial, None)
         return Event(node, decision, children)
+
+    def _decision(self, node: Node) -> Decision:
+        together = getattr(self._process, "all", None)
+        if together is None or len(self._round) == 1 or self._batch == 1:
+            return self._decided.get(node.serial) or self._process(node)
+        if node.serial not in self._decided:
+            nodes = self._round[-self._batch :][::-1]
+            decisions = together(nodes)
+            self._decided = {one.serial: decision for one, decision in zip(nodes, decisions, strict=True)}
+        return self._decided[node.serial]
 
     def _stored(self, node: Node, decision: Decision) -> tuple[Node, ...]:
         """Keep or queue the pieces; the nodes that they became."""

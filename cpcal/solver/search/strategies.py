@@ -2,69 +2,93 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
-from cpcal.solver.interval import Box
+from cpcal.common.arrays import Floats, Ints
+from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.interval.float64 import Float64
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
+
+_ENGINE = Float64()
+_MAX = float(np.finfo(np.float64).max)
 
 
 def bisect(box: Box, component: int) -> tuple[Box, ...]:
     """The two halves of a box, or () where float64 has no number between its bounds."""
     lo, hi = box.lo[component], box.hi[component]
-    cut = _middle(lo, hi)
+    cut = float(_middle(lo[None], hi[None])[0])
     if not lo < cut < hi:
         return ()
     name = box.names[component]
     return box.replace(name, hi=cut), box.replace(name, lo=cut)
 
 
-def _middle(lo: float, hi: float) -> float:
+def _middle(lo: Floats, hi: Floats) -> Floats:
     """Half way; of an unbounded interval a number that doubles its distance from zero, so that halves get finite."""
-    if np.isinf(lo) and np.isinf(hi):
-        return 0.0
-    if np.isinf(hi):
-        return min(max(1.0, 2.0 * float(lo)), float(np.finfo(np.float64).max))
-    if np.isinf(lo):
-        return max(min(-1.0, 2.0 * float(hi)), -float(np.finfo(np.float64).max))
-    return float(0.5 * lo + 0.5 * hi)
+    low, high = np.isinf(lo), np.isinf(hi)
+    if not (low.any() or high.any()):
+        return np.asarray(0.5 * lo + 0.5 * hi)
+    cut = 0.5 * np.where(low, 0.0, lo) + 0.5 * np.where(high, 0.0, hi)
+    above = np.minimum(np.maximum(1.0, 2.0 * lo), _MAX)
+    below = np.maximum(np.minimum(-1.0, 2.0 * hi), -_MAX)
+    return np.asarray(np.where(low & high, 0.0, np.where(high, above, np.where(low, below, cut))))
 
 
 class LargestFirst:
-    """Bisect the component that is widest in units of `scale` (default 1); stop when all are below `width`."""
+    """Bisect the component that is widest in units of `scale` (default 1); stop when all are below `width`.
+
+    Other strategies of this kind derive from it and give another score.
+    """
 
     def __init__(self, width: float = 0.0, scale: npt.ArrayLike = 1.0, skip: Iterable[str] = ()) -> None:
         self._width, self._scale, self._skip = width, np.asarray(scale, np.float64), frozenset(skip)
 
     def split(self, box: Box) -> tuple[Box, ...]:
-        return self._cut(box, box.width / self._scale)
+        return self._halves(box, 0)
+
+    def _halves(self, box: Box, depth: int) -> tuple[Box, ...]:
+        (component,), _ = self.cuts(box.names, box.lo[None], box.hi[None], np.array([depth]))
+        return bisect(box, int(component)) if component >= 0 else ()
+
+    def cuts(self, names: Sequence[str], lo: Floats, hi: Floats, depths: Ints) -> tuple[Ints, Floats]:
+        """Which component of boxes (B, n) to cut, -1 for none, and where: (B,) each."""
+        with np.errstate(all="ignore"):
+            return self._best(names, lo, hi, self._scores(lo, hi, depths))
+
+    def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
+        """The component with the highest one is cut: (B, n)."""
+        return np.asarray(_width(lo, hi) / self._scale)
 
     def _cut(self, box: Box, score: Floats) -> tuple[Box, ...]:
-        allowed = np.array([name not in self._skip for name in box.names])
-        wide = allowed & (box.width / self._scale > self._width)
-        for component in np.argsort(np.where(wide, -score, np.inf), kind="stable"):
-            if not wide[component]:
-                break
-            pieces = bisect(box, int(component))
-            if pieces:
-                return pieces
-        return ()
+        with np.errstate(all="ignore"):
+            (component,), _ = self._best(box.names, box.lo[None], box.hi[None], score[None])
+        return bisect(box, int(component)) if component >= 0 else ()
+
+    def _best(self, names: Sequence[str], lo: Floats, hi: Floats, score: Floats) -> tuple[Ints, Floats]:
+        cut = _middle(lo, hi)
+        able = (_width(lo, hi) / self._scale > self._width) & (lo < cut) & (cut < hi)
+        if self._skip:
+            able &= np.array([name not in self._skip for name in names])
+        component = np.argmax(np.where(able, score, -np.inf), axis=1)
+        rows = np.arange(len(lo))
+        component = np.where(able[rows, component], component, np.where(able.any(axis=1), able.argmax(axis=1), -1))
+        return component, cut[rows, component]
 
 
 class RoundRobin(LargestFirst):
     """Bisect one component after the other: number `depth` (modulo their number), or the next one that is wide."""
 
-    def split(self, box: Box) -> tuple[Box, ...]:
-        return self.split_at(box, 0)
-
     def split_at(self, box: Box, depth: int) -> tuple[Box, ...]:
         """The pieces of a box that `depth` divisions led to."""
-        turn = (np.arange(len(box)) - depth) % max(len(box), 1)
-        return self._cut(box, -turn.astype(np.float64))
+        return self._halves(box, depth)
+
+    def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
+        turn = (np.arange(lo.shape[1])[None] - depths[:, None]) % max(lo.shape[1], 1)
+        return np.asarray(-turn.astype(np.float64))
 
 
 _TINY = float(np.finfo(np.float64).tiny)
@@ -81,7 +105,7 @@ class Smear(LargestFirst):
     """Bisect where the constraints vary most, by |derivative| times width at the midpoint of a box.
 
     Over the rows it is combined by `how`: their "sum", the sum "relative" to each row's total (so that no row counts
-    more than another), or the "max".
+    more than another), or the "max". Where nothing varies, and on unbounded boxes, the widest component.
     """
 
     def __init__(
@@ -95,13 +119,20 @@ class Smear(LargestFirst):
         super().__init__(width, scale, skip)
         self._rows, self._how = Rows(network), how
 
-    def split(self, box: Box) -> tuple[Box, ...]:
-        if not box.is_bounded:
-            return super().split(box)
-        jacobian = np.abs(self._rows.linearize(box.mid).jacobian)
-        with np.errstate(over="ignore"):
-            score = np.nan_to_num(SMEARS[self._how](jacobian * box.width))
-        return self._cut(box, score) if score.any() else super().split(box)
+    def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
+        widths, mids = _width(lo, hi), IntervalArray(lo, hi).mid
+        scores = widths / self._scale
+        for k in np.flatnonzero(np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1)):
+            jacobian = np.abs(self._rows.linearize(mids[k]).jacobian)
+            score = np.nan_to_num(SMEARS[self._how](jacobian * widths[k]))
+            if score.any():
+                scores[k] = score
+        return np.asarray(scores)
+
+
+def _width(lo: Floats, hi: Floats) -> Floats:
+    """Upper bounds."""
+    return _ENGINE.sub(IntervalArray(lo, hi), IntervalArray(lo, hi)).hi
 
 
 STRATEGIES: dict[str, Callable[[ConstraintNetwork, float], LargestFirst]] = {

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import HC4
+from contractors import HC4, Newton
 from cpcal import Interval, Limits, Network, Verdict
-from cpcal.solver.contract import Contraction
+from cpcal.solver.contract import Contraction, Then
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.search import (
@@ -267,3 +270,21 @@ def test_solve_ends_cleanly_on_ctrl_c() -> None:
     assert not paving.complete
     for point in ((4, 3), (-3, -4)):
         assert any(point in box for box in solution_boxes(paving))
+
+
+@pytest.mark.parametrize("order", [{}, {"priority": breadth_first}])
+def test_the_size_of_batches_changes_nothing(order: dict[str, Any]) -> None:
+    """Events, kept boxes and what is pending at a stop are the same one node at a time and 64 at a time."""
+    net = Network()
+    x = net.variable("x", 2, (-3.0, 3.1))
+    net.add([x[0] ** 2 + x[1] ** 2 == 4, x[1] == x[0] ** 2 - 1])
+    told = []
+    for batch in (1, 5, 64):
+        process = Divide(Then(HC4(net), Newton(net)), LargestFirst(1e-3))
+        search = Search([net.domain], process, **order, abreast=64, batch=batch)
+        first = [(event.node.box, event.kind, event.decision.box) for event in itertools.islice(search, 9)]
+        pending = sorted(repr(node.box) for node in search.pending)
+        rest = [(event.node.box, event.kind, event.decision.box) for event in search]
+        told.append((first, pending, rest, [piece.box for piece in search.kept]))
+    assert told[0] == told[1] == told[2]
+    assert len(told[0][3]) == 2
