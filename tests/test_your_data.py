@@ -1,5 +1,6 @@
 """docs/your-data.md lists exactly what the readers accept, its commands run, and its examples are campaigns."""
 
+import pickle
 import re
 import shlex
 import shutil
@@ -93,6 +94,7 @@ def test_every_command_of_the_page_runs(tmp_path, monkeypatch):
     assert cpcal.load_campaign("campaign").position == pytest.approx(cpcal.load_campaign("capture").position, abs=1e-4)
 
 
-def test_messages_on_files_point_to_the_page(tmp_path):
-    with pytest.raises(cpcal.InputError, match=r"See docs/your-data\.md"):
+def test_messages_on_files_point_to_the_page_also_from_another_process(tmp_path):
+    with pytest.raises(cpcal.InputError, match=r"See docs/your-data\.md") as caught:
         cpcal.load_campaign(tmp_path)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)

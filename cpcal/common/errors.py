@@ -6,6 +6,8 @@ import difflib
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 
 def printable(text: str | os.PathLike[str]) -> str:
@@ -48,6 +50,10 @@ class InputError(CpcalError):
         self.omitted = omitted
         self.see = see
         super().__init__(self.problems, omitted)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Its arguments go by keyword, which the pickle of an exception knows nothing of."""
+        return partial(type(self), omitted=self.omitted, see=self.see), (self.problems,)
 
     def __str__(self) -> str:
         count = len(self.problems) + self.omitted
