@@ -1,4 +1,15 @@
-from .certify import DataCheck, PointResult, certify, certify_point, check_data, compare, compare_networks, with_ranges
+from .accuracy import Accuracy, NamedPoses, Workspace, certify_accuracy
+from .certify import (
+    DataCheck,
+    PointResult,
+    certify,
+    certify_point,
+    certify_robust,
+    check_data,
+    compare,
+    compare_networks,
+    with_ranges,
+)
 from .common.errors import CpcalError, InputError, ModelError, PluginError
 from .common.version import __version__
 from .files import load_campaign, save_campaign
@@ -24,6 +35,7 @@ from .solver.model import Network, Paving, Solution
 from .solver.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
 
 __all__ = [
+    "Accuracy",
     "Box",
     "Campaign",
     "Comparison",
@@ -40,6 +52,7 @@ __all__ = [
     "Limits",
     "Measured",
     "ModelError",
+    "NamedPoses",
     "Network",
     "Parameter",
     "Paving",
@@ -53,9 +66,12 @@ __all__ = [
     "Strategy",
     "Verdict",
     "VerifiedPoint",
+    "Workspace",
     "__version__",
     "certify",
+    "certify_accuracy",
     "certify_point",
+    "certify_robust",
     "check_data",
     "compare",
     "compare_networks",

@@ -11,8 +11,9 @@ import typer
 
 from cpcal.certify.fits import FITS_NAME, load_fits
 from cpcal.certify.recomputed import stated_otherwise
-from cpcal.checker import Accepted, Refused, Unusable, check, check_run
+from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check, check_run
 from cpcal.cli.claims import sentences
+from cpcal.cli.robust import robust_verified
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import nearest
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
@@ -38,6 +39,8 @@ def verify(
     same = campaign is None or _same_campaign(target, campaign)
     if not target.is_dir():
         accepted = _certificate(target)
+    elif (target / ROBUST_NAME).exists():
+        accepted = robust_verified(target)
     elif (target / RESULT_NAME).exists():
         accepted = _run(target)
     else:

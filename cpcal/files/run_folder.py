@@ -46,6 +46,7 @@ RUN = Kind("result.json", (r"report\.html",))
 COMPARED = Kind("compare.json", (r"compare\.html",))
 ACCURACY = Kind("accuracy.json", (r"accuracy\.html",))
 FITTED = Kind("fits.json")
+ROBUST = Kind("robust.json")
 POSE_SETS = Kind("sets.json")  # certificates of images, without a head
 
 
