@@ -35,7 +35,7 @@ class NamedPoses:
     poses: Pose
 
 
-def accuracy(
+def certify_accuracy(
     campaign: Campaign,
     result: Result,
     *,

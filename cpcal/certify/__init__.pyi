@@ -4,6 +4,7 @@ from .compare_networks import compare_networks
 from .data_check import DataCheck, Finding, check_data
 from .point import PointResult, certify_point
 from .ranges import with_ranges
+from .robust import certify_robust
 
 __all__ = [
     "COMPARED",
@@ -12,6 +13,7 @@ __all__ = [
     "PointResult",
     "certify",
     "certify_point",
+    "certify_robust",
     "check_data",
     "compare",
     "compare_networks",

@@ -10,7 +10,19 @@ from .command import INTERNAL, PROVED, REFUSED, UNUSABLE, main
 from .files import WORK
 from .header import FORMAT
 from .refusal import Refused, Unusable
+from .robust import ROBUST_NAME, RobustChecked, check_robust
 from .run import LegChecked, check_run
 
 __all__ = ["FORMAT", "INTERNAL", "PROVED", "REFUSED", "UNUSABLE", "WORK", "Accepted", "Claims", "ExactCampaign"]
-__all__ += ["LegChecked", "Point", "Refused", "Unusable", "check", "check_run", "main"]
+__all__ += [
+    "ROBUST_NAME",
+    "LegChecked",
+    "Point",
+    "Refused",
+    "RobustChecked",
+    "Unusable",
+    "check",
+    "check_robust",
+    "check_run",
+    "main",
+]

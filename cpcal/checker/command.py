@@ -13,6 +13,7 @@ from .certificate import check
 from .claims import Accepted
 from .files import WORK
 from .refusal import Refused, Unusable
+from .robust import ROBUST_NAME, check_robust
 from .run import check_run
 
 PROVED, REFUSED, UNUSABLE, INTERNAL = 0, 1, 2, 3
@@ -26,6 +27,8 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--work", type=int, default=WORK, help="multiplications that a certificate may cost")
     given = parser.parse_args(arguments)
     try:
+        if (given.target / ROBUST_NAME).is_file():
+            return _robust(given.target, given.work)
         if given.target.is_dir():
             return _run(given.target, given.work)
         print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work))}")
@@ -52,6 +55,22 @@ def _run(folder: Path, work: int) -> int:
         return REFUSED
     if not any(leg.accepted for leg in legs):
         raise Unusable("no leg of the run is certified")
+    return PROVED
+
+
+def _robust(folder: Path, work: int) -> int:
+    legs = check_robust(folder, work=work)
+    for leg in legs:
+        proved = [] if leg.lo is None else [f"eps >= {_down(leg.lo)}"]
+        proved += [] if leg.hi is None else [f"eps <= {-_down(-leg.hi)} without {', '.join(leg.left_out) or 'none'}"]
+        said = (
+            f"REFUSED: {leg.refused}" if leg.refused else f"PROVED: {'; '.join(proved)}" if proved else "not certified"
+        )
+        print(f"leg {leg.leg}, at most {leg.outliers} wrong: {said}")
+    if any(leg.refused for leg in legs):
+        return REFUSED
+    if not any(leg.lo is not None or leg.hi is not None for leg in legs):
+        raise Unusable("no leg is certified")
     return PROVED
 
 

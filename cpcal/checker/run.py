@@ -21,7 +21,7 @@ RESULT_FORMAT = "cpcal-result/4"
 SUPPORT = "support.cert.jsonl"
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints
-_STRANGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, OverflowError, MemoryError)
+STRANGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, OverflowError, MemoryError)
 Json = dict[str, Any]
 
 
@@ -49,8 +49,8 @@ def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
         text = content(folder / RESULT_NAME)
         campaign = ExactCampaign(folder / NAME)
         result = parsed(text, lambda number: F(finite(number)))
-        _same("format", result["format"], RESULT_FORMAT)
-        _compare(_of_the_run(result, campaign))
+        same("format", result["format"], RESULT_FORMAT)
+        compare(_of_the_run(result, campaign))
         legs: list[Json] = result["legs"]
         named = {str(leg["certificate"]) for leg in legs} | {f"leg{leg['leg']}.{SUPPORT}" for leg in legs}
         named |= {str(leg["ranges"]["certificate"]) for leg in legs if leg["ranges"] is not None}
@@ -58,10 +58,10 @@ def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
             if path.name not in named:
                 raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
         return [_checked(folder, result, campaign, leg, work) for leg in legs]
-    except (Refused, *_STRANGE) as error:
+    except (Refused, *STRANGE) as error:
         if isinstance(error, Refused) and error.code == "campaign":
             raise
-        raise Refused(f"{RESULT_NAME} {_reason(error)}", "run", 0) from None
+        raise Refused(f"{RESULT_NAME} {reason_of(error)}", "run", 0) from None
 
 
 def _of_the_run(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, Any, Any]]:
@@ -84,30 +84,30 @@ def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, wor
         if file not in {path.name for path in folder.glob("*.cert.jsonl")}:
             raise Refused(f"names no certificate of its folder: {shown(file)}")
         found = check(folder / file, campaign, work=work)
-        _compare(_of_the_problem(result, leg, campaign, found, chosen))
+        compare(of_the_problem(result, leg, campaign, found, chosen))
         return found
 
     try:
-        _same("support", sorted(leg["support"]), sorted(set(leg["support"]) & set(campaign.ids)))
+        same("support", sorted(leg["support"]), sorted(set(leg["support"]) & set(campaign.ids)))
         stated, ranges, few, found = leg["ranges"], None, None, None
         if stated is not None and stated["certificate"] is not None:
             ranges = accepted(stated["certificate"], every)
-            _compare(_of_the_ranges(result, leg, stated, ranges))
+            compare(_of_the_ranges(result, leg, stated, ranges))
         if type(leg["certified"]) is not bool or leg["certified"] != (name is not None):
             raise Refused("is neither certified by a file of the run nor said to be not certified")
         if name is not None:
             found = accepted(name, every)
-            _compare(_of_the_box(result, leg, found, result["options"]["eps"]))
-            _compare(_of_the_leg(result, leg, campaign, found))
+            compare(of_the_box(result, leg, found, result["options"]["eps"]))
+            compare(_of_the_leg(result, leg, campaign, found))
         if (folder / f"leg{number}.{SUPPORT}").exists():
             chosen = [k for k, text in enumerate(campaign.ids) if text in leg["support"]]
             few = accepted(f"leg{number}.{SUPPORT}", chosen)
         return LegChecked(number, name, found, support=few, ranges=ranges)
-    except (Unusable, Refused, *_STRANGE) as error:
-        return LegChecked(number, shown(name), refused=_reason(error))
+    except (Unusable, Refused, *STRANGE) as error:
+        return LegChecked(number, shown(name), refused=reason_of(error))
 
 
-def _of_the_problem(
+def of_the_problem(
     result: Json, leg: Json, campaign: ExactCampaign, accepted: Accepted, chosen: list[int]
 ) -> Iterator[tuple[str, Any, Any]]:
     model, extra = result["model"]["name"], [p["name"] for p in result["model"]["parameters"]]
@@ -121,18 +121,18 @@ def _of_the_problem(
     yield "measurements", chosen, list(accepted.chosen)
 
 
-def _of_the_box(result: Json, leg: Json, accepted: Accepted, asked: Any) -> Iterator[tuple[str, Any, Any]]:
+def of_the_box(result: Json, leg: Json, accepted: Accepted, asked: Any) -> Iterator[tuple[str, Any, Any]]:
     """The certificate's box is the one that the result states, rounded outward."""
-    delta = _exact(result["options"]["delta"])
-    sides = [(_exact(c), delta) for c in leg["center"][:7]]
-    sides += [(F(0), _exact(p["half_width"])) for p in result["model"]["parameters"]]
+    delta = exact(result["options"]["delta"])
+    sides = [(exact(c), delta) for c in leg["center"][:7]]
+    sides += [(F(0), exact(p["half_width"])) for p in result["model"]["parameters"]]
     yield "size of the center", len(leg["center"]), len(sides)
     yield "number of parameters", len(sides), len(accepted.lo) - 1
     for i, (center, half) in enumerate(sides):
         low, high = center - half, center + half
         slack, lo, hi = (abs(low) + abs(high)) / 2**50, accepted.lo[i], accepted.hi[i]
         yield f"range of unknown {i}", low - slack <= lo <= low and high <= hi <= high + slack, True
-    yield "eps asked about", 0 if asked is None else _exact(asked), accepted.lo[-1]
+    yield "eps asked about", 0 if asked is None else exact(asked), accepted.lo[-1]
 
 
 def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
@@ -144,18 +144,18 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
         at = None
     refuted = claims.infeasible and at is None
     if asked is not None:  # only that one is spoken of
-        yield "cap", _exact(asked), claims.cap
+        yield "cap", exact(asked), claims.cap
         lo: Any = claims.cap if refuted else 0
     else:
         refuted = refuted and _all_of_it(campaign, accepted)
         lo = "inf" if refuted else claims.eps_lo or 0
     yield "eps_lo", leg["eps_lo"], lo
     yield "eps_hi", leg["eps_hi"], "inf" if at is None else at[-1]
-    yield "point", leg["point"] and [_exact(v) for v in leg["point"]], at and list(at[:-1])
+    yield "point", leg["point"] and [exact(v) for v in leg["point"]], at and list(at[:-1])
     yield from _of_the_hull(result, leg["enclosure"], accepted)
     narrow, slack = at is not None, F(0)
     if at is not None and asked is None:
-        asked_gap = max(_exact(result["options"]["gap"]) * at[-1], _CLOSED)
+        asked_gap = max(exact(result["options"]["gap"]) * at[-1], _CLOSED)
         slack = asked_gap / 2**20 * (1 if leg["status"] == "proved" else -1)  # how a float64 may see it
         narrow = at[-1] - lo <= asked_gap + slack
     yield "status", leg["status"], "refuted" if refuted else "proved" if narrow else "unknown"
@@ -163,14 +163,14 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
 
 def _of_the_ranges(result: Json, leg: Json, stated: Json, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
     """The parameters at one eps."""
-    yield from _of_the_box(result, leg, accepted, stated["eps"])
-    yield "eps of the ranges", _exact(stated["eps"]), accepted.claims.cap
+    yield from of_the_box(result, leg, accepted, stated["eps"])
+    yield "eps of the ranges", exact(stated["eps"]), accepted.claims.cap
     yield from _of_the_hull(result, stated["box"], accepted)
 
 
 def _of_the_hull(result: Json, box: Json, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
     yield "parameters", box["names"], [*PARAMETERS, *(p["name"] for p in result["model"]["parameters"])]
-    sides = [box[side] and [_exact(v) for v in box[side]] for side in ("lo", "hi")]
+    sides = [box[side] and [exact(v) for v in box[side]] for side in ("lo", "hi")]
     yield "enclosure", sides, [side and list(side[:-1]) for side in accepted.claims.enclosure or (None, None)]
 
 
@@ -181,24 +181,24 @@ def _all_of_it(campaign: ExactCampaign, accepted: Accepted) -> bool:
     return cap is not None and cap >= shortest + accepted.hi[6]
 
 
-def _compare(stated: Iterator[tuple[str, Any, Any]]) -> None:
+def compare(stated: Iterator[tuple[str, Any, Any]]) -> None:
     for what, value, proved in stated:
-        _same(what, value, proved)
+        same(what, value, proved)
 
 
-def _same(what: str, stated: Any, proved: Any) -> None:
+def same(what: str, stated: Any, proved: Any) -> None:
     """Equal, and of the same kind: true is not 1."""
     if stated != proved or isinstance(stated, bool) != isinstance(proved, bool):
         raise Refused(f"states another {what} than is proved")
 
 
-def _exact(value: Any) -> F:
+def exact(value: Any) -> F:
     if isinstance(value, bool) or not isinstance(value, int | F):
         raise Refused(f"holds {shown(value)} where a number is needed")
     return F(value)
 
 
-def _reason(error: Exception) -> str:
+def reason_of(error: Exception) -> str:
     if isinstance(error, KeyError):
         return f"lacks the key {shown(error.args[0])}"
     return str(error) if isinstance(error, (Refused, Unusable)) else "holds a value of the wrong kind"

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from cpcal.accuracy.accuracy import NamedPoses, accuracy
+from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.values import Accuracy, save_accuracy
 from cpcal.accuracy.workspace import Workspace
 from cpcal.checker import Refused, Unusable, check_run
@@ -72,7 +72,7 @@ def accuracy_of(
     check_target(folder, ACCURACY)
     _check(run)
     campaign, errors = load_campaign_json(run), terminal(stderr=True)
-    found = accuracy(
+    found = certify_accuracy(
         campaign,
         load_result(run),
         poses=named,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.accuracy.accuracy import NamedPoses, accuracy
+from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.model_error import growth
 from cpcal.accuracy.values import load_accuracy, save_accuracy
 from cpcal.common.errors import InputError
@@ -33,7 +33,7 @@ def named(known):
 
 @pytest.fixture(scope="module")
 def found(known, result, named):
-    return accuracy(known.campaign, result, poses=named, model_error=ERROR)
+    return certify_accuracy(known.campaign, result, poses=named, model_error=ERROR)
 
 
 def test_the_truth_is_inside_and_what_is_assumed_is_said_first(found):
@@ -71,7 +71,7 @@ def test_an_error_that_the_campaign_refutes_gives_no_bounds(found, result, named
 
 def test_every_mistake_is_named_at_once(known, result):
     with pytest.raises(InputError) as caught:
-        accuracy(known.campaign, result, controller="mine", model_error=(0.1, 0.2))
+        certify_accuracy(known.campaign, result, controller="mine", model_error=(0.1, 0.2))
     assert {problem.where for problem in caught.value.problems} == {"controller", "model_error"}
 
 

@@ -1,0 +1,106 @@
+"""`cpcal robust`: brackets when some measurements may be wrong. For exit statuses see `cpcal.cli`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.table import Table
+
+from cpcal.certify.robust import certify_robust
+from cpcal.checker import ROBUST_NAME, Refused, Unusable, check_robust
+from cpcal.cli.certify import numbers_of
+from cpcal.cli.folders import check_target, output_path
+from cpcal.cli.show import terminal
+from cpcal.cli.status import Status
+from cpcal.cli.suspected import read_campaign
+from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.numbers import at_least, at_most, bracket_text
+from cpcal.files.run_folder import ROBUST
+from cpcal.results.robust import RobustResult
+
+
+def robust_brackets(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            parser=output_path,
+            help="Folder for robust.json, campaign.json and certificates; replaced there.",
+        ),
+    ],
+    outliers: Annotated[
+        int, typer.Option("--outliers", "-q", help="Measurements of a leg that may be wrong, at most.")
+    ],
+    legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None,
+    delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0,
+    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg, at most.")] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),
+    ] = None,
+) -> None:
+    """Bracket the smallest model error of a CAMPAIGN's legs when some measurements may be wrong, nobody knows which.
+
+    Proved: whichever so many are left out, no parameters explain all others better than eps_lo. The point explains all
+    but those that are named.
+    """
+    check_target(folder, ROBUST, campaign)
+    errors = terminal(stderr=True)
+    found = certify_robust(
+        read_campaign(campaign),
+        outliers=outliers,
+        legs=None if legs is None else numbers_of(legs),
+        delta=delta,
+        time_limit=time_limit,
+        model=model,
+        certificates=folder,
+        tell=(lambda text: errors.print(text)) if errors.is_terminal else None,
+    )
+    _show(found)
+    raise typer.Exit(Status.ANSWERED if all(leg.complete for leg in found.legs) else Status.UNKNOWN)
+
+
+def _show(found: RobustResult) -> None:
+    console = terminal()
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+    for name in ("leg", "eps_lo [mm]", "eps_hi [mm]", "left out", "proofs"):
+        table.add_column(name, justify="right" if name.startswith("eps") else "left", overflow="fold")
+    for leg in found.legs:
+        bounds = bracket_text(leg.eps_lo, leg.eps_hi)
+        table.add_row(str(leg.leg), *bounds, ", ".join(leg.left_out) or "none", str(len(leg.proofs)))
+    console.print(table)
+    for leg in found.legs:
+        console.print(f"Leg {leg.leg}: {leg.sentence}", soft_wrap=not console.is_terminal)
+    said = f"Whichever {found.outliers} measurements of a leg are wrong, no parameters in the box explain the others"
+    console.print(f"{said} better than eps_lo; some explain all but those left out to within eps_hi.", soft_wrap=True)
+
+
+def robust_verified(folder: Path) -> bool:
+    """Check the folder and say what is proved. Raises InputError where there is nothing to check."""
+    try:
+        legs = check_robust(folder)
+    except Unusable as reason:
+        raise InputError([Problem(str(folder), str(reason), "name a folder that cpcal robust wrote")]) from None
+    except Refused as reason:
+        typer.echo(printable(f"{ROBUST_NAME}: REFUSED, {reason}"))
+        return False
+    for leg in legs:
+        if leg.refused is not None:
+            said = f"REFUSED, {leg.refused}"
+        else:
+            said = (
+                "NOT CERTIFIED"
+                if leg.lo is None
+                else f"PROVED, eps >= {at_least(leg.lo, 7)} mm by {leg.proofs} certificates"
+            )
+            if leg.hi is not None:
+                without = ", ".join(leg.left_out) or "none"
+                said += f"; eps <= {at_most(leg.hi, 7)} mm, leaving out {without}"
+        typer.echo(printable(f"leg {leg.leg}, at most {leg.outliers} wrong: {said}"))
+    return all(leg.refused is None for leg in legs)

@@ -1,0 +1,46 @@
+"""`cpcal robust` and `cpcal verify` on what it wrote."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.cli.app import app
+from cpcal.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    good = simulate(seed=1, extremal=False, random_poses=14, factor=0.0, noise=0.02, joint_error=0.05)
+    length = good.length.copy()
+    length[5, 0] += 2.0
+    where = tmp_path_factory.mktemp("robust")
+    made = cpcal.Campaign.of(good.robot, good.position, good.quaternion, length, pose=good.pose, exact=True)
+    cpcal.save_campaign(made, where / "campaign")
+    asked = ["robust", str(where / "campaign"), "-o", str(where / "out"), "-q", "1", "--legs", "1"]
+    done = CliRunner().invoke(app, asked)
+    assert done.exit_code == 0, done.output
+    assert "r005/1" in done.output
+    return where / "out"
+
+
+def test_what_was_written_is_proved_again(folder):
+    done = CliRunner().invoke(app, ["verify", str(folder)])
+    assert done.exit_code == 0, done.output
+    assert "leg 1, at most 1 wrong: PROVED, eps >= 0.0" in done.output  # not the 2 mm of the wrong one
+    assert "leaving out r005/1" in done.output
+
+
+def test_a_bound_that_says_more_is_refused(folder):
+    path = folder / "robust.json"
+    text = path.read_text()
+    value = json.loads(text)
+    value["legs"][0]["eps_lo"] *= 1.01
+    path.write_text(json.dumps(value))
+    done = CliRunner().invoke(app, ["verify", str(folder)])
+    path.write_text(text)
+    assert done.exit_code == 1
+    assert "REFUSED" in done.output
