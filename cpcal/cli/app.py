@@ -9,7 +9,13 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from cpcal.cli.leaving import leaving, refuse_empty
-from cpcal.cli.status import CHECK_STATUS_HELP, IMPORT_STATUS_HELP, STATUS_HELP, VERIFY_STATUS_HELP
+from cpcal.cli.status import (
+    CHECK_STATUS_HELP,
+    IMPORT_STATUS_HELP,
+    SOLVE_STATUS_HELP,
+    STATUS_HELP,
+    VERIFY_STATUS_HELP,
+)
 from cpcal.common.version import __version__
 
 
@@ -39,6 +45,7 @@ VERBS = {
     "compare": Verb(
         "cpcal.cli.compare", "compare_models", "compare campaign -o models --tolerance 0.5 --legs 1", STATUS_HELP
     ),
+    "solve": Verb("cpcal.cli.solve", "solve", "solve kin1.bch -o kin1.json", SOLVE_STATUS_HELP),
     "simulate": Verb("cpcal.cli.simulate", "simulate", "simulate deltalab -o campaign --joint-error 1"),
     "camera": Verb("cpcal.cli.camera", "camera", "camera head_camera.yaml -o camera.toml"),
     "target": Verb("cpcal.cli.target", "target", "target -o target.toml"),
