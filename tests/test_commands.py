@@ -22,6 +22,8 @@ SHORT = {  # added to a command so that it ends soon, which changes nothing of h
 ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
     "detect": "tests/vision, tests/cli/test_detect.py",
     "accuracy": "tests/accuracy",
+    "import": "tests/cli/test_import.py, tests/test_your_data.py",
+    "solve": "tests/problems",
     "certify campaign -o run --model stretched": "tests/legs/test_known.py",
     "report run": "tests/cli/test_report.py",
 }
