@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from cpcal.certify.recomputed import stated_otherwise
-from cpcal.checker import Refused, Unusable, check_run
+from cpcal.cli.checked import checked_legs
 from cpcal.cli.folders import FITS, PIXEL_RUN, RUN, check_writable, output_path
 from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
@@ -83,12 +83,10 @@ def _stop(folder: Path, wrong: list[str]) -> None:
 
 def _refused(run: Path) -> list[str]:
     """What the checker refuses of a run. Raises InputError where there is nothing to check."""
-    try:
-        return [f"leg {leg.leg}: {leg.refused}" for leg in check_run(run) if leg.refused is not None]
-    except Refused as reason:
-        return [str(reason)]
-    except Unusable as reason:
-        raise InputError([Problem(str(run), str(reason), "name the folder of a run")]) from None
+    legs = checked_legs(run)
+    if isinstance(legs, str):
+        return [legs]
+    return [f"leg {leg.leg}: {leg.refused}" for leg in legs if leg.refused is not None]
 
 
 def _study(folder: Path, campaign: Path | None) -> str:
