@@ -56,7 +56,8 @@ class Polynomial:
 
     def times(self, factor: int, power: int = 0) -> Polynomial:
         """factor * 2 ** power times it."""
-        return Polynomial({m: factor * c for m, c in self.terms.items()}, self.exponent + power, self.spend)
+        terms = self.terms if factor == 1 else {m: factor * c for m, c in self.terms.items()}
+        return Polynomial(terms, self.exponent + power, self.spend)
 
     @property
     def constant(self) -> F:

@@ -9,35 +9,56 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from cpcal.cli.leaving import leaving, refuse_empty
-from cpcal.cli.status import CHECK_STATUS_HELP, IMPORT_STATUS_HELP, STATUS_HELP, VERIFY_STATUS_HELP
+from cpcal.cli.status import (
+    CHECK_STATUS_HELP,
+    IMPORT_STATUS_HELP,
+    SOLVE_STATUS_HELP,
+    STATUS_HELP,
+    VERIFY_STATUS_HELP,
+)
 from cpcal.common.version import __version__
 
 
 class Verb(NamedTuple):
-    """Where the function of a verb is."""
+    """Where the function of a verb is, and a command that it can be tried with."""
 
     module: str
     function: str
-    epilog: str | None = None
+    example: str
+    statuses: str | None = None
+
+    @property
+    def epilog(self) -> str:
+        return "\n\n".join(filter(None, (f"Example: `cpcal {self.example}`", self.statuses)))
 
 
 VERBS = {
-    "robot": Verb("cpcal.cli.robot", "robot"),
-    "import": Verb("cpcal.cli.import_log", "import_log", IMPORT_STATUS_HELP),
-    "check": Verb("cpcal.cli.check", "check", CHECK_STATUS_HELP),
-    "certify": Verb("cpcal.cli.certify", "certify", STATUS_HELP),
-    "accuracy": Verb("cpcal.cli.accuracy", "accuracy_of"),
-    "compare": Verb("cpcal.cli.compare", "compare_models", STATUS_HELP),
-    "simulate": Verb("cpcal.cli.simulate", "simulate"),
-    "camera": Verb("cpcal.cli.camera", "camera"),
-    "target": Verb("cpcal.cli.target", "target"),
-    "detect": Verb("cpcal.cli.detect", "detect_poses"),
-    "calibrate": Verb("cpcal.cli.calibrate", "calibrate"),
-    "demo": Verb("cpcal.cli.demo.command", "demo", STATUS_HELP),
-    "robust": Verb("cpcal.cli.robust", "robust_brackets", STATUS_HELP),
-    "report": Verb("cpcal.cli.report", "report"),
-    "plugins": Verb("cpcal.cli.plugins", "plugins"),
-    "verify": Verb("cpcal.cli.verify", "verify", VERIFY_STATUS_HELP),
+    "robot": Verb("cpcal.cli.robot", "robot", "robot list"),
+    "import": Verb(
+        "cpcal.cli.import_log", "import_log", "import log.csv --robot deltalab -o campaign", IMPORT_STATUS_HELP
+    ),
+    "check": Verb("cpcal.cli.check", "check", "check campaign", CHECK_STATUS_HELP),
+    "certify": Verb("cpcal.cli.certify", "certify", "certify campaign -o run --tolerance 0.5", STATUS_HELP),
+    "accuracy": Verb(
+        "cpcal.cli.accuracy", "accuracy_of", "accuracy run -o accuracy --workspace x=-50:50,y=-50:50,z=300:400"
+    ),
+    "compare": Verb(
+        "cpcal.cli.compare", "compare_models", "compare campaign -o models --tolerance 0.5 --legs 1", STATUS_HELP
+    ),
+    "solve": Verb("cpcal.cli.solve", "solve", "solve kin1.bch -o kin1.json", SOLVE_STATUS_HELP),
+    "simulate": Verb("cpcal.cli.simulate", "simulate", "simulate deltalab -o campaign --joint-error 1"),
+    "camera": Verb("cpcal.cli.camera", "camera", "camera head_camera.yaml -o camera.toml"),
+    "target": Verb("cpcal.cli.target", "target", "target -o target.toml"),
+    "detect": Verb(
+        "cpcal.cli.detect", "detect_poses", "detect images --target target.toml --camera camera.toml -o poses.csv"
+    ),
+    "calibrate": Verb("cpcal.cli.calibrate", "calibrate", "calibrate study -o calibrated"),
+    "demo": Verb("cpcal.cli.demo.command", "demo", "demo -o demo", STATUS_HELP),
+    "robust": Verb("cpcal.cli.robust", "robust_brackets", "robust campaign -q 1 -o robust", STATUS_HELP),
+    "export": Verb("cpcal.cli.export", "export", "export run --format toml -o parameters.toml"),
+    "report": Verb("cpcal.cli.report", "report", "report run"),
+    "plugins": Verb("cpcal.cli.plugins", "plugins", "plugins"),
+    "verify": Verb("cpcal.cli.verify", "verify", "verify run", VERIFY_STATUS_HELP),
 }
 
 
@@ -54,7 +75,11 @@ class _Verbs(TyperGroup):
         verb = VERBS[cmd_name]
         alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
         alone.command(cmd_name, epilog=verb.epilog)(getattr(import_module(verb.module), verb.function))
-        return typer.main.get_command(alone)
+        command = typer.main.get_command(alone)
+        for parameter in command.get_params(ctx):
+            if getattr(parameter, "is_flag", False):
+                parameter.metavar = " "  # a flag takes no value, and so has no type to show
+        return command
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         with leaving():

@@ -26,10 +26,7 @@ def camera(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Ends in .toml, .yaml or .yml.")],
     style: Annotated[Style, typer.Option("--as", help="Who shall read the YAML.")] = Style.ROS,
 ) -> None:
-    """Rewrite a camera: OpenCV's and ROS's YAML to camera.toml, and back.
-
-    Example: cpcal camera head_camera.yaml -o camera.toml
-    """
+    """Rewrite a camera: OpenCV's and ROS's YAML to camera.toml, and back."""
     record = load_camera(source)
     check_writable(output.absolute().parent)
     if output.suffix == ".toml":

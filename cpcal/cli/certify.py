@@ -13,6 +13,7 @@ from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
 from cpcal.cli.run import certified_into, status_of
 from cpcal.cli.suspected import read_campaign
+from cpcal.cli.talk import Talk, logging_to
 from cpcal.files.run_folder import RUN
 
 
@@ -39,8 +40,8 @@ class Support(StrEnum):
 
 
 @dataclass(frozen=True)
-class CertifyFlags:
-    """The options of the command line that are options of `cpcal.certify`."""
+class CertifyFlags(Talk):
+    """The options of the command line: those of `cpcal.certify`, and how much is said."""
 
     legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None
     delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0
@@ -53,7 +54,7 @@ class CertifyFlags:
         float | None, typer.Option(metavar="MM", help="Ask instead whether any parameters reach this eps.")
     ] = None
     tolerance: Annotated[
-        float | None, typer.Option(metavar="MM", help="Pass or fail: may the model be off by this much?")
+        float | None, typer.Option(metavar="MM", help="The error that the legs may have: each passes or fails.")
     ] = None
     support: Annotated[
         Support, typer.Option(help="Few measurements that prove the bound alone, or none that could be left out.")
@@ -109,10 +110,12 @@ def certify(
 
     A leg's parameters reach eps when for every measurement THERE EXISTS a reading in its set at which the leg
     equation is off by at most eps (mm). With --eps the question is whether any parameters in the box do.
+    With --tolerance the exit status is 0 if every leg passes, else 1: one fails, or is undecided.
     """
     given = options.given()
     check_target(run, RUN, campaign)
-    result = certified_into(run, read_campaign(campaign), given, as_json=as_json)
+    with logging_to(options.log):
+        result = certified_into(run, read_campaign(campaign), given, as_json=as_json, talk=options)
     raise typer.Exit(status_of(result))
 
 

@@ -1,11 +1,32 @@
-"""Certificates, checked again all at once by the exact checker."""
+"""Runs and certificates, checked again by the exact checker, and what it raises in the words of the command line."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
 
-from cpcal.checker import Refused, Unusable, check
+from cpcal.checker import Accepted, LegChecked, Refused, Unusable, check, check_run
+from cpcal.common.errors import InputError, Problem
+
+
+def checked_legs(run: Path) -> list[LegChecked] | str:
+    """The legs of a run, or why it is refused as a whole. Raises InputError where there is nothing to check."""
+    try:
+        return check_run(run)
+    except Refused as reason:
+        return str(reason)
+    except Unusable as reason:
+        raise InputError([Problem(str(run), str(reason), "name the folder of a run")]) from None
+
+
+def checked_certificate(path: Path) -> Accepted | str:
+    """What a certificate proves, or why it is refused. Raises InputError where there is nothing to check."""
+    try:
+        return check(path)
+    except Refused as reason:
+        return str(reason)
+    except Unusable as reason:
+        raise InputError([Problem(str(path), str(reason), "name the folder of a run, or a certificate")]) from None
 
 
 def check_all(certificates: Iterable[Path]) -> tuple[bool, str]:

@@ -19,6 +19,7 @@ from cpcal.cli.grouped import grouped
 from cpcal.cli.show import STYLES, terminal
 from cpcal.cli.status import Status
 from cpcal.cli.suspected import read_campaign
+from cpcal.cli.talk import Talk, logging_to, record
 from cpcal.common.errors import InputError, printable
 from cpcal.common.numbers import nearest
 from cpcal.files.run_folder import COMPARED as FOLDER
@@ -26,18 +27,20 @@ from cpcal.files.run_folder import answers_into
 from cpcal.report.comparison import (
     COMPARISON_PAGE,
     comparison_header,
+    comparison_lines,
     comparison_row,
     comparison_sentences,
     said,
     write_comparison,
 )
+from cpcal.report.words import SHORT_QUANTIFIER
 from cpcal.results import Comparison, Entry, Explained, comparison_text, save_comparison
 from cpcal.robot import Campaign
 
 
 @dataclass(frozen=True)
-class CompareFlags:
-    """The options of the command line that are options of `cpcal.compare`."""
+class CompareFlags(Talk):
+    """The options of the command line: those of `cpcal.compare`, and how much is said."""
 
     models: Annotated[str, typer.Option(metavar="A,B", help="Leg models.")] = ",".join(COMPARED)
     tolerance: Annotated[float | None, typer.Option(metavar="MM", help="Say which models are refuted at it.")] = None
@@ -67,18 +70,20 @@ def compare_models(
 ) -> None:
     """Bracket the smallest model error eps of every leg of a CAMPAIGN under each of several leg models.
 
-    With --tolerance it says which models the measurements refute at that many mm, and which certificate proves it.
+    With --tolerance it says which models the measurements refute at that many mm, and which certificate proves it; the
+    exit status is then 0 if every leg has a model that passes, else 1: one has none, or is undecided.
     """
     legs = None if options.legs is None else numbers_of(options.legs)
     check_target(folder, FOLDER, campaign)
-    found, failure = _written(read_campaign(campaign), options, legs, folder, quiet=as_json)
-    if as_json:
-        typer.echo(comparison_text(found), nl=False)
-    else:
-        _show(found)
-    if failure is not None:
-        raise failure
-    if not as_json:
+    with logging_to(options.log):
+        found, failure = _written(read_campaign(campaign), options, legs, folder, quiet=as_json or options.quiet)
+        if as_json:
+            typer.echo(comparison_text(found), nl=False)
+        elif not options.quiet:
+            _show(found, verbose=options.verbose)
+        if failure is not None:
+            raise failure
+    if not (as_json or options.quiet):
         terminal().print(f"Page: {folder / COMPARISON_PAGE}", soft_wrap=True)
     raise typer.Exit(_status(found))
 
@@ -100,8 +105,9 @@ def _written(
     errors = terminal(stderr=True)
 
     def tell(entry: Entry) -> None:
-        if errors.is_terminal and not quiet:
-            errors.print(f"{entry.subject}, {entry.model}: {nearest(entry.seconds, 1)} s")
+        record("entry", subject=entry.subject, model=entry.model, eps_lo=entry.eps_lo, eps_hi=entry.eps_hi)
+        if not quiet:
+            errors.print(f"{entry.subject}, {entry.model}: {nearest(entry.seconds, 1)} s", soft_wrap=True)
 
     found: Comparison | None = None
     try:
@@ -116,12 +122,18 @@ def _written(
     return found, None
 
 
-def _show(found: Comparison) -> None:
+def _show(found: Comparison, *, verbose: bool) -> None:
     console = terminal()
+    wrapped = not console.is_terminal
+    if not verbose:
+        for line in comparison_lines(found):
+            console.print(line, soft_wrap=wrapped)
+        console.print(Text(SHORT_QUANTIFIER, style="italic"), soft_wrap=wrapped)
+        return
     console.print(_table(found))
     for sentence in comparison_sentences(found):
-        console.print(printable(sentence), soft_wrap=not console.is_terminal)
-    console.print(Text(said(found), style="italic"), soft_wrap=not console.is_terminal)
+        console.print(printable(sentence), soft_wrap=wrapped)
+    console.print(Text(said(found), style="italic"), soft_wrap=wrapped)
 
 
 def _table(found: Comparison) -> Table:

@@ -1,8 +1,12 @@
-"""What a person watches, on a terminal only: a line a leg while certify runs, with its bracket; a bar over images."""
+"""What a person watches: a line a leg while certify runs, with its bracket; a bar over images.
+
+Where no terminal is, a line is written now and then.
+"""
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 
@@ -26,6 +30,7 @@ from cpcal.solver.optimize import Bracket
 
 _CLOSED = 1e-9  # mm, as in Limits.gap_absolute
 _WAITING = "waiting"
+_EVERY = 10.0  # seconds between lines where no terminal is
 
 
 class _Seconds(ProgressColumn):
@@ -67,12 +72,11 @@ class Watch:
         for earlier in self._until(leg):
             self._display.stop_task(self._tasks[earlier])
         self._begin(leg)
-        lo, hi = bracket_text(bracket.lo, bracket.hi)
         share = self._share(bracket)
         self._display.update(
             self._tasks[leg],
             completed=share,
-            state=f"eps in [{lo}, {hi}] mm" if bracket.lo <= bracket.hi < math.inf else f"eps >= {lo} mm",
+            state=_state(bracket),
             work=f"nodes {bracket.nodes:,}  LPs {bracket.programs:,}",
         )
         if share == 1.0:
@@ -103,13 +107,31 @@ class Watch:
         self._display.update(self._tasks[leg], state="fitting and bounding ...")
 
 
+class Lines:
+    """The `progress` callback of certify where no terminal is: a line with the bracket every ten seconds."""
+
+    def __init__(self, console: Console, clock: Callable[[], float] = time.monotonic) -> None:
+        self._console, self._clock = console, clock
+        self._last = clock()
+
+    def __call__(self, leg: int, bracket: Bracket) -> None:
+        now = self._clock()
+        if now - self._last >= _EVERY:
+            self._last = now
+            state = f"leg {leg}: {_state(bracket)}, {nearest(bracket.seconds, 0)} s"
+            self._console.print(state, soft_wrap=True)
+
+
+def _state(bracket: Bracket) -> str:
+    lo, hi = bracket_text(bracket.lo, bracket.hi)
+    return f"eps in [{lo}, {hi}] mm" if bracket.lo <= bracket.hi < math.inf else f"eps >= {lo} mm"
+
+
 @contextmanager
-def watch(
-    legs: Sequence[int], gap: float, console: Console
-) -> Generator[Callable[[int, Bracket], None] | None, None, None]:
-    """A progress callback while in the block, None when `console` is no terminal. Leaves nothing behind."""
+def watch(legs: Sequence[int], gap: float, console: Console) -> Generator[Callable[[int, Bracket], None], None, None]:
+    """A progress callback while in the block; on a terminal it leaves nothing behind."""
     if not console.is_terminal:
-        yield None
+        yield Lines(console)
         return
     columns = (
         _Spinner(finished_text="✓"),

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from cpcal.certify.recomputed import stated_otherwise
-from cpcal.checker import Refused, Unusable, check_run
+from cpcal.cli.checked import checked_legs
 from cpcal.cli.folders import FITS, PIXEL_RUN, RUN, check_writable, output_path
 from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
@@ -21,7 +21,8 @@ from cpcal.report import REPORT_NAME
 from cpcal.report.match import check_match
 from cpcal.report.page import render
 from cpcal.report.study import render_study
-from cpcal.results import load_result
+from cpcal.results import Result, load_result
+from cpcal.robot import Campaign
 
 
 def report(
@@ -58,13 +59,18 @@ def report(
 
 
 def _run(run: Path, campaign: Path | None) -> str:
+    return render(*checked_run(run, campaign))
+
+
+def checked_run(run: Path, campaign: Path | None = None) -> tuple[Campaign, Result]:
+    """A run's campaign and result. Raises InputError, and typer.Exit when the checker refuses something."""
     result, kept = load_result(run), load_campaign_json(run)
     if campaign is not None and campaign_sha256(load_campaign(campaign)) != campaign_sha256(kept):
         what = "is another campaign than the run's: its SHA-256 differs"
         raise InputError([Problem(str(campaign), what, "name the campaign that was certified, or leave it out")])
     check_match(kept, result)
     _stop(run, [*_refused(run), *stated_otherwise(kept, result)])
-    return render(kept, result)
+    return kept, result
 
 
 def _stop(folder: Path, wrong: list[str]) -> None:
@@ -77,12 +83,10 @@ def _stop(folder: Path, wrong: list[str]) -> None:
 
 def _refused(run: Path) -> list[str]:
     """What the checker refuses of a run. Raises InputError where there is nothing to check."""
-    try:
-        return [f"leg {leg.leg}: {leg.refused}" for leg in check_run(run) if leg.refused is not None]
-    except Refused as reason:
-        return [str(reason)]
-    except Unusable as reason:
-        raise InputError([Problem(str(run), str(reason), "name the folder of a run")]) from None
+    legs = checked_legs(run)
+    if isinstance(legs, str):
+        return [legs]
+    return [f"leg {leg.leg}: {leg.refused}" for leg in legs if leg.refused is not None]
 
 
 def _study(folder: Path, campaign: Path | None) -> str:

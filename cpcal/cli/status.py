@@ -21,6 +21,11 @@ STATUS_HELP = (
     "printed."
 )
 
+SOLVE_STATUS_HELP = (
+    "Exit status: **0** complete (that there is no solution is an answer too), **1** a limit came first, **2** "
+    "unusable input, **3** an internal error, **130** interrupted."
+)
+
 VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."
 
 CHECK_STATUS_HELP = (

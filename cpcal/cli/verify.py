@@ -11,7 +11,8 @@ import typer
 
 from cpcal.certify.fits import FITS_NAME, load_fits
 from cpcal.certify.recomputed import stated_otherwise
-from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check, check_run
+from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check
+from cpcal.cli.checked import checked_certificate, checked_legs
 from cpcal.cli.claims import sentences
 from cpcal.cli.robust import robust_verified
 from cpcal.common.errors import InputError, Problem, printable
@@ -63,12 +64,9 @@ def _run(run: Path) -> bool:
     result = load_result(run)
     if unfinished(run):
         typer.echo("Another run into this folder is at work, or was killed: these are the answers before it.")
-    try:
-        legs = check_run(run)
-    except Unusable as reason:
-        raise InputError([Problem(str(run), str(reason), "name the folder of a run")]) from None
-    except Refused as reason:
-        typer.echo(printable(f"{RESULT_NAME}: REFUSED, {reason}"))
+    legs = checked_legs(run)
+    if isinstance(legs, str):
+        typer.echo(printable(f"{RESULT_NAME}: REFUSED, {legs}"))
         return False
     wrong = list(stated_otherwise(load_campaign_json(run), result))
     for sentence in wrong:
@@ -111,12 +109,9 @@ def _certificates(folder: Path) -> list[Path]:
 def _certificate(path: Path) -> bool:
     """One certificate by itself. Raises InputError where it cannot be read."""
     began = time.monotonic()
-    try:
-        accepted = check(path)
-    except Unusable as reason:
-        raise InputError([Problem(str(path), str(reason), "name the folder of a run, or a certificate")]) from None
-    except Refused as reason:
-        typer.echo(printable(f"{path.name}: REFUSED, {reason}"))
+    accepted = checked_certificate(path)
+    if isinstance(accepted, str):
+        typer.echo(printable(f"{path.name}: REFUSED, {accepted}"))
         return False
     _tell(path.name, accepted, time.monotonic() - began)
     return True

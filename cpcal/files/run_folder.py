@@ -6,7 +6,6 @@ folder is unfinished. Files that cpcal did not write are never touched.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import re
 import shutil
@@ -18,6 +17,7 @@ from pathlib import Path
 from cpcal.common.atomic import draft_name, put_in_place, unwritable
 from cpcal.common.errors import InputError, Problem
 from cpcal.files.campaign_json import save_campaign_json
+from cpcal.files.file_lock import exclusive
 from cpcal.robot import Campaign
 
 LOCK_NAME = ".cpcal-lock"
@@ -144,11 +144,11 @@ def locked(folder: Path) -> Iterator[Lock]:
 
 def _locked(folder: Path) -> Lock:
     """Raises OSError; BlockingIOError while another process has it."""
-    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
     while True:
         descriptor = os.open(folder / LOCK_NAME, flags, 0o666)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            exclusive(descriptor)
         except BaseException:
             os.close(descriptor)
             raise

@@ -1,9 +1,10 @@
 from .page import REPORT_NAME, write_page, write_report
 from .sensitivity import reading_sensitivity
 from .table import Table, result_table
-from .words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
+from .words import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
 
 __all__ = [
+    "FRAME",
     "LONGER",
     "QUANTIFIER",
     "REPORT_NAME",

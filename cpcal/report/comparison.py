@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -10,15 +11,23 @@ from markupsafe import Markup
 
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import printable
-from cpcal.common.numbers import bracket_text, short, stated
+from cpcal.common.numbers import at_least, at_most, bracket_text, short, stated
 from cpcal.report.dots import comparison_svg, legend
 from cpcal.report.origin import versions
 from cpcal.report.template import rendered
 from cpcal.report.words import LONGER, QUANTIFIER
-from cpcal.results import Comparison, Entry, Undetermined
+from cpcal.results import Comparison, Entry, Explained, Undetermined
 from cpcal.solver.contract import Verdict
 
 COMPARISON_PAGE = "compare.html"
+_MOST_LINES = 8  # subjects that have a line in a terminal
+_WORDS = {  # of a model at a tolerance, by the kind of the verdict
+    "explained": "pass",
+    "unexplained": "fail",
+    "bounded": "",
+    "undecided": "undecided",
+    "undetermined": "undetermined",
+}
 
 
 def comparison_header(comparison: Comparison) -> tuple[str, ...]:
@@ -85,6 +94,28 @@ def comparison_sentences(comparison: Comparison) -> list[str]:
     return out
 
 
+def comparison_lines(comparison: Comparison) -> list[str]:
+    """A line a subject, for a terminal: what each model reaches, and at a tolerance the first model that passes."""
+    out = [f"{comparison.title}: smallest error of each model{_unit(comparison).replace(' ', ', ', 1)}"]
+    subjects = list(dict.fromkeys(entry.subject for entry in comparison.entries))
+    for subject in subjects[:_MOST_LINES]:
+        entries = [entry for entry in comparison.entries if entry.subject == subject]
+        line = f"{subject}: " + ", ".join(_short(comparison, entry) for entry in entries)
+        if comparison.tolerance is not None:
+            good = [e.model for e in entries if isinstance(e.leg_verdict(comparison.tolerance), Explained)]
+            line += f"; next: accept {good[0]}" if good else "; next: no model passes"
+        out.append(printable(line))
+    if len(subjects) > _MOST_LINES:
+        out.append(f"and {len(subjects) - _MOST_LINES} more, which the page shows")
+    return out
+
+
+def _short(comparison: Comparison, entry: Entry) -> str:
+    hi = at_most(entry.eps_hi) if math.isfinite(entry.eps_hi) else f"above {at_least(entry.eps_lo)}"
+    word = "" if comparison.tolerance is None else f" {_WORDS[entry.leg_verdict(comparison.tolerance).kind]}"
+    return f"{entry.model} {hi}{word}"
+
+
 def write_comparison(comparison: Comparison, folder: str | os.PathLike[str]) -> Path:
     """Write `compare.html` into the folder; its path. The same comparison gives the same bytes."""
     return write_file(Path(folder) / COMPARISON_PAGE, rendered("compare.html.j2", _context(comparison)))
@@ -100,6 +131,7 @@ def _context(comparison: Comparison) -> dict[str, Any]:
         "title": printable(comparison.title),
         "tolerance": None if tolerance is None else f"{stated(tolerance)}{_unit(comparison)}",
         "interrupted": comparison.interrupted,
+        "lines": comparison_lines(comparison)[1:],
         "sentences": comparison_sentences(comparison),
         "header": comparison_header(comparison),
         "rows": rows,

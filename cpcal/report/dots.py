@@ -38,10 +38,10 @@ def _ends(entries: Sequence[Entry]) -> list[float]:
     return [end for entry in entries for end in (entry.eps_lo, entry.eps_hi) if math.isfinite(end)]
 
 
-def legend(models: Sequence[str]) -> list[tuple[str, str]]:
-    """Name and mark of every model, for the caption."""
+def legend(models: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Name, mark and colour of every model, for the caption."""
     signs = {"o": "●", "s": "■", "D": "◆", "^": "▲"}
-    return [(name, signs[_style(k)[0]]) for k, name in enumerate(models)]
+    return [(name, signs[_style(k)[0]], _style(k)[1]) for k, name in enumerate(models)]
 
 
 def _style(number: int) -> tuple[str, str]:

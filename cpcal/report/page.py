@@ -6,32 +6,29 @@ import os
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from markupsafe import Markup
 
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, PluginError
-from cpcal.common.numbers import about, bracket_text, nearest, rounded_down, rounded_up, stated
-from cpcal.legs import PARAMETERS, PLAIN, LegModel, model_residuals
+from cpcal.common.numbers import stated
+from cpcal.legs import PLAIN, LegModel
+from cpcal.report import drawing_frames
 from cpcal.report.assumptions import assumptions
-from cpcal.report.bars import Enclosure, enclosure_svg
+from cpcal.report.drawing_frames import DrawingFrames
+from cpcal.report.leg_section import leg_section
 from cpcal.report.match import check_match
 from cpcal.report.origin import command, versions
-from cpcal.report.pairs import pairs
-from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
-from cpcal.report.sensitivity import reading_sensitivity
+from cpcal.report.overview import errors_svg, forcing_numbers, platform_svg
 from cpcal.report.table import result_table
 from cpcal.report.template import rendered
-from cpcal.report.words import LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs, summary
-from cpcal.results import INFORMATION, LegResult, Result, contractors_sentences, model_of, verdict_of
+from cpcal.report.words import FRAME, LONGER, QUANTIFIER, missing_legs, overall, summary
+from cpcal.results import INFORMATION, Result, model_of
 from cpcal.robot import Campaign
 from cpcal.robot.suspicions import suspicions
-from cpcal.solver.optimize import Answer, Trial
 
 REPORT_NAME = "report.html"
 
-_DECIMALS = 6  # of parameters, mm
-_MOST_NAMES = 120  # measurement ids listed for a leg
+_HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at the top of the page
 
 
 def write_report(
@@ -60,12 +57,16 @@ def render(
     Raises InputError when the result is of another campaign, or garbled.
     """
     check_match(campaign, result)
-    return rendered("report.html.j2", {"study": study, **_context(campaign, result, model)})
+    frames = None if study is None else DrawingFrames.of(study["record"])
+    return rendered("report.html.j2", {"study": study, **_context(campaign, result, model, frames)})
 
 
-def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict[str, Any]:
+def _context(
+    campaign: Campaign, result: Result, model: LegModel | None, frames: DrawingFrames | None
+) -> dict[str, Any]:
     table = result_table(result)
     model, lacking = _known(result, model)
+    legs = [leg_section(campaign, result, leg, model, frames) for leg in result.legs]
     return {
         "robot": campaign.robot.name,
         "count": len(campaign),
@@ -75,7 +76,14 @@ def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict
         "asked": None if result.options.eps is None else stated(result.options.eps),
         "interrupted": missing_legs(result, campaign.legs),
         "table": table,
-        "legs": [_leg(campaign, result, leg, model) for leg in result.legs],
+        "legs": legs,
+        "overall": overall(result),
+        "errors": Markup(errors_svg(result, [leg["fit_error"] for leg in legs])) if legs else None,  # made by us
+        "platform": Markup(platform_svg(campaign, result)) if legs else None,  # made by us: names in it are escaped
+        "forcing": len(forcing_numbers(campaign, result)),
+        "head": [(name, campaign.provenance[name]) for name in _HEAD if name in campaign.provenance],
+        "frame": FRAME,
+        "drawing_frame": drawing_frames.FRAME,
         "quantifier": QUANTIFIER,
         "longer": LONGER,
         "lacking": lacking,
@@ -83,7 +91,7 @@ def _context(campaign: Campaign, result: Result, model: LegModel | None) -> dict
         "suspicions": suspicions(campaign),
         "information": INFORMATION,
         "assumptions": assumptions(campaign, result),
-        "provenance": campaign.provenance,
+        "provenance": {k: v for k, v in campaign.provenance.items() if k not in _HEAD},
         "versions": versions(),
         "command": command(result),
     }
@@ -99,84 +107,3 @@ def _known(result: Result, model: LegModel | None) -> tuple[LegModel | None, str
             raise
         why = f"the leg model {result.model.name!r} is not known here"
         return None, f"{why}; install the package that provides it and write the page again with `cpcal report`"
-
-
-def _leg(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | None) -> dict[str, Any]:
-    names = leg.support[:_MOST_NAMES]
-    return {
-        "number": leg.leg,
-        "verdict": verdict_of(result, leg),
-        "sentence": leg_sentence(result, leg),
-        "center": center_sentence(result, leg),
-        "trials": [_trial(leg, trial) for trial in leg.trials],
-        "parameters": _parameters(result, leg),
-        "bars": _bars(campaign, result, leg),
-        "contractors": contractors_sentences(leg),
-        "proved_point": leg.point is not None,
-        "empty": leg.enclosure.is_empty,
-        "support": names,
-        "more_support": len(leg.support) - len(names),
-        "figure": _figure(campaign, leg, model),
-        "pairs": pairs(campaign, result, leg),
-    }
-
-
-def _trial(leg: LegResult, trial: Trial) -> tuple[str, ...]:
-    """A row of the table of the solver's calls; its bounds have the digits of the leg's own, which end the table."""
-    asked, lo = (bracket_text(value, leg.eps_hi)[0] for value in (trial.eps, trial.lo))
-    hi = bracket_text(leg.eps_lo, trial.hi)[1]
-    answer = trial.answer.value if trial.checked or trial.answer is not Answer.INFEASIBLE else "infeasible, unchecked"
-    return (asked, about(trial.delay), answer, lo, hi, str(trial.nodes))
-
-
-def _parameters(result: Result, leg: LegResult) -> list[tuple[str, ...]]:
-    """Name (with its unit, if that is not mm), center, proved point, enclosure, a row a parameter."""
-    rows: list[tuple[str, ...]] = []
-    for k, name in enumerate(result.parameters):
-        unit = result.model.unit(name)
-        point = "—" if leg.point is None else nearest(leg.point[k], _DECIMALS)
-        lo, hi = float(leg.enclosure.lo[k]), float(leg.enclosure.hi[k])
-        bounds = (rounded_down(lo, _DECIMALS), rounded_up(hi, _DECIMALS))
-        rows.append((name if unit == "mm" else f"{name} [{unit}]", nearest(leg.center[k], _DECIMALS), point, *bounds))
-    return rows
-
-
-def _bars(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any]:
-    """The plot of the enclosure against nominal values and fit, and what its caption says."""
-    data = Enclosure(
-        PARAMETERS,
-        campaign.robot.parameters[leg.leg - 1],
-        leg.enclosure.lo[:7],
-        leg.enclosure.hi[:7],
-        np.array(leg.center[:7]) if result.options.center == "fit" else None,
-    )
-    label = f"Leg {leg.leg}: enclosure of each parameter, relative to its nominal value"
-    return {
-        "svg": Markup(enclosure_svg(data, label=label)),  # made by us, as below
-        "empty": data.empty,
-        "unbounded": data.unbounded,
-        "fit": data.fit is not None,
-        "fit_beyond": data.fit_beyond,
-    }
-
-
-def _figure(campaign: Campaign, leg: LegResult, model: LegModel | None) -> dict[str, Any] | None:
-    """The plot of the proved point's residuals and what its caption says; None without such a point, or model."""
-    if leg.point is None or not np.isfinite(leg.eps_hi) or model is None:
-        return None
-    residual = model_residuals(campaign, leg.leg, leg.point, model)
-    room = reading_sensitivity(campaign, leg.leg, leg.point, model)
-    chosen = set(leg.support)
-    support = np.array([name in chosen for name in campaign.measurement_ids], dtype=bool)
-    svg = residual_svg(
-        Residuals(residual, room, support, leg.eps_hi),
-        label=f"Leg {leg.leg}: residuals of the proved point over the measurements, and the band of eps_hi",
-    )
-    return {
-        "svg": Markup(svg),  # made by us: no text of the campaign is in it
-        "eps": bracket_text(leg.eps_hi, leg.eps_hi)[1],
-        "room": bool(room.any()),
-        "beyond": int(np.sum(np.abs(residual) > leg.eps_hi)) if room.any() else 0,
-        "envelope": len(residual) > MOST_POINTS,
-        "support": bool(support.any()),
-    }

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.common.numbers import about, bracket_text, plain_gap
+from cpcal.common.numbers import about, bracket_text, plain_gap, stated
 from cpcal.legs import PARAMETERS
 from cpcal.report.panels import Panel, in_view, panel_svg
 from cpcal.results import LegResult, Result
@@ -22,12 +22,18 @@ def pairs(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] 
     eps = leg.projections.eps
     return {
         "svgs": [Markup(_svg(leg.leg, panel)) for panel in panels],  # made by us
-        "eps": bracket_text(eps, eps)[0],  # rounded down: what holds to within eps holds to within less
+        "eps": eps_text(result, eps),
         "margin": about(eps / leg.eps_hi) if result.options.eps is None and 0.0 < leg.eps_hi < eps else None,
         "proved_point": leg.point is not None,
         "fit": any(in_view(panel, panel.fit) for panel in panels),
         "nominal": any(in_view(panel, panel.nominal) for panel in panels),
     }
+
+
+def eps_text(result: Result, eps: float) -> str:
+    """An eps that the user gave as it was given; another one rounded down: what holds to within eps, holds to within
+    less."""
+    return stated(eps) if eps in (result.options.eps, result.options.tolerance) else bracket_text(eps, eps)[0]
 
 
 def _panels(campaign: Campaign, result: Result, leg: LegResult) -> list[Panel]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.report.svg import BAND, DOT, EDGE, INK, SUPPORT, Axes, Figure, ticks
+from cpcal.report.svg import BAND, DOT, EDGE, INK, SUPPORT, Axes, Figure
 from cpcal.results.projection import HalfPlane
 
 _MARGIN = 0.12  # of the rectangle's width, on each side
@@ -57,9 +58,8 @@ def panel_svg(panel: Panel, *, label: str) -> str:
     figure = Figure(*_SIZE)
     axes = Axes(figure, _FRAME, (left, right), (low, high))
     labels = [f"Δ{name} [{unit}]" for name, (_, unit) in zip(panel.names, units, strict=True)]
-    # no ticks in the margins, where a number would not fit in
-    axes.x_axis(ticks(lo[0], hi[0], 4), labels[0], grid=True)
-    axes.y_axis(ticks(lo[1], hi[1], 4), labels[1], grid=True, away=_LABEL)
+    axes.x_axis(_ends(lo[0], hi[0]), labels[0], grid=True)
+    axes.y_axis(_ends(lo[1], hi[1]), labels[1], grid=True, away=_LABEL)
     corners = scale * (polygon(panel.lo, panel.hi, panel.half_planes) - panel.origin)
     if len(corners):
         axes.area(corners, BAND, EDGE, 1.4)
@@ -72,6 +72,14 @@ def panel_svg(panel: Panel, *, label: str) -> str:
     if panel.point is not None and in_view(panel, panel.point):
         axes.dots([scale * (panel.point - panel.origin)], DOT, 5.0)
     return figure.svg(label)
+
+
+def _ends(lo: float, hi: float) -> list[float]:
+    """Ticks at both ends, to a hundredth of their distance or so, and at 0 where that is not too near to them."""
+    step = 10.0 ** math.floor(math.log10(hi - lo) - 1.0)
+    first, last = math.ceil(lo / step - 1e-9) * step, math.floor(hi / step + 1e-9) * step
+    room = 0.25 * (last - first)
+    return [first, *([0.0] if first + room < 0.0 < last - room else []), last]
 
 
 def polygon(lo: Floats, hi: Floats, half_planes: Iterable[HalfPlane]) -> Floats:

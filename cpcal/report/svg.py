@@ -137,16 +137,22 @@ class Axes:
 
     def marks(self, points: npt.ArrayLike, shape: str, colour: str, size: float, *, width: float = 0.0) -> None:
         """Marks of that size: x, |, or one of _SHAPES: filled, or with a line of `width` hollow."""
-        h = 0.5 * size
+        tracks, h = "", 0.5 * size
         for x, y in self.at(points).tolist():
             if shape == "x":
-                d, style = f"M{_n(x - h)} {_n(y - h)}l{_n(size)} {_n(size)}m0 {_n(-size)}l{_n(-size)} {_n(size)}", ""
+                tracks += f"M{_n(x - h)} {_n(y - h)}l{_n(size)} {_n(size)}m0 {_n(-size)}l{_n(-size)} {_n(size)}"
             elif shape == "|":
-                d, style = f"M{_n(x)} {_n(y - h)}v{_n(size)}", ""
+                tracks += f"M{_n(x)} {_n(y - h)}v{_n(size)}"
             else:
-                d = _track(np.array([x, y]) + h * np.array(_SHAPES[shape], dtype=np.float64)) + "Z"
-                style = "" if width else f"fill: {colour}"
-            self._path(d, style or _stroke(colour, width))
+                tracks += _track(np.array([x, y]) + h * np.array(_SHAPES[shape], dtype=np.float64)) + "Z"
+        filled = shape in _SHAPES and not width
+        self._path(tracks, f"fill: {colour}" if filled else _stroke(colour, width))
+
+    def hover(self, points: npt.ArrayLike, texts: Sequence[str], size: float = 10.0) -> None:
+        """What is said of each point when the pointer is on it, within a disc of that diameter."""
+        for (x, y), text in zip(self.at(points).tolist(), texts, strict=True):
+            disc = f'<circle cx="{_n(x)}" cy="{_n(y)}" r="{_n(0.5 * size)}" style="fill: transparent">'
+            self.figure.elements.append(f"{disc}<title>{escape(text, quote=False)}</title></circle>")
 
     def _path(self, d: str, style: str) -> None:
         if d:

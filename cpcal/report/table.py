@@ -10,11 +10,12 @@ from cpcal.results import LegResult, LegVerdict, Result, verdict_of
 
 @dataclass(frozen=True)
 class Row:
-    """One leg; `cells` are those after leg and verdict."""
+    """One leg; `cells` are those after leg and verdict, `exact` eps_lo and eps_hi as hexadecimal float64."""
 
     leg: int
     verdict: LegVerdict
     cells: tuple[str, ...]
+    exact: tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,11 @@ def result_table(result: Result) -> Table:
     """A row a leg. Bounds are rounded to the side on which they stay proved."""
     bounds = ("eps_lo [mm]", "eps_hi [mm]", "gap [mm]") if result.options.eps is None else ("eps asked [mm]",)
     header = ("leg", "verdict", *bounds, "certified", "support", "nodes", "LPs", "seconds")
-    return Table(header, tuple(Row(leg.leg, verdict_of(result, leg), _cells(result, leg)) for leg in result.legs))
+    rows = (
+        Row(leg.leg, verdict_of(result, leg), _cells(result, leg), (leg.eps_lo.hex(), leg.eps_hi.hex()))
+        for leg in result.legs
+    )
+    return Table(header, tuple(rows))
 
 
 def _cells(result: Result, leg: LegResult) -> tuple[str, ...]:

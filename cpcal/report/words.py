@@ -2,13 +2,53 @@
 
 from __future__ import annotations
 
-from cpcal.results import LegResult, Result, Undetermined, proved_sentence, verdict_of
+import math
+from dataclasses import dataclass
+
+from cpcal.common.numbers import stated
+from cpcal.results import (
+    Bounded,
+    Explained,
+    LegResult,
+    LegVerdict,
+    Result,
+    Undecided,
+    Undetermined,
+    Unexplained,
+    proved_sentence,
+    verdict_of,
+)
 
 QUANTIFIER = (
     "To explain the data, or satisfy the equations, to within eps means: for every measurement there exists a reading "
     "in its set at which the leg equation is off by at most eps."
 )
 LONGER = "The model takes each leg to be longer than eps."
+SHORT_QUANTIFIER = "To fit: for every measurement some reading in its set is off by at most that."
+FRAME = (
+    "a: base joint centre, in the base frame of the campaign's poses; b: mobile joint centre, in their mobile frame; "
+    "l: length offset."
+)
+
+
+@dataclass(frozen=True)
+class Overall:
+    """The verdict on the robot: its `kind` is that of a leg's verdict."""
+
+    kind: str
+    word: str
+
+
+def overall(result: Result) -> Overall | None:
+    """Pass or fail of all legs together; None where no tolerance was given."""
+    if result.options.tolerance is None or not result.legs:
+        return None
+    verdicts = [verdict_of(result, leg) for leg in result.legs]
+    if any(isinstance(verdict, Unexplained) for verdict in verdicts):
+        return Overall(Unexplained.kind, "FAIL")
+    if all(isinstance(verdict, Explained) for verdict in verdicts) and not result.interrupted:
+        return Overall(Explained.kind, "PASS")
+    return Overall(Undecided.kind, "UNDECIDED")
 
 
 def leg_sentence(result: Result, leg: LegResult) -> str:
@@ -20,6 +60,55 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
     if leg.not_certified:
         said.append(f"Not certified: {leg.not_certified}.")
     return " ".join(said)
+
+
+def fit_sentence(verdict: LegVerdict) -> str:
+    """The verdict as a calibration engineer would say it: how well the measurements fit, and what is allowed."""
+    bracket = verdict.bracket
+    if isinstance(verdict, Undetermined):
+        return f"Cannot be judged: {_lowered(verdict.determination.sentence)}"
+    if isinstance(verdict, Explained):
+        said = f"All measurements fit {bracket.within}"
+    elif isinstance(verdict, Bounded):
+        said = f"All measurements fit {bracket.within}, and with no parameters better"
+    elif isinstance(verdict, Undecided):
+        known = [f"all measurements fit {bracket.within}"] if math.isfinite(bracket.hi) else []
+        known += [bracket.no_better] if bracket.lo > 0.0 else []
+        said = f"Not decided: {', and '.join(known) or 'nothing is known of the error yet'}"
+    else:
+        said = _misfit(verdict)
+    tolerance = None if isinstance(verdict, Bounded) else verdict.tolerance
+    return f"{said}." if tolerance is None else f"{said}; {stated(tolerance)} {bracket.unit} are allowed."
+
+
+def short_fit(verdict: LegVerdict) -> str:
+    """The same in a few words, for a line of a terminal."""
+    bracket = verdict.bracket
+    if isinstance(verdict, Undetermined):
+        names = verdict.determination.undetermined
+        return f"undetermined: {', '.join(names)}" if names else "undetermined: too few measurements"
+    if isinstance(verdict, Undecided):
+        return f"undecided, {bracket.range}"
+    if isinstance(verdict, Unexplained):
+        word = "does not fit" if verdict.tolerance is None else "fail"
+        if verdict.beyond is not None:
+            return f"{word} to within {stated(verdict.beyond)} {bracket.unit}" if verdict.beyond else f"{word} exactly"
+        return f"{word}, {bracket.no_better}" if math.isfinite(bracket.lo) else word
+    passed = "pass, " if isinstance(verdict, Explained) and verdict.tolerance is not None else ""
+    return f"{passed}fits {bracket.within}"
+
+
+def _misfit(verdict: Unexplained) -> str:
+    if verdict.beyond is not None:
+        error = "exactly" if verdict.beyond == 0.0 else f"to within {stated(verdict.beyond)} {verdict.bracket.unit}"
+        return f"With no parameters do all measurements fit {error}"
+    if math.isinf(verdict.bracket.lo):
+        return "With no parameters do all measurements fit, whatever the error"
+    return f"All measurements fit {verdict.bracket.no_better}, whatever the parameters"
+
+
+def _lowered(text: str) -> str:
+    return text[:1].lower() + text[1:]
 
 
 def summary(result: Result) -> str:

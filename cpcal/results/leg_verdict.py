@@ -38,6 +38,11 @@ class Bracket:
     def within(self) -> str:
         return "exactly" if self.hi == 0.0 else f"to within {self._text(1)}"
 
+    @property
+    def range(self) -> str:
+        """Both bounds."""
+        return f"{self._text(0)} to {self._text(1)}" if math.isfinite(self.hi) else f"at least {self._text(0)}"
+
     def _text(self, side: int) -> str:
         text = bracket_text(self.lo, self.hi)[side]
         return f"{text if self.lo > 0.0 else short(text)} {self.unit}".strip()

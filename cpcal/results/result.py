@@ -7,6 +7,7 @@ import os
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cpcal.common.errors import InputError, Problem
 from cpcal.files.codec import load, save, text_of
@@ -20,6 +21,12 @@ from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize import Trial
 from cpcal.solver.search import ContractorUse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
+
+    from cpcal.robot import Campaign
 
 FORMAT = "cpcal-result/4"
 RESULT_NAME = "result.json"
@@ -129,6 +136,21 @@ class LegResult:
         """Whether the model without any error is proved to fit: eps* = 0."""
         return self.point is not None and self.eps_hi == 0.0
 
+    def plot_residuals(self, campaign: Campaign, ax: Axes | None = None, *, model: LegModel | None = None) -> Axes:
+        """Residuals of the proved point and of the center of the box over the measurements, and the band of eps_hi.
+
+        `model`: the leg model, where it is not the plain one. Raises ValueError without a proved point.
+        """
+        from cpcal.results.plots import residuals_axes
+
+        return residuals_axes(self, campaign, ax, model)
+
+    def plot_parameters(self, ax: Axes | None = None) -> Axes:
+        """The range of each parameter (without ranges: its enclosure) about the proved point, in mm."""
+        from cpcal.results.plots import parameters_axes
+
+        return parameters_axes(self, ax)
+
     def _repr_html_(self) -> str:
         from cpcal.results.notebook import leg_html  # which reads results
 
@@ -180,6 +202,18 @@ class Result:
     @property
     def parameters(self) -> tuple[str, ...]:
         return self.model.parameters
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The bracket of each leg's smallest error, from zero, against the tolerance; on `ax`, or on new axes."""
+        from cpcal.results.plots import errors_axes
+
+        return errors_axes(self, ax)
+
+    def to_frame(self) -> DataFrame:
+        """A pandas table, a row a leg and parameter: center, proved point, range, and the leg's verdict and bracket."""
+        from cpcal.results.frame import result_frame
+
+        return result_frame(self)
 
     def _repr_html_(self) -> str:
         from cpcal.results.notebook import result_html

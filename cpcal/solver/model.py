@@ -18,7 +18,7 @@ from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.interval.number import float_bounds
-from cpcal.solver.network import ConstraintNetwork, Expr
+from cpcal.solver.network import ConstraintNetwork, Expr, evaluate
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.search import (
     ORDERS,
@@ -119,10 +119,11 @@ class Network(ConstraintNetwork):
         progress: Callable[[Bracket], None] | None = None,
         certificate: str | os.PathLike[str] | None = None,
     ) -> Minimum:
-        """The smallest value of `objective`, a scalar variable of this network, bracketed by proofs.
+        """The smallest value of `objective`, a scalar expression over this network, bracketed by proofs.
 
-        For another expression, add a variable t with `net.add(expr <= t)` and minimise t. `start` holds one value
-        per component in the order of `names`. Raises ModelError for anything but a variable with a finite domain.
+        An expression that is no variable becomes one, "objective", the last of the answer's boxes: it is at least the
+        expression, and its first bounds come from interval evaluation. `start` holds one value per component in the
+        order of `names`. Raises ModelError for an objective without finite bounds.
 
         `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
@@ -130,13 +131,12 @@ class Network(ConstraintNetwork):
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         """
-        network, asked = self._as_asked(), _limits(limits)
-        name = network.component(objective)
+        asked, (network, name) = _limits(limits), _with_objective(self._as_asked(), objective)
         network._check_bounded(name, contractors)
         engine = get_arithmetic(arithmetic)
         parts = plugins.build_each(network, contractors, objective=name, arithmetic=arithmetic)
         named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
-        first = None if start is None else _start(network, start)
+        first = None if start is None else _start(network, start, len(self.names))
 
         def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
             states = minimize(
@@ -168,6 +168,20 @@ class Network(ConstraintNetwork):
             raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
 
 
+def _with_objective(network: Network, objective: Expr) -> tuple[Network, str]:
+    """A network of whose components the objective is one, and the component's name."""
+    if not isinstance(objective, Expr) or objective.shape != () or objective.op in ("variable", "index"):
+        return network, network.component(objective)
+    network.check_owner(objective)
+    bounds = evaluate(network, objective, network.domain)
+    name = "objective"
+    while any(leaf.name == name for leaf in network.variables):
+        name += "_"
+    bound = network.variable(name, domain=(float(bounds.lo), float(bounds.hi)))
+    network.add(objective <= bound)
+    return network, name
+
+
 def _width(width: float) -> float:
     """A width that some box can have. Raises ModelError."""
     if not _is_number(width) or not width > 0:
@@ -191,14 +205,12 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
-def _start(network: ConstraintNetwork, start: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """A point to start from, one finite number per component. Raises ModelError."""
+def _start(network: ConstraintNetwork, start: npt.ArrayLike, count: int) -> npt.NDArray[np.float64]:
+    """A point to start from, one finite number for each of the first `count` components. Raises ModelError."""
     point = float_bounds(start)[0]
-    if point.shape != (len(network.names),) or not np.isfinite(point).all():
-        raise ModelError(
-            f"start={start!r} is no point: give {len(network.names)} finite numbers, in the order of `names`"
-        )
-    return point
+    if point.shape != (count,) or not np.isfinite(point).all():
+        raise ModelError(f"start={start!r} is no point: give {count} finite numbers, in the order of `names`")
+    return np.concatenate([point, network.domain.hi[count:]])
 
 
 def _strategy(network: ConstraintNetwork, strategy: str | Strategy, width: float, arithmetic: str) -> Strategy:

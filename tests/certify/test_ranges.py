@@ -66,12 +66,13 @@ def test_the_checker_ties_the_ranges_to_their_certificate(run, tmp_path):
         (folder / "result.json").write_text(text, encoding="utf-8")
 
 
-def test_ranges_without_a_certificate_are_the_same_but_for_short_numbers(campaign, run):
+def test_ranges_without_a_certificate_are_nearly_as_wide(campaign, run):
     plain = cpcal.certify(campaign, legs=[2], eps=run[1].legs[0].ranges.eps)
     at = cpcal.with_ranges(campaign, plain).legs[0].ranges
     assert at.certificate is None
     assert at.box == plain.legs[0].enclosure
-    np.testing.assert_allclose(at.box.width, run[1].legs[0].ranges.box.width, rtol=0.05)
+    # contraction ends with a pass that gains less than a twentieth, and numbers in a certificate are short
+    np.testing.assert_allclose(at.box.width, run[1].legs[0].ranges.box.width, rtol=0.1)
 
 
 def test_there_are_none_where_no_tolerance_is_reached(campaign, run):

@@ -11,8 +11,9 @@ import pytest
 from rich.console import Console
 
 import cpcal
-from cpcal.cli.progress import watch
+from cpcal.cli.progress import Lines, watch
 from cpcal.cli.show import show_result
+from cpcal.legs import PLAIN
 from cpcal.solver.optimize import Bracket
 
 # A real SIGINT, sent when leg 2 reports its first bracket. Runners may start us with SIGINT ignored.
@@ -60,7 +61,7 @@ def test_module_entry_point_and_status_of_bad_input(tmp_path):
 def test_ctrl_c_leaves_what_is_proved(campaign, tmp_path):
     outcome = process("-c", _INTERRUPTED, "certify", campaign, "-o", tmp_path, "--legs", "1,2,3")
     assert outcome.returncode == 130, outcome.stderr
-    assert "Leg 1: explains to within" in outcome.stdout
+    assert "Leg 1: fits to within" in outcome.stdout
     assert "Interrupted" in outcome.stdout
     assert "Traceback" not in outcome.stderr
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
@@ -98,11 +99,14 @@ def test_progress_shows_the_bracket_of_each_leg():
     assert "nodes 2  LPs 56" in text
 
 
-def test_no_progress_without_a_terminal():
-    console = Console(file=io.StringIO())
-    with watch([1], 1e-6, console) as progress:
-        assert progress is None
-    assert written(console) == ""
+def test_without_a_terminal_a_line_is_written_every_ten_seconds():
+    console, now = Console(file=io.StringIO(), width=80), iter([0.0, 4.0, 9.9, 10.0, 12.0, 21.0])
+    progress = Lines(console, lambda: next(now))
+    for k in range(5):
+        progress(2, Bracket(0.25, 0.5, k, 12, float(k)))
+    assert written(console).splitlines() == [f"leg 2: eps in [0.2500000, 0.5000000] mm, {k} s" for k in (2, 4)]
+    with watch([1], 1e-6, Console(file=io.StringIO())) as quiet:
+        assert isinstance(quiet, Lines)
 
 
 def test_hostile_names_and_narrow_terminals(campaign):
@@ -111,8 +115,10 @@ def test_hostile_names_and_narrow_terminals(campaign):
     hostile = dataclasses.replace(result, campaign=dataclasses.replace(result.campaign, robot="[bold]\x1b[2J:smile:"))
     console = terminal()
     console.width = 40
-    show_result(console, hostile, 6)
+    show_result(console, measured, hostile, PLAIN, verbose=True)
+    show_result(console, measured, hostile, PLAIN)
     text = written(console)
     assert "[bold]\\x1b[2J:smile:" in text
     assert "…" not in text  # no figure is cut off
     assert "does not explain" in " ".join(text.split())
+    assert "does not fit to within 0.1 mm" in " ".join(text.split())

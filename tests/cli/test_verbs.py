@@ -125,11 +125,11 @@ def test_certify_writes_and_prints_the_answer(certified):
     assert leg.verdict is cpcal.Verdict.PROVED
     text = squeezed(outcome.stdout)
     for piece in (
-        "eps_lo [mm]",
-        "explains to within ",
-        "Leg 1: explains to within ",
-        "there exists a reading in its set",
-        "longer than eps",
+        "64 measurements",
+        "Leg 1: fits to within ",
+        "look at ",
+        "next: state a tolerance",
+        "for every measurement some reading in its set",
     ):
         assert piece in text
     assert str(folder / "report.html") in outcome.stdout
@@ -152,7 +152,7 @@ def test_certify_replaces_an_earlier_run(campaign, tmp_path):
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert not (tmp_path / "leg2.cert.jsonl").exists()
     assert cpcal.load_result(tmp_path).legs[0].verdict is cpcal.Verdict.REFUTED
-    assert "cannot explain" in outcome.stdout
+    assert "does not fit to within 0.1 mm" in outcome.stdout
     assert "cannot explain" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
@@ -216,7 +216,7 @@ def test_an_answer_is_printed_even_if_the_disk_is_full(campaign, tmp_path, monke
     monkeypatch.setattr("cpcal.cli.run.save_result", full)
     outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--eps", "0.1")
     assert outcome.exit_code == 2
-    assert "Leg 1: does not explain." in outcome.stdout
+    assert "Leg 1: does not fit to within 0.1 mm" in outcome.stdout
     assert "No space left" in outcome.stderr
 
 
@@ -224,6 +224,6 @@ def test_an_answer_is_printed_even_if_the_disk_is_full(campaign, tmp_path, monke
 def test_a_tolerance_is_passed_or_failed(campaign, tmp_path, tolerance, status, word):
     outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--tolerance", tolerance)
     assert outcome.exit_code == status
-    assert f"Leg 1: {word}." in outcome.stdout
+    assert f"Leg 1: {word}, " in outcome.stdout
     assert f">{word}<" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert cpcal.load_result(tmp_path).options.tolerance == float(tolerance)

@@ -24,8 +24,9 @@ def drawn(data):
 
 
 def marks(svg, variable):
-    """Ticks, arrows and crosses of that colour: each is a path of its own, and no other path is."""
-    return len(re.findall(rf'<path d="[^"]*" style="(fill: none; stroke|fill): var\(--{variable}\)', svg))
+    """Ticks, arrows and crosses of that colour: each begins a track, and no other path of that colour is there."""
+    paths = re.findall(rf'<path d="([^"]*)" style="(?:fill: none; stroke|fill): var\(--{variable}\)', svg)
+    return sum(path.count("M") for path in paths)
 
 
 def test_a_thin_enclosure_has_its_ticks_and_its_width_in_words():

@@ -81,7 +81,7 @@ def page(eps, **changes):
 def test_the_page_says_to_which_eps_the_polygons_belong():
     text = page(1.1 * 0.1)
     assert "to within eps = 0.1100000 mm" in text
-    assert "That is 1.1 times eps_hi" in text
+    assert "for some readings: 1.1 times eps_hi" in text
     assert "Δ counts from the proved point" in text
     assert 'aria-label="Leg 1: polygon that holds a_z and l, in a rectangle of 1.0 by 1.0 mm"' in text
     assert "times eps_hi" not in page(0.1)

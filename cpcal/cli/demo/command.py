@@ -27,6 +27,7 @@ from cpcal.cli.show import show_result, terminal
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import study_found
 from cpcal.common.errors import InputError, Problem
+from cpcal.legs import PLAIN
 from cpcal.report import REPORT_NAME
 from cpcal.report.images import IMAGES_NAME, save_images
 from cpcal.report.study import write_study_page
@@ -87,7 +88,7 @@ def demo(
     record = _calibrated(output, seed, console)
     campaign = load_campaign(output / CAMPAIGN)
     _fits(campaign, record, output / FITS, console)
-    result = certified_into(output / RUN, campaign, {"legs": PLAN.legs}, as_json=False)
+    result = certified_into(output / RUN, campaign, {"legs": PLAN.legs})
     if result.interrupted:
         raise typer.Exit(Status.INTERRUPTED)
     timeout = _timeout(campaign, output / TIMEOUT, console)
@@ -153,5 +154,5 @@ def _timeout(campaign: Campaign, folder: Path, console: Console) -> Result:
             progress=progress,
         )
     save_result(timeout, folder)
-    show_result(console, timeout, campaign.legs)
+    show_result(console, campaign, timeout, PLAIN)
     return timeout

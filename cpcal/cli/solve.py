@@ -1,0 +1,78 @@
+"""`cpcal solve`: a problem that was written for another solver; all its solutions, or its best value, proved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cpcal.cli.folders import check_writable
+from cpcal.cli.status import Status
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError, Problem, printable
+from cpcal.problems.answer import Answer, answer
+from cpcal.problems.files import load_problem
+from cpcal.problems.sol_writer import sol_bytes
+from cpcal.report.paving import paving_svg
+from cpcal.solver.contract import Limits, Verdict
+
+_SHOWN = 20  # solutions in the terminal
+
+
+def solve(
+    source: Annotated[Path, typer.Argument(metavar="FILE", help="A problem: Minibex (.bch, .mbx) or AMPL (.nl).")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="The answer: .json, or .sol for AMPL.")
+    ],
+    width: Annotated[float, typer.Option(metavar="W", help="Of boxes that are not divided further.")] = 1e-6,
+    gap: Annotated[float, typer.Option(metavar="G", help="Of the objective's bracket, relative.")] = 1e-6,
+    time_limit: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Seconds.")] = None,
+    node_limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Boxes.")] = None,
+    certificate: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Of a minimisation: the proof, for cpcal verify.")
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE.svg", help="Of all solutions in the first two unknowns.")
+    ] = None,
+) -> None:
+    """All solutions of a system, each box proved to hold exactly one where that can be; or the smallest value."""
+    _check(output, picture)
+    for file in (output, certificate, picture):
+        if file is not None:
+            check_writable(file.absolute().parent)
+    problem = load_problem(source)
+    limits = Limits(seconds=time_limit, nodes=node_limit, gap=gap)
+    found = answer(problem, width=width, limits=limits, certificate=certificate)
+    rows = len(problem.network.constraints)
+    write_file(output, sol_bytes(found, rows) if output.suffix == ".sol" else found.to_json())
+    if picture is not None and found.paving is not None and found.paving.solutions:
+        names = problem.network.names
+        write_file(picture, paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).encode())
+    _show(found, output)
+    if found.verdict is Verdict.UNKNOWN:
+        raise typer.Exit(Status.UNKNOWN)
+
+
+def _check(output: Path, picture: Path | None) -> None:
+    problems = []
+    if output.suffix not in (".json", ".sol"):
+        problems.append(Problem(str(output), "is neither a .json nor a .sol file", "name it so"))
+    if picture is not None and picture.suffix != ".svg":
+        problems.append(Problem(str(picture), "is no .svg file", "name it so"))
+    if problems:
+        raise InputError(problems)
+
+
+def _show(found: Answer, output: Path) -> None:
+    typer.echo(printable(found.status))
+    solutions = () if found.paving is None else found.paving.solutions
+    for k, solution in enumerate(solutions[:_SHOWN]):
+        word = "exactly one" if solution.verdict is Verdict.PROVED else "perhaps some"
+        inside = ", ".join(f"{n} {solution.box[n].mid:.9g}" for n in found.problem.network.names)
+        typer.echo(f"  {k + 1:3}  {word:12}  {inside}")
+    if len(solutions) > _SHOWN:
+        typer.echo(f"  and {len(solutions) - _SHOWN:,} more")
+    if found.point is not None:
+        typer.echo("  at " + ", ".join(f"{name} = {value:.9g}" for name, value in found.point.items()))
+    typer.echo(f"{found.nodes:,} nodes, {found.seconds:.2f} s: {printable(output)}")

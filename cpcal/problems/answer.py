@@ -1,0 +1,116 @@
+"""A problem's answer: all solutions, or the best value bracketed; and its JSON (docs/solve.md)."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from dataclasses import dataclass
+
+from cpcal.common.errors import ModelError
+from cpcal.problems.problem import Problem
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.interval import Box
+from cpcal.solver.model import Paving
+from cpcal.solver.optimize import Minimum
+
+FORMAT = "cpcal-solution/1"
+_WORDS = {Verdict.PROVED: "proved", Verdict.REFUTED: "infeasible", Verdict.UNKNOWN: "unknown"}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """paving   all solutions, where there is no objective
+    best     lo, hi: the objective's best value lies between; point: where the value nearer to us is attained, or None
+    verdict  PROVED: complete, or the bracket closed to the gap; REFUTED: there is no solution; UNKNOWN: a limit came
+             first
+    pending  boxes that were left
+    """
+
+    problem: Problem
+    verdict: Verdict
+    status: str
+    nodes: int
+    seconds: float
+    pending: int = 0
+    paving: Paving | None = None
+    best: Minimum | None = None
+
+    @property
+    def objective(self) -> tuple[float, float] | None:
+        """The bracket of the objective as it was asked for: of a maximum the signs are turned."""
+        if self.best is None:
+            return None
+        lo, hi = self.best.lo, self.best.hi
+        return (-hi, -lo) if self.problem.maximize else (lo, hi)
+
+    @property
+    def point(self) -> dict[str, float] | None:
+        """The components of the best point that is proved to be a solution."""
+        if self.best is None or self.best.witness is None:
+            return None
+        return dict(zip(self.problem.network.names, self.best.witness.point.tolist(), strict=False))
+
+    def to_json(self) -> bytes:
+        """Bounds that are not finite are null."""
+        names = self.problem.network.names
+        solutions = [] if self.paving is None else self.paving.solutions
+        bracket = self.objective
+        document = {
+            "format": FORMAT,
+            "status": "complete" if self.verdict is not Verdict.UNKNOWN else "limit reached",
+            "verdict": _WORDS[self.verdict],
+            "sentence": self.status,
+            "solutions": [{"status": _WORDS[s.verdict], "box": _box(s.box, names)} for s in solutions],
+            "objective": None
+            if bracket is None
+            else {"lo": _number(bracket[0]), "hi": _number(bracket[1]), "point": self.point},
+            "pending": self.pending,
+            "nodes": self.nodes,
+            "seconds": round(self.seconds, 3),
+        }
+        return (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def answer(
+    problem: Problem,
+    *,
+    width: float = 1e-6,
+    limits: Limits | None = None,
+    certificate: str | os.PathLike[str] | None = None,
+) -> Answer:
+    """Solve, or minimise, the problem. Raises ModelError for what the solver cannot take."""
+    if problem.integer:
+        raise ModelError(f"{problem.integer[0]} takes whole numbers only, which the solver does not know yet")
+    start, network = time.monotonic(), problem.network
+    if problem.objective is None:
+        if certificate is not None:
+            raise ModelError("a certificate is written of a minimisation: this problem has no objective")
+        found = network.solve(width=width, limits=limits)
+        unknown = sum(s.verdict is Verdict.UNKNOWN for s in found.solutions)
+        verdict = Verdict.UNKNOWN if not found.complete else Verdict.PROVED if found.solutions else Verdict.REFUTED
+        pending = 0 if found.complete else unknown
+        return Answer(problem, verdict, found.status, found.nodes, time.monotonic() - start, pending, paving=found)
+    objective = -problem.objective if problem.maximize else problem.objective
+    best = network.minimize(objective, contractors=("hc4", "lifted"), limits=limits, certificate=certificate)
+    spent = time.monotonic() - start
+    return Answer(problem, best.verdict, _sentence(problem, best), best.nodes, spent, best.pending, best=best)
+
+
+def _sentence(problem: Problem, best: Minimum) -> str:
+    """The solver's, where what was asked for is the smallest value; of the largest one of its own."""
+    if not problem.maximize or best.verdict is Verdict.REFUTED:
+        return best.status
+    lo, hi = -best.hi, -best.lo
+    if best.verdict is Verdict.PROVED:
+        return f"The largest value lies in [{lo:.10g}, {hi:.10g}]: proved."
+    return f"The largest value is at most {hi:.10g}; a limit came first."
+
+
+def _box(box: Box, names: tuple[str, ...]) -> dict[str, list[float | None]]:
+    return {name: [_number(box[name].lo), _number(box[name].hi)] for name in names}
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

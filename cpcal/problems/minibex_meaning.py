@@ -1,0 +1,133 @@
+"""What a Minibex file means: its tree becomes a network, and an objective where there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpcal.common.errors import shown
+from cpcal.problems.minibex_evaluate import Evaluator, Names, Placed
+from cpcal.problems.minibex_syntax import Parser
+from cpcal.problems.minibex_tree import File, Loop, Relation, Symbol
+from cpcal.problems.problem import Problem
+from cpcal.problems.tokens import Source, Token
+from cpcal.problems.values import FUNCTIONS, MOST, Data, Value, array_of, as_operand, interval_of, minus
+from cpcal.solver.interval import Interval
+from cpcal.solver.model import Network
+from cpcal.solver.network import Constraint, Expr
+
+_CONSTRAINTS_MOST = 100_000
+_EVERYTHING = Data(Interval(-np.inf, np.inf))
+
+
+def read_minibex(text: str, where: str) -> Problem:
+    """The problem in a text called `where`. Raises InputError that names line and column.
+
+    Numbers are the float64 nearest to their decimal text; quotients and whole powers of numbers are exact. An interval
+    that is declared as data means THERE EXISTS a value of it at each place where it is written. "<" is read as "<=".
+    """
+    source = Source(text, where)
+    return _Meaning(source, Parser(source).file()).problem()
+
+
+class _Meaning:
+    """Builds the problem of one file."""
+
+    def __init__(self, source: Source, file: File) -> None:
+        self.source, self.file, self.evaluator = source, file, Evaluator(source)
+
+    def problem(self) -> Problem:
+        known, network = self.evaluator, Network(_name(self.source.where))
+        for symbol in self.file.constants:
+            self.new(symbol.token, known.constants)
+            known.constants[symbol.token.text] = self.constant(symbol)
+        names = dict(known.constants)
+        for symbol in self.file.variables:
+            self.new(symbol.token, names)
+            names[symbol.token.text] = self.variable(symbol, network)
+        for function in self.file.functions:
+            self.new(function.token, {**names, **known.functions})
+            known.functions[function.token.text] = function
+        goal = None if self.file.goal is None else known.scalar(self.file.goal, names)
+        for count, (relation, scope) in enumerate(self.relations(self.file.blocks, names)):
+            if count == _CONSTRAINTS_MOST:
+                what = f"there are more than {_CONSTRAINTS_MOST:,} constraints"
+                raise self.source.wrong(what, "write fewer", relation.sign)
+            with Placed(self.source, relation.sign):
+                network.add(self.constraint(relation, scope))
+        return Problem(network, goal)
+
+    def new(self, token: Token, names: Any) -> None:
+        if token.text in names or token.text in FUNCTIONS:
+            raise self.source.wrong(f"{shown(token.text)} is there already", "choose another name", token)
+
+    # declarations -----------------------------------------------------------------------------
+
+    def dimensions(self, symbol: Symbol) -> tuple[int, ...]:
+        shape = tuple(self.evaluator.whole(node, self.evaluator.constants) for node in symbol.dimensions)
+        if any(side < 1 for side in shape) or int(np.prod(shape, dtype=object)) > MOST:
+            what = f"{symbol.token.text} has the dimensions {shape}"
+            raise self.source.wrong(what, f"give whole numbers from 1, and at most {MOST:,} entries", symbol.token)
+        return shape
+
+    def constant(self, symbol: Symbol) -> Value:
+        assert symbol.value is not None  # the grammar asks for one
+        shape, value = self.dimensions(symbol), self.evaluator.value(symbol.value, self.evaluator.constants)
+        with Placed(self.source, symbol.token):
+            spread = self.spread(symbol, value, shape)
+            entries = spread if symbol.thin else [_data(interval_of(entry)) for entry in spread]
+        return array_of(entries, shape) if shape else entries[0]
+
+    def variable(self, symbol: Symbol, network: Network) -> Value:
+        shape = self.dimensions(symbol)
+        value: Value = _EVERYTHING
+        if symbol.value is not None:
+            value = self.evaluator.value(symbol.value, self.evaluator.constants)
+        with Placed(self.source, symbol.token):
+            bounds = [interval_of(entry) for entry in self.spread(symbol, value, shape)]
+            lo, hi = (np.array([getattr(b, end) for b in bounds]).reshape(shape) for end in ("lo", "hi"))
+            leaf = network.variable(symbol.token.text, shape=shape, domain=(lo, hi))
+        return array_of([leaf[k] for k in np.ndindex(shape)], shape) if shape else leaf
+
+    def spread(self, symbol: Symbol, value: Value, shape: tuple[int, ...]) -> list[Any]:
+        """The entries of a value of that shape; one number stands for all."""
+        if not isinstance(value, np.ndarray):
+            return [value] * int(np.prod(shape, dtype=int))
+        told = shape if value.shape == (1, *shape) else value.shape  # a row and a column of one length
+        if told != shape:
+            what = f"{symbol.token.text} has the dimensions {shape} and a value of {value.shape}"
+            raise self.source.wrong(what, "give a value of its size", symbol.token)
+        return list(value.ravel())
+
+    # constraints ------------------------------------------------------------------------------
+
+    def relations(self, blocks: tuple[Relation | Loop, ...], names: Names) -> Iterator[tuple[Relation, Names]]:
+        for block in blocks:
+            if isinstance(block, Relation):
+                yield block, names
+                continue
+            for k in self.evaluator.turns(block.name, block.first, block.last, names):
+                yield from self.relations(block.blocks, {**names, block.name.text: Fraction(k)})
+
+    def constraint(self, relation: Relation, names: Names) -> list[Constraint]:
+        difference = minus(*(self.evaluator.value(side, names) for side in (relation.left, relation.right)))
+        out = []
+        for entry in difference.ravel() if isinstance(difference, np.ndarray) else [difference]:
+            body = as_operand(entry)
+            if not isinstance(body, Expr):
+                raise self.source.wrong("a constraint without a variable", "take it out", relation.sign)
+            sign = relation.sign.text[0]
+            out.append(body == 0.0 if sign == "=" else body <= 0.0 if sign == "<" else body >= 0.0)
+        return out
+
+
+def _data(bounds: Interval) -> Interval | Data:
+    return bounds if bounds.lo == bounds.hi else Data(bounds)
+
+
+def _name(where: str) -> str:
+    return Path(where).stem or "problem"

@@ -1,0 +1,92 @@
+"""Parameters for a controller: every format says the same, and what a damaged run says is not written."""
+
+import csv
+import io
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.cli import app
+from cpcal.report.drawing_frames import DrawingFrames
+from cpcal.report.export import as_csv, as_json, as_toml, as_yaml, exported
+from cpcal.robot import rotation_matrix
+
+yaml = pytest.importorskip("yaml")
+runner = CliRunner()
+
+
+def run(*arguments):
+    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("export")
+    campaign = cpcal.simulate(seed=4, joint_error=1.0, factor=0.0)
+    cpcal.save_campaign(campaign, place / "campaign")
+    assert run("certify", place / "campaign", "-o", place / "run", "--legs", "2", "--tolerance", "3").exit_code == 0
+    return place
+
+
+@pytest.fixture(scope="module")
+def data(folder):
+    return exported(cpcal.load_campaign(folder / "campaign"), cpcal.load_result(folder / "run"))
+
+
+def test_all_formats_say_the_same(data):
+    assert json.loads(as_json(data)) == tomllib.loads(as_toml(data)) == yaml.safe_load(as_yaml(data))
+    rows = list(csv.DictReader(io.StringIO(as_csv(data))))
+    (leg,) = data["legs"]
+    assert (
+        [row["parameter"] for row in rows] == list(leg["parameters"]) == ["a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l"]
+    )
+    for row, values in zip(rows, leg["parameters"].values(), strict=True):
+        assert {name: float(row[name]) for name in values if name != "unit"} == {
+            name: value for name, value in values.items() if name != "unit"
+        }
+
+
+def test_it_holds_what_the_run_proves_with_frame_and_provenance(folder, data):
+    result = cpcal.load_result(folder / "run")
+    leg, (written,) = result.legs[0], data["legs"]
+    assert [p["certified"] for p in written["parameters"].values()] == list(leg.point)
+    assert [p["range_lo"] for p in written["parameters"].values()] == leg.ranges.box.lo.tolist()
+    assert (written["range_eps"], written["verdict"], data["verdict"]) == (3.0, "pass", "pass")
+    assert written["certificates"] == ["leg2.cert.jsonl", "ranges-leg2.cert.jsonl"]
+    assert "base frame" in data["frame"]
+    assert data["provenance"]["campaign_sha256"] == result.campaign_sha256
+
+
+def test_the_verb_writes_a_checked_run_and_refuses_a_damaged_one(folder, tmp_path):
+    outcome = run("export", folder / "run", "--format", "json", "-o", tmp_path / "p.json")
+    assert outcome.exit_code == 0, outcome.output
+    assert json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))["format"] == "cpcal-parameters/1"
+    file = folder / "run" / "result.json"
+    text = file.read_text(encoding="utf-8")
+    damaged = json.loads(text)
+    damaged["legs"][0]["ranges"]["box"]["hi"][0] -= 0.5
+    try:
+        file.write_text(json.dumps(damaged), encoding="utf-8")
+        refused = run("export", folder / "run")
+    finally:
+        file.write_text(text, encoding="utf-8")
+    assert refused.exit_code == 1
+    assert "REFUSED" in refused.output
+    assert "a_x" not in refused.output
+
+
+def test_moved_ranges_hold_the_moved_points(data):
+    rng = np.random.default_rng(1)
+    turned = rotation_matrix(rng.standard_normal((2, 4)))
+    frames = DrawingFrames((turned[0], rng.standard_normal(3)), (turned[1], rng.standard_normal(3)))
+    lo = 100.0 * rng.standard_normal(7)
+    hi = lo + rng.random(7)
+    low, high = frames.box(lo, hi)
+    for _ in range(100):
+        x = lo + (hi - lo) * rng.integers(0, 2, 7)
+        assert ((frames.point(x) >= low) & (frames.point(x) <= high)).all()
+    assert frames.point(lo)[6] == lo[6]

@@ -1,0 +1,81 @@
+"""How much a verb says: a short end, everything, nothing, a record; and help that can be tried."""
+
+import json
+import shlex
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.cli import app
+from cpcal.cli.app import VERBS
+
+runner = CliRunner()
+
+
+def run(*arguments):
+    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("talk") / "campaign"
+    cpcal.save_campaign(cpcal.simulate(seed=1, joint_error=1.0, factor=0.0), folder)
+    return folder
+
+
+def test_a_run_of_six_legs_ends_with_at_most_twelve_lines_of_eighty_characters(campaign, tmp_path):
+    outcome = run("certify", campaign, "-o", tmp_path / "r", "--tolerance", "0.55", "--log", tmp_path / "log.jsonl")
+    assert outcome.exit_code == 1
+    lines = outcome.stdout.splitlines()
+    assert len(lines) <= 12
+    assert [line[:6] for line in lines if line.startswith("Leg")] == [f"Leg {k}:" for k in range(1, 7)]
+    assert all(len(line) <= 100 for line in lines if not line.startswith("Report"))
+    assert "tolerance 0.55 mm: FAIL" in lines[0]
+    records = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text(encoding="utf-8").splitlines()]
+    assert {"certify", "bracket", "leg", "written"} == {record["event"] for record in records}
+    assert [record["leg"] for record in records if record["event"] == "leg"] == [1, 2, 3, 4, 5, 6]
+    assert all(record["time"].endswith("+00:00") and record["level"] == "info" for record in records)
+
+
+def test_verbose_shows_tables_with_their_frame_and_quiet_shows_nothing(campaign, tmp_path):
+    loud = run("certify", campaign, "-o", tmp_path / "v", "--legs", "1", "-v").stdout
+    for piece in ("eps_lo [mm]", "b_z [mm]", "in the base frame of the campaign's poses", "there exists a reading"):
+        assert piece in " ".join(loud.split())
+    silent = run("certify", campaign, "-o", tmp_path / "q", "--legs", "1", "-q")
+    assert (silent.exit_code, silent.stdout, silent.stderr) == (0, "", "")
+    assert (tmp_path / "q" / "report.html").exists()
+
+
+def test_a_log_holds_what_went_wrong(campaign, tmp_path):
+    log = tmp_path / "log.jsonl"
+    outcome = run("certify", campaign, "-o", tmp_path / "r", "--eps", "-1", "--log", log)
+    assert outcome.exit_code == 2
+    last = json.loads(log.read_text(encoding="utf-8").splitlines()[-1])
+    assert (last["event"], last["kind"]) == ("failed", "InputError")
+    assert run("certify", campaign, "-o", tmp_path / "r", "--log", tmp_path).exit_code == 2  # a folder
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_help_has_an_example_that_the_verb_understands_and_flags_have_no_type(verb):
+    text = " ".join(run(verb, "--help").stdout.split())
+    example = VERBS[verb].example
+    assert f"Example: cpcal {example[:30]}" in text
+    assert "<bool>" not in text
+    command: Any = typer.main.get_command(app)
+    name, *arguments = shlex.split(example)
+    context = command.make_context("cpcal", [name], resilient_parsing=True)
+    command.get_command(context, name).make_context(name, arguments, parent=context)
+
+
+def test_compare_ends_with_a_line_a_leg(campaign, tmp_path):
+    outcome = run("compare", campaign, "-o", tmp_path, "--models", "plain,gain", "--legs", "1", "--tolerance", "0.01")
+    assert outcome.exit_code == 1
+    lines = outcome.stdout.splitlines()
+    assert len(lines) <= 12
+    assert any(line.startswith("leg 1: plain ") and "fail" in line and "no model passes" in line for line in lines)
+    assert (
+        run("compare", campaign, "-o", tmp_path, "--models", "plain", "--legs", "1", "--tolerance", "2").exit_code == 0
+    )

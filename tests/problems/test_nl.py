@@ -1,0 +1,217 @@
+"""AMPL's .nl: what its segments mean, and what is wrong has its line; answers as JSON and .sol."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from cpcal.cli.app import app
+from cpcal.common.errors import InputError, ModelError
+from cpcal.problems.answer import answer
+from cpcal.problems.nl_reader import read_nl
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.interval import Box
+from cpcal.solver.network import evaluate
+
+# minimise x0 x3 (x0 + x1 + x2) + x2 with x0 x1 x2 x3 >= 25 and x0^2 + x1^2 + x2^2 + x3^2 = 40, 1 <= x <= 5 (hs071);
+# the sum of squares by a common expression, products as a binary tree
+HS071 = """g3 1 1 0	# problem hs071
+ 4 2 1 0 1	# vars, constraints, objectives, ranges, eqns
+ 2 1	# nonlinear constraints, objectives
+ 0 0	# network constraints: nonlinear, linear
+ 4 4 4	# nonlinear vars in constraints, objectives, both
+ 0 0 0 1	# linear network variables; functions; arith, flags
+ 0 0 0 0 0	# discrete variables
+ 8 4	# nonzeros in Jacobian, gradients
+ 0 0	# max name lengths
+ 1 0 0 0 0	# common exprs
+V4 0 0
+o54
+3
+o5
+v0
+n2
+o77
+v1
+o2
+v2
+v2
+C0
+o2
+o2
+v0
+v1
+o2
+v2
+v3
+C1
+o0
+v4
+o5
+v3
+n2
+O0 0
+o2
+o2
+v0
+v3
+o54
+3
+v0
+v1
+v2
+x4
+0 1
+1 5
+2 5
+3 1
+r
+2 25
+4 40
+b
+0 1 5
+0 1 5
+0 1 5
+0 1 5
+k3
+2
+4
+6
+J0 4
+0 0
+1 0
+2 0
+3 0
+J1 4
+0 0
+1 0
+2 0
+3 0
+G0 4
+0 0
+1 0
+2 1
+3 0
+"""
+PIECES = ["", "o5", "v99", "n1e999", "C0", "r", "b", "-3", "\0", "x4", "9" * 400]
+AT = [1.0, 4.75, 3.8, 1.375]
+
+
+def values(text: str, at: list[float]) -> list[float]:
+    """Of the objective and of the constraints' bodies."""
+    problem = read_nl(text, "problem.nl")
+    network, box = problem.network, Box(problem.network.names, at, at)
+    bodies = [problem.objective, *(c.body for c in network.constraints)]
+    return [float(evaluate(network, body, box).mid) for body in bodies if body is not None]
+
+
+def test_a_problem_is_what_its_segments_say() -> None:
+    found = values(HS071, AT)
+    x0, x1, x2, x3 = AT
+    wanted = [x0 * x3 * (x0 + x1 + x2) + x2, x0 * x1 * x2 * x3, x0**2 + x1**2 + x2**2 + x3**2]
+    assert found == pytest.approx(wanted, rel=1e-14)
+    problem = read_nl(HS071, "problem.nl")
+    assert not problem.maximize
+    assert [float(problem.network.domain[name].hi) for name in problem.network.names] == [5.0] * 4
+    lower = [float(c.lower.data.lo) for c in problem.network.constraints]
+    assert lower == [25.0, 40.0]
+
+
+def test_the_bound_of_its_minimum_is_below_the_known_one_and_the_point_above() -> None:
+    found = answer(read_nl(HS071, "problem.nl"), limits=Limits(nodes=30))
+    assert found.objective is not None
+    assert 16.0 < found.objective[0] <= 17.014018  # 17.0140173 in the literature
+    assert found.objective[1] >= 17.014017
+
+
+def test_whole_numbers_are_found_by_their_place_and_refused() -> None:
+    text = HS071.replace("0 0 0 0 0	# discrete", "0 0 2 0 0	# discrete")
+    problem = read_nl(text, "problem.nl")
+    assert problem.integer == ("x[2]", "x[3]")
+    with pytest.raises(ModelError, match=r"x\[2\] takes whole numbers only"):
+        answer(problem)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("g3", "b3", "is no text form of .nl"),
+        (" 4 2 1", " 4 two 1", "no whole number"),
+        ("o54\n3", "o99\n3", "o99 is not understood"),
+        ("v0\nn2", "v9\nn2", "names the variable 9"),
+        ("n2\no77", "nan\no77", "is not understood here"),
+        ("o77\nv1", "h77\nv1", "begins no expression"),
+        ("r\n2 25", "r\n5 25", "no bounds that are understood"),
+        ("k3\n2", "Z3\n2", "begins no segment"),
+    ],
+)
+def test_what_is_wrong_has_its_line(old: str, new: str, what: str) -> None:
+    text = HS071.replace(old, new, 1)
+    with pytest.raises(InputError) as caught:
+        read_nl(text, "problem.nl")
+    (problem,) = caught.value.problems
+    assert what in problem.what
+    assert problem.where == "problem.nl"
+    pairs = zip(HS071.splitlines(), text.splitlines(), strict=True)
+    first = next(k for k, (was, line) in enumerate(pairs) if was != line)
+    assert problem.line == first + 1
+
+
+def test_mutated_files_end_in_a_line() -> None:
+    rng = random.Random(3)
+    lines = HS071.splitlines()
+    refused = 0
+    for _ in range(500):
+        mutated = list(lines)
+        for _ in range(rng.randrange(1, 4)):
+            k = rng.randrange(len(mutated))
+            mutated[k : k + rng.randrange(2)] = [
+                rng.choice(["", "o5", "v99", "n1e999", "C0", "r", "b", "-3", "\0", "x4", "9" * 400])
+            ]
+        try:
+            read_nl("\n".join(mutated), "problem.nl")
+        except InputError as error:
+            refused += 1
+            lost = [p for p in error.problems if not p.line]
+            if lost:
+                pytest.fail(f"without a line: {lost}")
+    assert refused > 200
+
+
+def test_the_command_writes_json_and_sol(tmp_path: Path) -> None:
+    (tmp_path / "two.bch").write_text("Variables x in [-3,3]; y in [-3,3]; Constraints x^2 = 2; y = x; end")
+    run = CliRunner().invoke(app, ["solve", str(tmp_path / "two.bch"), "-o", str(tmp_path / "two.json")])
+    assert run.exit_code == 0, run.output
+    assert "exactly one" in run.output
+    said = json.loads((tmp_path / "two.json").read_text())
+    assert (said["format"], said["status"], said["objective"]) == ("cpcal-solution/1", "complete", None)
+    assert [s["status"] for s in said["solutions"]] == ["proved", "proved"]
+    roots = sorted(s["box"]["x"][0] for s in said["solutions"])
+    assert roots == pytest.approx([-(2**0.5), 2**0.5])
+    (tmp_path / "h.nl").write_text(HS071)
+    run = CliRunner().invoke(app, ["solve", str(tmp_path / "h.nl"), "-o", str(tmp_path / "h.sol"), "--node-limit", "2"])
+    assert run.exit_code == 1, run.output
+    assert (tmp_path / "h.sol").read_text().rstrip().endswith("objno 0 400")
+    for wrong in ("h.txt", "h.toml"):
+        assert CliRunner().invoke(app, ["solve", str(tmp_path / "h.nl"), "-o", str(tmp_path / wrong)]).exit_code == 2
+
+
+def test_no_solution_is_an_answer(tmp_path: Path) -> None:
+    (tmp_path / "none.mbx").write_text("Variables x in [-3,3]; Constraints x^2 = -1; end")
+    run = CliRunner().invoke(app, ["solve", str(tmp_path / "none.mbx"), "-o", str(tmp_path / "none.json")])
+    assert run.exit_code == 0
+    assert json.loads((tmp_path / "none.json").read_text())["verdict"] == "infeasible"
+
+
+def test_a_largest_value_has_its_signs_turned() -> None:
+    text = HS071.replace("O0 0", "O0 1")
+    problem = read_nl(text, "problem.nl")
+    assert problem.maximize
+    found = answer(problem, limits=Limits(nodes=3))
+    assert found.objective is not None
+    assert found.objective[1] >= 17.014  # the largest is not below the smallest
+    assert found.verdict is Verdict.UNKNOWN

@@ -1,0 +1,72 @@
+"""Every command of README and docs: on a line of its own it is run, page by page; within a text it is understood."""
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from cpcal.cli import app
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+SHORT = {  # added to a command so that it ends soon, which changes nothing of how it is understood
+    "simulate": ["--factor", "0"],
+    "certify": ["--legs", "1", "--time-limit", "10"],
+    "compare": ["--legs", "1", "--time-limit", "3"],
+}
+ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
+    "detect": "tests/vision, tests/cli/test_detect.py",
+    "accuracy": "tests/accuracy",
+    "certify campaign -o run --model stretched": "tests/legs/test_known.py",
+    "report run": "tests/cli/test_report.py",
+}
+
+
+def blocks(page: Path) -> list[list[str]]:
+    """The words of commands on lines of their own: indented by four, perhaps after a $; a backslash goes on."""
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    lines = re.findall(r"^    (?:\$ )?cpcal (.*)$", text, re.M)
+    return [shlex.split(line, comments=True) for line in lines]
+
+
+def within_texts(page: Path) -> Iterator[list[str]]:
+    """The words of commands between backticks that go on after the verb; placeholders in capitals stay."""
+    for text in re.findall(r"`cpcal ([a-z][^`]*)`", page.read_text(encoding="utf-8")):
+        if "[" not in text and "..." not in text:
+            yield shlex.split(text.replace("\n", " "))
+
+
+def understood(words: list[str]) -> None:
+    """Whether the verb is there and knows every option."""
+    command: Any = typer.main.get_command(app)
+    context = command.make_context("cpcal", words[:1], resilient_parsing=True)
+    verb = command.get_command(context, words[0])
+    assert verb is not None, words
+    known = {name for parameter in verb.get_params(context) for name in (*parameter.opts, *parameter.secondary_opts)}
+    assert {word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)} <= known, words
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.stem)
+def test_the_commands_of_a_page_run_in_their_order(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    commands = blocks(page)
+    if not any(words[0] == "simulate" for words in commands):
+        assert CliRunner().invoke(app, ["simulate", "deltalab", "-o", "campaign", "--factor", "0"]).exit_code == 0
+    for words in commands:
+        understood(words)
+        if any(" ".join(words).startswith(key) for key in ELSEWHERE):
+            continue
+        outcome = CliRunner().invoke(app, [*words, *SHORT.get(words[0], [])], prog_name="cpcal")
+        assert outcome.exit_code in (0, 1), (words, outcome.output[-500:])
+
+
+def test_commands_within_texts_are_understood():
+    found = [words for page in PAGES for words in within_texts(page)]
+    assert len(found) > 15
+    for words in found:
+        understood(words)
