@@ -196,3 +196,17 @@ def test_a_divisor_that_may_be_zero_is_no_error() -> None:
     net.add([(x / Interval(-1, 1) + y).within((-1, 1)), y * y <= 4])
     result = Lifted(net).contract(net.domain).box
     assert 2.0 <= result["y"].hi < 2.1
+
+
+def test_rows_made_before_are_used_again_only_where_the_same_ends_of_the_readings_decide() -> None:
+    """Whatever boxes came before, the contraction is the same."""
+    anchors = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]])
+    net = ConstraintNetwork()
+    x = net.variable("x", 2, ([-5.0, -5.0], [5.0, 5.0]))
+    net.add((norm(net.reading(anchors, 0.1) - x) - 2.5).within((-0.1, 0.1)))
+    boxes = [net.domain, net.domain.replace("x[0]", lo=1.0), net.domain.replace("x[0]", hi=2.0), net.domain]
+    reused = Lifted(net)
+    for box in boxes:
+        one, other = reused.contract(box).box, Lifted(net).contract(box).box
+        np.testing.assert_array_equal(one.lo, other.lo)
+        np.testing.assert_array_equal(one.hi, other.hi)
