@@ -71,7 +71,7 @@ def true_error(campaign: cpcal.Campaign, others: cpcal.Campaign, leg: int) -> fl
     """mm: with it some parameters satisfy the leg's equation at all poses of `others` and, for readings in their sets,
     of the campaign."""
     start = fit_model(campaign, leg)
-    x, error = chebyshev(joined_campaign([campaign, others]), leg, start, 50.0)
+    x, error = chebyshev(joined_campaign([campaign, others]), leg, start.tolist(), 50.0)
     engine = get_arithmetic("float64")
     while verified_rows(campaign, leg, x, error, engine)[1] or verified_rows(others, leg, x, error, engine)[1]:
         error = 1.0001 * error + 1e-7

@@ -221,7 +221,7 @@ def _next(
 ) -> tuple[NextPose, ...]:
     """For the worst poses that were met."""
     worst = sorted((pose for pose in at if pose.proved), key=lambda pose: -pose.position_bound)[:_WORST]
-    rows = [(*pose.position, *pose.rotation) for pose in worst]
+    rows: list[tuple[float, ...]] = [(*pose.position, *pose.rotation) for pose in worst]
     rows += [] if over is None or not over.worst_pose_bound else [over.worst_pose]
     if not rows:
         return ()
