@@ -20,7 +20,7 @@ from cpcal.solver.linear import LinearEngine
 from cpcal.solver.network import PolynomialSystem
 from cpcal.solver.network.polynomial import Monomial
 
-_NEGLIGIBLE = 1e-3  # coefficients of a product, beside the largest of the row, below which it needs no column
+_NEGLIGIBLE = 3e-4  # coefficients of a product, beside the largest of the row, below which it needs no column
 _UNIT = 2.0**-53
 _SMALLEST = 1e-290
 

@@ -17,9 +17,12 @@ from cpcal.calibration import least_squares
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
+from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Interval, get_arithmetic
+from cpcal.solver.linear import Dense, Glop
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
 from cpcal.solver.network.polynomial import Monomial
+from cpcal.solver.optimize import minimize, run
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -210,3 +213,17 @@ def test_rows_made_before_are_used_again_only_where_the_same_ends_of_the_reading
         one, other = reused.contract(box).box, Lifted(net).contract(box).box
         np.testing.assert_array_equal(one.lo, other.lo)
         np.testing.assert_array_equal(one.hi, other.hi)
+
+
+@pytest.mark.parametrize("joint_error", [0.0, 10.0])
+def test_both_engines_lead_to_the_same_claims(joint_error: float) -> None:
+    used, arithmetic = simulate(seed=3, joint_error=joint_error, factor=0.0), get_arithmetic("float64")
+    box = leg_box(least_squares(used, 2), 100.0)
+    net = leg_network(used, 2, box, engine=arithmetic, eps=(0.0, 100.0))
+    one, other = (
+        run(minimize(net, "eps", Lifted(net, objective="eps", engine=e), engine=arithmetic, limits=Limits()), None)
+        for e in (Dense, Glop)
+    )
+    assert one.verdict is other.verdict is Verdict.PROVED
+    assert max(one.lo, other.lo) <= min(one.hi, other.hi)
+    assert one.enclosure.intersect(other.enclosure).is_empty is False
