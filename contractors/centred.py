@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from cpcal.common.arrays import Floats, Indices
+from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network.polynomial import Monomial
@@ -68,17 +68,20 @@ class Shift:
 
 
 class CentredRows:
-    """K rows of polynomials `coefficients` (1 + J, K, M), in the J readings and the monomials of a `Shift`."""
+    """K rows of polynomials `coefficients` (1 + J, K, M), in the J readings and the monomials of a `Shift`.
+
+    `matters` (M,): whether the coefficient of a monomial, at the centres of the readings, is not zero in some row.
+    """
 
     def __init__(self, shift: Shift, coefficients: IntervalArray) -> None:
         self._shift, self._coefficients = shift, coefficients
+        self._gamma = 4.0 * (len(shift.beta) * coefficients.shape[0] + shift.degree + 8) * _UNIT
         # along the rows in memory, for the loops of `_centred`
-        self._mid = np.ascontiguousarray(coefficients.mid.transpose(0, 2, 1))
-        slots = self._mid.shape[0]
-        gamma = 4.0 * (len(shift.beta) * slots + shift.degree + 8) * _UNIT
-        errors = gamma * np.abs(self._mid) + coefficients.rad.transpose(0, 2, 1)
-        self._errors = errors.sum(axis=0) * (1.0 + 4.0 * (slots + 2) * _UNIT)
-        self._gamma = gamma
+        lo = np.ascontiguousarray(coefficients.lo.transpose(0, 2, 1))
+        hi = lo if coefficients.lo is coefficients.hi else np.ascontiguousarray(coefficients.hi.transpose(0, 2, 1))
+        self._mid, self._errors, self.matters = _split(lo, hi, self._gamma)
+        occurs = np.asarray(self._errors.any(axis=1))
+        self._terms = np.flatnonzero(occurs[shift.alpha])
 
     def on(self, engine: Arithmetic, center: Floats, radius: Floats) -> tuple[Floats, Floats]:
         """On a box: coefficients (M, K) of every u^beta, and a widening (K,): for all readings in their sets
@@ -86,8 +89,9 @@ class CentredRows:
         the row's value at u lies within the widening of `coefficients.T @ u^beta`.
         """
         if engine.name == "float64":
-            term = self._shift.rounded(center, radius)
-            return _centred(self._mid, self._errors, self._shift.beta, self._shift.alpha, term, self._gamma)
+            shift, terms = self._shift, self._terms
+            term = shift.rounded(center, radius)[terms]
+            return _centred(self._mid, self._errors, shift.beta[terms], shift.alpha[terms], term, self._gamma)
         slots, count, size = self._coefficients.shape
         flat = self._coefficients.reshape((slots * count, size))
         found = engine.dot(flat, self._shift.matrix(engine, center, radius)).reshape((slots, count, size))
@@ -111,8 +115,9 @@ def _centred(
     for t in range(term.size):
         extent[alpha[t]] += abs(term[t]) + _UNDERFLOW
     for m in range(size):
-        for k in range(count):
-            widening[k] += errors[m, k] * extent[m]
+        if extent[m] > 0.0:
+            for k in range(count):
+                widening[k] += errors[m, k] * extent[m]
     for t in range(term.size):
         out, source, factor = rows[beta[t]], mid[0, alpha[t]], term[t]
         for k in range(count):
@@ -130,3 +135,22 @@ def _centred(
     for k in range(count):
         widening[k] *= 1.0 + gamma
     return rows, widening
+
+
+@compiled
+def _split(lo: Floats, hi: Floats, gamma: float) -> tuple[Floats, Floats, Bools]:
+    """Midpoints (slots, M, K); errors (M, K) as `_centred` takes them, of all slots; which monomials matter."""
+    slots, size, count = lo.shape
+    mid, errors = np.empty((slots, size, count)), np.zeros((size, count))
+    matters = np.zeros(size, np.bool_)
+    up = 1.0 + 4.0 * (slots + 4) * _UNIT
+    for j in range(slots):
+        for m in range(size):
+            for k in range(count):
+                middle = 0.5 * lo[j, m, k] + 0.5 * hi[j, m, k]
+                radius = max(hi[j, m, k] - middle, middle - lo[j, m, k]) * up
+                mid[j, m, k] = middle
+                errors[m, k] += (gamma * abs(middle) + radius) * up
+                if j == 0 and abs(middle) > radius:
+                    matters[m] = True
+    return mid, errors, matters

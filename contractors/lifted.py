@@ -21,6 +21,7 @@ from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatu
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.network.monotone import DecisiveReadings
 from cpcal.solver.network.restrict import restricted
+from cpcal.solver.network.rewrite import ReadingSets
 from cpcal.solver.network.rows import Rows
 
 Carriers = tuple[tuple[tuple[int, int], ...], StepWeights | None]
@@ -53,9 +54,11 @@ class Lifted(Composable):
         self._network = network
         self._many = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints) > _MANY
         self._rows = Rows(network)
-        # with readings, or with more rows than programs can hold, every box has rows of its own
-        fixed = not (self._many or DecisiveReadings(network, self._arithmetic).any)
+        # with readings boxes have rows of their own, the same ones where the same ends of the readings decide
+        self._decisive = DecisiveReadings(network, self._arithmetic)
+        fixed = not self._decisive.any
         self._structure = Structure(polynomial_form(network, self._arithmetic)) if fixed else None
+        self._last: tuple[bytes, Structure] | None = None
         self._objective = None if objective is None else network.names.index(objective)
 
     def contract(self, box: Box) -> Contraction:
@@ -86,13 +89,20 @@ class Lifted(Composable):
     def _structure_on(self, box: Box) -> Structure:
         """The rows that are likely to matter on the box, their readings at the ends that decide on all of it."""
         if not self._many:
-            sets = DecisiveReadings(self._network, self._arithmetic).on(box)
-            return Structure(polynomial_form(self._network, self._arithmetic, sets))
+            return self._structure_with(self._decisive.on(box))
         keep = self._rows.likely(box, _LIKELY)
         network = restricted(self._network, keep)
         sets = DecisiveReadings(network, self._arithmetic).on(box)
         system = polynomial_form(network, self._arithmetic, sets)
         return Structure(replace(system, origin=_original(system.origin, self._network, keep)))
+
+    def _structure_with(self, sets: list[ReadingSets]) -> Structure:
+        """The rows with parts of the reading sets: those made last, if they were of the same parts."""
+        parts = [bound.tobytes() for own in sets for part in own.values() for bound in (part.lo, part.hi)]
+        key = b"".join(parts)
+        if self._last is None or self._last[0] != key:
+            self._last = key, Structure(polynomial_form(self._network, self._arithmetic, sets))
+        return self._last[1]
 
 
 def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) -> Indices:
@@ -208,8 +218,8 @@ class _Programs:
         lowest = self._proved(solution, self._objective(variable, sign))
         if not -1.0 < lowest < np.inf:
             return None
-        value = self._relaxation.value(variable, sign * lowest)
-        new = float(value.lo) if side == "lo" else float(value.hi)
+        least, largest = self._relaxation.value(variable, sign * lowest)
+        new = least if side == "lo" else largest
         old = self._box.lo[variable] if side == "lo" else self._box.hi[variable]
         if sign * (new - old) <= 0.0:
             return None

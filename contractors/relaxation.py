@@ -7,18 +7,19 @@ holds at every solution in the box is what the linear programs work on, and what
 from __future__ import annotations
 
 from collections import Counter
+from functools import lru_cache
 
 import numpy as np
 
 from contractors.centred import CentredRows, Shift
-from contractors.monomials import column_bounds, product_rows
-from cpcal.common.arrays import Bools, Floats, Indices
+from contractors.monomials import ProductRows, column_bounds, product_rows
+from contractors.packing import packed, reach, scaled
+from cpcal.common.arrays import Bools, Floats
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.linear import LinearEngine
 from cpcal.solver.network import PolynomialSystem
 from cpcal.solver.network.polynomial import Monomial
 
-_NEGLIGIBLE = 1e-3  # coefficients of a product, beside the largest of the row, below which it needs no column
 _UNIT = 2.0**-53
 _SMALLEST = 1e-290
 
@@ -28,16 +29,15 @@ class Structure:
 
     def __init__(self, system: PolynomialSystem) -> None:
         self.system = system
-        shift = Shift(system.monomials, len(system.names))
+        shift = _shift(system.monomials, len(system.names))
         self.rows = CentredRows(shift, system.coefficients)
         self.guards = CentredRows(shift, _guards(system)) if system.guarded.any() else None
         # A monomial whose coefficients all contain zero is bounded, not given a column.
-        center, slack = system.coefficients.mid[0], system.coefficients.rad[0]
         self._divisors = _divisors(system.monomials)
-        self.used = self.with_divisors((np.abs(center) > slack).any(axis=0)[1:])
+        self.used = self.with_divisors(self.rows.matters[1:])
         self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], dtype=np.bool_)
         self.bounds = column_bounds(system.monomials)
-        self.products = product_rows(system.monomials, self.used)
+        self.products = _products(system.monomials, self.used.tobytes())
         self.factors = self.products.matrix != 0.0
         self.positions = {m[0]: k - 1 for k, m in enumerate(system.monomials) if len(m) == 1 and self.used[k - 1]}
 
@@ -54,6 +54,20 @@ def _guards(system: PolynomialSystem) -> IntervalArray:
     return IntervalArray(lo, hi)
 
 
+# What follows depends on the monomials alone, which the boxes of one system share.
+
+
+@lru_cache(maxsize=16)
+def _shift(monomials: tuple[Monomial, ...], variables: int) -> Shift:
+    return Shift(monomials, variables)
+
+
+@lru_cache(maxsize=16)
+def _products(monomials: tuple[Monomial, ...], used: bytes) -> ProductRows:
+    return product_rows(monomials, np.frombuffer(used, np.bool_))
+
+
+@lru_cache(maxsize=16)
 def _divisors(monomials: tuple[Monomial, ...]) -> Bools:
     """Which monomials (columns) divide which (rows), each itself included; the constant is left out."""
     count = [Counter(m) for m in monomials[1:]]
@@ -72,21 +86,17 @@ class Relaxation:
         self.center, self.radius = box.mid, box.rad
         with np.errstate(all="ignore"):
             rows, widening = structure.rows.on(engine, self.center, self.radius)
-            constant = rows[0]
-            rows, rhs, exponents = _scaled(rows[1:], self._guarded(structure, widening), constant)
-            has_column = _columns(structure, rows)
-            self.columns = np.flatnonzero(has_column)
-            beside = np.abs(rows[~has_column])
-            rhs = np.nextafter(rhs + _up(beside.sum(axis=0), len(beside)), np.inf)
-            self.bounds = structure.bounds[self.columns]
-            matrix = rows[self.columns]
-            largest = self.bounds.hi @ np.maximum(matrix, 0.0) + self.bounds.lo @ np.minimum(matrix, 0.0)
-            known = np.isfinite(matrix).all(axis=0) & np.isfinite(rhs)  # overflow: these say nothing
-        self.kept = np.flatnonzero(known & (largest > rhs))
-        self.exponents = exponents[self.kept]
+            widening = self._guarded(structure, widening)
+            rhs = widening - rows[0] + 4.0 * _UNIT * (np.abs(widening) + np.abs(rows[0]))
+        rows = rows[1:]
+        exponents, highest = scaled(rows, rhs)
+        has_column = structure.with_divisors(structure.used & (structure.linear | (highest > 0.0)))
+        self.columns = np.flatnonzero(has_column)
+        self.kept = np.flatnonzero(reach(rows, rhs, has_column, structure.bounds.lo, structure.bounds.hi))
+        self.bounds, self.exponents = structure.bounds[self.columns], exponents[self.kept]
         self.products = np.flatnonzero(~structure.factors[:, ~has_column].any(axis=1))
         products = structure.products.matrix[np.ix_(self.products, self.columns)]
-        self.matrix = np.concatenate([products.T, matrix[:, self.kept]], axis=1).T
+        self.matrix = packed(products, rows, self.columns, self.kept).T
         self.rhs = np.concatenate([structure.products.rhs[self.products], rhs[self.kept]])
 
     def _guarded(self, structure: Structure, widening: Floats) -> Floats:
@@ -104,29 +114,11 @@ class Relaxation:
         engine.load(self.matrix, self.rhs, self.bounds.lo, self.bounds.hi, len(self.products))
         return engine
 
-    def value(self, variable: int, u: float) -> IntervalArray:
-        """Enclosure of `c + r u` for one variable."""
-        e = self._engine
-        scaled = e.mul(IntervalArray.point(self.radius[variable]), IntervalArray.point(u))
-        return e.add(IntervalArray.point(self.center[variable]), scaled)
-
-
-def _columns(structure: Structure, rows: Floats) -> Bools:
-    """Which monomials (but the constant) get a column: used ones, unless it is a product that hardly counts here."""
-    counts = np.abs(rows).max(axis=1, initial=0.0) > _NEGLIGIBLE
-    return structure.with_divisors(structure.used & (structure.linear | counts))
-
-
-def _scaled(rows: Floats, widening: Floats, constant: Floats) -> tuple[Floats, Floats, Indices]:
-    """Rows over powers of two, to a largest coefficient of about 1, right sides, and the exponents."""
-    exponents = np.frexp(np.abs(rows).max(axis=0, initial=0.0))[1].astype(np.intp)
-    scale = np.ldexp(1.0, -np.clip(exponents, -900, 900))
-    exponents = np.where(np.isfinite(scale), exponents, 0)
-    rhs = widening - constant
-    rhs += 4.0 * _UNIT * (np.abs(widening) + np.abs(constant))
-    rows = rows * scale
-    tiny = np.abs(rows) < _SMALLEST
-    return np.where(tiny, 0.0, rows), np.nextafter(rhs * scale + len(rows) * _SMALLEST, np.inf), exponents
+    def value(self, variable: int, u: float) -> tuple[float, float]:
+        """Enclosure of `c + r u` for one variable: four roundings, each of at most a unit of these sizes."""
+        center, reach = float(self.center[variable]), float(self.radius[variable]) * u
+        value, error = center + reach, 4.0 * _UNIT * (abs(center) + abs(reach)) + _SMALLEST
+        return value - error, value + error
 
 
 def _up(values: Floats, count: int) -> Floats:

@@ -22,9 +22,16 @@ SHORT = {  # added to a command so that it ends soon, which changes nothing of h
 ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
     "detect": "tests/vision, tests/cli/test_detect.py",
     "accuracy": "tests/accuracy",
+    "import": "tests/cli/test_import.py, tests/test_your_data.py",
+    "solve": "tests/problems",
     "certify campaign -o run --model stretched": "tests/legs/test_known.py",
     "report run": "tests/cli/test_report.py",
 }
+
+
+OWN = {
+    "your-data"
+}  # pages whose commands are run by a test of their own, with the files that they need: test_your_data.py
 
 
 def blocks(page: Path) -> list[list[str]]:
@@ -51,7 +58,9 @@ def understood(words: list[str]) -> None:
     assert {word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)} <= known, words
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if blocks(page) and page.stem not in OWN], ids=lambda page: page.stem
+)
 def test_the_commands_of_a_page_run_in_their_order(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     commands = blocks(page)
@@ -67,6 +76,7 @@ def test_the_commands_of_a_page_run_in_their_order(page, tmp_path, monkeypatch):
 
 def test_commands_within_texts_are_understood():
     found = [words for page in PAGES for words in within_texts(page)]
+    found += [words for page in PAGES if page.stem in OWN for words in blocks(page)]
     assert len(found) > 15
     for words in found:
         understood(words)

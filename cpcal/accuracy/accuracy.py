@@ -11,8 +11,17 @@ import numpy as np
 from cpcal.accuracy.certified_set import CertifiedSet, certified_set
 from cpcal.accuracy.estimates import distances, expanded_uncertainty, true_poses
 from cpcal.accuracy.model_error import Growth, growth
+from cpcal.accuracy.next_poses import next_poses
 from cpcal.accuracy.pose_bounds import LEGS, PoseBounds, pose_bounds
-from cpcal.accuracy.values import Accuracy, AssumedError, CellAccuracy, Estimated, PoseAccuracy, WorkspaceAccuracy
+from cpcal.accuracy.values import (
+    Accuracy,
+    AssumedError,
+    CellAccuracy,
+    Estimated,
+    NextPose,
+    PoseAccuracy,
+    WorkspaceAccuracy,
+)
 from cpcal.accuracy.workspace import Covered, Workspace, cover
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
@@ -20,9 +29,18 @@ from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.legs import PLAIN, fit_model
 from cpcal.results import CampaignNote, Result
-from cpcal.robot import Campaign, Pose, Robot, inverse_kinematics, normalised, rotation_vector
+from cpcal.robot import (
+    Campaign,
+    Pose,
+    Robot,
+    inverse_kinematics,
+    normalised,
+    quaternion_from_rotation_vector,
+    rotation_vector,
+)
 
 CONTROLLERS = ("nominal", "fit", "proved")
+_WORST = 4  # poses, for which next poses are chosen
 Told = Callable[[str], None]
 Truth = Callable[[Robot, Pose], Pose | None]
 
@@ -104,7 +122,7 @@ def certify_accuracy(
         refuted=tuple(refuted),
         poses=at,
         workspace=over,
-        next_poses=(),
+        next_poses=_next(campaign, sets, at, over) if sets and not refuted else (),
         truth_known=any(pose.estimated.true_position is not None for pose in at),
         seconds=time.monotonic() - began,
     )
@@ -196,6 +214,19 @@ def _at_poses(
             )
         )
     return tuple(out)
+
+
+def _next(
+    campaign: Campaign, sets: Sequence[CertifiedSet], at: Sequence[PoseAccuracy], over: WorkspaceAccuracy | None
+) -> tuple[NextPose, ...]:
+    """For the worst poses that were met."""
+    worst = sorted((pose for pose in at if pose.proved), key=lambda pose: -pose.position_bound)[:_WORST]
+    rows: list[tuple[float, ...]] = [(*pose.position, *pose.rotation) for pose in worst]
+    rows += [] if over is None or not over.worst_pose_bound else [over.worst_pose]
+    if not rows:
+        return ()
+    poses = np.array(rows)
+    return next_poses(campaign, sets, Pose(poses[:, :3], normalised(quaternion_from_rotation_vector(poses[:, 3:]))))
 
 
 def _doubled(bounds: PoseBounds, k: int) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -5,6 +5,9 @@ from .alignment import (
 from .averaging import (
     averaged,
 )
+from .diagnosis import (
+    Diagnosis,
+)
 from .dip import (
     dip,
     dip_p_value,
@@ -109,6 +112,7 @@ __all__ = [
     "CalibrationRecord",
     "ChannelStatistics",
     "Deviations",
+    "Diagnosis",
     "ErrorSummary",
     "Fit",
     "FrameCalibration",

@@ -57,10 +57,10 @@ class ChannelStatistics:
         return f"{spread} ({self.readings} readings); {shape}; modes: {modes}."
 
 
-def describe(deviations: Deviations) -> tuple[ChannelStatistics, ...]:
-    """Statistics of every channel."""
-    columns = zip(deviations.channels, deviations.sigma, deviations.errors.T, strict=True)
-    return tuple(_described(name, float(sigma), errors) for name, sigma, errors in columns)
+def describe(deviations: Deviations, chosen: slice = slice(None)) -> tuple[ChannelStatistics, ...]:
+    """Statistics of every channel, or of the chosen ones."""
+    columns = list(zip(deviations.channels, deviations.sigma, deviations.errors.T, strict=True))
+    return tuple(_described(name, float(sigma), errors) for name, sigma, errors in columns[chosen])
 
 
 def _described(name: str, sigma: float, errors: Floats) -> ChannelStatistics:

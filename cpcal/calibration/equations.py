@@ -48,7 +48,7 @@ class LegEquations:
 
     def values(self, x: Floats) -> Floats:
         """F, (N, n)."""
-        vector, _ = self._vectors(x)
+        vector, _ = self.vectors(x)
         total = self.length + x[:, 6]
         if self.form == "f":
             return np.asarray(np.sum(vector**2, axis=-1) - total**2)
@@ -63,21 +63,21 @@ class LegEquations:
     def by_pose(self, x: Floats) -> Floats:
         """dF/d(P, theta), (N, n, 6): for f [2 v, 2 R b x v], for g [v, R b x v] / ||v||; per mm and per rad."""
         along = self._along(x)
-        _, arm = self._vectors(x)
+        _, arm = self.vectors(x)
         return np.concatenate([along, np.cross(arm, along)], axis=-1)
 
     def by_length(self, x: Floats) -> Floats:
         """dF/dL, (N, n): -2 (L + l) for f, -1 for g."""
         return -2.0 * (self.length + x[:, 6]) if self.form == "f" else -np.ones_like(self.length)
 
-    def _vectors(self, x: Floats) -> tuple[Floats, Floats]:
+    def vectors(self, x: Floats) -> tuple[Floats, Floats]:
         """v and R b, each (N, n, 3)."""
         arm = np.einsum("kij,nj->kni", self.rotation, x[:, 3:6])
         return np.asarray(self.position[:, None, :] + arm - x[:, :3]), np.asarray(arm)
 
     def _along(self, x: Floats) -> Floats:
         """dF/dv, (N, n, 3)."""
-        vector, _ = self._vectors(x)
+        vector, _ = self.vectors(x)
         if self.form == "f":
             return 2.0 * vector
         return np.asarray(vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), _SHORTEST))

@@ -179,13 +179,13 @@ class Fit:
             white = np.linalg.solve(np.linalg.cholesky(sigma), self.residuals[..., None])
         except np.linalg.LinAlgError:
             return None
-        return _chances(float(np.sum(white**2)), freedom, self.noise.freedom)
+        return chances(float(np.sum(white**2)), freedom, self.noise.freedom)
 
     @property
     def explained(self) -> bool:
         """Whether the residuals are no larger than the noise has them; true where that cannot be said."""
-        chances = self.noise_chances
-        return chances is None or chances[1] >= _DOUBTFUL
+        found = self.noise_chances
+        return found is None or found[1] >= _DOUBTFUL
 
     @cached_property
     def noise_share(self) -> float | None:
@@ -271,9 +271,9 @@ class Fit:
         if ratio is None:
             return "Whether the noise explains the residuals cannot be said: too few measurements, or a noise of zero."
         freedom = len(self.residuals) - 7
-        chances = [_chances(float(r**2) * freedom, freedom, self.noise.freedom) for r in ratio]
+        found = [chances(float(r**2) * freedom, freedom, self.noise.freedom) for r in ratio]
         said = f"Residuals are {ratio.min():.3g} to {ratio.max():.3g} times what the noise explains, by leg"
-        large, small = ([leg for leg, p in zip(self.legs, chances, strict=True) if p[k] < _SUSPICIOUS] for k in (1, 0))
+        large, small = ([leg for leg, p in zip(self.legs, found, strict=True) if p[k] < _SUSPICIOUS] for k in (1, 0))
         if large:
             bad = ", ".join(map(str, large))
             taken = (
@@ -295,7 +295,7 @@ class Fit:
         return self.chosen and self.source == "residuals" and self.noise is not None
 
 
-def _chances(square: float, freedom: float, known: float) -> tuple[float, float]:
+def chances(square: float, freedom: float, known: float) -> tuple[float, float]:
     """Of so small, and so large, a sum of squares in standard deviations known with so many degrees of freedom."""
     if np.isinf(known):
         return float(special.chdtr(freedom, square)), float(special.chdtrc(freedom, square))

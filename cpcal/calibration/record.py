@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.calibration.diagnosis import Diagnosis
 from cpcal.calibration.distribution import ChannelStatistics
 from cpcal.calibration.repeat_tests import RepeatTests
 from cpcal.calibration.validation import NoiseFloor, PoseErrors, Validation
@@ -198,6 +199,7 @@ class CalibrationRecord:
     equation_sigma: Numbers
     robot_sigma: Numbers
     tests: RepeatTests
+    diagnosis: Diagnosis
     frames: Frames
     x_c: Parameters
     x_c_sigma: Parameters
@@ -243,6 +245,7 @@ class CalibrationRecord:
             f"Validation of x_c: {self.validation.validation.sentence}",
             f"Validation of x_c_sigma: {self.validation_sigma.validation.sentence}",
             *self._with_outliers(),
+            self.diagnosis.sentence,
         )
 
     @property

@@ -14,6 +14,8 @@ import numpy as np
 
 from cpcal.calibration.alignment import Alignment, aligned
 from cpcal.calibration.averaging import Of, averaged
+from cpcal.calibration.corrections import Poses
+from cpcal.calibration.diagnosis import Diagnosis, diagnosis
 from cpcal.calibration.distribution import ChannelStatistics, describe
 from cpcal.calibration.estimate import Fit
 from cpcal.calibration.fit import fit
@@ -41,6 +43,7 @@ class StudyCalibration:
     statistics_all    the same with the outliers
     repeats       whose scatter that is: camera's, sensors', robot's
     tests         drift, play, modes
+    diagnosis     which mechanism is named, of repeats and of the means of calibration and validation poses together
     frames        camera in base, target in mobile, from pairs of poses: where the fits start
     base_frame, mobile_frame    the same from the calibrated joint centres (of x_c_sigma) laid on the drawing's
     campaign      one measurement a configuration: means; reading sets of `factor` standard deviations
@@ -58,6 +61,7 @@ class StudyCalibration:
     statistics_all: tuple[ChannelStatistics, ...]
     repeats: Repeatability
     tests: RepeatTests
+    diagnosis: Diagnosis
     frames: FrameCalibration
     base_frame: Alignment
     mobile_frame: Alignment
@@ -105,6 +109,7 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
         else _described(*map(campaign_deviations, (rows.all, rows.all_runs))),
         repeats=repeats,
         tests=tests,
+        diagnosis=diagnosis(Poses.of((campaign, check), (noise, check_noise)), x_c_sigma.parameters, tests),
         frames=frames,
         base_frame=base,
         mobile_frame=mobile,
@@ -130,7 +135,7 @@ def laid_on_drawing(fit: Fit, drawing: Robot) -> tuple[Alignment, Alignment]:
 
 
 def _described(poses: Deviations, legs: Deviations) -> tuple[ChannelStatistics, ...]:
-    return (*describe(poses)[:6], *describe(legs)[6:])
+    return (*describe(poses, slice(6)), *describe(legs, slice(6, None)))
 
 
 def _frames(rows: Campaign, drawing: Robot, method: str) -> FrameCalibration:

@@ -53,6 +53,7 @@ def recorded(study: Study, found: StudyCalibration, *, factor: float, of: Of = "
         equation_sigma=_numbers(found.repeats.equation_sigma),
         robot_sigma=_numbers(found.repeats.robot_sigma),
         tests=found.tests,
+        diagnosis=found.diagnosis,
         frames=_frames(found),
         x_c=_parameters(found.x_c),
         x_c_sigma=_parameters(found.x_c_sigma),

@@ -36,7 +36,7 @@ def solve(
         Path | None, typer.Option(metavar="FILE.svg", help="Of all solutions in the first two unknowns.")
     ] = None,
 ) -> None:
-    """All solutions of a system, each box proved to hold exactly one where that can be proved; or the smallest value."""
+    """All solutions of a system, each box proved to hold exactly one where that can be; or the smallest value."""
     _check(output, picture)
     for file in (output, certificate, picture):
         if file is not None:

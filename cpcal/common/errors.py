@@ -6,6 +6,8 @@ import difflib
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 
 def printable(text: str | os.PathLike[str]) -> str:
@@ -14,6 +16,9 @@ def printable(text: str | os.PathLike[str]) -> str:
     A name can then forge no line of output and command no terminal.
     """
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in os.fspath(text))
+
+
+YOUR_DATA = "docs/your-data.md, which lists every key and column."
 
 
 class CpcalError(Exception):
@@ -35,12 +40,20 @@ class Problem:
 
 
 class InputError(CpcalError):
-    """Unusable input. Carries every problem found, in order, so that a user mends them in one go."""
+    """Unusable input. Carries every problem found, in order, so that a user mends them in one go.
 
-    def __init__(self, problems: Iterable[Problem], *, omitted: int = 0) -> None:
+    `see` names the page of the documentation that explains the input.
+    """
+
+    def __init__(self, problems: Iterable[Problem], *, omitted: int = 0, see: str = "") -> None:
         self.problems = tuple(problems)
         self.omitted = omitted
+        self.see = see
         super().__init__(self.problems, omitted)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Its arguments go by keyword, which the pickle of an exception knows nothing of."""
+        return partial(type(self), omitted=self.omitted, see=self.see), (self.problems,)
 
     def __str__(self) -> str:
         count = len(self.problems) + self.omitted
@@ -48,6 +61,8 @@ class InputError(CpcalError):
         lines += [f"  {problem}" for problem in self.problems]
         if self.omitted:
             lines.append(f"  ... and {self.omitted} more of the same kinds")
+        if self.see:
+            lines.append(f"See {self.see}")
         return "\n".join(lines)
 
 
@@ -89,10 +104,10 @@ class Problems:
             near = difflib.get_close_matches(name[:100], list(known), n=1)
         self.add(Problem(where, what, f"did you mean {near[0]!r}?" if near else otherwise, line))
 
-    def raise_any(self) -> None:
-        """Raise one InputError with all problems, if there are any."""
+    def raise_any(self, see: str = "") -> None:
+        """Raise one InputError with all problems, if there are any; `see`: the page that explains the input."""
         if self.listed:
-            raise InputError(self.listed, omitted=self.omitted)
+            raise InputError(self.listed, omitted=self.omitted, see=see)
 
 
 def shown(text: object) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.errors import Problem, Problems
+from cpcal.common.errors import YOUR_DATA, Problem, Problems
 from cpcal.files.campaign_settings import Settings, read_settings
 from cpcal.files.campaign_writer import CSV_NAME, TOML_NAME
 from cpcal.files.documents import open_regular, small_file, unreadable
@@ -38,11 +38,11 @@ def load_campaign(path: str | os.PathLike[str]) -> Campaign:
     if not folder.is_dir():
         what = "is not a folder" if folder.exists() else "does not exist"
         problems.add(Problem(str(folder), what, _ABSENT))
-        problems.raise_any()
+        problems.raise_any(YOUR_DATA)
     of_settings, of_table = hashlib.sha256(), hashlib.sha256()
     settings = _settings(folder / TOML_NAME, problems, of_settings.update)
     table = _table(folder / CSV_NAME, settings, problems, of_table.update)
-    problems.raise_any()
+    problems.raise_any(YOUR_DATA)
     campaign = _assembled(settings, table)
     files = ((TOML_NAME, of_settings.hexdigest()), (CSV_NAME, of_table.hexdigest()))
     object.__setattr__(campaign, "files", files)
@@ -54,7 +54,7 @@ def load_settings(path: str | os.PathLike[str]) -> Settings:
     file = Path(path) / TOML_NAME if Path(path).is_dir() else Path(path)
     problems = Problems()
     settings = _settings(file, problems, lambda _: None)
-    problems.raise_any()
+    problems.raise_any(YOUR_DATA)
     return settings
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.common.errors import InputError, Problems
+from cpcal.common.errors import YOUR_DATA, InputError, Problems
 from cpcal.common.names import TEXT_MAX
 from cpcal.files.log_reader import Log, number_texts
 from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty
@@ -51,7 +51,7 @@ def campaign_of_log(log: Log, settings: LogSettings) -> Campaign:
             names[target] = [row[place] for row in log.rows]
         else:
             values[target] = _column(log, place, target, source, form, problems)
-    problems.raise_any()
+    problems.raise_any(YOUR_DATA)
     try:
         arguments = table_arguments(names, values, settings.robot, form, settings.uncertainty)
     except InputError as error:

@@ -20,6 +20,7 @@ from .model_fit import (
 from .models import (
     PARAMETERS,
     PLAIN,
+    Drawn,
     LegModel,
     Measured,
     Parameter,
@@ -30,6 +31,7 @@ from .models import (
 __all__ = [
     "PARAMETERS",
     "PLAIN",
+    "Drawn",
     "LegModel",
     "Measured",
     "ModelResiduals",

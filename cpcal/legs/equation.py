@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.calibration.corrections import vertical
 from cpcal.common.arrays import Floats
-from cpcal.legs.models import PLAIN, LegModel, Measured, built_in
-from cpcal.robot import Campaign, rotation_matrix
+from cpcal.legs.models import PLAIN, Drawn, LegModel, Measured, built_in
+from cpcal.robot import Campaign, Pose, leg_vectors, rotation_matrix
 from cpcal.robot.rotation import rotation_numerators
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr
@@ -99,9 +100,16 @@ def leg_equation(
     def rotate(u: npt.ArrayLike) -> Expr:
         return turn(matrix @ as_expr(np.asarray(u, np.float64)))
 
-    measured = Measured(position, length, position + turn(matrix @ b) - a, rotate)
+    measured = Measured(position, length, position + turn(matrix @ b) - a, rotate, drawn(campaign, leg))
     body = model.equation(measured, offset, extra)
     return LegEquation(net, body if scale is None else scale * body, offset, scale)
+
+
+def drawn(campaign: Campaign, leg: int) -> Drawn:
+    """The leg with that number (from 1) as the drawing has it at the stated readings."""
+    robot, k = campaign.robot, leg - 1
+    vector = leg_vectors(robot, Pose(campaign.position, campaign.quaternion))[:, k]
+    return Drawn(vector, campaign.length[:, k], float(robot.offset[k]), vertical(campaign))
 
 
 def exactly_read(campaign: Campaign, leg: int) -> bool:

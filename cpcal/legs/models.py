@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, ModelError, Problem
 from cpcal.solver.network import Expr, norm, sqr, sqrt
 from cpcal.solver.network.expression import as_expr
@@ -34,17 +35,32 @@ class Parameter:
 
 
 @dataclass(frozen=True, eq=False)
+class Drawn:
+    """One leg at N measurements as the drawing has it: plain numbers, in the campaign's frames.
+
+    vector (N, 3) mm: P + R b - a at the stated poses with the nominal a and b. length (N,) mm: the stated readings.
+    offset mm: the nominal l. up (3,): unit normal of the base joints' plane, towards the platform.
+    """
+
+    vector: Floats
+    length: Floats
+    offset: float
+    up: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Measured:
     """What the N measurements of one leg are to a model, as expressions: values in the reading sets.
 
     `position` (N, 3): P, mm, base frame. `length` (N,): L, mm. `rotate(u)` (N, 3): R u for three numbers u.
-    `vector` (N, 3): v = P + R b - a, mm, which holds unknowns.
+    `vector` (N, 3): v = P + R b - a, mm, which holds unknowns. `drawn`: numbers of the drawing and the stated readings.
     """
 
     position: Expr
     length: Expr
     vector: Expr
     rotate: Callable[[npt.ArrayLike], Expr]
+    drawn: Drawn
 
 
 Parameters = Mapping[str, Expr]  # of the extra parameters, by name

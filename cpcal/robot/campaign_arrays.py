@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
-from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
 from cpcal.robot.columns import (
     Source,
     column_map,
@@ -127,7 +127,7 @@ def mapped(columns: str | Mapping[str, str], header: Sequence[str], legs: int, f
             problems.add(Problem("map", what, "the columns are " + ", ".join(map(shown, header[:40]))))
         if (wrong := unit_problem(target, source.unit)) is not None:
             problems.add(wrong)
-    problems.raise_any()
+    problems.raise_any(YOUR_DATA)
     require(found, [*(n for n in names[: 5 + legs] if n not in ("pose", "run")), *form.columns], "map")
     return found
 
@@ -193,5 +193,5 @@ def frame_columns(
             values[target] = unit_factor(target, source, form) * np.asarray(column, dtype=np.float64)
         except (TypeError, ValueError) as error:
             problems.add(Problem(f"column {source.name!r}", str(error)[:200], "give numbers"))
-    problems.raise_any()
+    problems.raise_any(YOUR_DATA)
     return names, values

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
 from cpcal.robot.units import ANGLES, LENGTHS
 
 _ENTRY = re.compile(r'\s*([A-Za-z]\w*)\s*=\s*(?:"([^"]*)"|([^,\["]*?))\s*(?:\[\s*(\w*)\s*\])?\s*(?:,|$)')
@@ -74,7 +74,7 @@ def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str,
             remedy = "give one of " + ", ".join([*LENGTHS, *ANGLES])
             problems.add(Problem("map", f"{target} has the unknown unit {shown(unit)}", remedy))
         found[target] = Source(name, unit)
-    problems.raise_any()
+    problems.raise_any(YOUR_DATA)
     return found
 
 
@@ -118,4 +118,4 @@ def require(found: Iterable[str], needed: Iterable[str], where: str) -> None:
     missing = [name for name in needed if name not in have]
     if missing:
         remedy = "map the table's columns to these names"
-        raise InputError([Problem(where, f"the column {name!r} is missing", remedy) for name in missing])
+        raise InputError([Problem(where, f"the column {name!r} is missing", remedy) for name in missing], see=YOUR_DATA)

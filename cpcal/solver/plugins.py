@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterable, Sequence
-from importlib.metadata import EntryPoint, entry_points
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
+from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
 from cpcal.common.errors import PluginError
@@ -56,8 +58,14 @@ def load_member(what: str, name: str, group: str, ours: Iterable[str] = ()) -> A
         raise PluginError(f"{what} {name!r} ({named[0].value}) does not load: {error!r}{shadow}") from error
 
 
-def _registered(group: str) -> list[EntryPoint]:
-    return sorted(entry_points(group=group), key=lambda point: (point.name, _package(point), point.value))
+def _registered(group: str) -> tuple[EntryPoint, ...]:
+    return _scanned(entry_points, group, tuple(sys.path))
+
+
+@lru_cache(maxsize=16)
+def _scanned(scan: Callable[..., EntryPoints], group: str, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """In order. To read the metadata of all packages takes longer than to bracket a leg: once for each `path`."""
+    return tuple(sorted(scan(group=group), key=lambda point: (point.name, _package(point), point.value)))
 
 
 def _package(point: EntryPoint) -> str:

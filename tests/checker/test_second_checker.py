@@ -1,4 +1,4 @@
-"""The checker of pages, in JavaScript: accepts and refuses what the one in Python does, in the same line, by the same code.
+"""The checker of pages, in JavaScript: it accepts and refuses what the one in Python does, where and why it does.
 
 It was written from docs/certificate-format.md alone.
 """

@@ -17,9 +17,12 @@ from cpcal.calibration import least_squares
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
+from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Interval, get_arithmetic
+from cpcal.solver.linear import Dense, Glop
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
 from cpcal.solver.network.polynomial import Monomial
+from cpcal.solver.optimize import minimize, run
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -196,3 +199,31 @@ def test_a_divisor_that_may_be_zero_is_no_error() -> None:
     net.add([(x / Interval(-1, 1) + y).within((-1, 1)), y * y <= 4])
     result = Lifted(net).contract(net.domain).box
     assert 2.0 <= result["y"].hi < 2.1
+
+
+def test_rows_made_before_are_used_again_only_where_the_same_ends_of_the_readings_decide() -> None:
+    """Whatever boxes came before, the contraction is the same."""
+    anchors = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]])
+    net = ConstraintNetwork()
+    x = net.variable("x", 2, ([-5.0, -5.0], [5.0, 5.0]))
+    net.add((norm(net.reading(anchors, 0.1) - x) - 2.5).within((-0.1, 0.1)))
+    boxes = [net.domain, net.domain.replace("x[0]", lo=1.0), net.domain.replace("x[0]", hi=2.0), net.domain]
+    reused = Lifted(net)
+    for box in boxes:
+        one, other = reused.contract(box).box, Lifted(net).contract(box).box
+        np.testing.assert_array_equal(one.lo, other.lo)
+        np.testing.assert_array_equal(one.hi, other.hi)
+
+
+@pytest.mark.parametrize("joint_error", [0.0, 10.0])
+def test_both_engines_lead_to_the_same_claims(joint_error: float) -> None:
+    used, arithmetic = simulate(seed=3, joint_error=joint_error, factor=0.0), get_arithmetic("float64")
+    box = leg_box(least_squares(used, 2), 100.0)
+    net = leg_network(used, 2, box, engine=arithmetic, eps=(0.0, 100.0))
+    one, other = (
+        run(minimize(net, "eps", Lifted(net, objective="eps", engine=e), engine=arithmetic, limits=Limits()), None)
+        for e in (Dense, Glop)
+    )
+    assert one.verdict is other.verdict is Verdict.PROVED
+    assert max(one.lo, other.lo) <= min(one.hi, other.hi)
+    assert one.enclosure.intersect(other.enclosure).is_empty is False

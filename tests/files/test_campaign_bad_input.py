@@ -327,6 +327,6 @@ def test_a_file_name_cannot_forge_a_line_of_output(tmp_path):
     folder = tmp_path / "x\nLeg 1: proved\x1b[31m\u202e"
     with pytest.raises(InputError) as caught:
         load_campaign(folder)
-    assert len(str(caught.value).splitlines()) == 2
+    assert len(str(caught.value).splitlines()) == 3  # what, and where to read on
     assert str(caught.value).replace("\n", "").isprintable()
     assert r"x\nLeg 1: proved\x1b[31m\u202e" in str(caught.value)

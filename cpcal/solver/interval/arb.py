@@ -10,9 +10,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import wraps
 from math import copysign, inf, isinf, isnan, nan, nextafter
-from typing import TypeAlias, TypeVar
+from typing import TypeAlias
 
 import flint
 import numpy as np
@@ -24,10 +23,9 @@ from cpcal.solver.interval.float64 import Float64
 
 PRECISION = 128  # bits; products of two floats are exact, and so are most sums
 
-T = TypeVar("T")
 Pair: TypeAlias = tuple[float, float]  # the bounds of one interval, or an enclosure of one real number
 
-_EMPTY: Pair = (nan, nan)
+EMPTY: Pair = (nan, nan)
 _ENTIRE: Pair = (-inf, inf)
 _ZERO: Pair = (0.0, 0.0)
 _MAX = float(np.finfo(np.float64).max)
@@ -74,16 +72,16 @@ class Arb:
         return _EXACT.neg(x)
 
     def add(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return _apply(_add, x, y)
+        return _apply(add_pair, x, y)
 
     def sub(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return _apply(_add, x, _EXACT.neg(y))
+        return _apply(add_pair, x, _EXACT.neg(y))
 
     def mul(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return _apply(_mul, x, y)
+        return _apply(mul_pair, x, y)
 
     def div(self, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-        return _apply(_div, x, y)
+        return _apply(div_pair, x, y)
 
     def sqr(self, x: IntervalArray) -> IntervalArray:
         return self.power(x, 2)
@@ -92,12 +90,12 @@ class Arb:
         return self.root(x, 2)
 
     def power(self, x: IntervalArray, n: int) -> IntervalArray:
-        return _apply(lambda p: _power(p, n), x)
+        return _apply(lambda p: power_pair(p, n), x)
 
     def root(self, x: IntervalArray, n: int) -> IntervalArray:
         if n < 1:
             raise ValueError(f"the order of a root is at least 1, not {n}")
-        return _apply(lambda p: _root(p, n), x)
+        return _apply(lambda p: root_pair(p, n), x)
 
     def abs(self, x: IntervalArray) -> IntervalArray:
         return _EXACT.abs(x)
@@ -109,7 +107,7 @@ class Arb:
         return _EXACT.maximum(x, y)
 
     def factor(self, z: IntervalArray, y: IntervalArray, x: IntervalArray) -> IntervalArray:
-        return _apply(_factor, z, y, x)
+        return _apply(factor_pair, z, y, x)
 
     def sum(self, x: IntervalArray, axis: int) -> IntervalArray:
         lo, hi = np.moveaxis(x.lo, axis, -1), np.moveaxis(x.hi, axis, -1)
@@ -132,7 +130,7 @@ def _apply(operation: Callable[..., Pair], *operands: IntervalArray) -> Interval
 
     def one(*bounds: float) -> Pair:
         if any(map(isnan, bounds)):
-            return _EMPTY
+            return EMPTY
         return operation(*[(bounds[i], bounds[i + 1]) for i in range(0, len(bounds), 2)])
 
     arrays: list[Floats] = [bound for x in operands for bound in (x.lo, x.hi)]
@@ -142,59 +140,35 @@ def _apply(operation: Callable[..., Pair], *operands: IntervalArray) -> Interval
     return IntervalArray(np.asarray(lo, dtype=np.float64), np.asarray(hi, dtype=np.float64))
 
 
-def in_arb(function: Callable[..., T]) -> Callable[..., T]:
-    """A function that calls the primitives below, at our precision."""
-
-    @wraps(function)
-    def with_precision(*args: object) -> T:
-        with precision(PRECISION), np.errstate(all="ignore"):
-            return function(*args)
-
-    return with_precision
-
-
-def _primitive(operation: Callable[..., Pair], operands: int) -> Callable[..., Pair]:
-    """An operation of arb as one of `kernels`: bounds one after the other, then perhaps an integer."""
-
-    def one(*given: float) -> Pair:
-        bounds = [float(bound) for bound in given[: 2 * operands]]
-        if any(map(isnan, bounds)):
-            return _EMPTY
-        pairs = [(bounds[i], bounds[i + 1]) for i in range(0, len(bounds), 2)]
-        return operation(*pairs, *(int(n) for n in given[2 * operands :]))
-
-    return one
-
-
 def _pairs(x: IntervalArray) -> list[list[Pair]]:
     """The rows of a matrix."""
     shape = x.shape
     return [[(float(x.lo[i, j]), float(x.hi[i, j])) for j in range(shape[1])] for i in range(shape[0])]
 
 
-def _number(value: arb) -> Pair:
+def number_pair(value: arb) -> Pair:
     return float_below(value), float_above(value)
 
 
-def _hull(enclosures: list[Pair]) -> Pair:
+def hull_pair(enclosures: list[Pair]) -> Pair:
     return min(lo for lo, _ in enclosures), max(hi for _, hi in enclosures)
 
 
 def _meet(x: Pair, y: Pair) -> Pair:
     if isnan(x[0]):
-        return _EMPTY
+        return EMPTY
     lo, hi = max(x[0], y[0]), min(x[1], y[1])
-    return (lo, hi) if lo <= hi else _EMPTY
+    return (lo, hi) if lo <= hi else EMPTY
 
 
-def _add(x: Pair, y: Pair) -> Pair:
+def add_pair(x: Pair, y: Pair) -> Pair:
     lo = -inf if -inf in (x[0], y[0]) else float_below(arb(x[0]) + arb(y[0]))
     hi = inf if inf in (x[1], y[1]) else float_above(arb(x[1]) + arb(y[1]))
     return lo, hi
 
 
-def _mul(x: Pair, y: Pair) -> Pair:
-    return _hull([_product(a, b) for a in x for b in y])
+def mul_pair(x: Pair, y: Pair) -> Pair:
+    return hull_pair([_product(a, b) for a in x for b in y])
 
 
 def _product(a: float, b: float) -> Pair:
@@ -204,19 +178,19 @@ def _product(a: float, b: float) -> Pair:
     if isinf(a) or isinf(b):
         infinite = copysign(inf, a) * copysign(1.0, b)
         return infinite, infinite
-    return _number(arb(a) * arb(b))
+    return number_pair(arb(a) * arb(b))
 
 
-def _div(x: Pair, y: Pair) -> Pair:
+def div_pair(x: Pair, y: Pair) -> Pair:
     if y == _ZERO:
-        return _EMPTY
+        return EMPTY
     if y[0] < 0.0 < y[1]:
         return _ZERO if x == _ZERO else _ENTIRE
     quotients = [_quotient(a, b) for a in x for b in y if b != 0.0 and not (isinf(a) and isinf(b))]
     if y[0] == 0.0 or y[1] == 0.0:  # divisors next to zero, of one sign
         sign = 1.0 if y[0] == 0.0 else -1.0
         quotients += [(inf * sign, inf * sign)] * (x[1] > 0.0) + [(-inf * sign, -inf * sign)] * (x[0] < 0.0)
-    return _hull(quotients)
+    return hull_pair(quotients)
 
 
 def _quotient(a: float, b: float) -> Pair:
@@ -226,20 +200,20 @@ def _quotient(a: float, b: float) -> Pair:
     if isinf(a):
         infinite = copysign(inf, a) * copysign(1.0, b)
         return infinite, infinite
-    return _number(arb(a) / arb(b))
+    return number_pair(arb(a) / arb(b))
 
 
-def _power(x: Pair, n: int) -> Pair:
+def power_pair(x: Pair, n: int) -> Pair:
     if n == 0:
         return 1.0, 1.0
     if n < 0 and x == _ZERO:
-        return _EMPTY
+        return EMPTY
     if n < 0 and n % 2 and x[0] < 0.0 < x[1]:
         return _ENTIRE
     if n % 2 == 0:
         x = max(x[0], -x[1], 0.0), max(-x[0], x[1])
     # n < 0 at zero: the power tends to the infinity on the interval's side of zero.
-    return _hull([_monomial(v, n, 1.0 if x[1] > 0.0 else -1.0) for v in x])
+    return hull_pair([_monomial(v, n, 1.0 if x[1] > 0.0 else -1.0) for v in x])
 
 
 def _monomial(v: float, n: int, side: float) -> Pair:
@@ -248,32 +222,32 @@ def _monomial(v: float, n: int, side: float) -> Pair:
     if isinf(v):
         infinite = v if n % 2 else inf
         return (infinite, infinite) if n > 0 else _ZERO
-    return _number(arb(v) ** n)
+    return number_pair(arb(v) ** n)
 
 
-def _root(x: Pair, n: int) -> Pair:
+def root_pair(x: Pair, n: int) -> Pair:
     if n % 2 == 0:
         if x[1] < 0.0:
-            return _EMPTY
+            return EMPTY
         x = max(x[0], 0.0), x[1]
-    return _hull([_root_of(v, n) for v in x])
+    return hull_pair([_root_of(v, n) for v in x])
 
 
 def _root_of(v: float, n: int) -> Pair:
     if v == 0.0 or isinf(v) or n == 1:
         return v, v
-    lo, hi = _number(arb(abs(v)).root(n))
+    lo, hi = number_pair(arb(abs(v)).root(n))
     return (lo, hi) if v > 0.0 else (-hi, -lo)
 
 
-def _factor(z: Pair, y: Pair, x: Pair) -> Pair:
+def factor_pair(z: Pair, y: Pair, x: Pair) -> Pair:
     zero_in_y, zero_in_z = y[0] <= 0.0 <= y[1], z[0] <= 0.0 <= z[1]
     if zero_in_y and zero_in_z:
         return x
     parts = [(y[0], min(y[1], 0.0)), (max(y[0], 0.0), y[1])] if zero_in_y else [y]
-    pieces = [_meet(_div(z, part), x) for part in parts]
+    pieces = [_meet(div_pair(z, part), x) for part in parts]
     pieces = [piece for piece in pieces if not isnan(piece[0])]
-    return _hull(pieces) if pieces else _EMPTY
+    return hull_pair(pieces) if pieces else EMPTY
 
 
 def _total_below(terms: list[float]) -> float:
@@ -292,17 +266,3 @@ def _dot(row: list[Pair], column: list[Pair]) -> Pair:
         products = [arb(a) * arb(b) for a in x for b in y]  # exact at 128 bits, so `min` compares numbers
         low, high = low + min(products), high + max(products)
     return float_below(low), float_above(high)
-
-
-# In the place of the functions of `kernels` that round.
-PRIMITIVES: dict[str, Callable[..., Pair]] = {
-    "add": _primitive(_add, 2),
-    "sub": _primitive(lambda x, y: _add(x, (-y[1], -y[0])), 2),
-    "mul": _primitive(_mul, 2),
-    "div": _primitive(_div, 2),
-    "sqr": _primitive(lambda x: _power(x, 2), 1),
-    "sqrt": _primitive(lambda x: _root(x, 2), 1),
-    "power": _primitive(_power, 1),
-    "root": _primitive(_root, 1),
-    "factor": _primitive(_factor, 3),
-}

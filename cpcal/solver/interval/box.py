@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Protocol, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,15 @@ from cpcal.solver.interval.scalar import Interval, format_bound
 
 _ENGINE = Float64()
 _ONE_LINE = 3  # up to this many variables a box is printed on one line
+
+
+class Variable(Protocol):
+    """What a network's `variable` returns, as far as a box looks at it."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def shape(self) -> tuple[int, ...]: ...
 
 
 class Box:
@@ -153,9 +162,25 @@ class Box:
         except ValueError:
             raise ModelError(f"no variable {name!r}; there are {', '.join(self.names)}") from None
 
-    def __getitem__(self, name: str) -> Interval:
+    @overload
+    def __getitem__(self, name: str) -> Interval: ...
+    @overload
+    def __getitem__(self, name: Variable) -> Interval | IntervalArray: ...
+    def __getitem__(self, name: str | Variable) -> Interval | IntervalArray:
+        """Of a component by its name; of a variable all components, in its shape."""
+        if not isinstance(name, str):
+            return self._of_variable(name)
         i = self.index(name)
         return Interval.empty() if self.is_empty else Interval(float(self.lo[i]), float(self.hi[i]))
+
+    def _of_variable(self, variable: Variable) -> Interval | IntervalArray:
+        if getattr(variable, "op", "") != "variable":
+            raise ModelError(f"a box is asked for a component's name or for a variable, not for {variable!r}")
+        if not variable.shape:
+            return self[variable.name]
+        names = [f"{variable.name}[{','.join(map(str, k))}]" for k in np.ndindex(variable.shape)]
+        where = np.array([self.index(name) for name in names]).reshape(variable.shape)
+        return IntervalArray(self.lo[where], self.hi[where])
 
     def replace(self, name_or_index: str | int, lo: Number | None = None, hi: Number | None = None) -> Box:
         """A box with another lower or upper bound (or both) of one variable; lo > hi gives the empty box."""

@@ -52,11 +52,12 @@ def _bound(
     """The bound in float64, less all that rounding can have added (Neumaier and Shcherbina).
 
     With unit roundoff u, a sum of p products in any order, with or without fused operations, errs by at most
-    p u / (1 - p u) times the sum of their absolute values, but for underflow. Here p is at most n + k + 4; the factor
-    taken is four times as large, which covers the roundings of the error's own formula.
+    p u / (1 - p u) times the sum of their absolute values, but for underflow: k + 1 for each r, one for its product
+    with a bound, n + k for the total. The factor taken, 2 (n + k + 4) u, leaves n + 6 units of it for the roundings of
+    the error's own formula.
     """
     n, k = columns.shape[0], rows.size
-    gamma = 4.0 * (n + k + 4) * _UNIT
+    gamma = 2.0 * (n + k + 4) * _UNIT
     total, size = 0.0, 0.0
     for i in range(k):
         term = -y[i] * rhs[rows[i]]

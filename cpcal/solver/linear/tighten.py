@@ -50,12 +50,12 @@ def tightened(programs: Programs, box: Box, first: int | None) -> Contraction:
 
     `point` is the optimum of the first program. A bound that a vertex shows to move by next to nothing is left alone.
     """
-    lo, hi = box.lo.copy(), box.hi.copy()
-    vertices: list[Floats] = []
+    lo, hi, radius = box.lo.copy(), box.hi.copy(), box.rad
+    point, met = None, _Met(len(box))
     steps: list[Step] = []
     for variable, side in _order(programs.variables, first):
         sign = 1.0 if side == "lo" else -1.0
-        if box.rad[variable] == 0.0 or _met(vertices, variable, sign):
+        if radius[variable] == 0.0 or met(variable, sign):
             continue
         solution = programs.minimize(variable, sign)
         proof = programs.empty(solution) if solution.status is LinearStatus.INFEASIBLE else None
@@ -63,8 +63,10 @@ def tightened(programs: Programs, box: Box, first: int | None) -> Contraction:
             return Contraction(Box.empty(box.names), (*steps, proof), None, programs.count)
         if solution.status is not LinearStatus.OPTIMAL:
             continue
-        vertices.append(programs.coordinates(solution))
-        step = None if _met(vertices, variable, sign) else programs.bound(variable, side, solution)
+        vertex = programs.coordinates(solution)
+        point = vertex if point is None else point
+        met.add(vertex)
+        step = None if met(variable, sign) else programs.bound(variable, side, solution)
         if step is None:
             continue
         steps.append(step)
@@ -72,7 +74,8 @@ def tightened(programs: Programs, box: Box, first: int | None) -> Contraction:
         if lo[variable] > hi[variable]:
             return Contraction(Box.empty(box.names), tuple(steps), None, programs.count)
     left = box.with_bounds(lo, hi)
-    point = np.clip(box.mid + box.rad * vertices[0], left.lo, left.hi) if vertices else None
+    if point is not None:
+        point = np.clip(box.mid + radius * point, left.lo, left.hi)
     return Contraction(left, tuple(steps), point, programs.count)
 
 
@@ -82,6 +85,16 @@ def _order(variables: Collection[int], first: int | None) -> list[tuple[int, str
     return others if first is None or first not in variables else [(first, "lo"), *others, (first, "hi")]
 
 
-def _met(vertices: list[Floats], variable: int, sign: float) -> bool:
-    """Whether a vertex of an earlier program shows that this bound cannot move by much (or its own)."""
-    return any(sign * u[variable] < -1.0 + _WORTHWHILE for u in vertices)
+class _Met:
+    """Which bounds some vertex of a program shows not to move by much."""
+
+    def __init__(self, count: int) -> None:
+        self._lowest, self._highest = np.full(count, np.inf), np.full(count, -np.inf)
+
+    def add(self, vertex: Floats) -> None:
+        np.minimum(self._lowest, vertex, out=self._lowest)
+        np.maximum(self._highest, vertex, out=self._highest)
+
+    def __call__(self, variable: int, sign: float) -> bool:
+        end = self._lowest[variable] if sign > 0.0 else -self._highest[variable]
+        return bool(end < -1.0 + _WORTHWHILE)

@@ -16,8 +16,38 @@ import math
 
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.directed import MAX as FLOAT_MAX
-from cpcal.solver.interval.kernels import Bounds, add, div, hull, meet, mul, neg, power, sub
-from cpcal.solver.network.operations import ABS, ADD, DIV, MAX, MIN, MUL, NEG, POWER, SQR, SQRT, SUB
+from cpcal.solver.interval.functions import cos, cosh, has_pole, log, pow_real, sin, sinh
+from cpcal.solver.interval.kernels import Bounds, add, div, hull, meet, mul, neg, power, sqr, sqrt, sub
+from cpcal.solver.network.operations import (
+    ABS,
+    ACOS,
+    ADD,
+    ATAN,
+    ATAN2,
+    CEIL,
+    COS,
+    COSH,
+    DIV,
+    EXP,
+    EXPM1,
+    FLOOR,
+    LOG,
+    LOG1P,
+    MAX,
+    MIN,
+    MUL,
+    NEG,
+    POW,
+    POWER,
+    SIGN,
+    SIN,
+    SINH,
+    SQR,
+    SQRT,
+    SUB,
+    TAN,
+    TANH,
+)
 
 Partials = tuple[float, float, float, float]  # bounds of the derivatives by the first and the second argument
 
@@ -41,6 +71,62 @@ def _times_power(n: int, a_lo: float, a_hi: float) -> Bounds:
         return 0.0, 0.0
     low, high = power(a_lo, a_hi, n - 1)
     return mul(float(n), float(n), low, high)
+
+
+@compiled
+def _of_angle(y_lo: float, y_hi: float, x_lo: float, x_hi: float) -> Partials:
+    """x / (x^2 + y^2) and -y / (x^2 + y^2); nothing is known across the cut."""
+    if not (x_lo > 0.0 or y_lo > 0.0 or y_hi < 0.0):
+        return -math.inf, math.inf, -math.inf, math.inf
+    s_lo, s_hi = sqr(x_lo, x_hi)
+    t_lo, t_hi = sqr(y_lo, y_hi)
+    s_lo, s_hi = add(s_lo, s_hi, t_lo, t_hi)
+    low, high = div(x_lo, x_hi, s_lo, s_hi)
+    t_lo, t_hi = div(-y_hi, -y_lo, s_lo, s_hi)
+    return low, high, t_lo, t_hi
+
+
+@compiled
+def _of_function(code: int, z_lo: float, z_hi: float, a_lo: float, a_hi: float) -> Bounds:
+    """Of an elementary function of one argument; the whole line where it jumps or has a pole."""
+    if code == EXP:
+        return z_lo, z_hi
+    if code == EXPM1:
+        return add(z_lo, z_hi, 1.0, 1.0)
+    if code == SIN:
+        return cos(a_lo, a_hi)
+    if code == COS:
+        low, high = sin(a_lo, a_hi)
+        return -high, -low
+    if code == SINH:
+        return cosh(a_lo, a_hi)
+    if code == COSH:
+        return sinh(a_lo, a_hi)
+    if code == TAN:
+        if has_pole(a_lo, a_hi):
+            return -math.inf, math.inf
+        low, high = sqr(z_lo, z_hi)
+        return add(low, high, 1.0, 1.0)
+    if code == TANH:
+        low, high = sqr(z_lo, z_hi)
+        return sub(1.0, 1.0, low, high)
+    if code in (FLOOR, CEIL, SIGN):
+        return (0.0, 0.0) if z_lo == z_hi else (-math.inf, math.inf)
+    low, high = a_lo, a_hi  # the others are 1 over something
+    if code == LOG:
+        low = max(low, 0.0)
+    elif code == LOG1P:
+        low, high = add(max(low, -1.0), high, 1.0, 1.0)
+    elif code == ATAN:
+        low, high = sqr(low, high)
+        low, high = add(low, high, 1.0, 1.0)
+    else:
+        low, high = sqr(low, high)
+        low, high = sub(1.0, 1.0, low, high)
+        low, high = sqrt(low, high)
+        if code == ACOS:
+            low, high = -high, -low
+    return div(1.0, 1.0, low, high)
 
 
 @compiled
@@ -75,6 +161,16 @@ def partials(
     elif code == MAX:
         low, high = _share_of_smaller(-a_hi, -a_lo, -b_hi, -b_lo)
         b_low, b_high = 1.0 - high, 1.0 - low
+    elif code == POW:
+        low, high = sub(b_lo, b_hi, 1.0, 1.0)
+        low, high = pow_real(a_lo, a_hi, low, high)
+        low, high = mul(b_lo, b_hi, low, high)
+        b_low, b_high = log(a_lo, a_hi)
+        b_low, b_high = mul(z_lo, z_hi, b_low, b_high)
+    elif code == ATAN2:
+        return _of_angle(a_lo, a_hi, b_lo, b_hi)
+    else:
+        low, high = _of_function(code, z_lo, z_hi, a_lo, a_hi)
     return low, high, b_low, b_high
 
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from cpcal.solver.compiled import rebound
-from cpcal.solver.interval import Arithmetic, IntervalArray, kernels
+from cpcal.solver.interval import Arithmetic, IntervalArray, functions, inverse_functions, kernels
 from cpcal.solver.network import derivatives, inverses, operations, sweeps
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.operations import TABLE
 
-_SOURCES = (kernels, operations, inverses, derivatives, sweeps)
+_SOURCES = (kernels, functions, inverse_functions, operations, inverses, derivatives, sweeps)
 
 
 def sweeps_of(engine: Arithmetic) -> Any:
@@ -41,7 +41,7 @@ def in_arithmetic(name: str, source: ModuleType) -> Any:
     functions = [function for module in sources for function in _defined_in(module)]
     if name == "float64":
         return SimpleNamespace(**{f.__name__: f if hasattr(f, "py_func") else _quiet(f) for f in functions})
-    from cpcal.solver.interval.arb import PRIMITIVES, in_arb
+    from cpcal.solver.interval.arb_primitives import PRIMITIVES, in_arb
 
     return SimpleNamespace(**{k: in_arb(v) for k, v in rebound(functions, PRIMITIVES).items()})
 

@@ -46,7 +46,6 @@ class Expr:
     digest: bytes = field(init=False)
     depth: int = field(init=False)
 
-    __array_ufunc__ = None  # let `ndarray @ expr` come to __rmatmul__
     __hash__ = object.__hash__
 
     def __post_init__(self) -> None:
@@ -92,33 +91,36 @@ class Expr:
         return Expr("neg", (self,), self.shape)
 
     def __add__(self, other: Operand) -> Expr:
-        return _binary("add", self, other)
+        return binary("add", self, other)
 
     def __radd__(self, other: Operand) -> Expr:
-        return _binary("add", other, self)
+        return binary("add", other, self)
 
     def __sub__(self, other: Operand) -> Expr:
-        return _binary("sub", self, other)
+        return binary("sub", self, other)
 
     def __rsub__(self, other: Operand) -> Expr:
-        return _binary("sub", other, self)
+        return binary("sub", other, self)
 
     def __mul__(self, other: Operand) -> Expr:
-        return _binary("mul", self, other)
+        return binary("mul", self, other)
 
     def __rmul__(self, other: Operand) -> Expr:
-        return _binary("mul", other, self)
+        return binary("mul", other, self)
 
     def __truediv__(self, other: Operand) -> Expr:
-        return _binary("div", self, other)
+        return binary("div", self, other)
 
     def __rtruediv__(self, other: Operand) -> Expr:
-        return _binary("div", other, self)
+        return binary("div", other, self)
 
-    def __pow__(self, exponent: int) -> Expr:
-        if not isinstance(exponent, (int, np.integer)) or isinstance(exponent, bool):
-            raise ModelError(f"the exponent of a power is an integer, not {exponent!r}")
-        return sqr(self) if exponent == 2 else Expr("power", (self,), self.shape, parameter=int(exponent))
+    def __pow__(self, exponent: Operand) -> Expr:
+        from cpcal.solver.network.mathematics import power
+
+        return power(self, exponent)
+
+    def __rpow__(self, base: Operand) -> Expr:
+        return binary("pow", base, self)
 
     def __abs__(self) -> Expr:
         return Expr("abs", (self,), self.shape)
@@ -136,13 +138,28 @@ class Expr:
         axis = int(axis) % self.ndim
         return Expr("sum", (self,), self.shape[:axis] + self.shape[axis + 1 :], parameter=axis)
 
+    @property
+    def T(self) -> Expr:
+        """Axes in reverse order."""
+        return self._gathered(_positions(self).T) if self.ndim > 1 else self
+
+    def reshape(self, *shape: Any) -> Expr:
+        """The same elements in another shape, in C order."""
+        wanted = shape[0] if len(shape) == 1 else shape
+        try:
+            return self._gathered(_positions(self).reshape(wanted))
+        except ValueError:
+            raise ModelError(f"an expression of shape {self.shape} can not be reshaped to {wanted}") from None
+
     def __getitem__(self, index: Any) -> Expr:
         """numpy's basic and advanced indexing."""
-        positions = np.arange(int(np.prod(self.shape, dtype=np.int64))).reshape(self.shape)
         try:
-            flat = np.asarray(positions[index], dtype=np.intp)
+            return self._gathered(_positions(self)[index])
         except IndexError as error:
             raise ModelError(f"index {index!r} does not fit shape {self.shape}: {error}") from None
+
+    def _gathered(self, positions: Any) -> Expr:
+        flat = np.asarray(positions, dtype=np.intp)
         return Expr("index", (self,), flat.shape, data=flat)
 
     def __len__(self) -> int:
@@ -152,6 +169,19 @@ class Expr:
 
     def __iter__(self) -> Any:
         return (self[k] for k in range(len(self)))
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        from cpcal.solver.network import numpy_dispatch
+
+        return numpy_dispatch.ufunc(ufunc, method, inputs, options)
+
+    def __array_function__(self, called: Any, types: Any, args: Any, options: Any) -> Any:
+        from cpcal.solver.network import numpy_dispatch
+
+        return numpy_dispatch.function(called, args, options)
+
+    def __float__(self) -> NoReturn:
+        raise ModelError("an expression is no number: write cpcal.sin(x) or numpy.sin(x) instead of math.sin(x)")
 
     # constraints ----------------------------------------------------------------------------------
 
@@ -186,10 +216,15 @@ class Expr:
         raise ModelError("an expression has no truth value; build a constraint and add it to a network")
 
     def __repr__(self) -> str:
-        return f"<Expr {self.name or self.op} of shape {self.shape}>"
+        return f"<Expr {self} of shape {self.shape}>"
+
+    def __str__(self) -> str:
+        from cpcal.solver.network.printing import text
+
+        return text(self)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Constraint:
     """`lower <= body <= upper`, elementwise; all three broadcast to `body`'s shape."""
 
@@ -208,6 +243,14 @@ class Constraint:
             impossible = (lower.lo > upper.hi) | (lower.lo == np.inf) | (upper.hi == -np.inf)
             if bool(np.any(impossible)):
                 raise ModelError("no number lies between these bounds: give within((lower, upper)), lower <= upper")
+
+    def __repr__(self) -> str:
+        return f"<Constraint {self}>"
+
+    def __str__(self) -> str:
+        from cpcal.solver.network.printing import constraint_text
+
+        return constraint_text(self)
 
     def __bool__(self) -> bool:
         raise ModelError("a constraint has no truth value: write `expr.within((lo, hi))` for `lo <= expr <= hi`")
@@ -243,7 +286,11 @@ def _broadcasts(shape: Shape, target: Shape) -> bool:
         return False
 
 
-def _binary(op: str, left: Operand, right: Operand) -> Expr:
+def _positions(expr: Expr) -> npt.NDArray[np.int64]:
+    return np.arange(int(np.prod(expr.shape, dtype=np.int64))).reshape(expr.shape)
+
+
+def binary(op: str, left: Operand, right: Operand) -> Expr:
     x, y = as_expr(left), as_expr(right)
     try:
         shape = np.broadcast_shapes(x.shape, y.shape)
@@ -281,8 +328,8 @@ def norm(x: Operand) -> Expr:
 
 
 def minimum(x: Operand, y: Operand) -> Expr:
-    return _binary("min", x, y)
+    return binary("min", x, y)
 
 
 def maximum(x: Operand, y: Operand) -> Expr:
-    return _binary("max", x, y)
+    return binary("max", x, y)

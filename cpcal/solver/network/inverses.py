@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 
 from cpcal.solver.compiled import compiled
+from cpcal.solver.interval.elementary import PI_HI, PIO2_HI
+from cpcal.solver.interval.functions import ceil, cos, exp, expm1, floor, log, log1p, sin, tan
+from cpcal.solver.interval.inverse_functions import acosh, asinh, atanh, of_cosine, of_sine, of_tangent
 from cpcal.solver.interval.kernels import (
     Bounds,
     add,
@@ -19,7 +22,36 @@ from cpcal.solver.interval.kernels import (
     sqrt,
     sub,
 )
-from cpcal.solver.network.operations import ABS, ADD, DIV, MAX, MIN, MUL, NEG, POWER, SQR, SQRT, SUB
+from cpcal.solver.network.operations import (
+    ABS,
+    ACOS,
+    ADD,
+    ASIN,
+    ATAN,
+    CEIL,
+    COS,
+    COSH,
+    DIV,
+    EXP,
+    EXPM1,
+    FLOOR,
+    LOG,
+    LOG1P,
+    MAX,
+    MIN,
+    MUL,
+    NEG,
+    POW,
+    POWER,
+    SIGN,
+    SIN,
+    SINH,
+    SQR,
+    SQRT,
+    SUB,
+    TAN,
+    TANH,
+)
 
 
 @compiled
@@ -45,6 +77,67 @@ def _power_argument(n: int, z_lo: float, z_hi: float, a_lo: float, a_hi: float) 
 def _at_least(z_lo: float, z_hi: float, other_lo: float) -> Bounds:
     """An argument of a minimum in z: at least z, and in z where the other argument can not be the minimum."""
     return z_lo, z_hi if other_lo > z_hi else math.inf
+
+
+@compiled
+def _of_function(code: int, z_lo: float, z_hi: float, a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+    """The first argument of an elementary function; of atan2 nothing is concluded."""
+    if code == EXP:
+        return log(z_lo, z_hi)
+    if code == EXPM1:
+        return log1p(z_lo, z_hi)
+    if code == LOG:
+        return exp(z_lo, z_hi)
+    if code == LOG1P:
+        return expm1(z_lo, z_hi)
+    if code == SIN:
+        return of_sine(z_lo, z_hi, a_lo, a_hi)
+    if code == COS:
+        return of_cosine(z_lo, z_hi, a_lo, a_hi)
+    if code == TAN:
+        return of_tangent(z_lo, z_hi, a_lo, a_hi)
+    if code == ASIN:
+        z_lo, z_hi = meet(z_lo, z_hi, -PIO2_HI, PIO2_HI)
+        return sin(z_lo, z_hi)
+    if code == ACOS:
+        z_lo, z_hi = meet(z_lo, z_hi, 0.0, PI_HI)
+        return cos(z_lo, z_hi)
+    if code == ATAN:
+        z_lo, z_hi = meet(z_lo, z_hi, -PIO2_HI, PIO2_HI)
+        if not z_lo <= z_hi:
+            return math.nan, math.nan
+        least, most = min(z_lo, 1.57079), max(z_hi, -1.57079)
+        return -math.inf if least < -1.57079 else tan(least, least)[0], math.inf if most > 1.57079 else tan(most, most)[
+            1
+        ]
+    if code == SINH:
+        return asinh(z_lo, z_hi)
+    if code == COSH:
+        r_lo, r_hi = acosh(z_lo, z_hi)
+        return either_sign(a_lo, a_hi, max(r_lo, 0.0), r_hi) if r_lo <= r_hi else (math.nan, math.nan)
+    if code == TANH:
+        return atanh(z_lo, z_hi)
+    if code == POW:
+        return _base(z_lo, z_hi, b_lo, b_hi)
+    if code == FLOOR:
+        return ceil(z_lo, z_hi)[0], floor(z_lo, z_hi)[1] + 1.0
+    if code == CEIL:
+        return ceil(z_lo, z_hi)[0] - 1.0, floor(z_lo, z_hi)[1]
+    if code == SIGN:
+        return (0.0 if z_lo > -1.0 else -math.inf), (0.0 if z_hi < 1.0 else math.inf)
+    return a_lo, a_hi
+
+
+@compiled
+def _base(z_lo: float, z_hi: float, p_lo: float, p_hi: float) -> Bounds:
+    """x >= 0 with x^p in z: exp(log z / p), where p has a sign."""
+    if z_hi < 0.0:
+        return math.nan, math.nan
+    if p_lo <= 0.0 <= p_hi or z_hi == 0.0:
+        return 0.0, math.inf
+    low, high = log(max(z_lo, 0.0), z_hi)
+    low, high = div(low, high, p_lo, p_hi)
+    return exp(low, high)
 
 
 @compiled
@@ -76,7 +169,7 @@ def first_argument(
     if code == MAX:
         low, high = _at_least(-z_hi, -z_lo, -b_hi)
         return -high, -low
-    return a_lo, a_hi
+    return _of_function(code, z_lo, z_hi, a_lo, a_hi, b_lo, b_hi)
 
 
 @compiled
@@ -97,4 +190,8 @@ def second_argument(
     if code == MAX:
         low, high = _at_least(-z_hi, -z_lo, -a_hi)
         return -high, -low
+    if code == POW and z_lo > 0.0 and (a_lo > 1.0 or 0.0 < a_hi < 1.0):
+        low, high = log(z_lo, z_hi)
+        u_lo, u_hi = log(a_lo, a_hi)
+        return div(low, high, u_lo, u_hi)
     return b_lo, b_hi

@@ -23,6 +23,7 @@ from cpcal.solver.interval.box import checked_name
 from cpcal.solver.network.dag import leaves, topological
 from cpcal.solver.network.data import enclosed, pair
 from cpcal.solver.network.expression import Constraint, Expr, Operand, Shape, as_expr
+from cpcal.solver.network.printing import network_text
 
 Domain = Interval | tuple[npt.ArrayLike, npt.ArrayLike]
 
@@ -116,6 +117,9 @@ class ConstraintNetwork:
     @property
     def variables(self) -> tuple[Expr, ...]:
         return tuple(self._variables.values())
+
+    def __str__(self) -> str:
+        return network_text(self)
 
     @property
     def constraints(self) -> tuple[Constraint, ...]:

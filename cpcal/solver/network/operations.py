@@ -13,6 +13,27 @@ import math
 from dataclasses import dataclass
 
 from cpcal.solver.compiled import compiled
+from cpcal.solver.interval.functions import (
+    acos,
+    asin,
+    atan,
+    atan2,
+    ceil,
+    cos,
+    cosh,
+    exp,
+    expm1,
+    floor,
+    has_pole,
+    log,
+    log1p,
+    pow_real,
+    sign,
+    sin,
+    sinh,
+    tan,
+    tanh,
+)
 from cpcal.solver.interval.kernels import (
     Bounds,
     absolute,
@@ -29,6 +50,7 @@ from cpcal.solver.interval.kernels import (
 )
 
 NEG, ADD, SUB, MUL, DIV, SQR, SQRT, POWER, ABS, MIN, MAX = range(11)
+EXP, EXPM1, LOG, LOG1P, SIN, COS, TAN, ASIN, ACOS, ATAN, SINH, COSH, TANH, POW, ATAN2, FLOOR, CEIL, SIGN = range(11, 29)
 
 # What is known of an operation on all points of its arguments, as the decorations of IEEE 1788.
 ANYTHING, DEFINED, CONTINUOUS = range(3)
@@ -54,7 +76,66 @@ TABLE: dict[str, Operation] = {
     "abs": Operation(ABS, 1),
     "min": Operation(MIN, 2),
     "max": Operation(MAX, 2),
+    "exp": Operation(EXP, 1),
+    "expm1": Operation(EXPM1, 1),
+    "log": Operation(LOG, 1),
+    "log1p": Operation(LOG1P, 1),
+    "sin": Operation(SIN, 1),
+    "cos": Operation(COS, 1),
+    "tan": Operation(TAN, 1),
+    "asin": Operation(ASIN, 1),
+    "acos": Operation(ACOS, 1),
+    "atan": Operation(ATAN, 1),
+    "sinh": Operation(SINH, 1),
+    "cosh": Operation(COSH, 1),
+    "tanh": Operation(TANH, 1),
+    "pow": Operation(POW, 2),
+    "atan2": Operation(ATAN2, 2),
+    "floor": Operation(FLOOR, 1),
+    "ceil": Operation(CEIL, 1),
+    "sign": Operation(SIGN, 1),
 }
+
+
+@compiled
+def _function(code: int, a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
+    if code == EXP:
+        return exp(a_lo, a_hi)
+    if code == EXPM1:
+        return expm1(a_lo, a_hi)
+    if code == LOG:
+        return log(a_lo, a_hi)
+    if code == LOG1P:
+        return log1p(a_lo, a_hi)
+    if code == SIN:
+        return sin(a_lo, a_hi)
+    if code == COS:
+        return cos(a_lo, a_hi)
+    if code == TAN:
+        return tan(a_lo, a_hi)
+    if code == ASIN:
+        return asin(a_lo, a_hi)
+    if code == ACOS:
+        return acos(a_lo, a_hi)
+    if code == ATAN:
+        return atan(a_lo, a_hi)
+    if code == SINH:
+        return sinh(a_lo, a_hi)
+    if code == COSH:
+        return cosh(a_lo, a_hi)
+    if code == TANH:
+        return tanh(a_lo, a_hi)
+    if code == FLOOR:
+        return floor(a_lo, a_hi)
+    if code == CEIL:
+        return ceil(a_lo, a_hi)
+    if code == SIGN:
+        return sign(a_lo, a_hi)
+    if code == POW:
+        return pow_real(a_lo, a_hi, b_lo, b_hi)
+    if code == ATAN2:
+        return atan2(a_lo, a_hi, b_lo, b_hi)
+    return math.nan, math.nan
 
 
 @compiled
@@ -82,7 +163,29 @@ def value(code: int, n: int, a_lo: float, a_hi: float, b_lo: float, b_hi: float)
         return smaller(a_lo, a_hi, b_lo, b_hi)
     if code == MAX:
         return larger(a_lo, a_hi, b_lo, b_hi)
-    return math.nan, math.nan
+    return _function(code, a_lo, a_hi, b_lo, b_hi)
+
+
+@compiled
+def _function_quality(code: int, a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> int:
+    if code == LOG:
+        return CONTINUOUS if a_lo > 0.0 else ANYTHING
+    if code == LOG1P:
+        return CONTINUOUS if a_lo > -1.0 else ANYTHING
+    if code in (ASIN, ACOS):
+        return CONTINUOUS if a_lo >= -1.0 and a_hi <= 1.0 else ANYTHING
+    if code == TAN:
+        return ANYTHING if has_pole(a_lo, a_hi) else CONTINUOUS
+    if code == POW:
+        return CONTINUOUS if a_lo > 0.0 or (a_lo == 0.0 and b_lo > 0.0) else ANYTHING
+    if code == ATAN2:
+        if b_lo > 0.0 or a_lo > 0.0 or a_hi < 0.0:
+            return CONTINUOUS
+        return DEFINED if b_hi < 0.0 else ANYTHING
+    if code in (FLOOR, CEIL, SIGN):
+        low, high = _function(code, a_lo, a_hi, b_lo, b_hi)
+        return CONTINUOUS if low == high and a_lo < a_hi else DEFINED
+    return CONTINUOUS
 
 
 @compiled
@@ -96,4 +199,6 @@ def quality(code: int, n: int, a_lo: float, a_hi: float, b_lo: float, b_hi: floa
         return CONTINUOUS if b_lo > 0.0 or b_hi < 0.0 else ANYTHING
     if code == POWER:
         return CONTINUOUS if n >= 0 or a_lo > 0.0 or a_hi < 0.0 else ANYTHING
+    if code > MAX:
+        return _function_quality(code, a_lo, a_hi, b_lo, b_hi)
     return CONTINUOUS

@@ -51,10 +51,12 @@ class Bounding:
         done = self._contracting.contract(before, found_before)
         step = done.contraction
         branch = replace(branch, rows=self.raising(step.steps) or branch.rows)
-        if step.point is not None and branch.fresh and not known.closed(step.box):
-            known.propose(step.point)
-            branch = replace(branch, fresh=False)
         pays = self._pays(before, step.box, was_closed) or self._pays(found_before, done.found, was_closed)
+        # boxes that contraction closes alone need no other fit than the first
+        wanted = branch.fresh and not known.closed(step.box) and not (pays and known.witness is not None)
+        if step.point is not None and wanted:
+            pays = known.propose(step.point) or pays
+            branch = replace(branch, fresh=False)
         left = replace(step, box=known.cut(step.box))
         branch = replace(branch, found=known.cut(done.found))
         kind, pieces = self._next(left.box, branch, pays, was_closed)

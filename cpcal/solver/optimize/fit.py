@@ -14,12 +14,17 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Box
 from cpcal.solver.linear.engine import LinearEngine, LinearStatus
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.restrict import restricted
 from cpcal.solver.network.rows import Rows, RowValues
 
 _ITERATIONS = 60
 _PENALTY = 1e3  # weight of a violated row that the objective cannot mend, per unit
 _TOLERANCE = 1e-13  # relative decrease below which the fit has converged
 _SMALLEST_RADIUS = 1e-12  # of the trust region, relative to the box
+_MANY = 2048  # elements of constraints, beyond which those that matter are looked for
+_WORST = 256  # of each side of a constraint, those that enter at a time
+_EXTENSIONS = 8  # times that they enter
 _FLOOR = 1e-12  # an objective below this is small enough whatever the model promises
 
 
@@ -75,6 +80,25 @@ class _Problem:
         if solution.status is not LinearStatus.OPTIMAL:
             return None
         return np.asarray(reach * solution.point)
+
+
+def fit_of_many(network: ConstraintNetwork, rows: Rows, objective: int, start: Floats, engine: LinearEngine) -> Floats:
+    """The same in the network's domain, for many measurements: of those that matter, which are few.
+
+    Measurements that the fitted point violates more than it may are added, and the fit goes on.
+    """
+    box = network.domain
+    if sum(int(np.prod(c.body.shape)) for c in network.constraints) <= _MANY:
+        return fit(rows, objective, box, start, engine)
+    point, chosen = np.asarray(start, np.float64), [np.zeros(0, np.intp)] * len(network.constraints)
+    for _ in range(_EXTENSIONS):
+        worst = rows.likely(box.with_bounds(point, point), _WORST)
+        more = [np.union1d(old, new) for old, new in zip(chosen, worst, strict=True)]
+        if all(len(new) == len(old) for new, old in zip(more, chosen, strict=True)):
+            break
+        chosen = more
+        point = fit(Rows(restricted(network, chosen)), objective, box, point, engine)
+    return point
 
 
 def fit(rows: Rows, objective: int, box: Box, start: Floats, engine: LinearEngine) -> Floats:

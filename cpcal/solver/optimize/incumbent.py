@@ -10,7 +10,7 @@ from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.fit import fit
+from cpcal.solver.optimize.fit import fit_of_many
 from cpcal.solver.optimize.witness import Witness, WitnessProver
 
 
@@ -19,7 +19,7 @@ class Incumbent:
 
     def __init__(self, network: ConstraintNetwork, objective: int, limits: Limits, engine: Arithmetic) -> None:
         self.objective, self.domain, self._limits = objective, network.domain, limits
-        self._rows = Rows(network)
+        self._network, self._rows = network, Rows(network)
         self._prover = WitnessProver(network, objective, engine)
         self.witness: Witness | None = None
 
@@ -38,13 +38,15 @@ class Incumbent:
         """The second-order effect of the readings at it (0 without one)."""
         return 0.0 if self.witness is None else self._rows.second_order(self.witness.point)
 
-    def propose(self, start: Floats) -> None:
-        """Fit from a point and keep what is proved, if it is better."""
-        for point in (fit(self._rows, self.objective, self.domain, start, Dense()), start):
+    def propose(self, start: Floats) -> bool:
+        """Fit from a point and keep what is proved, if it is better; whether it is."""
+        fitted = fit_of_many(self._network, self._rows, self.objective, start, Dense())
+        for point in (fitted, start):
             witness = self._prover.prove(point)
             if witness is not None and witness.value < self.hi:
                 self.witness = witness
-                return
+                return True
+        return False
 
     def cut(self, box: Box) -> Box:
         """Drop what is worse than it."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cpcal.solver.contract import Verdict
-from cpcal.solver.interval import Box, Interval
+from cpcal.solver.interval import Box, Interval, IntervalArray
+from cpcal.solver.interval.box import Variable
 from cpcal.solver.search.regions import hull, volume
 
 
@@ -19,6 +20,10 @@ class Solution:
     verdict: Verdict
     box: Box
     cluster: int = 0
+
+    def __getitem__(self, name: str | Variable) -> Interval | IntervalArray:
+        """`solution[x]`: what its box says of a component (by name) or a variable."""
+        return self.box[name]
 
 
 @dataclass(frozen=True)

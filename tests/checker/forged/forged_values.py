@@ -71,7 +71,7 @@ place("another gain of the point", "claims", "point", "at", 7, value="0x1p-2", k
 place("bound with a gain one ulp beyond", "pass", "bounds", 0, 2, value=lambda t: moved(t, UP), kinds=GAIN)
 place("eps_lo of the gain one ulp up", "claims", "epsilon", "lo", value=lambda t: moved(t, UP), refused="last",
       kinds=GAIN)  # fmt: skip
-place("a weight of the gain's eps less", "pass", *WEIGHTS, "rows", 0, 1, value=lambda w: w - 1, kinds=GAIN)
+place("a weight of the gain's eps less", "pass", *WEIGHTS, "rows", 0, 1, value=lambda w: w - w // 4, kinds=GAIN)
 place("upper is lower with a gain", "pass", *ROW, 0, value=lambda s: {"upper": "lower"}.get(s, "upper"),
       kinds=GAIN)  # fmt: skip
 place("the gain in the place of eps", "pass", "bounds", 0, 0, value=7, kinds=GAIN)
@@ -175,8 +175,11 @@ place("excluded without weights", "exclude", "weights", value={"rows": [], "prod
 place("weights without tangents", "exclude", "weights", value={"rows": [], "products": [], "exponents": [0, 0, 0]})
 place("weights without exponents", "exclude", "weights", value={"rows": [], "products": [], "tangents": []})
 place("weights null", "exclude", "weights", value=None)
-place("excluded, rows very light", "exclude", "weights", "exponents", 0, value=-1000)
-place("excluded, products very heavy", "exclude", "weights", "exponents", 1, value=999)
+PRODUCT = [[0, 1, 1, 1, 1]]  # rows alone exclude a box whatever their common factor
+place("excluded, rows very light", "exclude", "weights",
+      value=lambda w: {**w, "products": PRODUCT, "exponents": [-1000, 0, 0]})  # fmt: skip
+place("excluded, products very heavy", "exclude", "weights",
+      value=lambda w: {**w, "products": PRODUCT, "exponents": [*w["exponents"][:1], 999, 0]})  # fmt: skip
 # the pass
 for kind, bad in {
     "a float": 1.0,
@@ -206,7 +209,7 @@ place("two exponents", "pass", *WEIGHTS, "exponents", value=lambda v: v[:2])
 place("four exponents", "pass", *WEIGHTS, "exponents", value=lambda v: [*v, 0])
 place("exponent of the rows one less", "pass", *WEIGHTS, "exponents", 0, value=lambda e: e - 1)
 place("heaviest weight of a row", "pass", *WEIGHTS, "rows", 0, 1, value=(1 << 60) - 1)
-place("weight of a row one less", "pass", *WEIGHTS, "rows", 0, 1, value=lambda w: w - 1)
+place("weight of a row a quarter less", "pass", *WEIGHTS, "rows", 0, 1, value=lambda w: w - w // 4)
 place("row dropped", "pass", *WEIGHTS, "rows", value=lambda rows: rows[1:])
 place("upper is lower", "pass", *ROW, 0, value=lambda s: {"upper": "lower"}.get(s, "upper"))
 place("row of another measurement", "pass", *ROW, 1, value=lambda k: (k + 1) % 6)

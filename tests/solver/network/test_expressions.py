@@ -141,7 +141,7 @@ def test_shape_errors_are_model_errors(net: ConstraintNetwork) -> None:
         lambda: x + "a",
         lambda: x + np.nan,
         lambda: x + None,
-        lambda: x**0.5,
+        lambda: x ** "0.5",
         lambda: net.variable("x"),
         lambda: net.variable(""),
         lambda: net.variable("w", (), (1, 0)),

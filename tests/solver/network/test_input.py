@@ -263,11 +263,11 @@ def test_operators_in_place_leave_what_was_there() -> None:
         row += same
 
 
-def test_axes_and_exponents_are_integers() -> None:
+def test_axes_are_integers_and_exponents_real_numbers() -> None:
     _, x = model(shape=2)
     for axis in ((0,), None, 0.0, "0", 1):
         refused(lambda: x.sum(axis), "axis")  # type: ignore[arg-type]  # noqa: B023
-    for exponent in (True, 2.0, None, "2"):
+    for exponent in (True, None, "2", 2j):
         refused(lambda: x**exponent, "exponent")  # type: ignore[operator]  # noqa: B023
 
 

@@ -11,7 +11,10 @@ from contractors import HC4, Lifted
 from cpcal import Interval, Limits, Network, Verdict, maximum, norm
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.linear import Dense
+from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize import Bracket, Minimum, Witness, minimize
+from cpcal.solver.optimize.fit import fit, fit_of_many
 from cpcal.solver.optimize.incumbent import Incumbent
 from cpcal.solver.optimize.minimum import status_of
 
@@ -248,3 +251,16 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(
     assert said[0] is verdict
     assert words in said[1]
     assert ("closed" in said[1]) == (verdict is Verdict.PROVED)
+
+
+def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
+    rng = np.random.default_rng(3)
+    t = rng.uniform(-1.0, 1.0, 3000)
+    values = t**2 + rng.uniform(-0.01, 0.01, 3000)
+    net = Network()
+    a, e = net.variable("a", 3, ([-5.0] * 3, [5.0] * 3)), net.variable("e", (), (0.0, 10.0))
+    net.add((a[0] + a[1] * t + a[2] * t**2 - values).within((-e, e)))
+    rows, start = Rows(net), np.array([0.0, 0.0, 0.0, 0.0])
+    of_all = fit(rows, 3, net.domain, start, Dense())
+    of_some = fit_of_many(net, rows, 3, start, Dense())
+    np.testing.assert_allclose(of_some, of_all, atol=1e-9)

@@ -1,0 +1,84 @@
+"""A mechanism is named only where its own model explains the readings and the others do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cpcal.calibration import calibrate_study
+from cpcal.calibration.corrections import Poses, corrected, sag_shape
+from cpcal.calibration.diagnosis import Asked
+from cpcal.simulate import simulate_study
+from cpcal.simulate.disturbances import with_drift
+
+SIZE = {"runs": 4, "validation_runs": 4, "random_poses": 24}
+
+
+def found_of(**imperfect):
+    return calibrate_study(simulate_study(seed=2, **SIZE, **imperfect))
+
+
+@pytest.mark.parametrize(
+    ("imperfect", "named", "unexplained"),
+    [
+        ({}, (), False),
+        ({"sag": 2.0}, ("sag",), False),
+        ({"gain": 0.002}, ("gain",), False),
+        ({"backlash": 0.4}, ("play",), True),
+        ({"axis_offset": 3.0}, (), True),
+        ({"joint_error": 0.5}, (), True),
+    ],
+)
+def test_what_was_put_in_is_named_or_none_of_the_models(imperfect, named, unexplained):
+    found = found_of(**imperfect).diagnosis
+    assert (found.named, found.unexplained) == (named, unexplained)
+    assert ("NONE OF THESE" in found.sentence) == unexplained
+    assert ("No imperfection" in found.sentence) == (not imperfect)
+
+
+def test_a_drifting_sensor_is_named():
+    found = calibrate_study(with_drift(simulate_study(seed=2, **SIZE), 0.2)).diagnosis
+    assert found.named == ("drift",)
+    assert "DRIFT" in found.sentence
+
+
+def test_the_sag_is_found_to_a_percent():
+    found = found_of(sag=2.0)
+    sag = next(model for model in found.diagnosis.models if model.name == "sag")
+    assert sag.values == pytest.approx([2.0] * 6, rel=0.02)
+    assert "SAG: the legs shorten by their weight" in found.diagnosis.sentence
+
+
+def test_a_scale_that_all_legs_share_may_be_the_cameras():
+    study = simulate_study(seed=2, **SIZE)
+    tables = {}
+    for name in ("calibration", "validation"):
+        table = getattr(study, name)
+        tables[name] = type(table)(
+            table.pose, table.run, 1.002 * table.position, table.quaternion, table.length, table.image
+        )
+    found = calibrate_study(type(study)(study.robot, **tables, truth=study.truth)).diagnosis
+    assert found.named == ("gain",)
+    assert "single camera cannot tell" in found.sentence
+
+
+def test_what_cannot_be_negative_explains_nothing_where_it_is():
+    asked = Asked("lateral", (-100.0,), (5.0,), (0.1,), 0.5, True)
+    assert not asked.explains
+    assert Asked("gain", (-100.0,), (5.0,), (0.1,), 0.5, True).explains
+
+
+def test_a_correction_is_found_with_its_standard_error():
+    found = found_of(gain=0.001)
+    noise = found.repeats.noise(np.full(64, 4))
+    gain = corrected(Poses.of([found.campaign], [noise]), found.x_c_sigma.parameters, "gain")
+    truth = simulate_study(seed=2, **SIZE, gain=0.001).truth.mechanisms.gain
+    assert (np.abs(-gain.values - truth) < 4.0 * gain.errors).all()  # what the sensors add is to be taken away
+    assert (gain.errors < 1e-4).all()
+
+
+def test_a_flat_leg_of_mid_range_length_has_all_of_its_sag():
+    up = np.array([0.0, 0.0, 1.0])
+    assert sag_shape(np.array([400.0, 0.0, 0.0]), np.array(400.0), 400.0, up) == pytest.approx(1.0)
+    assert sag_shape(np.array([0.0, 0.0, 400.0]), np.array(400.0), 400.0, up) == pytest.approx(0.0)
+    assert sag_shape(np.array([400.0, 0.0, 0.0]), np.array(440.0), 400.0, up) == pytest.approx(1.1**7)

@@ -1,0 +1,60 @@
+"""`cpcal accuracy` from a run on disk to its page; what it cannot use it refuses before it works."""
+
+from __future__ import annotations
+
+import pytest
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.cli.app import app
+from cpcal.simulate import simulate
+
+ERROR = 0.02  # mm: the joint error's amplitude, so the assumption holds
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A certified run of few poses: the one slow thing here, for the verb checks its certificates."""
+    where = tmp_path_factory.mktemp("accuracy")
+    campaign = simulate(seed=3, extremal=False, random_poses=12, noise=0.0, factor=0.0, joint_error=ERROR)
+    cpcal.save_campaign(campaign, where / "campaign")
+    asked = ["certify", str(where / "campaign"), "-o", str(where / "run"), "--delta", "8", "--support", "none"]
+    CliRunner().invoke(app, asked)
+    (where / "poses.csv").write_text("pose,x,y,z,qw,qx,qy,qz\nhome,0,0,360,1,0,0,0\naside,20,-10,365,1,0,0,0\n")
+    return where
+
+
+def run(folder, *arguments):
+    return CliRunner().invoke(app, ["accuracy", str(folder / "run"), "-o", str(folder / "out"), *arguments])
+
+
+def test_the_first_line_is_what_is_assumed_and_the_truth_is_within_what_is_proved(folder):
+    done = run(folder, "--poses", str(folder / "poses.csv"), "--model-error", str(ERROR))
+    assert done.exit_code == 0, done.output
+    first, *rest = done.output.splitlines()
+    assert first.startswith("ASSUMED: ")
+    assert any(line.startswith("PROVED under the assumption: at 2 of 2 poses") for line in rest)
+    assert "truth is inside" in done.output
+    page = (folder / "out" / "accuracy.html").read_text()
+    assert "Next poses" in page
+
+
+def test_a_question_about_nothing_and_a_run_that_is_not_one_are_refused(folder, tmp_path):
+    assert run(folder).exit_code == 2
+    done = CliRunner().invoke(
+        app, ["accuracy", str(tmp_path), "-o", str(tmp_path / "o"), "--workspace", "x=0,y=0,z=400"]
+    )
+    assert done.exit_code == 2
+    wrong = run(folder, "--workspace", "x=0,y=0", "--model-error", "much")
+    assert wrong.exit_code == 2
+    assert "lacks z" in wrong.output + (wrong.stderr or "")
+
+
+def test_a_damaged_certificate_of_the_run_is_refused(folder):
+    path = folder / "run" / "leg2.cert.jsonl"
+    kept = path.read_text()
+    path.write_text(kept[:-30])
+    done = run(folder, "--poses", str(folder / "poses.csv"))
+    path.write_text(kept)
+    assert done.exit_code == 2
+    assert "is refused" in done.output + (done.stderr or "")
