@@ -20,7 +20,6 @@ from cpcal.solver.linear import LinearEngine
 from cpcal.solver.network import PolynomialSystem
 from cpcal.solver.network.polynomial import Monomial
 
-_NEGLIGIBLE = 3e-4  # coefficients of a product, beside the largest of the row, below which it needs no column
 _UNIT = 2.0**-53
 _SMALLEST = 1e-290
 
@@ -91,7 +90,7 @@ class Relaxation:
             rhs = widening - rows[0] + 4.0 * _UNIT * (np.abs(widening) + np.abs(rows[0]))
         rows = rows[1:]
         exponents, highest = scaled(rows, rhs)
-        has_column = structure.with_divisors(structure.used & (structure.linear | (highest > _NEGLIGIBLE)))
+        has_column = structure.with_divisors(structure.used & (structure.linear | (highest > 0.0)))
         self.columns = np.flatnonzero(has_column)
         self.kept = np.flatnonzero(reach(rows, rhs, has_column, structure.bounds.lo, structure.bounds.hi))
         self.bounds, self.exponents = structure.bounds[self.columns], exponents[self.kept]

@@ -63,3 +63,9 @@ def test_the_answer_says_that_it_is_exact() -> None:
     assert leg.eps_hi == 0.0
     assert "satisfies every equation exactly" in proved_sentence(Options(), leg)
     assert "for some readings: proved" in proved_sentence(Options(), leg)
+
+
+def test_a_bracket_with_readings_closes_by_contraction_alone() -> None:
+    """Boxes are not divided below the second-order effect of the readings: every small product counts there."""
+    leg = cpcal.certify(cpcal.simulate(seed=7, joint_error=1.0), legs=[1]).legs[0]
+    assert leg.eps_hi - leg.eps_lo < 1e-6 * leg.eps_hi
