@@ -103,6 +103,7 @@ def certify(
         ),
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json and nothing else.")] = False,
+    no_checker: Annotated[bool, typer.Option("--no-checker", help="A page that does not check itself.")] = False,
     *,
     options: CertifyFlags,
 ) -> None:
@@ -115,7 +116,9 @@ def certify(
     given = options.given()
     check_target(run, RUN, campaign)
     with logging_to(options.log):
-        result = certified_into(run, read_campaign(campaign), given, as_json=as_json, talk=options)
+        result = certified_into(
+            run, read_campaign(campaign), given, as_json=as_json, talk=options, checker=not no_checker
+        )
     raise typer.Exit(status_of(result))
 
 

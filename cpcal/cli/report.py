@@ -42,24 +42,26 @@ def report(
             show_default="RUN/report.html",
         ),
     ] = None,
+    no_checker: Annotated[bool, typer.Option("--no-checker", help="A page that does not check itself.")] = False,
 ) -> None:
     """Check a RUN as `verify` does, and write its HTML page again, from its result.json and campaign.json.
 
-    One self-contained file: it loads nothing, runs nothing, and prints. With --campaign, another campaign
-    than the one that was certified is refused. Of a folder that `cpcal demo` wrote it is the page of the whole
-    study; its certificates are checked anew.
+    One self-contained file: it loads nothing, prints, and checks its certificates in the browser. With --campaign,
+    another campaign than the one that was certified is refused. Of a folder that `cpcal demo` wrote it is the page of
+    the whole study; its certificates are checked anew.
     """
     file = run / REPORT_NAME if output is None else output
     if file.is_dir():
         raise InputError([Problem(str(file), "is a folder", "name a file, such as report.html")])
     check_writable(file.parent)
-    page = _study(run, campaign) if holds_study(run) else _run(run, campaign)
+    checker = not no_checker
+    page = _study(run, campaign, checker=checker) if holds_study(run) else _run(run, campaign, checker=checker)
     write_file(file, page)
     terminal().print(f"Report: {file}", soft_wrap=True)
 
 
-def _run(run: Path, campaign: Path | None) -> str:
-    return render(*checked_run(run, campaign))
+def _run(run: Path, campaign: Path | None, *, checker: bool) -> str:
+    return render(*checked_run(run, campaign), run=run if checker else None)
 
 
 def checked_run(run: Path, campaign: Path | None = None) -> tuple[Campaign, Result]:
@@ -89,7 +91,7 @@ def _refused(run: Path) -> list[str]:
     return [f"leg {leg.leg}: {leg.refused}" for leg in legs if leg.refused is not None]
 
 
-def _study(folder: Path, campaign: Path | None) -> str:
+def _study(folder: Path, campaign: Path | None, *, checker: bool) -> str:
     if campaign is not None:
         raise InputError(
             [Problem("option --campaign", "has no meaning for a study, which holds its own", "leave it out")]
@@ -98,4 +100,4 @@ def _study(folder: Path, campaign: Path | None) -> str:
         if run.is_dir():
             _stop(run, [*_refused(run), *stated_otherwise(load_campaign_json(run), load_result(run))])
     _stop(folder / FITS, [f"{name} states other numbers than are proved" for name in other_fits(folder / FITS)])
-    return render_study(study_found(folder)[1])
+    return render_study(study_found(folder)[1], folder / RUN if checker else None)

@@ -28,10 +28,17 @@ from cpcal.solver.optimize import Bracket
 
 
 def certified_into(
-    run: Path, campaign: Campaign, given: Mapping[str, Any], *, as_json: bool = False, talk: Talk | None = None
+    run: Path,
+    campaign: Campaign,
+    given: Mapping[str, Any],
+    *,
+    as_json: bool = False,
+    talk: Talk | None = None,
+    checker: bool = True,
 ) -> Result:
     """Certify with the keyword arguments `given` of `cpcal.certify`; write the run, print the answer.
 
+    `checker`: the page checks the certificates itself.
     What is printed is never lost to a disk that is full: the InputError comes afterwards.
     """
     talk = talk or Talk()
@@ -44,7 +51,7 @@ def certified_into(
         with answers_into(run, RUN, campaign) as draft:
             result = _watched(question, draft, quiet=as_json or talk.quiet)
             save_result(result, draft)
-            write_report(campaign, result, draft)
+            write_report(campaign, result, draft, checker=checker)
     except InputError as error:
         if result is None:
             raise

@@ -53,6 +53,7 @@ def leg_section(
         "moved": None if frames is None else _moved(result, leg, frames),
         "bars": _bars(campaign, leg, found),
         "contractors": contractors_sentences(leg),
+        "certified": leg.certified,
         "proved_point": leg.point is not None,
         "empty": leg.enclosure.is_empty,
         "support": names[:_MOST_NAMES],
@@ -115,6 +116,7 @@ def _ranges(result: Result, leg: LegResult) -> dict[str, Any] | None:
     eps = leg.ranges.eps
     return {
         "eps": eps_text(result, eps),
+        "exact": eps.hex(),
         "margin": about(eps / leg.eps_hi) if 0.0 < leg.eps_hi < eps else None,
         "certificate": leg.ranges.certificate,
     }
@@ -129,7 +131,9 @@ def _enclosure(result: Result, leg: LegResult) -> list[dict[str, Any]]:
         label = name if unit == "mm" else f"{name} [{unit}]"
         sides = _sides(leg.enclosure, k, decimals)
         point = "—" if leg.point is None else nearest(leg.point[k], decimals)
-        rows.append({"name": name, "cells": (label, point, *sides), "exact": _hex(leg.enclosure, k)})
+        cells = (label, point, *sides)
+        exact_point = None if leg.point is None else leg.point[k].hex()
+        rows.append({"name": name, "cells": cells, "exact": _hex(leg.enclosure, k), "point": exact_point})
     return rows
 
 
@@ -184,6 +188,7 @@ def _figure(campaign: Campaign, leg: LegResult, model: LegModel | None, found: F
     return {
         "svg": Markup(svg),  # made by us: text of the campaign in it is escaped
         "eps": bracket_text(leg.eps_hi, leg.eps_hi)[1],
+        "exact": leg.eps_hi.hex(),
         "room": bool(room.any()),
         "beyond": int(np.sum(np.abs(residual) > leg.eps_hi)) if room.any() else 0,
         "envelope": len(residual) > MOST_POINTS,

@@ -1,4 +1,4 @@
-"""One self-contained HTML page from a campaign and its result: no network, no script, light and dark."""
+"""One self-contained HTML page from a campaign and its result: no network, light and dark; it checks itself."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from cpcal.legs import PLAIN, LegModel
 from cpcal.report import drawing_frames
 from cpcal.report.assumptions import assumptions
 from cpcal.report.drawing_frames import DrawingFrames
+from cpcal.report.embedded import embedded
 from cpcal.report.leg_section import leg_section
 from cpcal.report.match import check_match
 from cpcal.report.origin import command, versions
@@ -32,33 +33,55 @@ _HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at
 
 
 def write_report(
-    campaign: Campaign, result: Result, folder: str | os.PathLike[str], model: LegModel | None = None
+    campaign: Campaign,
+    result: Result,
+    folder: str | os.PathLike[str],
+    model: LegModel | None = None,
+    *,
+    checker: bool = True,
 ) -> Path:
-    """`write_page` to `report.html` in `folder`, made if missing; its path."""
-    return write_page(campaign, result, Path(folder) / REPORT_NAME, model)
+    """`write_page` to `report.html` in `folder`, made if missing; its path.
+
+    `checker`: the page checks the certificates of the run that lie in the folder.
+    """
+    return write_page(campaign, result, Path(folder) / REPORT_NAME, model, run=folder if checker else None)
 
 
-def write_page(campaign: Campaign, result: Result, file: str | os.PathLike[str], model: LegModel | None = None) -> Path:
+def write_page(
+    campaign: Campaign,
+    result: Result,
+    file: str | os.PathLike[str],
+    model: LegModel | None = None,
+    *,
+    run: str | os.PathLike[str] | None = None,
+) -> Path:
     """Write the page to `file`, all or nothing, in a folder that is made if missing; its path.
 
     The same campaign and result give the same bytes. Bounds are printed rounded to the side on which they
     stay proved; every answer is for SOME reading in the set of each measurement. Raises InputError when the
     result is of another campaign, or when the file cannot be written. `model`: the result's leg model, where no
-    installed package provides it; without it the page says which figures it lacks.
+    installed package provides it; without it the page says which figures it lacks. `run`: the folder of the run,
+    whose certificates the page then holds and checks in the browser; without certificates there it has no checker.
     """
-    return write_file(file, render(campaign, result, model=model))
+    return write_file(file, render(campaign, result, model=model, run=run))
 
 
 def render(
-    campaign: Campaign, result: Result, study: dict[str, Any] | None = None, model: LegModel | None = None
+    campaign: Campaign,
+    result: Result,
+    study: dict[str, Any] | None = None,
+    model: LegModel | None = None,
+    run: str | os.PathLike[str] | None = None,
 ) -> str:
-    """The page as text; `study` is what study.html.j2 shows before the legs (see `cpcal.report.study`).
+    """The page as text; `study` is what study.html.j2 shows before the legs (see `cpcal.report.study`), `run` the
+    folder of the run where the page is to check its certificates.
 
     Raises InputError when the result is of another campaign, or garbled.
     """
     check_match(campaign, result)
     frames = None if study is None else DrawingFrames.of(study["record"])
-    return rendered("report.html.j2", {"study": study, **_context(campaign, result, model, frames)})
+    proof = embedded(None if run is None else Path(run), result)
+    return rendered("report.html.j2", {"study": study, "proof": proof, **_context(campaign, result, model, frames)})
 
 
 def _context(

@@ -47,13 +47,15 @@ class StudyFound:
     images: ImagesFound | None = None
 
 
-def write_study_page(found: StudyFound, file: str | os.PathLike[str]) -> Path:
+def write_study_page(
+    found: StudyFound, file: str | os.PathLike[str], *, run: str | os.PathLike[str] | None = None
+) -> Path:
     """Write the page to `file`, all or nothing; its path. Raises InputError: parts of different campaigns, too."""
-    return write_file(file, render_study(found))
+    return write_file(file, render_study(found, run))
 
 
-def render_study(found: StudyFound) -> str:
-    """The page as text; the same parts give the same text."""
+def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -> str:
+    """The page as text; the same parts give the same text. `run`: the folder whose certificates the page checks."""
     expected = campaign_sha256(found.campaign)
     for name, sha256 in (
         ("calibration record", found.record.campaign_sha256),
@@ -63,7 +65,7 @@ def render_study(found: StudyFound) -> str:
         if sha256 != expected:
             remedy = "give the parts of one study"
             raise InputError([Problem(name, "is of another campaign", remedy)])
-    return render(found.campaign, found.result, _context(found))
+    return render(found.campaign, found.result, _context(found), run=run)
 
 
 def _context(found: StudyFound) -> dict[str, Any]:

@@ -98,7 +98,7 @@ def demo(
         _pixels(photos, campaign, result, output, console)
     accepted, found = study_found(output)
     console.print(found.checked, soft_wrap=True)
-    page = write_study_page(found, output / REPORT_NAME)
+    page = write_study_page(found, output / REPORT_NAME, run=output / RUN)
     console.print(f"The whole study: {page}", soft_wrap=True)
     raise typer.Exit(status_of(result) if accepted else Status.UNKNOWN)
 

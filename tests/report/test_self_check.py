@@ -1,0 +1,219 @@
+"""The page checks itself: its script, run by an embedded V8, finds every number that was edited."""
+
+import base64
+import hashlib
+import json
+import re
+import zlib
+from html.parser import HTMLParser
+from importlib.resources import files
+
+import pytest
+from typer.testing import CliRunner
+
+import cpcal
+from cpcal.cli import app
+from cpcal.files import save_campaign_json
+from cpcal.report.page import render
+
+mini_racer = pytest.importorskip("py_mini_racer", reason="mini-racer is not installed (pip install 'cpcal[test]')")
+
+DRIVER = """
+const bytesOf = text => Uint8Array.from(text, c => c.charCodeAt(0));
+function told(campaign, certificates, shown) {
+  const found = judged(bytesOf(campaign), certificates.map(c => ({...c, bytes: bytesOf(c.content)})), shown);
+  return {faults: found.faults, refused: found.proofs.map(p => p.refused)};
+}
+"""
+ASKED = {"mid": {}, "pass": {"tolerance": 5.0}, "fail": {"tolerance": 0.01}, "yes": {"eps": 5.0}, "no": {"eps": 0.01}}
+
+
+def source(name):
+    return (files("cpcal.report") / "browser" / name).read_text(encoding="utf-8")
+
+
+class Page(HTMLParser):
+    """The scripts of a page by id, and what it claims as its own script reads it."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.scripts, self.policy, self.shown, self.open = {}, "", [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        found = dict(attrs)
+        if found.get("http-equiv") == "Content-Security-Policy":
+            self.policy = found["content"]
+        if tag not in ("meta", "br"):
+            self.open.append((tag, found, []))
+
+    def handle_startendtag(self, tag, attrs):
+        pass
+
+    def handle_data(self, data):
+        for _, _, texts in self.open:
+            texts.append(data)
+
+    def handle_endtag(self, tag):
+        opened, found, texts = self.open.pop()
+        assert opened == tag
+        if tag == "script":
+            self.scripts[found.get("id")] = "".join(texts)
+        if "data-claim" in found:
+            names = ("leg", "claim", "parameter", "value")
+            number = {name: found[f"data-{name}"] for name in names if f"data-{name}" in found}
+            self.shown.append({**number, "text": " ".join("".join(texts).split())})
+
+
+@pytest.fixture(scope="module")
+def engine():
+    v8 = mini_racer.MiniRacer()
+    for name in ("checker.js", "page.js"):
+        v8.eval(source(name))
+    v8.eval(DRIVER)
+    return v8
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return cpcal.simulate(seed=2, joint_error=10.0, factor=0.0, extremal=False, random_poses=12)
+
+
+@pytest.fixture(scope="module")
+def runs(campaign, tmp_path_factory):
+    """Folder and result of a run of one leg, for each way to ask."""
+
+    def made(name):
+        folder = tmp_path_factory.mktemp(name)
+        found = cpcal.certify(campaign, legs=[1], delta=4.0, certificates=folder, **ASKED[name])
+        save_campaign_json(campaign, folder)
+        return folder, cpcal.with_ranges(campaign, found, certificates=folder) if name == "mid" else found
+
+    return {name: made(name) for name in ASKED}
+
+
+def judged(engine, page, **changed):
+    """What the page's script finds."""
+    data = json.loads(page.scripts["proof-data"])
+
+    def plain(deflated):
+        return zlib.decompress(base64.b64decode(deflated)).decode("latin-1")
+
+    certificates = [{**c, "content": plain(c["deflated"])} for c in data["certificates"]]
+    given = {"campaign": plain(data["campaign"]), "certificates": certificates, "shown": page.shown} | changed
+    return engine.call("told", given["campaign"], given["certificates"], given["shown"])
+
+
+def texts(page, claim):
+    return [number for number in page.shown if number["claim"] == claim]
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_an_untouched_page_agrees_with_its_certificates(engine, runs, campaign, name):
+    folder, result = runs[name]
+    page = Page(render(campaign, result, run=folder))
+    found = judged(engine, page)
+    assert [(n, f) for n, f in zip(page.shown, found["faults"], strict=True) if f != ""] == []
+    assert set(found["refused"]) == {""}
+    assert len(page.shown) > (40 if name == "mid" else 5)
+
+
+def test_every_number_edited_is_found(engine, runs, campaign):
+    folder, result = runs["mid"]
+    page = Page(render(campaign, result, run=folder))
+    numbers = [k for k, number in enumerate(page.shown) if re.search(r"\d", number["text"])]
+    claims = {page.shown[k]["claim"] for k in numbers}
+    sides = {f"{name}.{side}" for name in ("ranges", "enclosure") for side in ("lo", "hi")}
+    assert claims == {"verdict", "eps_lo", "eps_hi", "ranges.eps", "point", "campaign", "box"} | sides
+    edited = []
+    for number in (page.shown[k] for k in numbers):
+        text = number["text"]
+        digit = max(re.finditer(r"\d", text), key=lambda m: m.start())  # the last one
+        other = text[: digit.start()] + str((int(digit[0]) + 4) % 10) + text[digit.end() :]
+        edited.append({**number, "text": other})
+    assert all(judged(engine, page, shown=edited)["faults"])
+
+
+def test_a_number_edited_with_its_value_is_found(engine, runs, campaign):
+    folder, result = runs["mid"]
+    page = Page(render(campaign, result, run=folder))
+    for claim, text, value in (("eps_hi", "0.01", 0.01), ("enclosure.lo", "1", 1.0), ("ranges.eps", "0.25", 0.25)):
+        number = texts(page, claim)[0]
+        fault = judged(engine, page, shown=[{**number, "text": text, "value": value.hex()}])["faults"]
+        assert fault == ["the certificate claims another number"]
+
+
+@pytest.mark.parametrize(("name", "other"), [("pass", "fail"), ("fail", "pass")])
+def test_a_verdict_turned_round_is_found(engine, runs, campaign, name, other):
+    page = Page(render(campaign, runs[name][1], run=runs[name][0]))
+    words = [number for number in texts(page, "verdict") if number["text"] == name]
+    assert words
+    assert judged(engine, page, shown=words)["faults"] == [""] * len(words)
+    turned = [{**number, "text": other} for number in words]
+    assert judged(engine, page, shown=turned)["faults"] == [f"a {other} is not proved"] * len(words)
+
+
+def test_another_campaign_or_certificate_is_refused(engine, runs, campaign):
+    folder, result = runs["mid"]
+    page = Page(render(campaign, result, run=folder))
+    content = (folder / "campaign.json").read_text(encoding="utf-8")
+    found = judged(engine, page, campaign=content.replace('"', ' "', 1))
+    assert all(found["refused"])
+    assert all(fault for fault, number in zip(found["faults"], page.shown, strict=True) if number["claim"] != "box")
+    assert set(judged(engine, page, certificates=[])["faults"]) <= {None, ""}  # no certificate: nothing is refused
+
+
+def test_sha256(engine):
+    for length in (0, 1, 55, 56, 63, 64, 119, 120, 1000):
+        content = bytes(k * k % 251 for k in range(length))
+        found = engine.call("(text => sha256(bytesOf(text)))", content.decode("latin-1"))
+        assert found == hashlib.sha256(content).hexdigest()
+
+
+def test_the_page_runs_its_own_script_only_and_is_the_same_each_time(runs, campaign):
+    folder, result = runs["mid"]
+    text = render(campaign, result, run=folder)
+    assert text == render(campaign, result, run=folder)
+    assert len(text) < 300_000
+    page = Page(text)
+    assert set(page.scripts) == {"proof-data", "proof-checker", None}
+    sources = {
+        name: (files("cpcal.report") / "browser" / name).read_text(encoding="utf-8")
+        for name in ("checker.js", "page.js")
+    }
+    assert (page.scripts["proof-checker"], page.scripts[None]) == (sources["checker.js"], sources["page.js"])
+    assert not any("</" in source or "<!--" in source for source in sources.values())
+    digest = base64.b64encode(hashlib.sha256(page.scripts[None].encode()).digest()).decode()
+    rules = dict(rule.split(" ", 1) for rule in page.policy.split("; "))
+    assert rules == {
+        "default-src": "'none'",
+        "style-src": "'unsafe-inline'",
+        "script-src": f"'sha256-{digest}'",
+        "worker-src": "blob:",
+        "base-uri": "'none'",
+        "form-action": "'none'",
+    }
+    assert "<noscript>" in text
+
+
+def test_without_certificates_there_is_no_checker(runs, campaign, tmp_path):
+    folder, result = runs["mid"]
+    plain = render(campaign, result)
+    assert "<script" not in plain
+    assert render(campaign, result, run=tmp_path) == plain
+    save_campaign_json(cpcal.simulate(seed=3), tmp_path)
+    for path in folder.glob("*.cert.jsonl"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    assert render(campaign, result, run=tmp_path) == plain  # the campaign beside them is another
+
+
+def test_the_option_leaves_the_checker_out(runs, campaign, tmp_path):
+    folder, result = runs["mid"]
+    cpcal.save_result(result, folder)
+    runner, page = CliRunner(), tmp_path / "page.html"
+    for option, scripts in (([], 3), (["--no-checker"], 0)):
+        outcome = runner.invoke(app, ["report", str(folder), "-o", str(page), *option], prog_name="cpcal")
+        assert outcome.exit_code == 0, outcome.output
+        assert page.read_text(encoding="utf-8").count("<script") == scripts
+    written = cpcal.write_report(campaign, result, tmp_path, checker=False).read_text(encoding="utf-8")
+    assert "<script" not in written
