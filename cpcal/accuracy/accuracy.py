@@ -25,6 +25,7 @@ from cpcal.accuracy.values import (
 from cpcal.accuracy.workspace import Covered, Workspace, cover
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import bracket_text
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.legs import PLAIN, fit_model
@@ -111,7 +112,11 @@ def certify_accuracy(
         say(f"{len(poses.names)} poses")
         at = _at_poses(campaign, robot, sets, poses, truth or (lambda r, p: true_poses(campaign, r, p)))
     if not refuted and workspace is not None:
-        tell_cover = lambda lo, hi: say(f"the worst of the workspace is between {lo:.4g} and {hi:.4g} mm")  # noqa: E731
+
+        def tell_cover(lo: float, hi: float) -> None:
+            least, most = bracket_text(lo, hi, 4)
+            say(f"the worst of the workspace is between {least} and {most} mm")
+
         over = _over(workspace, cover(workspace, sets, gap=gap, most=cells, tell=tell_cover))
     return Accuracy(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),

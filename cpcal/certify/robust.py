@@ -25,6 +25,7 @@ from cpcal.certify.certify import checked_options
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats, Indices
 from cpcal.common.errors import Problem
+from cpcal.common.numbers import at_most
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import ROBUST, answers_into
@@ -145,7 +146,7 @@ def robust_leg(question: Question, leg: int, outliers: int, tell: Told | None = 
         if without is None:
             break
         if tell is not None:
-            tell(f"leg {leg}: eps_hi {state.hi:.6g} mm, {len(state.supports)} supports")
+            tell(f"leg {leg}: eps_hi {at_most(state.hi, 6)} mm, {len(state.supports)} supports")
         target = search.turn(state, without, target)
     return _result(search, state, outliers, target, time.monotonic() - began)
 

@@ -11,6 +11,7 @@ from cpcal.cli.folders import check_writable
 from cpcal.cli.status import Status
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.numbers import about, nearest
 from cpcal.problems.answer import Answer, answer
 from cpcal.problems.files import load_problem
 from cpcal.problems.sol_writer import sol_bytes
@@ -69,10 +70,10 @@ def _show(found: Answer, output: Path) -> None:
     solutions = () if found.paving is None else found.paving.solutions
     for k, solution in enumerate(solutions[:_SHOWN]):
         word = "exactly one" if solution.verdict is Verdict.PROVED else "perhaps some"
-        inside = ", ".join(f"{n} {solution.box[n].mid:.9g}" for n in found.problem.network.names)
+        inside = ", ".join(f"{n} {about(solution.box[n].mid, 9)}" for n in found.problem.network.names)
         typer.echo(f"  {k + 1:3}  {word:12}  {inside}")
     if len(solutions) > _SHOWN:
         typer.echo(f"  and {len(solutions) - _SHOWN:,} more")
     if found.point is not None:
-        typer.echo("  at " + ", ".join(f"{name} = {value:.9g}" for name, value in found.point.items()))
-    typer.echo(f"{found.nodes:,} nodes, {found.seconds:.2f} s: {printable(output)}")
+        typer.echo("  at " + ", ".join(f"{name} = {about(value, 9)}" for name, value in found.point.items()))
+    typer.echo(f"{found.nodes:,} nodes, {nearest(found.seconds, 2)} s: {printable(output)}")

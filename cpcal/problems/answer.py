@@ -9,6 +9,7 @@ import time
 from dataclasses import dataclass
 
 from cpcal.common.errors import ModelError
+from cpcal.common.numbers import at_most, bracket_text
 from cpcal.problems.problem import Problem
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
@@ -104,8 +105,9 @@ def _sentence(problem: Problem, best: Minimum) -> str:
         return best.status
     lo, hi = -best.hi, -best.lo
     if best.verdict is Verdict.PROVED:
-        return f"The largest value lies in [{lo:.10g}, {hi:.10g}]: proved."
-    return f"The largest value is at most {hi:.10g}; a limit came first."
+        least, most = bracket_text(lo, hi, 10)
+        return f"The largest value lies in [{least}, {most}]: proved."
+    return f"The largest value is at most {at_most(hi, 10)}; a limit came first."
 
 
 def _box(box: Box, names: tuple[str, ...]) -> dict[str, list[float | None]]:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cpcal.accuracy.values import CellAccuracy, WorkspaceAccuracy
-from cpcal.common.numbers import at_most
+from cpcal.common.numbers import at_most, nearest
 from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Axes, Figure, ticks
 
 _SIDE, _LEFT, _TOP, _GAP, _BOTTOM = 150.0, 44.0, 18.0, 22.0, 36.0  # points
@@ -32,7 +32,7 @@ def shades(found: WorkspaceAccuracy) -> list[float]:
 
 def fill(share: float) -> str:
     """Of a shade from 0 to 1."""
-    return f"{EDGE}; fill-opacity: {0.1 + 0.75 * share:.2f}"
+    return f"{EDGE}; fill-opacity: {nearest(0.1 + 0.75 * share, 2)}"
 
 
 def map_svg(found: WorkspaceAccuracy) -> str:
@@ -44,7 +44,7 @@ def map_svg(found: WorkspaceAccuracy) -> str:
     for n, height in enumerate(heights):
         left = _LEFT + n * (_SIDE + _GAP)
         axes = Axes(figure, (left, _TOP, left + _SIDE, _TOP + _SIDE), span[0], span[1])
-        figure.text(left + 0.5 * _SIDE, 7.0, f"z = {height:.0f} mm", anchor="middle")
+        figure.text(left + 0.5 * _SIDE, 7.0, f"z = {nearest(height, 0)} mm", anchor="middle")
         for cell in _cells_at(found, height):
             _draw(axes, cell, ends)
         if n == 0:

@@ -40,7 +40,7 @@ def _context(found: Accuracy) -> dict[str, Any]:
         "map": None if over is None or not over.cells else Markup(map_svg(over)),  # made by us
         "key": [] if over is None else key(over),
         "worst": None if over is None else _pose_text(over.worst_pose),
-        "dominating": [] if over is None else [(n, f"{100 * s:.0f} %") for n, s in dominating(over)[:6]],
+        "dominating": [] if over is None else [(n, f"{nearest(100.0 * s, 0)} %") for n, s in dominating(over)[:6]],
         "left_out": [] if over is None else [_cell_text(cell) for cell in over.left_out[:_MOST]],
         "more_left_out": 0 if over is None else max(len(over.left_out) - _MOST, 0),
         "summary": _summary(found),

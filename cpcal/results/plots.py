@@ -7,6 +7,7 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 
+from cpcal.common.numbers import stated
 from cpcal.legs import PLAIN, LegModel, model_residuals
 from cpcal.results.leg_verdict import verdict_of
 from cpcal.results.result import LegResult, Result
@@ -65,7 +66,7 @@ def residuals_axes(leg: LegResult, campaign: Campaign, ax: Axes | None, model: L
 def parameters_axes(leg: LegResult, ax: Axes | None) -> Axes:
     """Of (a, b, l); a model's own parameters may have other units."""
     axes = _axes(ax)
-    box, what = (leg.enclosure, "eps_hi") if leg.ranges is None else (leg.ranges.box, f"{leg.ranges.eps:.4g} mm")
+    box, what = (leg.enclosure, "eps_hi") if leg.ranges is None else (leg.ranges.box, f"{stated(leg.ranges.eps)} mm")
     middle = box.mid if leg.point is None else np.array(leg.point)
     rows, center = np.arange(7), np.array(leg.center)
     axes.barh(rows, box.width[:7], left=(box.lo - middle)[:7], height=0.5, color=_BAND, label=f"range at {what}")

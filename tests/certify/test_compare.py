@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -237,8 +238,7 @@ def test_the_command(exact, tmp_path):
     words = ["compare", str(tmp_path / "campaign"), "-o", str(tmp_path / "run"), "--legs", "1", "--tolerance", "0.3"]
     outcome = CliRunner().invoke(app, [*words, "--models", "plain,gain"])
     assert outcome.exit_code == 0, outcome.output
-    assert "plain is refuted at 0.3 mm for 1 of 1: leg 1 (plain-leg1.cert.jsonl)." in outcome.output
-    assert "gain is refuted at 0.3 mm for none of 1." in outcome.output
+    assert re.search(r"leg 1: plain 0\.\d+ fail, gain 0\.\d+ pass; next: accept gain", outcome.output)
     comparison = cpcal.load_comparison(tmp_path / "run")
     assert comparison.campaign_sha256 == campaign_sha256(exact)
     page = (tmp_path / "run" / "compare.html").read_text(encoding="utf-8")

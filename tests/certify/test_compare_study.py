@@ -48,7 +48,7 @@ def test_the_checker_proves_the_same(run: Path) -> None:
         found = check(run / "run" / entry.certificate)
         claims = found.claims
         assert (found.leg, found.model) == (1, entry.model)
-        assert found.unknowns == ("a1", "a2", "a3", "b1", "b2", "b3", "l", *entry.enclosure.names[7:], "eps")
+        assert found.unknowns == ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l", *entry.enclosure.names[7:], "eps")
         assert (claims.eps_lo, claims.eps_hi) == (entry.eps_lo, entry.eps_hi)
         assert (claims.eps_lo > TOLERANCE) == (entry.model != "gain")
         assert claims.point is not None

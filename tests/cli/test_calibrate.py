@@ -44,7 +44,7 @@ def test_certify_goes_on_from_its_campaign(study, tmp_path):
     assert run("calibrate", study, "-o", tmp_path).exit_code == 0
     outcome = run("certify", tmp_path / "campaign", "-o", tmp_path / "run", "--legs", 1, "--eps", 0)
     assert outcome.exit_code == 0, outcome.stderr
-    assert "does not explain" in outcome.stdout
+    assert "Leg 1: does not fit exactly" in outcome.stdout
 
 
 @pytest.mark.parametrize(

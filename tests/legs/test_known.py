@@ -54,7 +54,7 @@ def test_no_package_takes_the_place_of_a_model_of_cpcal(other_package):
 
 
 def test_an_unknown_name_lists_those_there_are(other_package):
-    with pytest.raises(cpcal.InputError, match="plain, gain, linear, lateral, broken, other, stretched,"):
+    with pytest.raises(cpcal.InputError, match="plain, gain, linear, lateral, broken, other, sag, stretched,"):
         leg_model("streched")
 
 

@@ -164,7 +164,8 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
     false = len(view.points) - len(fit.found)
     unexplained = (seen & (maps.image < 0)).sum(axis=1) - false  # at least: false dots may become true ones
     close = np.flatnonzero(unexplained < fit.errors + margin)
-    least = int(np.delete(unexplained, close).min(initial=len(target.dots))) - fit.errors
+    passed = np.delete(unexplained, close) - fit.errors
+    least = int(passed.min()) if len(passed) else len(target.dots)
     if not len(close):
         return least, False
     back = np.linalg.inv(maps.matrix[close])
