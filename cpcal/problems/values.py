@@ -163,7 +163,7 @@ def transposed(value: Value) -> Value:
 
 
 def entrywise(function: Callable[..., Any], *values: Value) -> Value:
-    arrays = [np.broadcast_arrays(*(_boxed(value) for value in values))][0]
+    arrays = np.broadcast_arrays(*(_boxed(value) for value in values))
     entries = [function(*parts) for parts in zip(*(array.ravel() for array in arrays), strict=True)]
     return array_of(entries, arrays[0].shape) if arrays[0].ndim else entries[0]
 

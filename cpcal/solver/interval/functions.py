@@ -73,6 +73,16 @@ def _multiples(lo: float, hi: float, offset: float) -> tuple[float, float]:
 
 
 @compiled
+def _wave(first: float, last: float, low: float, high: float) -> Bounds:
+    """Bounds between two ends, where they are `low` and `high`, with the one extremum inside if `first` is `last`."""
+    if first == last:
+        if int(first) % 2 == 0:
+            return low, 1.0
+        return -1.0, high
+    return low, high
+
+
+@compiled
 def sin(lo: float, hi: float) -> Bounds:
     """Maxima are at (m + 1/2) pi for even m, minima for odd m."""
     if not lo <= hi:
@@ -84,13 +94,7 @@ def sin(lo: float, hi: float) -> Bounds:
         return -1.0, 1.0
     a_lo, a_hi = sin_at(lo)
     b_lo, b_hi = sin_at(hi)
-    low, high = min(a_lo, b_lo), max(a_hi, b_hi)
-    if first == last:
-        if int(first) % 2 == 0:
-            high = 1.0
-        else:
-            low = -1.0
-    return low, high
+    return _wave(first, last, min(a_lo, b_lo), max(a_hi, b_hi))
 
 
 @compiled
@@ -105,13 +109,7 @@ def cos(lo: float, hi: float) -> Bounds:
         return -1.0, 1.0
     a_lo, a_hi = cos_at(lo)
     b_lo, b_hi = cos_at(hi)
-    low, high = min(a_lo, b_lo), max(a_hi, b_hi)
-    if first == last:
-        if int(first) % 2 == 0:
-            high = 1.0
-        else:
-            low = -1.0
-    return low, high
+    return _wave(first, last, min(a_lo, b_lo), max(a_hi, b_hi))
 
 
 @compiled
