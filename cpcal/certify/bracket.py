@@ -9,6 +9,7 @@ import numpy as np
 
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
+from cpcal.results.support import SupportProof
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
@@ -26,9 +27,18 @@ class Answered:
 
 
 def by_bound(
-    question: Question, leg: int, network: ConstraintNetwork, start: Floats, tell: Callable[[Bracket], None]
+    question: Question,
+    leg: int,
+    network: ConstraintNetwork,
+    start: Floats,
+    tell: Callable[[Bracket], None],
+    *,
+    hull_only: bool = False,
 ) -> Answered:
-    """Branch and bound, by all contractors asked for; with certificates, what weights prove of it is the answer."""
+    """Branch and bound, by all contractors asked for; with certificates, what weights prove of it is the answer.
+
+    `hull_only`: the certificate claims the enclosure alone, since nothing else is going to be stated.
+    """
     named = question.named(network)
 
     def solved(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
@@ -46,20 +56,24 @@ def by_bound(
         found = solved(recording.prover, recording.event)
         if found.interrupted or (found.witness is None and found.lo <= network.domain["eps"].lo):
             return Answered(found)  # nothing is proved, or the last step may be half written
-        path = recording.write(question.certificate(leg), claims_of(found, network.domain, "eps"))
+        claims = claims_of(found, network.domain, "eps") | ({"point": None} if hull_only else {})
+        path = recording.write(question.certificate(leg), claims)
         found = replace(found, contractors_used=recording.credited(found.contractors_used))
         return Answered(found, path.name)
 
 
 def prove_support(
     question: Question, leg: int, network: ConstraintNetwork, start: Floats, few: tuple[int, ...]
-) -> None:
-    """Write a certificate that speaks of a few measurements only, and proves the lower bound that they give."""
+) -> SupportProof | None:
+    """Write a certificate that speaks of a few measurements only, and proves the lower bound that they give.
+
+    None, and no certificate, where they give none, or contractors without weights.
+    """
     smaller = restricted(network, [np.array(few, dtype=np.intp)] * len(network.constraints))
     named, engine, limits = question.named(smaller), question.engine, question.limits
     statement = question.statement(leg, network.domain, few)
     if not Contracting(named).gives_weights or statement is None:
-        return
+        return None
     with Recording(statement, network.domain) as recording:
         found = run(
             minimize(
@@ -75,6 +89,10 @@ def prove_support(
             ),
             None,
         )
-        if not found.interrupted:
-            claims = claims_of(found, network.domain, "eps", lower_only=True)
-            recording.write(question.certificate(leg, ".support"), claims)
+        lowest, highest = network.domain["eps"].lo, network.domain["eps"].hi
+        if found.interrupted or found.lo <= lowest:
+            return None
+        path = recording.write(
+            question.certificate(leg, ".support"), claims_of(found, network.domain, "eps", lower_only=True)
+        )
+        return SupportProof(highest if lowest == highest else float(found.lo), path.name)

@@ -13,7 +13,7 @@ from cpcal.certify.question import Question
 from cpcal.certify.timeout_method import by_timeout
 from cpcal.common.arrays import Floats
 from cpcal.legs import built_in, exactly_read
-from cpcal.results import Determination, LegResult, Uncertified, VerifiedPoint
+from cpcal.results import Determination, LegResult, SupportProof, Uncertified, VerifiedPoint
 from cpcal.solver.contract import Verdict
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize import Bracket, Minimum, irreducible, minimize, run
@@ -35,15 +35,17 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
 
     answer = by_bound if question.options.method == "bound" else by_timeout
     found = answer(question, leg, network, start, tell)
-    few = _support(question, leg, network, start, found.minimum)
-    return _leg_result(question, leg, center, found, few), found.minimum.interrupted
+    few, proof = _support(question, leg, network, start, found.minimum)
+    result = _leg_result(question, leg, center, found, few)
+    return replace(result, support_proof=proof), found.minimum.interrupted
 
 
 def _support(
     question: Question, leg: int, network: ConstraintNetwork, start: Floats, found: Minimum
-) -> tuple[int, ...]:
+) -> tuple[tuple[int, ...], SupportProof | None]:
+    """The measurements, and what is proved of them alone where a certificate of it was asked for."""
     if question.options.support == "none":
-        return ()
+        return (), None
     gap, short = question.limits.gap, replace(question.limits, nodes=_SUPPORT_NODES)
 
     def alone(net: ConstraintNetwork) -> Minimum:
@@ -56,8 +58,8 @@ def _support(
         few = irreducible(network, found, few, gap, alone)
         if question.certificates is not None:
             best = start if found.witness is None else found.witness.point
-            prove_support(question, leg, network, best, few)
-    return few
+            return few, prove_support(question, leg, network, best, few)
+    return few, None
 
 
 def _leg_result(question: Question, leg: int, center: Floats, answer: Answered, few: tuple[int, ...]) -> LegResult:

@@ -79,7 +79,7 @@ def _run(run: Path) -> bool:
         elif leg.accepted is None:
             typer.echo(printable(f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}"))
         ranges = None if found.ranges is None else found.ranges.certificate
-        support = f"leg{leg.leg}.support.cert.jsonl"
+        support = None if found.support_proof is None else found.support_proof.certificate
         for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges)):
             if accepted is not None and name is not None:
                 _tell(name, accepted)
