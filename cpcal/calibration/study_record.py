@@ -21,7 +21,7 @@ from cpcal.calibration.record import (
     Rows,
 )
 from cpcal.calibration.statistics import Deviations
-from cpcal.calibration.study import StudyCalibration
+from cpcal.calibration.study_calibration import StudyCalibration
 from cpcal.calibration.validation import Validation
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
+from cpcal.cli.certified_run import certified_into, status_of
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
-from cpcal.cli.run import certified_into, status_of
 from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, logging_to
 from cpcal.files.run_folder import RUN

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import at_most, bracket_text
-from cpcal.problems.problem import Problem
+from cpcal.problems.stated_problem import Problem
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.model import Paving

@@ -11,8 +11,7 @@ import numpy as np
 from cpcal.common.errors import CpcalError, InputError, shown
 from cpcal.problems.minibex_syntax import DEEPEST
 from cpcal.problems.minibex_tree import Function, Node
-from cpcal.problems.tokens import Source, Token
-from cpcal.problems.values import (
+from cpcal.problems.minibex_values import (
     FUNCTIONS,
     MOST,
     Array,
@@ -30,6 +29,7 @@ from cpcal.problems.values import (
     times,
     transposed,
 )
+from cpcal.problems.tokens import Source, Token
 from cpcal.solver.interval import Interval
 from cpcal.solver.network import Expr
 

@@ -13,9 +13,9 @@ from cpcal.common.errors import shown
 from cpcal.problems.minibex_evaluate import Evaluator, Names, Placed
 from cpcal.problems.minibex_syntax import Parser
 from cpcal.problems.minibex_tree import File, Loop, Relation, Symbol
-from cpcal.problems.problem import Problem
+from cpcal.problems.minibex_values import FUNCTIONS, MOST, Data, Value, array_of, as_operand, interval_of, minus
+from cpcal.problems.stated_problem import Problem
 from cpcal.problems.tokens import Source, Token
-from cpcal.problems.values import FUNCTIONS, MOST, Data, Value, array_of, as_operand, interval_of, minus
 from cpcal.solver.interval import Interval
 from cpcal.solver.model import Network
 from cpcal.solver.network import Constraint, Expr

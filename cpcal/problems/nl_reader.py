@@ -13,9 +13,9 @@ from fractions import Fraction
 import numpy as np
 
 from cpcal.common.errors import CpcalError, InputError, shown
+from cpcal.problems.minibex_values import Value, applied, as_operand, minus, negative, over, plus, power, times
 from cpcal.problems.nl_lines import NlLines
-from cpcal.problems.problem import Problem
-from cpcal.problems.values import Value, applied, as_operand, minus, negative, over, plus, power, times
+from cpcal.problems.stated_problem import Problem
 from cpcal.solver.model import Network
 from cpcal.solver.network import Expr
 

@@ -21,7 +21,7 @@ _INTERRUPTED = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from contextlib import contextmanager
-import cpcal.cli.run
+import cpcal.cli.certified_run
 
 @contextmanager
 def stop(legs, gap, console):
@@ -30,7 +30,7 @@ def stop(legs, gap, console):
             os.kill(os.getpid(), signal.SIGINT)
     yield progress
 
-cpcal.cli.run.watch = stop
+cpcal.cli.certified_run.watch = stop
 from cpcal.__main__ import main
 main()
 """

@@ -10,7 +10,7 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.common.errors import Problem as Wrong
 from cpcal.problems.minibex_meaning import read_minibex
-from cpcal.problems.problem import Problem
+from cpcal.problems.stated_problem import Problem
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.network import evaluate
 

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from benchmarks.dots import Errors, errors, random_pose, true_centers
+from benchmarks.dot_errors import Errors, errors, random_pose, true_centers
 from cpcal.robot import Pose, quaternion_from_rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.dots import find_dots, observe_dots

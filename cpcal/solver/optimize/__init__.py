@@ -1,7 +1,7 @@
 """Smallest values, bounded from both sides."""
 
 from cpcal.solver.optimize.bound import minimize, run
-from cpcal.solver.optimize.fit import fit
+from cpcal.solver.optimize.local_minimum import fit
 from cpcal.solver.optimize.minimum import Bracket, Found, Minimum, bracket_sentence
 from cpcal.solver.optimize.support import irreducible, support
 from cpcal.solver.optimize.timeout import Answer, Outcome, Trial, ask, timeout

@@ -1,6 +1,6 @@
 """How accurately dots are found in rendered images and a photograph, how honest their stated errors are, and how fast.
 
-    python -m benchmarks.dots [--images 20] [--photograph FILE] [--json FILE]
+    python -m benchmarks.dot_errors [--images 20] [--photograph FILE] [--json FILE]
 
 Rendered: the DeltaLab target, 550 to 850 mm away and tilted to 30 degrees, under light that differs by up to 40 % from
 one border to the other. Errors are those to the centre of the dot's exact image, the bound is Cramer's and Rao's for a

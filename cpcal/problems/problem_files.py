@@ -9,7 +9,7 @@ from cpcal.common.errors import Problem as Wrong
 from cpcal.files.documents import small_file
 from cpcal.problems.minibex_meaning import read_minibex
 from cpcal.problems.nl_reader import read_nl
-from cpcal.problems.problem import Problem
+from cpcal.problems.stated_problem import Problem
 
 MOST = 2**26  # bytes
 READERS = {".bch": read_minibex, ".mbx": read_minibex, ".nl": read_nl}

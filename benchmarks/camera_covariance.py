@@ -1,6 +1,6 @@
 """Whether a calibrated camera's stated covariance tells the truth, on simulated views of a target.
 
-    python -m benchmarks.camera [--seeds 200] [--views 15] [--noise 0.01] [--tilt 30] [--dots 0.05] [--only NAME]
+    python -m benchmarks.camera_covariance [--seeds 200] [--views 15] [--noise 0.01] [--tilt 30] [--dots 0.05]
 
 Views 550 to 850 mm away, tilted to 30 degrees, centres with noise of 0.01 px. For each of the camera's nine numbers the
 variance of (estimate - truth) / standard error, which is 1 when the covariance is right (with 200 seeds to within 0.1),
