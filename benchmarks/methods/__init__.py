@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 
-from benchmarks.methods.method import Method, Question, Work
+from benchmarks.methods.method import Method, TaskQuestion, Work
 
 PEERS = {
     "scip": "benchmarks.methods.scip:Scip",
@@ -14,7 +14,7 @@ PEERS = {
     "least-squares": "benchmarks.methods.least_squares:LeastSquares",
 }
 
-__all__ = ["PEERS", "Method", "Question", "Work", "method"]
+__all__ = ["PEERS", "Method", "TaskQuestion", "Work", "method"]
 
 
 def method(name: str) -> Method:

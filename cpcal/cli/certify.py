@@ -28,7 +28,7 @@ class Engine(StrEnum):
     ARB = "arb"
 
 
-class Method(StrEnum):
+class MethodName(StrEnum):
     BOUND = "bound"
     TIMEOUT = "timeout"
 
@@ -60,8 +60,9 @@ class CertifyFlags(Talk):
         Support, typer.Option(help="Few measurements that prove the bound alone, or none that could be left out.")
     ] = Support.FEW
     method: Annotated[
-        Method, typer.Option(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit.")
-    ] = Method.BOUND
+        MethodName,
+        typer.Option(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit."),
+    ] = MethodName.BOUND
     model: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),

@@ -10,10 +10,10 @@ from cpcal.calibration import load_record
 from cpcal.certify.fits import load_fits
 from cpcal.cli import app
 from cpcal.cli.checked import check_all
-from cpcal.cli.demo.verb import Plan
+from cpcal.cli.demo.verb import DemoPlan
 from cpcal.files import campaign_sha256, load_study
 
-SMALL = Plan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), timeout_seconds=1.0)
+SMALL = DemoPlan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), timeout_seconds=1.0)
 
 runner = CliRunner()
 

@@ -41,7 +41,7 @@ OF: Of = "single"  # readings: the paper's choice
 
 
 @dataclass(frozen=True)
-class Plan:
+class DemoPlan:
     """How much is done. `imperfect`: legs that no seven parameters describe, so that the model must be refuted."""
 
     imperfect: Mapping[str, float] = field(default_factory=lambda: {"sag": 2.0, "axis_offset": 2.0})  # mm
@@ -52,7 +52,7 @@ class Plan:
     script_gap: float = 0.01  # relative
 
 
-PLAN = Plan()
+PLAN = DemoPlan()
 
 
 def demo(
