@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import cpcal
-from cpcal.certify.ranges import with_ranges
+from cpcal.certify.certified_ranges import with_ranges
 from cpcal.checker import PROVED, REFUSED, UNUSABLE, Refused, Unusable, check, check_run, main
 from cpcal.results import save_result
 
