@@ -79,11 +79,6 @@ class Repeatability:
         """(n,) mm: pooled standard deviation of g between repeats, leg by leg."""
         return np.asarray(np.sqrt(np.sum(self.equations**2, axis=0) / self.freedom))
 
-    @cached_property
-    def equation_covariance(self) -> Floats:
-        """(n, n) mm^2: pooled covariance of g between repeats."""
-        return np.asarray(self.equations.T @ self.equations / self.freedom)
-
     @property
     def moves(self) -> bool:
         """Whether the robot's own scatter is seen, beyond chance, in some leg."""
