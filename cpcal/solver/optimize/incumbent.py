@@ -11,8 +11,8 @@ from cpcal.solver.linear import Dense
 from cpcal.solver.network import Constraint, ConstraintNetwork
 from cpcal.solver.network.dag import leaves
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.fit import fit_of_many
-from cpcal.solver.optimize.local import LocalSearch
+from cpcal.solver.optimize.local_minimum import fit_of_many
+from cpcal.solver.optimize.local_search import LocalSearch
 from cpcal.solver.optimize.witness import Witness, WitnessProver
 
 
