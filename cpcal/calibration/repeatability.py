@@ -22,7 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpcal.calibration.equations import LegEquations
+from cpcal.calibration.leg_equations import LegEquations
 from cpcal.calibration.statistics import Deviations, campaign_deviations
 from cpcal.calibration.weights import Noise
 from cpcal.common.arrays import Floats, Ints
