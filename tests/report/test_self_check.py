@@ -123,8 +123,8 @@ def test_every_number_edited_is_found(engine, runs, campaign):
     page = Page(render(campaign, result, run=folder))
     numbers = [k for k, number in enumerate(page.shown) if re.search(r"\d", number["text"])]
     claims = {page.shown[k]["claim"] for k in numbers}
-    sides = {f"{name}.{side}" for name in ("ranges", "enclosure") for side in ("lo", "hi")}
-    assert claims == {"verdict", "eps_lo", "eps_hi", "ranges.eps", "point", "campaign", "box"} | sides
+    sides = {f"{name}.{side}" for name in ("ranges", "enclosure") for side in ("lo", "hi", "width")}
+    assert claims == {"verdict", "eps_lo", "eps_hi", "ranges.eps", "point", "campaign", "box", "count"} | sides
     edited = []
     for number in (page.shown[k] for k in numbers):
         text = number["text"]
@@ -151,6 +151,37 @@ def test_a_verdict_turned_round_is_found(engine, runs, campaign, name, other):
     assert judged(engine, page, shown=words)["faults"] == [""] * len(words)
     turned = [{**number, "text": other} for number in words]
     assert judged(engine, page, shown=turned)["faults"] == [f"a {other} is not proved"] * len(words)
+
+
+@pytest.mark.parametrize(
+    ("name", "claim", "text", "fault"),
+    [
+        ("pass", "overall", "FAIL", "a fail is not proved"),
+        ("fail", "overall", "PASS", "a fail is proved"),
+        ("fail", "overall", "UNDECIDED", "a fail is proved"),
+        ("pass", "overall", "EXCELLENT", "it is no verdict"),
+        ("pass", "summary", "Leg 1: fail.", "a fail is not proved"),
+        ("fail", "summary", "Leg 1: pass.", "a pass is not proved"),
+        ("pass", "summary", "Leg 1, 2: pass.", "it does not name each leg once"),
+        ("pass", "summary", "All is well.", "it does not name each leg once"),
+        ("pass", "count", "13", "the campaign in this page has 12 measurements"),
+        ("pass", "tolerance", "4", "4 is not the number that is proved"),
+    ],
+)
+def test_badge_and_headline_say_what_is_proved_of_all_legs(engine, runs, campaign, name, claim, text, fault):
+    page = Page(render(campaign, runs[name][1], run=runs[name][0]))
+    (number,) = texts(page, claim)
+    verdicts = texts(page, "verdict")
+    assert judged(engine, page, shown=[number, *verdicts])["faults"][0] == ""
+    assert judged(engine, page, shown=[{**number, "text": text}, *verdicts])["faults"][0] == fault
+
+
+def test_a_tolerance_changed_in_the_headline_alone_is_found(engine, runs, campaign):
+    page = Page(render(campaign, runs["fail"][1], run=runs["fail"][0]))
+    (number,) = texts(page, "tolerance")
+    changed = {**number, "text": "9", "value": (9.0).hex()}
+    faults = judged(engine, page, shown=[changed, *texts(page, "verdict")])["faults"]
+    assert faults[0] == "another tolerance stands elsewhere"
 
 
 def test_another_campaign_or_certificate_is_refused(engine, runs, campaign):
