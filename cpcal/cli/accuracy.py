@@ -41,7 +41,7 @@ def accuracy_of(
             "-o",
             metavar="DIR",
             parser=output_path,
-            help="Folder for accuracy.json, accuracy.html and campaign.json; replaced there.",
+            help="Folder for accuracy.json, accuracy.html, campaign.json and certificates; replaced there.",
         ),
     ],
     workspace: Annotated[
@@ -76,19 +76,22 @@ def accuracy_of(
     check_target(folder, ACCURACY)
     _check(run)
     campaign = load_campaign_json(run)
-    found = certify_accuracy(
-        campaign,
-        load_result(run),
-        poses=named,
-        workspace=space,
-        model_error=None if model_error is None else _numbers(model_error),
-        controller=controller.value,
-        validation=None if validation is None else load_campaign(validation),
-        gap=gap,
-        cells=cells,
-        tell=talk.progress(),
-    )
+    error = None if model_error is None else _numbers(model_error)
+    known = None if validation is None else load_campaign(validation)
     with answers_into(folder, ACCURACY, campaign) as draft:
+        found = certify_accuracy(
+            campaign,
+            load_result(run),
+            poses=named,
+            workspace=space,
+            model_error=error,
+            controller=controller.value,
+            validation=known,
+            gap=gap,
+            cells=cells,
+            certificates=draft,
+            tell=talk.progress(),
+        )
         save_accuracy(found, draft)
         write_accuracy(found, draft)
     _show(talk.out, found)

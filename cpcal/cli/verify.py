@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from cpcal.accuracy.values import ACCURACY_NAME, load_accuracy
 from cpcal.certify.fits import FITS_NAME, load_fits
 from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check
@@ -129,8 +130,11 @@ def _tell(talk: Talk, name: str, accepted: Accepted, seconds: float | None = Non
 
 
 def _as_stated(folder: Path, talk: Talk) -> bool:
-    """Whether the accepted certificates claim what the folder's compare.json or fits.json states. Raises InputError."""
-    wrong = [*_other_comparison(folder, talk), *other_fits(folder)]
+    """Whether the accepted certificates claim what the folder's compare.json, fits.json or accuracy.json states.
+
+    Raises InputError.
+    """
+    wrong = [*_other_comparison(folder, talk), *other_fits(folder), *_other_sets(folder, talk)]
     for line in wrong:
         talk.say(f"{line}: REFUSED, states other numbers than are proved")
     return not wrong
@@ -150,6 +154,25 @@ def _other_comparison(folder: Path, talk: Talk) -> Iterator[str]:
         )
         if (entry.eps_lo, entry.eps_hi) != proved:
             yield f"{entry.subject}, {entry.model}"
+
+
+def _other_sets(folder: Path, talk: Talk) -> Iterator[str]:
+    """Of the sets of parameters on which the bounds of an accuracy run rest."""
+    if not (folder / ACCURACY_NAME).exists():
+        return
+    for box in load_accuracy(folder).boxes:
+        if box.certificate is None:
+            talk.say(f"set of leg {box.leg}: NOT CERTIFIED")
+            continue
+        accepted = _claimed(folder, box.certificate)
+        claims = accepted.claims
+        lo, hi = (tuple(map(float, side[:-1])) for side in claims.enclosure or ((None,), (None,)))
+        proved = (accepted.leg, None if claims.cap is None else float(claims.cap), lo, hi)
+        if claims.infeasible != (not box.lo) or proved != (box.leg, box.eps, box.lo, box.hi):
+            yield f"set of leg {box.leg}"
+    talk.say(
+        f"{ACCURACY_NAME}: the certificates prove the sets of parameters; bounds of poses and cells are held by none."
+    )
 
 
 def other_fits(folder: Path) -> Iterator[str]:
