@@ -2,7 +2,7 @@
 
     python -m benchmarks.false_alarms [--seeds 600]
 
-Repeats of simulated DeltaLab studies as in the paper (64 extremal configurations in 11 runs), at the true joint centres.
+Repeats of simulated DeltaLab studies as in the paper (64 extremal configurations, 11 runs), at the true joint centres.
 """
 
 from __future__ import annotations

@@ -170,9 +170,8 @@ def _other_sets(folder: Path, talk: Talk) -> Iterator[str]:
         proved = (accepted.leg, None if claims.cap is None else float(claims.cap), lo, hi)
         if claims.infeasible != (not box.lo) or proved != (box.leg, box.eps, box.lo, box.hi):
             yield f"set of leg {box.leg}"
-    talk.say(
-        f"{ACCURACY_NAME}: the certificates prove the sets of parameters; bounds of poses and cells are held by none."
-    )
+    said = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
+    talk.say(f"{ACCURACY_NAME}: {said}")
 
 
 def other_fits(folder: Path) -> Iterator[str]:
