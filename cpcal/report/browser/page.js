@@ -75,11 +75,12 @@ function claimed(proof, claim, parameter) {
 }
 
 // Why a decimal text is no print of the number: "" where it is. side -1: rounded down; 1: up; 0: to the nearest.
-// wide: of a width, which was rounded up before it was printed.
+// wide: of a width, which has two digits.
 function misprint(text, value, side, wide = false) {
   const found = /^(-?)([0-9]{1,400})(?:\.([0-9]{0,400}))?(?:e([+-]?[0-9]{1,3}))?$/.exec(text);
   if (!found) return `${text} is no number`;
   const [, sign, whole, part = "", power = "0"] = found, places = Number(power) - part.length;
+  const coarse = wide && !part && whole.length > 2 && /0$/.test(whole) ? 10n ** BigInt(whole.length - 2) : 1n;  // two digits of it count
   if (!cmp(floatNumber(Number(text)), value)) return "";
   const ten = 10n ** BigInt(Math.abs(places)), two = 1n << BigInt(Math.abs(value.e));
   let printed = BigInt(whole + part) * (sign ? -1n : 1n), unit = 1n, exact = value.m;  // all times the same
@@ -87,7 +88,7 @@ function misprint(text, value, side, wide = false) {
   if (value.e >= 0) exact *= two; else { printed *= two; unit *= two; }
   const over = (printed - exact) * (side < 0 ? -1n : 1n), size = over < 0n ? -over : over;
   if (side && over < 0n) return `${text} is not rounded to the side that is proved`;
-  return (side ? size < unit || wide && size === unit : 2n * size <= unit) ? "" : `${text} is not the number that is proved`;
+  return (side ? size < unit * coarse : 2n * size <= unit) ? "" : `${text} is not the number that is proved`;
 }
 
 // Why a sentence says more than the certificate proves, or something else.
