@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.accuracy.values import AssumedError, CertifiedBox
+from cpcal.accuracy.findings import AssumedError, CertifiedBox
 from cpcal.certify.bracket import by_bound
 from cpcal.certify.question import Question
 from cpcal.results import Result

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from cpcal.calibration.budget import Budget, Inputs, MonteCarlo, budget, monte_carlo
-from cpcal.calibration.study import StudyCalibration
+from cpcal.calibration.study_calibration import StudyCalibration
 from cpcal.common.errors import InputError, Problem
 
 _PANEL = "Uncertainty budget (GUM): standard uncertainties of what all readings share"

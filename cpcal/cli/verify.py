@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from cpcal.accuracy.values import ACCURACY_NAME, load_accuracy
+from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
 from cpcal.certify.fits import FITS_NAME, load_fits
 from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check

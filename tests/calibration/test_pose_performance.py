@@ -7,7 +7,7 @@ import pytest
 
 from cpcal.calibration import calibrate_study, redefined
 from cpcal.calibration.pose_performance import pose_performance
-from cpcal.calibration.study import forward
+from cpcal.calibration.study_calibration import forward
 from cpcal.calibration.study_rows import study_rows
 from cpcal.robot import Pose, inverse
 from cpcal.simulate import simulate_study

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.accuracy.values import load_accuracy, save_accuracy
+from cpcal.accuracy.findings import load_accuracy, save_accuracy
 from cpcal.cli.app import app
 from cpcal.simulate import simulate
 
