@@ -88,7 +88,6 @@ def detect_poses(
             overlays=overlays,
         )
     write_file(output, detections_bytes(found.rows))
-    record("images", images=len(found.rows), poses=sum(row.found for row in found.rows), measured=found.measured)
     show_detections(found, output, talk)
     if known is not None and table is not None:
         made(table.absolute().parent)
@@ -114,6 +113,7 @@ def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, 
 def show_detections(found: Detections, where: Path, talk: Talk) -> None:
     """Counts, and each reason with some files, or with all."""
     poses = sum(row.found for row in found.rows)
+    record("images", images=len(found.rows), poses=poses, measured=found.measured)
     work = sum(seconds for stage, seconds in found.seconds.items() if stage != RenderedImages.stage)
     pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
     talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {where}")
