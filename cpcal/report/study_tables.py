@@ -185,9 +185,8 @@ def _budget(found: Budget) -> TextTable:
     rows = [
         (
             one.source.replace("_", " "),
-            "" if math.isnan(one.uncertainty) else _significant(one.uncertainty),
-            _significant(one.rms),
-            _significant(one.largest),
+            "" if math.isnan(one.uncertainty) else _significant(one.uncertainty) if one.uncertainty else "not stated",
+            *(_significant(value) if one.uncertainty else "—" for value in (one.rms, one.largest)),
         )
         for one in found.contributions
     ]
