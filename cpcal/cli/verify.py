@@ -14,13 +14,13 @@ from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check
 from cpcal.cli.checked import checked_certificate, checked_legs
 from cpcal.cli.claims import sentences
-from cpcal.cli.handeye import hand_eye_verified
+from cpcal.cli.hand_eye import hand_eye_verified
 from cpcal.cli.robust import robust_verified
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import nearest
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, unfinished
-from cpcal.handeye.files import load_hand_eye
+from cpcal.handeye.hand_eye_files import load_hand_eye
 from cpcal.report import REPORT_NAME
 from cpcal.results import COMPARISON_NAME, INFORMATION, RESULT_NAME, information, load_comparison, load_result
 
