@@ -22,6 +22,7 @@ from cpcal.handeye.hand_eye_result import HandEyeResult, save_hand_eye_result
 from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.handeye.hand_eye_words import names_of, sentences
 from cpcal.handeye.verify_hand_eye import verify_hand_eye
+from cpcal.report.hand_eye_page import HAND_EYE_PAGE, write_hand_eye
 
 
 def hand_eye(
@@ -67,7 +68,9 @@ def hand_eye(
             tell=(lambda text: errors.print(text)) if errors.is_terminal else lambda text: None,
         )
         save_hand_eye_result(found, draft)
+        write_hand_eye(found, draft)
     _show(found)
+    terminal().print(f"Page: {folder / HAND_EYE_PAGE}", soft_wrap=True)
     raise typer.Exit(_status(found))
 
 

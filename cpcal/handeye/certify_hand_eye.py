@@ -19,7 +19,7 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.version import __version__
 from cpcal.handeye.classical_answer import ClassicalAnswer, classical_answer
-from cpcal.handeye.exact_errors import Placed, above, exact_errors, largest
+from cpcal.handeye.exact_errors import PlacedFrames, above, exact_errors, largest
 from cpcal.handeye.exact_rows import row_meaning
 from cpcal.handeye.frame_equations import (
     R_F,
@@ -38,7 +38,7 @@ from cpcal.handeye.frames_proof import FramesProof, prove
 from cpcal.handeye.hand_eye_result import (
     LOWER,
     RANGES,
-    Asked,
+    AskedBox,
     Classical,
     FrameRanges,
     HandEyeResult,
@@ -81,7 +81,7 @@ class Within:
             raise InputError([Problem("option --within", f"is {text!r:.60}", remedy)])
         return Within(reach, angle)
 
-    def asked(self, center: Placed, x: Floats) -> Asked:
+    def asked(self, center: PlacedFrames, x: Floats) -> AskedBox:
         """The box about the unknowns x of the classical answer, rounded outward."""
         lo, hi = x.copy(), x.copy()
         turns, shifts = [*R_X, *R_F], [*T_X, *T_F]
@@ -90,7 +90,7 @@ class Within:
         lo[turns], hi[turns] = np.maximum(x[turns] - span, -1.0), np.minimum(x[turns] + span, 1.0)
         lo[shifts] = np.nextafter(x[shifts] - self.reach, -np.inf)
         hi[shifts] = np.nextafter(x[shifts] + self.reach, np.inf)
-        return Asked(center, self.reach, self.angle, tuple(lo.tolist()), tuple(hi.tolist()))
+        return AskedBox(center, self.reach, self.angle, tuple(lo.tolist()), tuple(hi.tolist()))
 
 
 def certify_hand_eye(
@@ -118,10 +118,10 @@ def certify_hand_eye(
     if tolerance is not None and not 0.0 <= tolerance < math.inf:
         raise InputError([Problem("tolerance", f"is {tolerance}", "give pixels, from 0")])
     classical = classical_answer(study, method=method)
-    center = Placed.of(classical.frames)
+    center = PlacedFrames.of(classical.frames)
     asked = (within or Within()).asked(center, unknowns_of(classical.frames))
     frames, _ = minimax_fit(PixelModel(study), classical.frames)
-    point = Placed.of(frames)
+    point = PlacedFrames.of(frames)
     worst = largest(exact_errors(study, point))
     assert worst is not None  # the fit keeps all points in front of the camera
     eps_hi = above(worst)
@@ -221,7 +221,7 @@ def _support(study: HandEyeStudy, lower: FramesProof) -> tuple[tuple[str, str], 
 # ranges and verdicts -----------------------------------------------------------------------------------------------
 
 
-def _ranges(wide: FramesProof, point: Placed, certificate: str | None) -> FrameRanges:
+def _ranges(wide: FramesProof, point: PlacedFrames, certificate: str | None) -> FrameRanges:
     if wide.refuted:
         nothing = (0.0,) * SIZE
         return FrameRanges(wide.eps, True, unknown_range(), unknown_range(), nothing, nothing, certificate)
@@ -230,7 +230,7 @@ def _ranges(wide: FramesProof, point: Placed, certificate: str | None) -> FrameR
     return FrameRanges(wide.eps, False, low, high, lo, hi, certificate)
 
 
-def _judged(study: HandEyeStudy, answer: ClassicalAnswer, placed: Placed, tolerance: float) -> Classical:
+def _judged(study: HandEyeStudy, answer: ClassicalAnswer, placed: PlacedFrames, tolerance: float) -> Classical:
     """Exactly, image by image."""
     errors = exact_errors(study, placed)
     verdicts = []

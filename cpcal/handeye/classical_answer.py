@@ -13,7 +13,7 @@ from cpcal.calibration import calibrate_frames
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Value, frozen_array
-from cpcal.handeye.hand_eye_study import Frames, HandEyeStudy
+from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
 from cpcal.handeye.pixel_model import PARAMETERS, PixelModel, moved
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
 from cpcal.vision.pose_fit import NoPose, fit, plain_model
@@ -38,7 +38,7 @@ class ClassicalAnswer(Value):
     remarks     what makes it doubtful
     """
 
-    frames: Frames
+    frames: HandEyeFrames
     residuals: Floats
     covariance: Floats
     rms: float
@@ -71,7 +71,7 @@ def classical_answer(study: HandEyeStudy, *, method: str = "shah") -> ClassicalA
     motions = Pose(shift[kept], quaternion_from_matrix(turn[kept]))
     found = calibrate_frames(motions, seen, method=method)
     e, f = inverse(found.camera_in_base), found.target_in_mobile
-    start = Frames(e.rotation, e.position, f.rotation, f.position)
+    start = HandEyeFrames(e.rotation, e.position, f.rotation, f.position)
     model = PixelModel(study)
     if not np.isfinite(model(start)).all():
         what = "puts points behind the camera"
@@ -125,7 +125,7 @@ def _pose(points: Floats, directions: Floats, sharpness: float) -> Pose:
     return Pose(h[:, 3] * size - turn @ middle, quaternion_from_matrix(turn))
 
 
-def _fitted(model: PixelModel, frames: Frames) -> tuple[Frames, Floats]:
+def _fitted(model: PixelModel, frames: HandEyeFrames) -> tuple[HandEyeFrames, Floats]:
     """Levenberg-Marquardt."""
     residuals, damping = model(frames), 1e-6
     for _ in range(_STEPS):

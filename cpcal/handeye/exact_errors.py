@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction as F
 
 from cpcal.handeye.exact_rows import exact_motions
-from cpcal.handeye.hand_eye_study import Frames, HandEyeStudy
+from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
 from cpcal.robot import quaternion_from_matrix
 from cpcal.robot.rotation import rotation_numerators
 
@@ -20,7 +20,7 @@ Matrix = list[Vector]
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedFrames:
     """The camera in the hand (eye in hand) or base frame, and the target in the base (eye in hand) or hand frame.
 
     Positions in mm, quaternions scalar first; float64 numbers that are taken as exact.
@@ -32,9 +32,9 @@ class Placed:
     target_quaternion: tuple[float, ...]
 
     @staticmethod
-    def of(frames: Frames) -> Placed:
+    def of(frames: HandEyeFrames) -> PlacedFrames:
         turn = frames.e_rotation.T
-        return Placed(
+        return PlacedFrames(
             tuple((-turn @ frames.e_translation).tolist()),
             tuple(quaternion_from_matrix(turn).tolist()),
             tuple(frames.f_translation.tolist()),
@@ -48,7 +48,7 @@ def exact_rotation(quaternion: tuple[float, ...]) -> Matrix:
     return [[value / norm for value in row] for row in rows]
 
 
-def exact_errors(study: HandEyeStudy, placed: Placed) -> list[F | None]:
+def exact_errors(study: HandEyeStudy, placed: PlacedFrames) -> list[F | None]:
     """For each point the larger excess `|residual| - half-width` of its two axes, px; None where x_3 > 0 fails."""
     turn_x, turn_f = exact_rotation(placed.camera_quaternion), exact_rotation(placed.target_quaternion)
     t_x, t_f = ([F(v) for v in t] for t in (placed.camera_position, placed.target_position))

@@ -17,7 +17,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from cpcal.common.arrays import Floats, Indices
-from cpcal.handeye.hand_eye_study import Frames, HandEyeStudy
+from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
 
 R_X, T_X, R_F, T_F = range(9), range(9, 12), range(12, 21), range(21, 24)
 UNKNOWNS = (
@@ -42,7 +42,7 @@ PAIRS = _pairs()
 PLACE: dict[Monomial, int] = {(int(i), int(j)): k for k, (i, j) in enumerate(PAIRS)}
 
 
-def unknowns_of(frames: Frames) -> Floats:
+def unknowns_of(frames: HandEyeFrames) -> Floats:
     """(SIZE,) of frames E and F."""
     x = frames.e_rotation.T
     parts = (x.ravel(), -x @ frames.e_translation, frames.f_rotation.ravel(), frames.f_translation)

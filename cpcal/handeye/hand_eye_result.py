@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cpcal.files.codec import load, save
-from cpcal.handeye.exact_errors import Placed
+from cpcal.handeye.exact_errors import PlacedFrames
 
 RESULT_FORMAT = "cpcal-handeye-result/1"
 RESULT_NAME = "handeye.json"
@@ -18,14 +18,14 @@ PARAMETERS = tuple(f"{frame} {name}" for frame in ("camera", "target") for name 
 
 
 @dataclass(frozen=True)
-class Asked:
+class AskedBox:
     """The box of frames that everything speaks of.
 
     `center`: classical answer; positions within `reach` mm of it on each axis. `angle`: degrees from its rotations, or
     None for any rotation. `lo`, `hi` (24): of the unknowns, see `cpcal.handeye.frame_equations`.
     """
 
-    center: Placed
+    center: PlacedFrames
     reach: float
     angle: float | None
     lo: tuple[float, ...]
@@ -66,7 +66,7 @@ class ImageVerdict:
 class Classical:
     """The least-squares answer, which proves nothing; `largest`: its largest excess, exactly, rounded up."""
 
-    placed: Placed
+    placed: PlacedFrames
     rms: float
     largest: float
     sigma: tuple[float, ...]  # in the order of E and F of `ClassicalAnswer.covariance`
@@ -87,11 +87,11 @@ class HandEyeResult:
     setup: str
     images: int
     points: int
-    asked: Asked
+    asked: AskedBox
     eps_lo: float
     eps_hi: float
     gap: float
-    point: Placed
+    point: PlacedFrames
     support: tuple[tuple[str, str], ...]
     lower: str | None
     tolerance: float | None

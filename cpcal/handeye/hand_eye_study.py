@@ -107,7 +107,7 @@ class HandEyeStudy(Value):
 
 
 @dataclass(frozen=True, eq=False)
-class Frames(Value):
+class HandEyeFrames(Value):
     """E and F: rotations (3, 3), translations (3,) mm."""
 
     e_rotation: Floats

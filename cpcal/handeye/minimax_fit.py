@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.handeye.hand_eye_study import Frames
+from cpcal.handeye.hand_eye_study import HandEyeFrames
 from cpcal.handeye.pixel_model import PARAMETERS, PixelModel, moved
 from cpcal.solver.linear import Dense, LinearStatus
 
@@ -18,7 +18,7 @@ _LEAST = 1e-13
 _RESTARTS = 3
 
 
-def minimax_fit(model: PixelModel, frames: Frames) -> tuple[Frames, float]:
+def minimax_fit(model: PixelModel, frames: HandEyeFrames) -> tuple[HandEyeFrames, float]:
     """Frames near those given, and their largest excess `|residual| - half-width` in px.
 
     The search begins again with a wide trust region until that finds nothing better: one that stops early leaves the
@@ -36,13 +36,13 @@ def minimax_fit(model: PixelModel, frames: Frames) -> tuple[Frames, float]:
     return best, value
 
 
-def excess(model: PixelModel, frames: Frames) -> float:
+def excess(model: PixelModel, frames: HandEyeFrames) -> float:
     """px: by how much the worst pixel is off beyond its half-width; from 0."""
     off = np.abs(model(frames)) - np.tile(model.study.half_width, 2)
     return max(float(off.max()), 0.0)
 
 
-def _descent(model: PixelModel, frames: Frames, radius: float) -> tuple[Frames, float]:
+def _descent(model: PixelModel, frames: HandEyeFrames, radius: float) -> tuple[HandEyeFrames, float]:
     value = excess(model, frames)
     reach = float(np.linalg.norm(frames.in_camera(model.study), axis=1).mean())
     size = np.tile(np.repeat([1.0, reach], 3), 2)  # a turn of 1 rad, and the way that it moves a point
@@ -62,7 +62,7 @@ def _descent(model: PixelModel, frames: Frames, radius: float) -> tuple[Frames, 
     return frames, value
 
 
-def _step(model: PixelModel, frames: Frames, reach: Floats, worst: float) -> tuple[Floats, float]:
+def _step(model: PixelModel, frames: HandEyeFrames, reach: Floats, worst: float) -> tuple[Floats, float]:
     """The step of the linear program within the trust region, and the excess that it promises."""
     slope, residuals = model.jacobian(frames) * reach, model(frames)
     width = np.tile(model.study.half_width, 2)

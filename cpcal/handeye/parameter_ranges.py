@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction as F
 
-from cpcal.handeye.exact_errors import Matrix, Placed, exact_rotation
+from cpcal.handeye.exact_errors import Matrix, PlacedFrames, exact_rotation
 from cpcal.handeye.frame_equations import R_F, R_X, T_F, T_X
 
 Interval = tuple[F, F]
@@ -14,7 +14,7 @@ _DEGREE_UP = F(math.nextafter(180.0, math.inf)) / F(math.nextafter(math.pi, 0.0)
 
 
 def parameter_ranges(
-    lo: Sequence[float], hi: Sequence[float], about: Placed
+    lo: Sequence[float], hi: Sequence[float], about: PlacedFrames
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Lower and upper ends (12): position in mm, turn in degrees from the frames `about`, of camera and target."""
     low: list[float] = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.handeye.hand_eye_study import Frames, HandEyeStudy
+from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
 from cpcal.robot import quaternion_from_rotation_vector, rotation_matrix
 
 PARAMETERS = 12  # rotation vector of E (rad, camera frame), its translation, then those of F (frame of its values)
@@ -19,7 +19,7 @@ class PixelModel:
         turn, shift = study.motions
         self._turn, self._shift = turn[study.image], shift[study.image]
 
-    def __call__(self, frames: Frames) -> Floats:
+    def __call__(self, frames: HandEyeFrames) -> Floats:
         """(2 N,) px; infinite where a point is not in front of the camera."""
         x = self._in_camera(frames)[0]
         camera = self.study.camera
@@ -27,13 +27,13 @@ class PixelModel:
             seen = camera.center + camera.focal * x[:, :2] / x[:, 2:]
         return np.where(x[:, 2:] > 0.0, seen - self.rays, np.inf).T.ravel()
 
-    def _in_camera(self, frames: Frames) -> tuple[Floats, Floats, Floats]:
+    def _in_camera(self, frames: HandEyeFrames) -> tuple[Floats, Floats, Floats]:
         turned = self.study.points @ frames.f_rotation.T
         moved = np.einsum("nij,nj->ni", self._turn, turned + frames.f_translation) + self._shift
         on = moved @ frames.e_rotation.T
         return on + frames.e_translation, on, turned
 
-    def jacobian(self, frames: Frames) -> Floats:
+    def jacobian(self, frames: HandEyeFrames) -> Floats:
         """(2 N, 12) of the residuals by the motions of `moved`."""
         x, on, turned = self._in_camera(frames)
         of_f = frames.e_rotation @ self._turn  # (N, 3, 3)
@@ -52,13 +52,13 @@ def _cross(vectors: Floats) -> Floats:
     return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], axis=1)
 
 
-def moved(frames: Frames, step: Floats) -> Frames:
+def moved(frames: HandEyeFrames, step: Floats) -> HandEyeFrames:
     """Frames turned and moved by a step (12,)."""
 
     def turned(matrix: Floats, vector: Floats) -> Floats:
         return np.asarray(rotation_matrix(quaternion_from_rotation_vector(vector)) @ matrix)
 
-    return Frames(
+    return HandEyeFrames(
         turned(frames.e_rotation, step[:3]),
         frames.e_translation + step[3:6],
         turned(frames.f_rotation, step[6:9]),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.handeye.hand_eye_study import Frames, HandEyeStudy, Setup
+from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy, Setup
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.robot.rotation import normalised
 from cpcal.vision.camera import Camera
@@ -21,7 +21,7 @@ class SimulatedHandEye:
     """A study and the frames that made it."""
 
     study: HandEyeStudy
-    truth: Frames
+    truth: HandEyeFrames
 
 
 def simulate_hand_eye(
@@ -75,7 +75,7 @@ def simulate_hand_eye(
         pixels=pixels.reshape(-1, 2),
         points=np.tile(board, (images, 1)),
     )
-    return SimulatedHandEye(study, Frames(_matrix(e), e.position, _matrix(f), f.position))
+    return SimulatedHandEye(study, HandEyeFrames(_matrix(e), e.position, _matrix(f), f.position))
 
 
 def _matrix(pose: Pose) -> Floats:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cpcal.handeye.certify_hand_eye import Within, certify_hand_eye
-from cpcal.handeye.exact_errors import Placed, exact_errors, largest
+from cpcal.handeye.exact_errors import PlacedFrames, exact_errors, largest
 from cpcal.handeye.frame_equations import unknowns_of
 from cpcal.handeye.hand_eye_files import hand_eye_files
 from cpcal.handeye.hand_eye_result import LOWER, RANGES, load_hand_eye_result, save_hand_eye_result
@@ -43,7 +43,7 @@ def test_the_truth_lies_in_the_guaranteed_ranges_of_its_pixel_error(setup, seed)
     assert not result.ranges.empty
     assert (np.array(result.ranges.lo) <= x).all()
     assert (x <= np.array(result.ranges.hi)).all()
-    worst = largest(exact_errors(simulated.study, Placed.of(simulated.truth)))
+    worst = largest(exact_errors(simulated.study, PlacedFrames.of(simulated.truth)))
     assert result.eps_lo <= worst <= 0.2 + 1e-9
 
 
