@@ -67,8 +67,9 @@ def _context(found: HandEyeResult) -> dict[str, Any]:
 def _verdict(found: HandEyeResult) -> tuple[str, str]:
     """Style and word."""
     if found.tolerance is not None:
-        words = {True: ("explained", "tolerance met"), False: ("unexplained", "tolerance refuted")}
-        return words.get(found.passes, ("undecided", "undecided"))  # type: ignore[call-overload, no-any-return]
+        if found.passes is None:
+            return "undecided", "undecided"
+        return ("explained", "tolerance met") if found.passes else ("unexplained", "tolerance refuted")
     return ("explained", "bracket closed") if found.complete else ("undecided", "bracket open")
 
 
