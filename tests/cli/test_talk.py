@@ -59,7 +59,7 @@ def test_a_log_holds_what_went_wrong(campaign, tmp_path):
     assert run("certify", campaign, "-o", tmp_path / "r", "--log", tmp_path).exit_code == 2  # a folder
 
 
-LONG = ("certify", "accuracy", "compare", "solve", "detect", "calibrate", "demo", "robust", "verify")
+LONG = ("certify", "accuracy", "compare", "solve", "detect", "calibrate", "demo", "robust", "verify", "handeye")
 
 
 @pytest.mark.parametrize("verb", LONG)
