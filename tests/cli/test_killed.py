@@ -106,12 +106,11 @@ _KILLED = """
 import os, signal, sys
 
 def told(event, arguments):
-    if event == "os.rename" and str(arguments[1]).endswith("leg2.cert.jsonl"):
-        renamed.append(arguments)
-        if len(renamed) == 2:  # the first is that of the draft
+    if event == "os.rename":
+        folder, name = os.path.split(str(arguments[1]))
+        if name == "leg2.cert.jsonl" and not folder.endswith(".draft"):
             os.kill(os.getpid(), signal.SIGKILL)
 
-renamed = []
 sys.addaudithook(told)
 from cpcal.__main__ import main
 main()
