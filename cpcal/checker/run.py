@@ -187,14 +187,16 @@ def _of_the_ranges(result: Json, leg: Json, stated: Json, accepted: Accepted) ->
     """The parameters at one eps."""
     yield from of_the_box(result, leg, accepted, stated["eps"])
     yield "eps of the ranges", exact(stated["eps"]), accepted.claims.cap
-    yield "point of the ranges", None, accepted.claims.point
+    if stated["certificate"] != leg["certificate"]:  # where one eps was asked about it is that of the leg
+        yield "point of the ranges", None, accepted.claims.point
     yield from _of_the_hull(result, stated["box"], accepted)
 
 
 def _of_the_hull(result: Json, box: Json, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
     yield "parameters", box["names"], [*PARAMETERS, *(p["name"] for p in result["model"]["parameters"])]
     sides = [box[side] and [exact(v) for v in box[side]] for side in ("lo", "hi")]
-    yield "enclosure", sides, [side and list(side[:-1]) for side in accepted.claims.enclosure or (None, None)]
+    found = accepted.claims.enclosure or (None if accepted.claims.infeasible else (accepted.lo, accepted.hi))
+    yield "enclosure", sides, [side and list(side[:-1]) for side in found or (None, None)]
 
 
 def _all_of_it(campaign: ExactCampaign, leg: int, accepted: Accepted) -> bool:
