@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 from dataclasses import dataclass, field
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from cpcal.common.errors import InputError, Problem
 from cpcal.files.campaign_json import NAME as CAMPAIGN_NAME
-from cpcal.files.campaign_json import campaign_sha256, load_campaign_json, save_campaign_json
+from cpcal.files.campaign_json import campaign_sha256, save_campaign_json
 from cpcal.files.codec import load, save, text_of
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
 from cpcal.results.determination import Determination
@@ -237,10 +238,16 @@ def save_result(result: Result, run: str | os.PathLike[str], campaign: Campaign 
     of result.json. Raises InputError, and writes nothing, where the campaign is missing or not the result's.
     """
     folder = Path(run)
-    kept = campaign_sha256(load_campaign_json(folder / CAMPAIGN_NAME) if campaign is None else campaign)
+    where, remedy = str(folder / CAMPAIGN_NAME) if campaign is None else "campaign", "give the one that was certified"
+    try:
+        if campaign is None:
+            kept = hashlib.sha256((folder / CAMPAIGN_NAME).read_bytes()).hexdigest()
+        else:
+            kept = campaign_sha256(campaign)
+    except OSError as error:
+        raise InputError([Problem(where, f"cannot be read: {error.strerror}", remedy)]) from None
     if kept != result.campaign_sha256:
-        where = str(folder / CAMPAIGN_NAME) if campaign is None else "campaign"
-        raise InputError([Problem(where, "is another campaign than the result's", "give the one that was certified")])
+        raise InputError([Problem(where, "is another campaign than the result's", remedy)])
     if campaign is not None:
         save_campaign_json(campaign, folder)
     return save(result, folder / RESULT_NAME, FORMAT)
