@@ -9,7 +9,7 @@ import numpy as np
 
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
-from cpcal.results.support import SupportProof
+from cpcal.results.support_proof import SupportProof
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted

@@ -153,7 +153,7 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
     yield "eps_lo", leg["eps_lo"], lo
     yield "eps_hi", leg["eps_hi"], "inf" if at is None else at[-1]
     yield "point", leg["point"] and [exact(v) for v in leg["point"]], at and list(at[:-1])
-    yield from _of_the_hull(result, leg["enclosure"], accepted)
+    yield from _of_the_hull(result, leg["enclosure"], accepted, empty=refuted)
     narrow, slack = at is not None, F(0)
     if at is not None and asked is None:
         asked_gap = max(exact(result["options"]["gap"]) * at[-1], _CLOSED)
@@ -189,13 +189,13 @@ def _of_the_ranges(result: Json, leg: Json, stated: Json, accepted: Accepted) ->
     yield "eps of the ranges", exact(stated["eps"]), accepted.claims.cap
     if stated["certificate"] != leg["certificate"]:  # where one eps was asked about it is that of the leg
         yield "point of the ranges", None, accepted.claims.point
-    yield from _of_the_hull(result, stated["box"], accepted)
+    yield from _of_the_hull(result, stated["box"], accepted, empty=accepted.claims.infeasible)
 
 
-def _of_the_hull(result: Json, box: Json, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
+def _of_the_hull(result: Json, box: Json, accepted: Accepted, *, empty: bool) -> Iterator[tuple[str, Any, Any]]:
     yield "parameters", box["names"], [*PARAMETERS, *(p["name"] for p in result["model"]["parameters"])]
     sides = [box[side] and [exact(v) for v in box[side]] for side in ("lo", "hi")]
-    found = accepted.claims.enclosure or (None if accepted.claims.infeasible else (accepted.lo, accepted.hi))
+    found = accepted.claims.enclosure or (None if empty else (accepted.lo, accepted.hi))
     yield "enclosure", sides, [side and list(side[:-1]) for side in found or (None, None)]
 
 

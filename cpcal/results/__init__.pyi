@@ -26,7 +26,7 @@ from .result import (
     result_text,
     save_result,
 )
-from .support import SupportProof
+from .support_proof import SupportProof
 from .verified_point import VerifiedPoint
 
 __all__ = [

@@ -19,7 +19,7 @@ from cpcal.results.determination import Determination
 from cpcal.results.options import Options
 from cpcal.results.projection import Projections
 from cpcal.results.ranges import Ranges
-from cpcal.results.support import SupportProof
+from cpcal.results.support_proof import SupportProof
 from cpcal.results.verified_point import VerifiedPoint
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box

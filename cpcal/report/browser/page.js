@@ -72,7 +72,7 @@ function claimed(proof, claim, parameter) {
   if (k < 0) return null;
   if (claim === "point") return found.hi && proof.claims.point.at[k];
   if (enclosure && claim.startsWith("enclosure") && found.hi && cmp(cap, found.hi)) return null;  // it must hold all up to eps_hi
-  const hull = enclosure || (infeasible ? null : proof);  // where none is claimed the box is one
+  const hull = enclosure || (infeasible && !found.hi ? null : proof);  // where none is claimed the box is one
   return hull && hull[side] ? hull[side][k] : null;
 }
 
