@@ -12,6 +12,7 @@ import typer
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
 from cpcal.cli.run import certified_into, status_of
+from cpcal.cli.running import Running
 from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, logging_to
 from cpcal.files.run_folder import RUN
@@ -40,7 +41,7 @@ class Support(StrEnum):
 
 
 @dataclass(frozen=True)
-class CertifyFlags(Talk):
+class CertifyFlags(Running, Talk):
     """The options of the command line: those of `cpcal.certify`, and how much is said."""
 
     legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None
@@ -48,6 +49,7 @@ class CertifyFlags(Talk):
     center: Annotated[Center, typer.Option(help="Middle of that box: a least-squares fit, or nominal.")] = Center.FIT
     gap: Annotated[float, typer.Option(help="Relative width at which the bracket counts as closed.")] = 1e-6
     time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg, at most.")] = None
+    node_limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Boxes a leg, at most.")] = None
     contractors: Annotated[str, typer.Option(metavar="A,B", help="See `cpcal plugins`.")] = "lifted"
     arithmetic: Annotated[Engine, typer.Option(help="Rigorous arithmetic.")] = Engine.FLOAT64
     eps: Annotated[
@@ -78,6 +80,7 @@ class CertifyFlags(Talk):
             "center": self.center.value,
             "gap": self.gap,
             "time_limit": self.time_limit,
+            "node_limit": self.node_limit,
             "contractors": names_of(self.contractors),
             "arithmetic": self.arithmetic.value,
             "eps": self.eps,
@@ -112,14 +115,23 @@ def certify(
     A leg's parameters reach eps when for every measurement THERE EXISTS a reading in its set at which the leg
     equation is off by at most eps (mm). With --eps the question is whether any parameters in the box do.
     With --tolerance the exit status is 0 if every leg passes, else 1: one fails, or is undecided.
+
+    Ctrl-C, SIGTERM and limits end it with what is proved until then, and certificates of that.
     """
     given = options.given()
     check_target(run, RUN, campaign)
-    with logging_to(options.log):
+    with logging_to(options.log), options.place() as place:
         result = certified_into(
-            run, read_campaign(campaign), given, as_json=as_json, talk=options, checker=not no_checker
+            run,
+            read_campaign(campaign),
+            given,
+            as_json=as_json,
+            talk=options,
+            checker=not no_checker,
+            place=place,
+            resume=options.resume,
         )
-    raise typer.Exit(status_of(result))
+        raise typer.Exit(status_of(result))
 
 
 def names_of(text: str) -> tuple[str, ...]:

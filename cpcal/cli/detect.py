@@ -12,6 +12,7 @@ from cpcal.cli.folders import check_writable, made
 from cpcal.cli.progress import bar
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable
+from cpcal.execution.stopping import heard
 from cpcal.files.study_writer import table_bytes
 from cpcal.vision.batch.detect import Detections, ImageFolder, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table
@@ -49,6 +50,10 @@ def detect_poses(
         typer.Option("--overlay", metavar="DIR", help="Pictures of what was found, and why not."),
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes [default: one a core]")] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler of a cluster, instead; its workers read IMAGES."),
+    ] = None,
     calibrate: Annotated[
         bool, typer.Option("--calibrate", help="The camera from IMAGES, instead of poses; FILE is a camera.toml.")
     ] = False,
@@ -72,7 +77,7 @@ def detect_poses(
     size = (lens.width, lens.height)
     source = VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
     made(output.absolute().parent)
-    with bar("images") as progress:
+    with heard(terminate=True), bar("images") as progress:
         found = detect(
             source,
             plate,
@@ -80,6 +85,7 @@ def detect_poses(
             record.covariance,
             journal=output.with_name(f"{output.name}.journal"),
             workers=workers,
+            scheduler=scheduler,
             progress=progress,
             overlays=overlays,
         )

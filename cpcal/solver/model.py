@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
+from cpcal.execution.stopping import asked, heard
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
@@ -97,16 +98,17 @@ class Network(ConstraintNetwork):
         )
         search = Search([network.domain], process, _order(network, order), outside=inner, abreast=_ABREAST)
         nodes = 0
-        try:
-            for event in search:
-                nodes += 1
-                if progress is not None:
-                    progress(event)
-                if clock.over(nodes):
-                    break
-        except KeyboardInterrupt:
-            pass
-        return conclusion(search, UniquenessProver(network, engine), clock, nodes)
+        with heard():
+            try:
+                for event in search:
+                    nodes += 1
+                    if progress is not None:
+                        progress(event)
+                    if clock.over(nodes) or asked():
+                        break
+            except KeyboardInterrupt:
+                pass
+            return conclusion(search, UniquenessProver(network, engine), clock, nodes)
 
     def minimize(
         self,
@@ -145,11 +147,12 @@ class Network(ConstraintNetwork):
             return run(states, progress)
 
         if certificate is None:
-            return bracketed(None, None)
+            with heard():
+                return bracketed(None, None)
         if not Contracting(named).gives_weights:
             given = ", ".join(called for called, _ in named)
             raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
-        with Recording(network_statement(network, name), network.domain) as recording:
+        with heard(), Recording(network_statement(network, name), network.domain) as recording:
             found = bracketed(recording.prover, recording.event)
             recording.write(certificate, claims_of(found, network.domain, name))
         return replace(found, contractors_used=recording.credited(found.contractors_used))

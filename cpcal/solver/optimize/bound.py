@@ -12,12 +12,14 @@ from collections.abc import Callable, Generator, Sequence
 import numpy as np
 
 from cpcal.common.arrays import Floats
+from cpcal.execution.stopping import asked
 from cpcal.solver.contract import Contractor, Limits, Strategy
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.bounding import Bounding, Branch, Row
 from cpcal.solver.optimize.incumbent import Incumbent
 from cpcal.solver.optimize.minimum import Bracket, Found, Minimum, status_of
+from cpcal.solver.optimize.saved import Saved
 from cpcal.solver.search import (
     Contracting,
     ContractorUse,
@@ -46,16 +48,19 @@ def minimize(
     enclose: bool = True,
     prover: StepProver | None = None,
     observe: Callable[[Event], None] | None = None,
+    resume: Saved | None = None,
+    keep: Callable[[Callable[[], Saved]], None] | None = None,
 ) -> Generator[Bracket | Minimum, None, None]:
     """Brackets of the smallest value of the variable `objective`, then the `Minimum` as the last item.
 
     THERE EXISTS a reading in its set for every constraint, as in the network. `contractors` are applied one after the
     other; with a `prover` only what it proves again by weights counts for `lo` and `enclosure`, and `found` holds what
     all contractors reach. `start` (n,) is where the first fit begins (default: the middle of the domain). Without
-    `enclose` no work is spent on a tight enclosure. `observe` is told of every node's fate. Close the iterator to stop
-    early.
+    `enclose` no work is spent on a tight enclosure. `observe` is told of every node's fate, and after it `keep` is given a
+    function that tells where the search stands; with that as `resume` another call goes on from there, to the same end.
+    Close the iterator to stop early.
     """
-    began = time.monotonic()
+    began = time.monotonic() - (0.0 if resume is None else resume.seconds)
     index = network.names.index(objective)
     clock = limits.clock()
     domain = network.domain
@@ -66,6 +71,24 @@ def minimize(
     process = Bounding(incumbent, Contracting(named, prover), strategy, enclose)
     search = Search([Piece(domain, Branch(domain, fresh=True))], process, lambda node: float(node.box.lo[index]))
     tally = _Tally(process)
+    if resume is not None:
+        search.restore(resume.pending, resume.kept, resume.created)
+        incumbent.witness = resume.witness
+        tally.restore(resume)
+
+    def saved() -> Saved:
+        return Saved(
+            pending=search.pending,
+            kept=tuple(search.kept),
+            created=search.created,
+            witness=incumbent.witness,
+            nodes=tally.nodes,
+            programs=tally.programs,
+            used=frozenset(tally.used),
+            decisive=frozenset(tally.decisive),
+            uses=tally.uses,
+            seconds=time.monotonic() - began,
+        )
 
     def bracket() -> Bracket:
         lo = _lowest([node.box for node in search.pending] + [piece.box for piece in search.kept], incumbent)
@@ -73,12 +96,15 @@ def minimize(
 
     interrupted = False
     try:
-        incumbent.propose(domain.mid if start is None else np.asarray(start, np.float64))
+        if resume is None:
+            incumbent.propose(domain.mid if start is None else np.asarray(start, np.float64))
         while search.pending and not clock.over(tally.nodes):
             event = next(search)
             tally.add(event)
             if observe is not None:
                 observe(event)
+            if keep is not None:
+                keep(saved)
             yield bracket()
     except KeyboardInterrupt:
         interrupted = True
@@ -94,6 +120,10 @@ class _Tally:
         self.used: set[Row] = set()
         self.decisive: set[Row] = set()  # rows of the steps that decided the leaves
         self.uses: tuple[ContractorUse, ...] = ()
+
+    def restore(self, saved: Saved) -> None:
+        self.nodes, self.programs, self.uses = saved.nodes, saved.programs, saved.uses
+        self.used, self.decisive = set(saved.used), set(saved.decisive)
 
     def add(self, event: Event) -> None:
         step = event.contraction
@@ -148,12 +178,15 @@ def _hull(boxes: Sequence[Box], incumbent: Incumbent) -> Box:
 
 
 def run(states: Generator[Bracket | Minimum, None, None], progress: Callable[[Bracket], None] | None) -> Minimum:
-    """Run to the end, telling `progress` of every bracket; Ctrl-C ends it with what is proved."""
+    """Run to the end, telling `progress` of every bracket; Ctrl-C, and a process that is asked to stop, end it with
+    what is proved."""
     while True:
         try:
             state = next(states)
             if not isinstance(state, Minimum) and progress is not None:
                 progress(state)
+            if not isinstance(state, Minimum) and asked():
+                state = states.throw(KeyboardInterrupt())
         except KeyboardInterrupt as stop:
             state = states.throw(stop)
         if isinstance(state, Minimum):

@@ -112,6 +112,18 @@ class Search(Iterator[Event]):
             self._push(root if isinstance(root, Piece) else Piece(root), 0)
 
     @property
+    def created(self) -> int:
+        """How many nodes were ever made."""
+        return self._created
+
+    def restore(self, pending: Iterable[Node], kept: Iterable[Piece], created: int) -> None:
+        """Stand where another search of the same process and priority stood between two nodes."""
+        self._heap = [(self._priority(node), node.serial, node) for node in pending]
+        heapq.heapify(self._heap)
+        self._round, self._decided = [], {}
+        self.kept, self._created = list(kept), created
+
+    @property
     def pending(self) -> tuple[Node, ...]:
         """The undecided nodes, most urgent first."""
         queued = tuple(node for _, _, node in sorted(self._heap, key=lambda entry: entry[:2]))
