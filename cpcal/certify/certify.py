@@ -84,7 +84,9 @@ def certify(
 
     Ctrl-C ends it with what is proved so far, and certificates of that; so does a process (without its workers) that
     takes more than `memory_limit` bytes. Until all is answered the folder keeps what is done in `checkpoint`; with
-    `resume` another call goes on from there, whatever its limits, to the same certificates. Raises InputError, PluginError, LostWorkerError.
+    `resume` another call goes on from there, whatever its limits, to the same certificates.
+
+    Raises InputError, PluginError, LostWorkerError.
     """
     options, corrected = checked_options(
         campaign,

@@ -89,6 +89,7 @@ class Checkpoints:
         lines = [{"leg": encoded(leg)}, *({"file": name, "text": text.decode()} for name, text in files.items())]
         if _kept(path, self._of(path.name), lines):
             self._path(leg.leg, "search").unlink(missing_ok=True)
+            _LOGGER.info("kept", extra={"fields": {"leg": leg.leg, "eps_lo": leg.eps_lo, "eps_hi": leg.eps_hi}})
 
     def search(self, leg: int) -> list[Line] | None:
         """Where the search for a leg stood. Raises InputError."""

@@ -17,7 +17,7 @@ from cpcal.certify.question import Question
 from cpcal.common.errors import InputError, Problem
 from cpcal.execution.executors import Here, Processes
 from cpcal.execution.stopping import Stopped, asked
-from cpcal.execution.tasks import outcomes
+from cpcal.execution.tasks import LostWorkerError, outcomes
 from cpcal.execution.threads import linear_algebra_on_one_thread
 
 A = TypeVar("A")
@@ -56,6 +56,12 @@ def answers(
         if isinstance(error, PicklingError | AttributeError) and "pickle" in str(error).lower():
             remedy = "define it in a module that workers can import, or work here: leave out workers"
             raise InputError([Problem("model", f"cannot be sent to other processes ({error})", remedy)])
+        if isinstance(error, LostWorkerError):
+            about = getattr(outcome.task, "leg", outcome.task)
+            said = (
+                f"leg {about}: {error}; go on with --resume, which keeps what is answered, perhaps with fewer workers"
+            )
+            raise LostWorkerError(said)
         yield outcome.value
 
 

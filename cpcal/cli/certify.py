@@ -9,12 +9,14 @@ from typing import Annotated
 
 import typer
 
-from cpcal.cli.folders import check_target, output_path
+from cpcal.cli.campaigns import Work, certified_all
+from cpcal.cli.folders import check_target, check_writable, output_path
 from cpcal.cli.grouped import grouped
 from cpcal.cli.run import certified_into, status_of
 from cpcal.cli.running import Running
 from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, logging_to
+from cpcal.common.errors import InputError, Problem
 from cpcal.files.run_folder import RUN
 
 
@@ -94,7 +96,9 @@ class CertifyFlags(Running, Talk):
 
 @grouped(CertifyFlags)
 def certify(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
+    campaigns: Annotated[
+        list[Path], typer.Argument(metavar="CAMPAIGN...", help="Folders of campaign.toml, measurements.csv.")
+    ],
     run: Annotated[
         Path,
         typer.Option(
@@ -102,7 +106,8 @@ def certify(
             "-o",
             metavar="RUN",
             parser=output_path,
-            help="Folder for result.json, campaign.json, report.html and certificates; replaced there.",
+            help="Folder for result.json, campaign.json, report.html and certificates; replaced there. Of several "
+            "campaigns each has a folder in it.",
         ),
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json and nothing else.")] = False,
@@ -110,7 +115,7 @@ def certify(
     *,
     options: CertifyFlags,
 ) -> None:
-    """Bracket, leg by leg, the smallest model error eps of a CAMPAIGN, by proofs from both sides.
+    """Bracket, leg by leg, the smallest model error eps of each CAMPAIGN, by proofs from both sides.
 
     A leg's parameters reach eps when for every measurement THERE EXISTS a reading in its set at which the leg
     equation is off by at most eps (mm). With --eps the question is whether any parameters in the box do.
@@ -119,6 +124,15 @@ def certify(
     Ctrl-C, SIGTERM and limits end it with what is proved until then, and certificates of that.
     """
     given = options.given()
+    if len(campaigns) > 1:
+        if as_json:
+            raise InputError([Problem("option --json", "prints one result", "read summary.csv, or name one campaign")])
+        check_writable(run)
+        work = Work(given, checker=not no_checker)
+        with logging_to(options.log), options.place() as place:
+            status = certified_all(campaigns, run, work, place, resume=options.resume, talk=options)
+        raise typer.Exit(status)
+    (campaign,) = campaigns
     check_target(run, RUN, campaign)
     with logging_to(options.log), options.place() as place:
         result = certified_into(
@@ -131,7 +145,8 @@ def certify(
             place=place,
             resume=options.resume,
         )
-        raise typer.Exit(status_of(result))
+        status = status_of(result)
+    raise typer.Exit(status)
 
 
 def names_of(text: str) -> tuple[str, ...]:

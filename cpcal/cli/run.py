@@ -44,8 +44,8 @@ def certified_into(
     """Certify with the keyword arguments `given` of `cpcal.certify`; write the run, print the answer.
 
     `checker`: the page checks the certificates itself. `place`: where the work is done. `resume`: go on from the
-    checkpoint of an earlier run. Stopped before any leg has an
-    answer, it raises Stopped, and what was there before stays.
+    checkpoint of an earlier run. Stopped before any leg has an answer, it raises Stopped, and what was there before
+    stays.
     What is printed is never lost to a disk that is full: the InputError comes afterwards.
     """
     talk = talk or Talk()

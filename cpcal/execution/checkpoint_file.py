@@ -44,7 +44,7 @@ def write_checkpoint(path: Path, of: Mapping[str, Any], lines: Iterable[Line]) -
 
 
 def read_checkpoint(path: Path, of: Mapping[str, Any]) -> list[Line]:
-    """What was kept. Raises InputError for a file that is cut off or garbled, of another version, or of other things."""
+    """What was kept. Raises InputError for a file that is cut off, garbled, of another version or of other things."""
     try:
         with gzip.open(path, "rb") as file:
             content = file.read(SIZE_MAX + 1)

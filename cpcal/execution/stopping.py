@@ -95,10 +95,10 @@ def heard(*, terminate: bool = False) -> Iterator[None]:
 
     _note.heard = True
     try:
-        for number in (signal.SIGINT, *([signal.SIGTERM] if terminate else [])):
-            if signal.getsignal(number) not in (signal.SIG_IGN, None):  # a background job of a shell ignores Ctrl-C
-                before[number] = signal.getsignal(number)
-                signal.signal(number, note)
+        for wanted in (signal.SIGINT, *([signal.SIGTERM] if terminate else [])):
+            if signal.getsignal(wanted) not in (signal.SIG_IGN, None):  # a background job of a shell ignores Ctrl-C
+                before[wanted] = signal.getsignal(wanted)
+                signal.signal(wanted, note)
         yield
     finally:
         for number, earlier in before.items():

@@ -56,9 +56,9 @@ def minimize(
     THERE EXISTS a reading in its set for every constraint, as in the network. `contractors` are applied one after the
     other; with a `prover` only what it proves again by weights counts for `lo` and `enclosure`, and `found` holds what
     all contractors reach. `start` (n,) is where the first fit begins (default: the middle of the domain). Without
-    `enclose` no work is spent on a tight enclosure. `observe` is told of every node's fate, and after it `keep` is given a
-    function that tells where the search stands; with that as `resume` another call goes on from there, to the same end.
-    Close the iterator to stop early.
+    `enclose` no work is spent on a tight enclosure. `observe` is told of every node's fate, and after it
+    `keep` is given a function that tells where the search stands; with that as `resume` another call goes on from
+    there, to the same end. Close the iterator to stop early.
     """
     began = time.monotonic() - (0.0 if resume is None else resume.seconds)
     index = network.names.index(objective)
