@@ -102,7 +102,7 @@ def certified_all(folders: Sequence[Path], runs: Path, work: Work, place: Place,
         for outcome in outcomes(executor, most, work, tasks()):
             try:
                 found = outcome.value
-                _put(runs / outcome.task.name, outcome.task.campaign, found)
+                put(runs / outcome.task.name, outcome.task.campaign, found)
             except (CpcalError, OSError) as error:
                 _fail(failed, outcome.task.name, error)
             else:
@@ -134,8 +134,8 @@ def _earlier(run: Path, campaign: Campaign, given: Mapping[str, Any]) -> Result 
     return found if same and not found.interrupted else None
 
 
-def _put(run: Path, campaign: Campaign, found: Certified) -> None:
-    """Raises InputError where it cannot be written."""
+def put(run: Path, campaign: Campaign, found: Certified) -> None:
+    """Write a run, all or nothing. Raises InputError where it cannot be written."""
     with answers_into(run, RUN, campaign) as draft:
         for name, content in found.files.items():
             (draft / name).write_bytes(content)

@@ -22,8 +22,12 @@ from cpcal.execution.stopping import Reason
 T = TypeVar("T")
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_WAITING = 2  # tasks a worker, so that none is idle while its answer travels
-_WAITING_ELSEWHERE = 64  # tasks in an executor whose workers are not known
+_ELSEWHERE = 64  # workers that an executor is taken to have that does not tell
+
+
+def at_a_time(workers: int) -> int:
+    """How many tasks so many workers are given: two each, so that none is idle while its answer travels."""
+    return 2 * workers
 
 
 class Here(Executor):
@@ -85,16 +89,19 @@ def executor_for(
         remedy = "give one of workers, scheduler and executor"
         raise InputError([Problem("workers", "and another place to work are both given", remedy)])
     if executor is not None:
-        yield (executor.get_executor(pure=False) if hasattr(executor, "get_executor") else executor), _WAITING_ELSEWHERE
+        if hasattr(executor, "get_executor"):
+            yield _through(executor)
+        else:
+            yield executor, at_a_time(_ELSEWHERE)
     elif scheduler is not None:
         with _cluster(scheduler) as client:
-            yield client.get_executor(pure=False), _WAITING_ELSEWHERE
+            yield _through(client)
     elif workers is None or workers == 1:
         yield Here(), 1
     else:
         pool = Processes(workers)
         try:
-            yield pool, _WAITING * workers
+            yield pool, at_a_time(workers)
         except BaseException:
             pool.ask_to_stop()
             raise
@@ -117,6 +124,11 @@ def _cluster(address: str) -> Iterator[Any]:
         raise InputError([Problem(f"scheduler {address}", what, remedy)]) from None
     with client:
         yield client
+
+
+def _through(client: Any) -> tuple[Executor, int]:
+    """Of a Dask client."""
+    return client.get_executor(pure=False), at_a_time(max(_ELSEWHERE, sum(client.ncores().values())))
 
 
 def _begin(stop: Any) -> None:
