@@ -4,7 +4,7 @@
 
 Some campaigns are certified here, one after the other, as `cpcal certify DIR...` does; the time of each is a task's.
 Then the coordinator's share is measured: a task as bytes, its answer read from bytes, its run written and put in its
-place. The replay draws `--tasks` of the recorded times (with --log: those of a run's log instead) for a coordinator that
+place. The replay draws `--tasks` of the recorded times (with --log: those of a run) for a coordinator that
 does one thing at a time, gives out as many tasks as `executors` does, and pays its share before and after each.
 Nothing is said of the network. Processor times, so that a busy machine matters little; what waits for a disk is in
 wall time.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Executor
 
 import numpy as np
 
@@ -35,6 +36,14 @@ from cpcal.solver.search import (
 
 Named = tuple[str, Contractor]
 
+_ROUND = 16  # nodes, at most
+_WAITING = 8  # pending nodes for each of a round: few that a better point would spare are looked at
+
+
+def _abreast(pending: int) -> int:
+    """Nodes of a round. It depends on the search alone, never on who does the work, so that all go the same way."""
+    return min(_ROUND, 1 + pending // _WAITING)
+
 
 def minimize(
     network: ConstraintNetwork,
@@ -50,6 +59,7 @@ def minimize(
     observe: Callable[[Event], None] | None = None,
     resume: Saved | None = None,
     keep: Callable[[Callable[[], Saved]], None] | None = None,
+    place: tuple[Executor, int] | None = None,
 ) -> Generator[Bracket | Minimum, None, None]:
     """Brackets of the smallest value of the variable `objective`, then the `Minimum` as the last item.
 
@@ -58,7 +68,8 @@ def minimize(
     all contractors reach. `start` (n,) is where the first fit begins (default: the middle of the domain). Without
     `enclose` no work is spent on a tight enclosure. `observe` is told of every node's fate, and after it
     `keep` is given a function that tells where the search stands; with that as `resume` another call goes on from
-    there, to the same end. Close the iterator to stop early.
+    there, to the same end. `place`: an executor that decides rounds of several nodes, and how many tasks it is given at
+    a time; the answer is the same. Close the iterator to stop early.
     """
     began = time.monotonic() - (0.0 if resume is None else resume.seconds)
     index = network.names.index(objective)
@@ -68,8 +79,10 @@ def minimize(
         strategy = LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
     named = contractors if isinstance(contractors, Sequence) else [("", contractors)]
     incumbent = Incumbent(network, index, limits, engine)
-    process = Bounding(incumbent, Contracting(named, prover), strategy, enclose)
-    search = Search([Piece(domain, Branch(domain, fresh=True))], process, lambda node: float(node.box.lo[index]))
+    process = Bounding(incumbent, Contracting(named, prover), strategy, enclose, place)
+    search = Search(
+        [Piece(domain, Branch(domain, fresh=True))], process, lambda node: float(node.box.lo[index]), abreast=_abreast
+    )
     tally = _Tally(process)
     if resume is not None:
         search.restore(resume.pending, resume.kept, resume.created)
@@ -99,10 +112,12 @@ def minimize(
         if resume is None:
             incumbent.propose(domain.mid if start is None else np.asarray(start, np.float64))
         while search.pending and not clock.over(tally.nodes):
-            event = next(search)
-            tally.add(event)
-            if observe is not None:
-                observe(event)
+            for event in search:  # of one round: a state between two of them can be gone on from
+                tally.add(event)
+                if observe is not None:
+                    observe(event)
+                if not search.within_round:
+                    break
             if keep is not None:
                 keep(saved)
             yield bracket()

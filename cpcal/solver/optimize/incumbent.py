@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from cpcal.common.arrays import Floats
@@ -37,6 +39,15 @@ class Incumbent:
     def floor(self) -> float:
         """The second-order effect of the readings at it (0 without one)."""
         return 0.0 if self.witness is None else self._rows.second_order(self.witness.point)
+
+    def alike(self) -> Incumbent:
+        """Another one of the same problem that has the same point now."""
+        return copy(self)
+
+    def learn(self, witness: Witness | None) -> None:
+        """Keep a proved point, if it is better."""
+        if witness is not None and witness.value < self.hi:
+            self.witness = witness
 
     def propose(self, start: Floats) -> bool:
         """Fit from a point and keep what is proved, if it is better; whether it is."""
