@@ -28,7 +28,7 @@ def paved():
 
 def minimised(problem, path, **place):
     net, t = problem
-    seen = []
+    seen, limits = [], cpcal.Limits(nodes=40)
     found = net.minimize(
         t,
         limits=cpcal.Limits(nodes=40),
