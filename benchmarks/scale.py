@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cpcal
-from cpcal.cli.campaigns import Task, Work, put
+from cpcal.cli.many_campaigns import CampaignTask, CampaignWork, put
 from cpcal.execution.executors import at_a_time
 
 
@@ -39,16 +39,16 @@ class Costs:
 
 def measured(count: int) -> tuple[list[float], Costs]:
     """Times of tasks, and the coordinator's costs."""
-    work, times, sends, receives = Work({}, checker=True), [], [], []
+    work, times, sends, receives = CampaignWork({}, checker=True), [], [], []
     with tempfile.TemporaryDirectory() as name:
         for seed in range(count + 1):
             campaign = cpcal.simulate(seed=seed, joint_error=1.0, factor=0.0)
             began = time.process_time()
-            content = pickle.dumps((work, Task(str(seed), campaign)))
+            content = pickle.dumps((work, CampaignTask(str(seed), campaign)))
             sends.append(time.process_time() - began)
             pickle.loads(content)
             began = time.process_time()
-            found = work(Task(str(seed), campaign))
+            found = work(CampaignTask(str(seed), campaign))
             times.append(time.process_time() - began)
             content = pickle.dumps(found)
             began = time.perf_counter()

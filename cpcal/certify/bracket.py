@@ -60,15 +60,15 @@ def by_bound(
             keep=keeper,
         )
         found = run(states, tell)
-        if keeper is not None and found.pending and not _torn(found):
-            keeper.keep()
+        if keeper is not None and not _torn(found):
+            keeper.end(found)
         return found
 
     wanted = question.certificates is not None and Contracting(named).gives_weights
     statement = question.statement(leg, network.domain) if wanted else None
     if statement is None:
         return Answered(solved(None, None, None))
-    with Proof(statement, network.domain) as proof:
+    with ProofFile(statement, network.domain) as proof:
         found = solved(proof.recording.prover, proof.event, proof.recording)
         if _torn(found) or (found.witness is None and found.lo <= network.domain["eps"].lo):
             return Answered(found)  # nothing is proved, or the last step may be half written
@@ -86,7 +86,7 @@ def prove_support(
     statement = question.statement(leg, network.domain, few)
     if not Contracting(named).gives_weights or statement is None:
         return
-    with Proof(statement, network.domain) as proof:
+    with ProofFile(statement, network.domain) as proof:
         found = run(
             minimize(
                 smaller,
@@ -106,14 +106,14 @@ def prove_support(
             proof.write(question.certificate(leg, ".support"), claims)
 
 
-class Proof:
+class ProofFile:
     """A recording that no full disk stops: what was found stays, without a certificate. Use it in a `with` block."""
 
     def __init__(self, statement: Statement, domain: Box) -> None:
         self.recording = Recording(statement, domain)
         self._whole = True
 
-    def __enter__(self) -> Proof:
+    def __enter__(self) -> ProofFile:
         return self
 
     def __exit__(self, *_: object) -> None:

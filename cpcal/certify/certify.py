@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cpcal.certify.asked_model import chosen_model
+from cpcal.certify.certify_leg import certify_leg
 from cpcal.certify.checkpoints import Checkpoints
-from cpcal.certify.leg import certify_leg
 from cpcal.certify.leg_tasks import HERE, Place, answers
-from cpcal.certify.model import chosen_model
 from cpcal.certify.question import Progress, Question, absent_legs
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem

@@ -25,10 +25,12 @@ from cpcal.legs import LegModel
 from cpcal.results import LegResult, Options, Result
 from cpcal.robot import Campaign
 from cpcal.solver.certificate.recording import Recording
+from cpcal.solver.optimize import Minimum
 from cpcal.solver.optimize.saved import Saved
 
 FOLDER = "checkpoint"
 _EVERY = 5.0  # seconds between two checkpoints of a search
+_LONG = 1.0  # seconds: a search that is not done twice
 _SHARE = 20.0  # and at least so many times as long as the last one took
 _LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket
 _LOGGER = logging.getLogger("cpcal")
@@ -135,6 +137,11 @@ class SearchKeeper:
         """After every node: `saved` says where the search stands."""
         self._saved = saved
         if time.monotonic() >= self._next:
+            self.keep()
+
+    def end(self, found: Minimum) -> None:
+        """At the end: where boxes are left; or it took long, for its support may be interrupted."""
+        if found.pending or found.seconds > _LONG:
             self.keep()
 
     def keep(self) -> None:

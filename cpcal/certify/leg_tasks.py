@@ -16,8 +16,8 @@ from typing import Generic, TypeVar
 from cpcal.certify.question import Question
 from cpcal.common.errors import InputError, Problem
 from cpcal.execution.executors import Here, Processes
+from cpcal.execution.outcomes import LostWorkerError, outcomes
 from cpcal.execution.stopping import Stopped, asked
-from cpcal.execution.tasks import LostWorkerError, outcomes
 from cpcal.execution.threads import linear_algebra_on_one_thread
 
 A = TypeVar("A")
@@ -29,7 +29,7 @@ HERE: Place = (Here(), 1)
 
 
 @dataclass(frozen=True)
-class Answer(Generic[A, T]):
+class TaskAnswer(Generic[A, T]):
     """What was found about one leg (or whatever was asked about), and the files that prove it, by name."""
 
     asked: A
@@ -39,7 +39,7 @@ class Answer(Generic[A, T]):
 
 def answers(
     question: Question, work: Callable[[Question, A], T], of: Sequence[A], place: Place = HERE
-) -> Iterator[Answer[A, T]]:
+) -> Iterator[TaskAnswer[A, T]]:
     """`work(question, leg)` for each of `of`, as they are done; certificates are written aside and come as bytes.
 
     Progress is told by work that is done here. When the process is asked to stop, those not begun are missing.
@@ -72,18 +72,18 @@ class _Aside(Generic[A, T]):
     work: Callable[[Question, A], T]
     question: Question
 
-    def __call__(self, asked_about: A) -> Answer[A, T]:
+    def __call__(self, asked_about: A) -> TaskAnswer[A, T]:
         reason = asked()
         if reason is not None:
             raise Stopped(reason)
         with linear_algebra_on_one_thread():
             return self._answer(asked_about)
 
-    def _answer(self, asked_about: A) -> Answer[A, T]:
+    def _answer(self, asked_about: A) -> TaskAnswer[A, T]:
         if self.question.certificates is None:
-            return Answer(asked_about, self.work(self.question, asked_about), {})
+            return TaskAnswer(asked_about, self.work(self.question, asked_about), {})
         with TemporaryDirectory(prefix="cpcal-", ignore_cleanup_errors=True) as name:
             folder = Path(name)
             found = self.work(replace(self.question, certificates=folder), asked_about)
             files = {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
-        return Answer(asked_about, found, files)
+        return TaskAnswer(asked_about, found, files)

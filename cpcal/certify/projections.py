@@ -15,9 +15,9 @@ from itertools import combinations
 
 import numpy as np
 
+from cpcal.certify.certified_ranges import range_eps
 from cpcal.certify.leg_tasks import HERE, Place, answers
 from cpcal.certify.question import Question
-from cpcal.certify.ranges import range_eps
 from cpcal.common.arrays import Floats
 from cpcal.legs import PARAMETERS, LegModel, ModelResiduals, leg_box, leg_network
 from cpcal.results import LegResult, Projection, Projections, Result, model_of
@@ -51,7 +51,7 @@ def with_projections(campaign: Campaign, result: Result, model: LegModel | None 
     with suppress(KeyboardInterrupt):
         for answer in answers(question, projections, result.legs, place):
             drawn[answer.asked.leg] = answer.found
-    legs = tuple(replace(leg, projections=drawn.get(leg.leg)) for leg in result.legs)
+    legs = tuple(replace(leg, projections=drawn.get(leg.leg, leg.projections)) for leg in result.legs)
     return replace(result, legs=legs, interrupted=len(drawn) < len(legs))
 
 

@@ -9,10 +9,10 @@ from typing import Annotated
 
 import typer
 
-from cpcal.cli.campaigns import Work, certified_all
+from cpcal.cli.certified_run import certified_into, status_of
 from cpcal.cli.folders import check_target, check_writable, output_path
 from cpcal.cli.grouped import grouped
-from cpcal.cli.run import certified_into, status_of
+from cpcal.cli.many_campaigns import CampaignWork, certified_all
 from cpcal.cli.running import Running
 from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, logging_to
@@ -31,7 +31,7 @@ class Engine(StrEnum):
     ARB = "arb"
 
 
-class Method(StrEnum):
+class MethodName(StrEnum):
     BOUND = "bound"
     TIMEOUT = "timeout"
 
@@ -64,8 +64,9 @@ class CertifyFlags(Running, Talk):
         Support, typer.Option(help="Few measurements that prove the bound alone, or none that could be left out.")
     ] = Support.FEW
     method: Annotated[
-        Method, typer.Option(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit.")
-    ] = Method.BOUND
+        MethodName,
+        typer.Option(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit."),
+    ] = MethodName.BOUND
     model: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),
@@ -128,7 +129,7 @@ def certify(
         if as_json:
             raise InputError([Problem("option --json", "prints one result", "read summary.csv, or name one campaign")])
         check_writable(run)
-        work = Work(given, checker=not no_checker)
+        work = CampaignWork(given, checker=not no_checker)
         with logging_to(options.log), options.place() as place:
             status = certified_all(campaigns, run, work, place, resume=options.resume, talk=options)
         raise typer.Exit(status)

@@ -9,8 +9,8 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from cpcal.execution.outcomes import outcomes
 from cpcal.execution.stopping import Reason, Stopped, asked
-from cpcal.execution.tasks import outcomes
 
 A = TypeVar("A")
 T = TypeVar("T")

@@ -67,9 +67,7 @@ _note = _Note()
 
 def asked() -> Reason | None:
     """Why the work of this process should stop now; None while it may go on."""
-    if _note.reason is None:
-        _note.reason = next(filter(None, (source() for source in _note.sources)), None)
-    return _note.reason
+    return _note.reason or next(filter(None, (source() for source in _note.sources)), None)
 
 
 @contextmanager
@@ -122,7 +120,14 @@ def within_memory(limit: int | None) -> Iterator[None]:
     if limit is None:
         yield
         return
-    with also_asked_by(lambda: Reason.MEMORY if resident_bytes() > limit else None):
+    beyond: list[Reason] = []  # for good, even if some is given back
+
+    def source() -> Reason | None:
+        if not beyond and resident_bytes() > limit:
+            beyond.append(Reason.MEMORY)
+        return beyond[0] if beyond else None
+
+    with also_asked_by(source):
         yield
 
 

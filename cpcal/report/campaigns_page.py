@@ -37,7 +37,7 @@ class CampaignRow:
 
 
 @dataclass(frozen=True)
-class Summary:
+class CampaignsSummary:
     """The page, and what is printed of it."""
 
     path: Path
@@ -49,7 +49,7 @@ def row_of(name: str, result: Result) -> CampaignRow:
     return CampaignRow(name, result, max(result.legs, key=lambda leg: (leg.eps_lo, leg.eps_hi)))
 
 
-def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int, folder: Path) -> Summary:
+def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int, folder: Path) -> CampaignsSummary:
     """Write `summary.html` and `summary.csv`, sorted by the worst leg's eps; `missing` were not begun.
 
     Raises InputError.
@@ -69,7 +69,7 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
     lines += [f"  {row.name}: leg {row.worst.leg}, eps {_eps(row.worst)} mm" for row in ordered[:_LINES]]
     if len(ordered) > _LINES:
         lines.append(f"  and {len(ordered) - _LINES:,} with smaller errors")
-    return Summary(path, tuple(lines))
+    return CampaignsSummary(path, tuple(lines))
 
 
 def _counts(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int) -> str:

@@ -12,7 +12,7 @@ from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.fit import fit_of_many
+from cpcal.solver.optimize.local_minimum import fit_of_many
 from cpcal.solver.optimize.witness import Witness, WitnessProver
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from cpcal.execution.executors import executor_for
+from cpcal.execution.outcomes import outcomes
 from cpcal.execution.stopping import Reason, Stopped, asked
-from cpcal.execution.tasks import outcomes
 from cpcal.vision.batch.thread_limits import one_thread
 
 T = TypeVar("T")

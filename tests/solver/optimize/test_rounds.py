@@ -31,7 +31,7 @@ def minimised(problem, path, **place):
     seen, limits = [], cpcal.Limits(nodes=40)
     found = net.minimize(
         t,
-        limits=cpcal.Limits(nodes=40),
+        limits=limits,
         certificate=path,
         progress=lambda b: seen.append((b.lo, b.hi, b.nodes)),
         **place,

@@ -1,6 +1,6 @@
 """How accurately dots are found in rendered images and a photograph, how honest their stated errors are, and how fast.
 
-    python -m benchmarks.dots [--images 20] [--photograph FILE] [--json FILE]
+    python -m benchmarks.dot_errors [--images 20] [--photograph FILE] [--json FILE]
 
 Rendered: the DeltaLab target, 550 to 850 mm away and tilted to 30 degrees, under light that differs by up to 40 % from
 one border to the other. Errors are those to the centre of the dot's exact image, the bound is Cramer's and Rao's for a
@@ -57,7 +57,7 @@ def true_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
 
 
 @dataclass(frozen=True)
-class Errors:
+class DotErrors:
     """pixels (m, 2) errors of the dots found; normalised (m, 2) in standard deviations; bound (m,) pixels; missing:
     dots in sight that were not found; false: found where there is none; seconds."""
 
@@ -69,7 +69,7 @@ class Errors:
     seconds: float
 
 
-def errors(target: Target, camera: Camera, pose: Pose, scene: Scene, seed: int = 0, **options: Any) -> Errors:
+def errors(target: Target, camera: Camera, pose: Pose, scene: Scene, seed: int = 0, **options: Any) -> DotErrors:
     """What `observe_dots(image, **options)` gets wrong in one rendered image."""
     image = render(target, camera, pose, scene, seed=seed)
     begin = time.thread_time()
@@ -86,7 +86,7 @@ def errors(target: Target, camera: Camera, pose: Pose, scene: Scene, seed: int =
     light = 1.0 + (np.array(scene.gradient) * (found.centers[right] / [camera.width, camera.height] - 0.5)).sum(axis=1)
     slope = (scene.bright - scene.dark) * light / np.hypot(scene.noise, np.sqrt(1.0 / 12.0))
     bound = np.sqrt(2.0 * np.sqrt(np.pi) * spread / (np.pi * found.axes[right].mean(axis=1))) / slope
-    return Errors(off, np.linalg.solve(half, off[..., None])[..., 0], bound, missing, int((~right).sum()), seconds)
+    return DotErrors(off, np.linalg.solve(half, off[..., None])[..., 0], bound, missing, int((~right).sum()), seconds)
 
 
 def studied(images: int, blur: float, noise: float) -> dict[str, float]:

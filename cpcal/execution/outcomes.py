@@ -24,7 +24,7 @@ class LostWorkerError(CpcalError):
 
 
 @dataclass(frozen=True)
-class Outcome(Generic[A, T]):
+class TaskOutcome(Generic[A, T]):
     """What became of a task: its value, or the exception that it raised."""
 
     task: A
@@ -41,7 +41,7 @@ class Outcome(Generic[A, T]):
         return self.future.exception()
 
 
-def outcomes(executor: Executor, most: int, work: Callable[[A], T], tasks: Iterable[A]) -> Iterator[Outcome[A, T]]:
+def outcomes(executor: Executor, most: int, work: Callable[[A], T], tasks: Iterable[A]) -> Iterator[TaskOutcome[A, T]]:
     """`work(task)` for all tasks, `most` of them given out at a time, in the order in which they are done.
 
     A task whose worker is killed is begun again, three times at most, the last time alone, so that it harms no other;
@@ -89,7 +89,7 @@ class _Road(Generic[A, T]):
     def _alone(self) -> bool:
         return any(begun >= _TRIES for _, begun in self.running.values())
 
-    def done(self) -> Iterator[Outcome[A, T]]:
+    def done(self) -> Iterator[TaskOutcome[A, T]]:
         """Wait for some task to be done, or for a moment."""
         finished, _ = wait(self.running, _LOOK, FIRST_COMPLETED)
         for future in finished:
@@ -99,7 +99,7 @@ class _Road(Generic[A, T]):
             elif isinstance(future.exception(), Stopped):
                 continue
             elif not isinstance(future.exception(), BrokenExecutor):
-                yield Outcome(task, future)
+                yield TaskOutcome(task, future)
             elif begun < _TRIES and isinstance(self._executor, Processes):
                 self._again.append((task, begun))
             else:
@@ -131,7 +131,7 @@ class _Road(Generic[A, T]):
         self.running.clear()
 
 
-def _lost(task: A, why: str) -> Outcome[A, T]:
+def _lost(task: A, why: str) -> TaskOutcome[A, T]:
     future: Future[T] = Future()
     future.set_exception(LostWorkerError(why))
-    return Outcome(task, future)
+    return TaskOutcome(task, future)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.certify.robust import certify_robust
+from cpcal.certify.certify_robust import certify_robust
 from cpcal.checker import check_robust
 from cpcal.common.errors import InputError
 from cpcal.results.robust import load_robust

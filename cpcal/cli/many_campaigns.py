@@ -11,19 +11,19 @@ from typing import Any
 
 import typer
 
+from cpcal.certify.certified_ranges import with_ranges
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.leg_tasks import Place
 from cpcal.certify.projections import with_projections
 from cpcal.certify.question import Question
-from cpcal.certify.ranges import with_ranges
+from cpcal.cli.certified_run import status_of
 from cpcal.cli.progress import bar
-from cpcal.cli.run import status_of
 from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.version import __version__
+from cpcal.execution.outcomes import outcomes
 from cpcal.execution.stopping import Reason, Stopped, asked
-from cpcal.execution.tasks import outcomes
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import RUN, answers_into
@@ -34,7 +34,7 @@ from cpcal.robot import Campaign
 
 
 @dataclass(frozen=True)
-class Task:
+class CampaignTask:
     """A campaign to be certified; a pure value."""
 
     name: str
@@ -42,7 +42,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Certified:
+class CertifiedCampaign:
     """What was found, and the files of its run."""
 
     result: Result
@@ -50,13 +50,13 @@ class Certified:
 
 
 @dataclass(frozen=True)
-class Work:
+class CampaignWork:
     """What is asked of each campaign."""
 
     given: Mapping[str, Any]
     checker: bool
 
-    def __call__(self, task: Task) -> Certified:
+    def __call__(self, task: CampaignTask) -> CertifiedCampaign:
         """Raises InputError for a campaign that cannot be asked it."""
         campaign = task.campaign
         options, model = checked_options(campaign, **self.given)
@@ -70,10 +70,12 @@ class Work:
             result = with_projections(campaign, result, model)
             save_result(result, folder)
             write_report(campaign, result, folder, checker=self.checker)
-            return Certified(result, {path.name: path.read_bytes() for path in sorted(folder.iterdir())})
+            return CertifiedCampaign(result, {path.name: path.read_bytes() for path in sorted(folder.iterdir())})
 
 
-def certified_all(folders: Sequence[Path], runs: Path, work: Work, place: Place, *, resume: bool, talk: Talk) -> Status:
+def certified_all(
+    folders: Sequence[Path], runs: Path, work: CampaignWork, place: Place, *, resume: bool, talk: Talk
+) -> Status:
     """Certify each campaign into a folder of `runs` that is called as its own; say which are worst; the exit status.
 
     One that cannot be used stops no other. With `resume` those that are answered already stay as they are.
@@ -83,7 +85,7 @@ def certified_all(folders: Sequence[Path], runs: Path, work: Work, place: Place,
     failed: list[str] = []
     count = len(folders)
 
-    def tasks() -> Iterator[Task]:
+    def tasks() -> Iterator[CampaignTask]:
         for name, folder in zip(names, folders, strict=True):
             try:
                 campaign = load_campaign(folder)
@@ -92,7 +94,7 @@ def certified_all(folders: Sequence[Path], runs: Path, work: Work, place: Place,
                 _fail(failed, name, error)
                 continue
             if earlier is None:
-                yield Task(name, campaign)
+                yield CampaignTask(name, campaign)
             else:
                 rows.append(row_of(name, earlier))
 
@@ -134,7 +136,7 @@ def _earlier(run: Path, campaign: Campaign, given: Mapping[str, Any]) -> Result 
     return found if same and not found.interrupted else None
 
 
-def put(run: Path, campaign: Campaign, found: Certified) -> None:
+def put(run: Path, campaign: Campaign, found: CertifiedCampaign) -> None:
     """Write a run, all or nothing. Raises InputError where it cannot be written."""
     with answers_into(run, RUN, campaign) as draft:
         for name, content in found.files.items():

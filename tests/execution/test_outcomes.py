@@ -11,8 +11,8 @@ import pytest
 
 from cpcal.common.errors import InputError
 from cpcal.execution.executors import Here, Processes, executor_for
+from cpcal.execution.outcomes import LostWorkerError, outcomes
 from cpcal.execution.stopping import Reason, also_asked_by, asked
-from cpcal.execution.tasks import LostWorkerError, outcomes
 
 
 def squared(number):

@@ -1,6 +1,6 @@
 """Whether a calibrated camera's stated covariance tells the truth, on simulated views of a target.
 
-    python -m benchmarks.camera [--seeds 200] [--views 15] [--noise 0.01] [--tilt 30] [--dots 0.05] [--only NAME]
+    python -m benchmarks.camera_covariance [--seeds 200] [--views 15] [--noise 0.01] [--tilt 30] [--dots 0.05]
 
 Views 550 to 850 mm away, tilted to 30 degrees, centres with noise of 0.01 px. For each of the camera's nine numbers the
 variance of (estimate - truth) / standard error, which is 1 when the covariance is right (with 200 seeds to within 0.1),
@@ -77,7 +77,7 @@ def aligned(dots: Floats, stated: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Kind:
+class CalibrationKind:
     """One kind of calibration: the setting, the target that is assumed, how far dots are off it (mm), `refine_dots`."""
 
     setting: Setting
@@ -87,20 +87,20 @@ class Kind:
     refine: bool = False
 
 
-def kinds(setting: Setting, off: float) -> dict[str, Kind]:
+def kinds(setting: Setting, off: float) -> dict[str, CalibrationKind]:
     stated = replace(DELTALAB_TARGET, lines=())
     near, large = replace(setting, distance=(250.0, 400.0), tilt=1.5 * setting.tilt), replace(stated, radius=9.0)
     return {
-        "dots with their size": Kind(setting, stated, stated),
-        "without their size": Kind(setting, stated, replace(stated, radius=_POINT)),
-        "near, dots of 18 mm, with size": Kind(near, large, large),
-        "near, dots of 18 mm, without": Kind(near, large, replace(large, radius=_POINT)),
-        "dots off their places": Kind(setting, stated, stated, off),
-        "dots off, refined": Kind(setting, stated, stated, off, refine=True),
+        "dots with their size": CalibrationKind(setting, stated, stated),
+        "without their size": CalibrationKind(setting, stated, replace(stated, radius=_POINT)),
+        "near, dots of 18 mm, with size": CalibrationKind(near, large, large),
+        "near, dots of 18 mm, without": CalibrationKind(near, large, replace(large, radius=_POINT)),
+        "dots off their places": CalibrationKind(setting, stated, stated, off),
+        "dots off, refined": CalibrationKind(setting, stated, stated, off, refine=True),
     }
 
 
-def calibrated(kind: Kind, seed: int) -> dict[str, Any]:
+def calibrated(kind: CalibrationKind, seed: int) -> dict[str, Any]:
     """The figures of one calibration."""
     camera, rng = DELTALAB_CAMERA, np.random.default_rng(seed)
     places = kind.true.dots + (kind.off * rng.standard_normal(kind.true.dots.shape) if kind.off else 0.0)
@@ -120,7 +120,7 @@ def calibrated(kind: Kind, seed: int) -> dict[str, Any]:
     return figures
 
 
-def studied(kind: Kind, seeds: int) -> dict[str, Any]:
+def studied(kind: CalibrationKind, seeds: int) -> dict[str, Any]:
     """The means of a kind's figures over seeds, (9,) or a number."""
     rows = [calibrated(kind, seed) for seed in range(seeds)]
     return {key: np.mean([row[key] for row in rows], axis=0).tolist() for key in rows[0]}

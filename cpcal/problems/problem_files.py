@@ -9,13 +9,13 @@ from cpcal.common.errors import Problem as Wrong
 from cpcal.files.documents import small_file
 from cpcal.problems.minibex_meaning import read_minibex
 from cpcal.problems.nl_reader import read_nl
-from cpcal.problems.problem import Problem
+from cpcal.problems.stated_problem import StatedProblem
 
 MOST = 2**26  # bytes
 READERS = {".bch": read_minibex, ".mbx": read_minibex, ".nl": read_nl}
 
 
-def load_problem(path: Path) -> Problem:
+def load_problem(path: Path) -> StatedProblem:
     """The problem in a file. Raises InputError that names file and line."""
     reader = READERS.get(path.suffix.lower())
     if reader is None:

@@ -1,6 +1,6 @@
 """The law of sqrt(N) dip for uniform samples, by simulation: writes cpcal/calibration/dip_table.py.
 
-python -m benchmarks.dip_table [--samples 5000] > cpcal/calibration/dip_table.py
+python -m benchmarks.dip_law [--samples 5000] > cpcal/calibration/dip_table.py
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=5000)
     options = parser.parse_args()
     laws = {size: law(size, options.samples) for size in SIZES}
-    how = f"`python -m benchmarks.dip_table`, {options.samples} samples each"
+    how = f"`python -m benchmarks.dip_law`, {options.samples} samples each"
     print(f'"""The law of sqrt(N) dip for uniform samples: {how}."""')
     print("\nfrom __future__ import annotations\n")
     print(f"SURVIVAL = {SURVIVAL}\n")

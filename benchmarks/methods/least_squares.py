@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import optimize
 
-from benchmarks.methods.method import Question, Work
-from benchmarks.records import Answer
+from benchmarks.methods.method import TaskQuestion, Work
+from benchmarks.records import MethodAnswer
 from benchmarks.tasks import Unsupported
 from cpcal.common.arrays import Floats
 from cpcal.robot import rotation_matrix
@@ -20,7 +20,7 @@ class LeastSquares:
     def missing(self) -> str | None:
         return None
 
-    def prepare(self, question: Question) -> Work:
+    def prepare(self, question: TaskQuestion) -> Work:
         if question.task.kind != "minimise":
             raise Unsupported("bounds nothing")
         campaign, k = question.leg.campaign, question.leg.leg - 1
@@ -39,8 +39,8 @@ class LeastSquares:
             unit = v / np.linalg.norm(v, axis=1)[:, None]
             return np.concatenate([-unit, np.einsum("ki,kij->kj", unit, rotations), -np.ones((len(unit), 1))], axis=1)
 
-        def work() -> Answer:
+        def work() -> MethodAnswer:
             found = optimize.least_squares(values, nominal, jac=jacobian, method="lm")
-            return Answer(False, {"hi": float(np.abs(found.fun).max())}, "no lower bound")
+            return MethodAnswer(False, {"hi": float(np.abs(found.fun).max())}, "no lower bound")
 
         return work

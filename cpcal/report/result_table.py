@@ -9,7 +9,7 @@ from cpcal.results import LegResult, LegVerdict, Result, verdict_of
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """One leg; `cells` are those after leg and verdict, `exact` eps_lo and eps_hi as hexadecimal float64."""
 
     leg: int
@@ -19,22 +19,22 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Table:
+class ResultTable:
     """`header` names the columns: leg, verdict, and one for each cell of a row. Lengths in mm."""
 
     header: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[TableRow, ...]
 
 
-def result_table(result: Result) -> Table:
+def result_table(result: Result) -> ResultTable:
     """A row a leg. Bounds are rounded to the side on which they stay proved."""
     bounds = ("eps_lo [mm]", "eps_hi [mm]", "gap [mm]") if result.options.eps is None else ("eps asked [mm]",)
     header = ("leg", "verdict", *bounds, "certified", "support", "nodes", "LPs", "seconds")
     rows = (
-        Row(leg.leg, verdict_of(result, leg), _cells(result, leg), (leg.eps_lo.hex(), leg.eps_hi.hex()))
+        TableRow(leg.leg, verdict_of(result, leg), _cells(result, leg), (leg.eps_lo.hex(), leg.eps_hi.hex()))
         for leg in result.legs
     )
-    return Table(header, tuple(rows))
+    return ResultTable(header, tuple(rows))
 
 
 def _cells(result: Result, leg: LegResult) -> tuple[str, ...]:

@@ -45,7 +45,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Changes:
     """`pairs`: what both files hold. `missing`: what the old one holds and the new one does not, or did not ask."""
 
     old: Results
@@ -58,16 +58,16 @@ class Comparison:
         return not self.missing and not any(pair.changes for pair in self.pairs)
 
 
-def compared(old: Results, new: Results) -> Comparison:
+def compared(old: Results, new: Results) -> Changes:
     """Every result of `old`, with its counterpart. What `old` could not ask is left out."""
     before = {key: run for key, run in old.medians().items() if run.status != SKIPPED}
     after = {key: run for key, run in new.medians().items() if run.status != SKIPPED}
     same = all(old.machine.get(name) == new.machine.get(name) is not None for name in LIBRARIES)
     pairs = tuple(Difference(before[key], after[key], same) for key in before if key in after)
-    return Comparison(old, new, pairs, tuple(key for key in before if key not in after))
+    return Changes(old, new, pairs, tuple(key for key in before if key not in after))
 
 
-def report(found: Comparison) -> str:
+def report(found: Changes) -> str:
     """Both machines, a table of Markdown, a sentence."""
     rows = [
         (*d.old.key, seconds(d.old.cpu), seconds(d.new.cpu), seconds(d.ratio), "; ".join(d.changes), "; ".join(d.notes))

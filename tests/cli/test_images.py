@@ -19,9 +19,9 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 import cpcal
 from cpcal.calibration import load_record
 from cpcal.cli import app
-from cpcal.cli.demo.command import Plan
 from cpcal.cli.demo.image_study import image_study
 from cpcal.cli.demo.image_study_page import images_found
+from cpcal.cli.demo.verb import DemoPlan
 from cpcal.cli.study_page import study_found
 from cpcal.common.errors import InputError
 from cpcal.files import load_study
@@ -33,7 +33,7 @@ from cpcal.vision.files.target_file import load_target
 from cpcal.vision.target import DELTALAB_TARGET
 
 FEW = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 2}
-SMALL = Plan(photographs=FEW, legs=(6,), timeout_seconds=0.5)
+SMALL = DemoPlan(photographs=FEW, legs=(6,), timeout_seconds=0.5)
 
 runner = CliRunner()
 
@@ -46,7 +46,7 @@ def run(*arguments):
 def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo") / "demo"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cpcal.cli.demo.command.PLAN", SMALL)
+        patch.setattr("cpcal.cli.demo.verb.PLAN", SMALL)
         outcome = run("demo", "--images", "-o", folder, "--seed", 3)
     return folder, outcome
 

@@ -7,8 +7,8 @@ from fractions import Fraction as F
 
 import pytest
 
+from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial, combined, constant, least, signed, substituted
 from cpcal.checker.header import polynomial
-from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, combined, constant, least, signed, substituted
 from cpcal.checker.problem import SIDES, Box, Problem, Unknowns
 from cpcal.checker.refusal import Refused
 from cpcal.solver.certificate.readings import failing, holding

@@ -22,7 +22,7 @@ from cpcal.cli.demo.image_study import SUBSET, WHOLE, ImageStudy, image_study
 from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.demo.pixel_sets import HALF_WIDTH, certify_pixels, with_sets
 from cpcal.cli.progress import watch
-from cpcal.cli.run import certified_into, status_of
+from cpcal.cli.certified_run import certified_into, status_of
 from cpcal.cli.show import show_result, terminal
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import study_found
@@ -31,7 +31,7 @@ from cpcal.execution.stopping import heard
 from cpcal.legs import PLAIN
 from cpcal.report import REPORT_NAME
 from cpcal.report.images import IMAGES_NAME, save_images
-from cpcal.report.study import write_study_page
+from cpcal.report.study_report import write_study_page
 from cpcal.results import Result, save_result
 from cpcal.robot import Campaign
 from cpcal.files import load_campaign, load_study, save_study
@@ -42,7 +42,7 @@ OF: Of = "single"  # readings: the paper's choice
 
 
 @dataclass(frozen=True)
-class Plan:
+class DemoPlan:
     """How much is done. `imperfect`: legs that no seven parameters describe, so that the model must be refuted."""
 
     imperfect: Mapping[str, float] = field(default_factory=lambda: {"sag": 2.0, "axis_offset": 2.0})  # mm
@@ -53,7 +53,7 @@ class Plan:
     script_gap: float = 0.01  # relative
 
 
-PLAN = Plan()
+PLAN = DemoPlan()
 
 
 def demo(

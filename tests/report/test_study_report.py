@@ -10,7 +10,7 @@ from tinyhtml5.parser import HTMLParser
 import cpcal
 from cpcal.files import campaign_sha256
 from cpcal.report import paper
-from cpcal.report.study import render_study, write_study_page
+from cpcal.report.study_report import render_study, write_study_page
 from cpcal.results import CampaignNote
 from cpcal.robot import DELTALAB
 

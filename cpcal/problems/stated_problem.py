@@ -9,7 +9,7 @@ from cpcal.solver.network import Expr
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class StatedProblem:
     """objective  None: all solutions are asked for
     maximize   whether the objective is to be as large as can be
     integer    names of components that take whole numbers only"""

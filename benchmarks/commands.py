@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from benchmarks import chart, compare, tables
+from benchmarks import changes, chart, tables
 from benchmarks import problems as problems_
 from benchmarks.methods import PEERS, method
 from benchmarks.records import ANSWERED, Results, Run, load, save
@@ -113,22 +113,22 @@ def page(
         print(path.with_suffix(".md"))
 
 
-@app.command("compare")
-def compare_(old: Path, new: Path) -> None:
+@app.command()
+def compare(old: Path, new: Path) -> None:
     """Compare two files of results.
 
     Exit status 1 when a result is missing, or a status or cpcal's nodes differ, or, with the same versions of the
     libraries, its programs.
     """
-    found = compare.compared(load(old), load(new))
-    print(compare.report(found))
+    found = changes.compared(load(old), load(new))
+    print(changes.report(found))
     raise typer.Exit(int(not found.passed))
 
 
 @app.command()
 def baseline(results: Path, output: Path) -> None:
     """Keep of a file of results what must stay: status, nodes and programs, for `compare`."""
-    save(compare.expectation(load(results)), output)
+    save(changes.expectation(load(results)), output)
 
 
 def _line(done: Run) -> str:

@@ -1,6 +1,6 @@
 """The accuracy certificate against the truth: ten simulated studies, poses that were never measured.
 
-    python -m benchmarks.accuracy [--poses 100] [--of mean|single] [--studies 10]
+    python -m benchmarks.accuracy_bounds [--poses 100] [--of mean|single] [--studies 10]
 
 Each study is a DeltaLab platform (true parameters off by 1 mm, 64 extremal poses, 11 runs each, the paper's noise) seen
 in the true base frame; reading sets are three standard deviations of the means (or of single readings). Stated as the

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from cpcal.certify.bracket import Answered, by_bound, prove_support
-from cpcal.certify.determination import determination
 from cpcal.certify.point import verified_rows
 from cpcal.certify.question import Question
 from cpcal.certify.timeout_method import by_timeout
+from cpcal.certify.undetermined import determination
 from cpcal.common.arrays import Floats
 from cpcal.execution.stopping import asked
 from cpcal.legs import built_in, exactly_read

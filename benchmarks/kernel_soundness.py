@@ -1,4 +1,4 @@
-"""Soundness sweep of the interval kernels against arb: `python -m benchmarks.kernels --pairs 10000000`.
+"""Soundness sweep of the interval kernels against arb: `python -m benchmarks.kernel_soundness --pairs 10000000`.
 
 Random operand pairs of all magnitudes, signs and special bounds; for each kernel the bounds must enclose arb's value
 (of 200 bits) of the operation at random points of the operands. Exits with status 1 and names the operands where one

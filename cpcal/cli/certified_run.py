@@ -10,12 +10,12 @@ from typing import Any
 
 import typer
 
+from cpcal.certify.certified_ranges import with_ranges
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.checkpoints import Checkpoints
 from cpcal.certify.leg_tasks import HERE, Place
 from cpcal.certify.projections import with_projections
 from cpcal.certify.question import Progress, Question
-from cpcal.certify.ranges import with_ranges
 from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result, terminal
 from cpcal.cli.status import Status

@@ -1,7 +1,7 @@
 """Linear engines side by side: a leg's eps*, its refutation and its hull, interleaved in one process.
 
-    python -m benchmarks.engines                     the legs of the demo's kind, 64 measurements
-    python -m benchmarks.engines leg1-e1-n7744-d100  other problems
+    python -m benchmarks.linear_engines                     the legs of the demo's kind, 64 measurements
+    python -m benchmarks.linear_engines leg1-e1-n7744-d100  other problems
 
 Processor time with one thread, from the measurements to the answer (the network is built anew), medians; both engines
 must say the same.

@@ -1,6 +1,6 @@
 """Wrong measurements, found and proved: eps* with up to q of 64 wrong, with certificates that are checked again.
 
-    python -m benchmarks.robust [--campaigns 50] [--outliers 1,2,3] [--seed 1]
+    python -m benchmarks.wrong_measurements [--campaigns 50] [--outliers 1,2,3] [--seed 1]
 
 For each q, simulated campaigns of 64 extremal poses (joint error 0.1 mm, a tenth of the paper's noise, sets of three
 standard deviations); q readings of leg 1, drawn at random, are off by 1 to 10 mm. A case counts as found when exactly
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import cpcal
-from cpcal.certify.robust import certify_robust
+from cpcal.certify.certify_robust import certify_robust
 from cpcal.checker import check_robust
 from cpcal.simulate import simulate
 

@@ -1,6 +1,6 @@
 """How large a model error each mechanism of an imperfect leg makes: eps* by mechanism and size.
 
-    python -m benchmarks.mechanisms [--sizes 1,3,10,30,45] [--seed 1] [--time-limit 60] [--json FILE]
+    python -m benchmarks.mechanism_errors [--sizes 1,3,10,30,45] [--seed 1] [--time-limit 60] [--json FILE]
 
 A simulated DeltaLab study for each mechanism alone: 64 extremal configurations, one run, no noise, seen in the true
 base and mobile frames and declared exact, box +-100 mm around the fit. So eps* is what seven parameters a leg cannot
