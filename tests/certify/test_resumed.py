@@ -60,8 +60,8 @@ def test_a_stopped_run_ends_as_an_undisturbed_one(campaign, whole, tmp_path, loo
 
 def test_stopped_again_and_again_it_ends_the_same(campaign, whole, tmp_path, monkeypatch):
     monkeypatch.setattr("cpcal.certify.checkpoints._LONG", 0.0)
-    for _ in range(20):
-        if not stopped(campaign, tmp_path, 9, resume=True).interrupted:
+    for _ in range(20):  # (a support that is stopped again and again would begin again and again)
+        if not stopped(campaign, tmp_path, 9, resume=True, support="none").interrupted:
             break
     assert certificates(tmp_path) == whole[1]
 
