@@ -22,6 +22,7 @@ from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, logging_to, record
 from cpcal.common.errors import InputError, printable
 from cpcal.common.numbers import nearest
+from cpcal.execution.stopping import Reason, asked, heard
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
 from cpcal.report.comparison_page import (
@@ -75,17 +76,18 @@ def compare_models(
     """
     legs = None if options.legs is None else numbers_of(options.legs)
     check_target(folder, FOLDER, campaign)
-    with logging_to(options.log):
+    with logging_to(options.log), heard(terminate=True):
         found, failure = _written(read_campaign(campaign), options, legs, folder, quiet=as_json or options.quiet)
         if as_json:
             typer.echo(comparison_text(found), nl=False)
         elif not options.quiet:
             _show(found, verbose=options.verbose)
+        status = _status(found)
         if failure is not None:
             raise failure
     if not (as_json or options.quiet):
         terminal().print(f"Page: {folder / COMPARISON_PAGE}", soft_wrap=True)
-    raise typer.Exit(_status(found))
+    raise typer.Exit(status)
 
 
 def _written(
@@ -154,7 +156,7 @@ def _table(found: Comparison) -> Table:
 def _status(found: Comparison) -> Status:
     """Without a tolerance every bracket is an answer; with one, each leg needs a model that passes."""
     if found.interrupted:
-        return Status.INTERRUPTED
+        return Status(asked() or Reason.INTERRUPTED)
     at, subjects = found.tolerance, {entry.subject for entry in found.entries}
     if at is None:
         return Status.ANSWERED

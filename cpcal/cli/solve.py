@@ -12,6 +12,7 @@ from cpcal.cli.status import Status
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import about, nearest
+from cpcal.execution.stopping import asked, heard
 from cpcal.problems.answer import Answer, answer
 from cpcal.problems.problem_files import load_problem
 from cpcal.problems.sol_writer import sol_bytes
@@ -44,13 +45,17 @@ def solve(
             check_writable(file.absolute().parent)
     problem = load_problem(source)
     limits = Limits(seconds=time_limit, nodes=node_limit, gap=gap)
-    found = answer(problem, width=width, limits=limits, certificate=certificate)
+    with heard(terminate=True):
+        found = answer(problem, width=width, limits=limits, certificate=certificate)
+        reason = asked()
     rows = len(problem.network.constraints)
     write_file(output, sol_bytes(found, rows) if output.suffix == ".sol" else found.to_json())
     if picture is not None and found.paving is not None and found.paving.solutions:
         names = problem.network.names
         write_file(picture, paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).encode())
     _show(found, output)
+    if reason is not None and found.verdict is Verdict.UNKNOWN:
+        raise typer.Exit(Status(reason))
     if found.verdict is Verdict.UNKNOWN:
         raise typer.Exit(Status.UNKNOWN)
 
