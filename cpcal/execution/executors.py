@@ -135,7 +135,7 @@ def _begin(stop: Any) -> None:
     """In each process of a pool: the coordinator tells it to stop, and its end ends it."""
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)
-    stopping.also_asked_by(lambda: Reason.INTERRUPTED if stop.is_set() else None).__enter__()
+    stopping.from_now_on_asked_by(lambda: Reason.INTERRUPTED if stop.is_set() else None)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -104,6 +104,11 @@ def heard(*, terminate: bool = False) -> Iterator[None]:
         _note.heard, _note.reason = False, None
 
 
+def from_now_on_asked_by(source: Callable[[], Reason | None]) -> None:
+    """Until the process ends `asked` looks at this, too."""
+    _note.sources.append(source)
+
+
 @contextmanager
 def also_asked_by(source: Callable[[], Reason | None]) -> Iterator[None]:
     """While in the block `asked` looks at this, too."""
