@@ -18,7 +18,7 @@ from cpcal.common.errors import ModelError
 from cpcal.solver import network as functions
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.interval.number import float_bounds
-from cpcal.solver.network import Expr
+from cpcal.solver.network import Expr, mathematics
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,8 @@ def applied(name: str, arguments: list[Value]) -> Value:
         return applied(name, [applied(name, arguments[:-1]), arguments[-1]])
     if name == "abs":
         return _powered(_single(arguments, name), abs)
-    function = getattr(functions, _NAMES.get(name, name), None)
+    called = _NAMES.get(name, name)
+    function = getattr(mathematics, called, None) or getattr(functions, called, None)
     if function is None:
         raise ModelError(f"the solver has no function {name}")
     try:
