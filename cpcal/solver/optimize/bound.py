@@ -86,7 +86,7 @@ def minimize(
     tally = _Tally(process)
     if resume is not None:
         search.restore(resume.pending, resume.kept, resume.created)
-        incumbent.witness = resume.witness
+        incumbent.learn(resume.known, incumbent.state)
         tally.restore(resume)
 
     def saved() -> Saved:
@@ -94,7 +94,7 @@ def minimize(
             pending=search.pending,
             kept=tuple(search.kept),
             created=search.created,
-            witness=incumbent.witness,
+            known=incumbent.state,
             nodes=tally.nodes,
             programs=tally.programs,
             used=frozenset(tally.used),

@@ -11,8 +11,7 @@ from cpcal.execution.shared import Shared
 from cpcal.execution.stopping import Stopped, asked
 from cpcal.solver.contract import Contraction, Step, Strategy, shrunk
 from cpcal.solver.interval import Box
-from cpcal.solver.optimize.incumbent import Incumbent
-from cpcal.solver.optimize.witness import Witness
+from cpcal.solver.optimize.incumbent import Incumbent, Known
 from cpcal.solver.search import Contracting, Decision, EventKind, Node, Piece, bisect, divided
 
 Row = tuple[int, int]  # constraint, element
@@ -63,34 +62,32 @@ class Bounding:
         """The decisions of a round: each from the incumbent as it is at its beginning, so that their order, and where
         they are made, change nothing. What they find counts from its end. Raises Stopped between two nodes.
         """
+        before = self._incumbent.state
         if self._place is None or len(nodes) == 1:
-            made = list(self._made(nodes))
+            made = list(self._made(nodes, before))
         else:
-            items = [(node, self._incumbent.witness) for node in nodes]
-            made = self._shared().mapped(self._place, _made, items)
-        for _, witness in made:
-            self._incumbent.learn(witness)
+            made = self._shared().mapped(self._place, _made, [(node, before) for node in nodes])
+        for _, known in made:
+            self._incumbent.learn(known, before)
         return [decision for decision, _ in made]
 
-    def made(self, node: Node, witness: Witness | None) -> tuple[Decision, Witness | None]:
-        """The decision with this point as the incumbent, and the best point that is known after it."""
-        known = self._incumbent.alike()
-        known.witness = witness
-        return self._decision(node, known), known.witness
+    def made(self, node: Node, before: Known) -> tuple[Decision, Known]:
+        """The decision with the incumbent in this state, and its state after it."""
+        known = self._incumbent.at(before)
+        return self._decision(node, known), known.state
 
-    def _made(self, nodes: Sequence[Node]) -> Iterator[tuple[Decision, Witness | None]]:
+    def _made(self, nodes: Sequence[Node], before: Known) -> Iterator[tuple[Decision, Known]]:
         for k, node in enumerate(nodes):
             reason = asked() if k else None
             if reason is not None:
                 raise Stopped(reason)
-            yield self.made(node, self._incumbent.witness)
+            yield self.made(node, before)
 
     def _shared(self) -> Shared[Bounding]:
         """All but the point and the executor, for workers."""
         if self._travels is None:
             alone = copy(self)
-            alone._incumbent = self._incumbent.alike()
-            alone._incumbent.witness, alone._place = None, None
+            alone._incumbent, alone._place = self._incumbent.at(Known(None, 0)), None
             self._travels = Shared(alone)
         return self._travels
 
@@ -151,5 +148,5 @@ class Bounding:
         )
 
 
-def _made(bounding: Bounding, item: tuple[Node, Witness | None]) -> tuple[Decision, Witness | None]:
+def _made(bounding: Bounding, item: tuple[Node, Known]) -> tuple[Decision, Known]:
     return bounding.made(*item)

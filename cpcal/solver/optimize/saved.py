@@ -11,6 +11,7 @@ import numpy as np
 
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.bounding import Branch, Row
+from cpcal.solver.optimize.incumbent import Known
 from cpcal.solver.optimize.witness import Witness
 from cpcal.solver.search import ContractorUse, Node, Piece
 
@@ -20,7 +21,7 @@ class Saved:
     """Everything that the rest of a minimisation depends on.
 
     pending, kept, created   of the search: undecided nodes, pieces that are fine enough, nodes that were ever made
-    witness                  the best point that is proved
+    known                    of the incumbent
     nodes ... uses           what was counted
     seconds                  that it took until then
     """
@@ -28,7 +29,7 @@ class Saved:
     pending: tuple[Node, ...]
     kept: tuple[Piece, ...]
     created: int
-    witness: Witness | None
+    known: Known
     nodes: int
     programs: int
     used: frozenset[Row]
@@ -39,10 +40,11 @@ class Saved:
     def lines(self) -> Iterator[dict[str, Any]]:
         """A head, then a line a box; infinite numbers are texts."""
         names = (self.pending or self.kept)[0].box.names if self.pending or self.kept else ()
-        witness = self.witness
+        witness = self.known.witness
         yield {
             "names": list(names),
             "witness": None if witness is None else {"point": witness.point.tolist(), "value": witness.value},
+            "calls": self.known.calls,
             "created": self.created,
             "nodes": self.nodes,
             "programs": self.programs,
@@ -73,7 +75,7 @@ class Saved:
             ),
             kept=tuple(Piece(box, branch) for line, box, branch in read if "serial" not in line),
             created=int(head["created"]),
-            witness=witness,
+            known=Known(witness, int(head["calls"])),
             nodes=int(head["nodes"]),
             programs=int(head["programs"]),
             used=_rows(head["used"]),
