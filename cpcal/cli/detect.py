@@ -92,9 +92,13 @@ def detect_poses(
     write_file(output, detections_bytes(found.rows))
     show_detections(found, output)
     if known is not None and table is not None:
-        made(table.absolute().parent)
-        write_file(table, table_bytes(study_table(found.rows, known)))
-        typer.echo(f"Table of a study: {printable(table)}")
+        _write_table(found, known, table)
+
+
+def _write_table(found: Detections, known: Readings, table: Path) -> None:
+    made(table.absolute().parent)
+    write_file(table, table_bytes(study_table(found.rows, known)))
+    typer.echo(f"Table of a study: {printable(table)}")
 
 
 def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, CameraRecord, Readings | None]:

@@ -89,20 +89,6 @@ def minimize(
         incumbent.learn(resume.known, incumbent.state)
         tally.restore(resume)
 
-    def saved() -> Saved:
-        return Saved(
-            pending=search.pending,
-            kept=tuple(search.kept),
-            created=search.created,
-            known=incumbent.state,
-            nodes=tally.nodes,
-            programs=tally.programs,
-            used=frozenset(tally.used),
-            decisive=frozenset(tally.decisive),
-            uses=tally.uses,
-            seconds=time.monotonic() - began,
-        )
-
     def bracket() -> Bracket:
         lo = _lowest([node.box for node in search.pending] + [piece.box for piece in search.kept], incumbent)
         return Bracket(lo, incumbent.hi, tally.nodes, tally.programs, time.monotonic() - began)
@@ -119,7 +105,7 @@ def minimize(
                 if not search.within_round:
                     break
             if keep is not None:
-                keep(saved)
+                keep(lambda: _saved(search, incumbent, tally, time.monotonic() - began))
             yield bracket()
     except KeyboardInterrupt:
         interrupted = True
@@ -148,6 +134,21 @@ class _Tally:
         self.used.update(row for s in step.steps for row in s.rows)
         if event.kind in (EventKind.PRUNED, EventKind.KEPT):
             self.decisive |= self._process.raising(step.steps) or event.node.state.rows
+
+
+def _saved(search: Search, incumbent: Incumbent, tally: _Tally, seconds: float) -> Saved:
+    return Saved(
+        pending=search.pending,
+        kept=tuple(search.kept),
+        created=search.created,
+        known=incumbent.state,
+        nodes=tally.nodes,
+        programs=tally.programs,
+        used=frozenset(tally.used),
+        decisive=frozenset(tally.decisive),
+        uses=tally.uses,
+        seconds=seconds,
+    )
 
 
 def _lowest(boxes: Sequence[Box], incumbent: Incumbent) -> float:
