@@ -29,7 +29,7 @@ def paving(workers: int) -> Any:
     net = cpcal.Network()
     y = net.variable("y", shape=3, domain=(-2, 2))
     net.add((y[0] * y[0] + y[1] * y[1]).within((1, 2)))
-    net.add((y[1] * y[2] + cpcal.solver.network.sin(y[0])).within((0.1, 0.5)))
+    net.add((y[1] * y[2] + cpcal.sin(y[0])).within((0.1, 0.5)))
     found = net.solve(width=0.08, inner=True, workers=None if workers == 1 else workers)
     return found.nodes, found.inside, [s.box for s in found.solutions]
 
