@@ -1,11 +1,12 @@
 """A run that was stopped, gone on with: the same answers and certificates, byte for byte, as if nobody had come."""
 
 import shutil
+import sys
 
 import pytest
 
 import cpcal
-from cpcal.certify.checkpoints import FOLDER
+from cpcal.certify.checkpoints import FOLDER, Checkpoints
 from cpcal.common.errors import InputError
 from cpcal.execution.stopping import Reason, also_asked_by, heard
 
@@ -59,7 +60,7 @@ def test_a_stopped_run_ends_as_an_undisturbed_one(campaign, whole, tmp_path, loo
 
 
 def test_stopped_again_and_again_it_ends_the_same(campaign, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr("cpcal.certify.checkpoints._LONG", 0.0)
+    monkeypatch.setattr(sys.modules[Checkpoints.__module__], "_LONG", 0.0)
     for _ in range(20):  # (a support that is stopped again and again would begin again and again)
         if not stopped(campaign, tmp_path, 9, resume=True, support="none").interrupted:
             break
