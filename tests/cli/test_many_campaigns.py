@@ -11,14 +11,14 @@ from cpcal.checker import check_run
 from cpcal.cli import app
 from cpcal.execution.stopping import Reason, also_asked_by
 
-OPTIONS = ["--legs", "2,3", "--delta", "200"]
+OPTIONS = ["--legs", "1,2", "--delta", "0.5", "--gap", "1e-2"]
 
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     folder = tmp_path_factory.mktemp("many")
     for seed in (1, 2, 3):
-        small = cpcal.simulate(seed=seed, joint_error=20.0 * seed, factor=0.0, extremal=False, random_poses=9)
+        small = cpcal.simulate(seed=seed, joint_error=1.0 * seed, factor=0.0, extremal=False, random_poses=12)
         cpcal.save_campaign(small, folder / f"day{seed}")
     (folder / "empty").mkdir()
     return folder
