@@ -13,6 +13,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -165,9 +166,15 @@ def _kept(path: Path, of: Mapping[str, str], lines: Any) -> bool:
     try:
         write_checkpoint(path, of, lines)
     except InputError as error:
-        _LOGGER.warning("checkpoint", extra={"fields": {"problem": str(error.problems[0])}})
+        _say_once(str(error.problems[0]))
         return False
     return True
+
+
+@cache
+def _say_once(problem: str) -> None:
+    """On stderr, or in the log where there is one."""
+    _LOGGER.warning("cpcal: warning: a checkpoint is missing: %s", problem)
 
 
 def _garbled(path: Path, error: Exception) -> InputError:
