@@ -20,7 +20,7 @@ from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result, terminal
 from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record
-from cpcal.common.errors import InputError
+from cpcal.common.errors import InputError, printable
 from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.report import REPORT_NAME, write_report
@@ -75,6 +75,9 @@ def certified_into(
         if failure is None:
             console.print(f"Report: {run / REPORT_NAME}", soft_wrap=True)
     if failure is not None:
+        if kept.folder.is_dir():
+            said = f"cpcal: what is answered is kept in {kept.folder}: --resume writes it, once there is room"
+            typer.echo(printable(said), err=True)
         raise failure
     kept.end_after(result)
     record("written", folder=str(run))
