@@ -17,6 +17,10 @@ T = TypeVar("T")
 
 _LOOK = 0.2  # seconds between looks at whether to stop
 _TRIES = 3  # times that a task is begun whose worker ends
+_KILLED = (
+    "its process was killed, had no memory left, or could not begin (a script that begins workers does so after "
+    "`if __name__ == '__main__':`)"
+)
 
 
 class LostWorkerError(CpcalError):
@@ -103,7 +107,7 @@ class _Road(Generic[A, T]):
             elif begun < _TRIES and isinstance(self._executor, Processes):
                 self._again.append((task, begun))
             else:
-                yield _lost(task, "its process was killed, or had no memory left")
+                yield _lost(task, _KILLED)
         if self._again and not self.running:
             self._renew()
         if asked() and not self._stopping:
