@@ -17,7 +17,7 @@ from cpcal.certify.leg_tasks import HERE, Place
 from cpcal.certify.projections import with_projections
 from cpcal.certify.question import Progress, Question
 from cpcal.cli.progress import watch
-from cpcal.cli.show import show_result, terminal
+from cpcal.cli.show import show_result
 from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record
 from cpcal.common.errors import InputError, printable
@@ -48,7 +48,7 @@ def certified_into(
     stays.
     What is printed is never lost to a disk that is full: the InputError comes afterwards.
     """
-    talk = talk or Talk()
+    talk = replace(talk or Talk(), quiet=True) if as_json else talk or Talk()
     options, model = checked_options(campaign, **given)
     record("certify", robot=campaign.robot.name, measurements=len(campaign), options=options)
     kept = Checkpoints.for_run(run, campaign, options, model, resume=resume)
@@ -58,7 +58,7 @@ def certified_into(
     try:
         with answers_into(run, RUN, campaign) as draft:
             kept.begin()
-            result = _watched(question, draft, place, quiet=as_json or talk.quiet)
+            result = _watched(question, draft, place, talk)
             _check_something(result)
             save_result(result, draft)
             write_report(campaign, result, draft, checker=checker)
@@ -70,10 +70,9 @@ def certified_into(
     if as_json:
         typer.echo(result_text(result), nl=False)
     elif not talk.quiet:
-        console = terminal()
-        show_result(console, campaign, result, model, verbose=talk.verbose)
+        show_result(talk.out, campaign, result, model, verbose=talk.verbose)
         if failure is None:
-            console.print(f"Report: {run / REPORT_NAME}", soft_wrap=True)
+            talk.say(f"Report: {run / REPORT_NAME}")
     if failure is not None:
         if kept.folder.is_dir():
             said = f"cpcal: what is answered is kept in {kept.folder}: --resume writes it, once there is room"
@@ -84,10 +83,10 @@ def certified_into(
     return result
 
 
-def _watched(question: Question, draft: Path, place: Place, *, quiet: bool) -> Result:
-    """The answers, with ranges and what the report draws. Progress goes to stderr unless `quiet`."""
+def _watched(question: Question, draft: Path, place: Place, talk: Talk) -> Result:
+    """The answers, with ranges and what the report draws. Progress goes to stderr unless `talk` is quiet."""
     legs = list(question.options.legs or range(1, question.campaign.legs + 1))
-    watching = nullcontext() if quiet else watch(legs, question.options.gap, terminal(stderr=True))
+    watching = nullcontext() if talk.quiet else watch(legs, question.options.gap, talk.errors)
     with watching as progress:
         result = answered(replace(question, certificates=draft, progress=_recorded(progress)), place)
         result = with_ranges(question.campaign, result, certificates=draft, model=question.model, place=place)

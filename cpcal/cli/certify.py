@@ -15,7 +15,7 @@ from cpcal.cli.grouped import grouped
 from cpcal.cli.many_campaigns import CampaignWork, certified_all
 from cpcal.cli.running import Running
 from cpcal.cli.suspected import read_campaign
-from cpcal.cli.talk import Talk, logging_to
+from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.files.run_folder import RUN
 
@@ -43,8 +43,8 @@ class Support(StrEnum):
 
 
 @dataclass(frozen=True)
-class CertifyFlags(Running, Talk):
-    """The options of the command line: those of `cpcal.certify`, and how much is said."""
+class CertifyFlags(Running):
+    """The options of the command line: those of `cpcal.certify`, and where it runs."""
 
     legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None
     delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0
@@ -95,6 +95,7 @@ class CertifyFlags(Running, Talk):
         }
 
 
+@talking
 @grouped(CertifyFlags)
 def certify(
     campaigns: Annotated[
@@ -115,6 +116,7 @@ def certify(
     no_checker: Annotated[bool, typer.Option("--no-checker", help="A page that does not check itself.")] = False,
     *,
     options: CertifyFlags,
+    talk: Talk,
 ) -> None:
     """Bracket, leg by leg, the smallest model error eps of each CAMPAIGN, by proofs from both sides.
 
@@ -130,18 +132,18 @@ def certify(
             raise InputError([Problem("option --json", "prints one result", "read summary.csv, or name one campaign")])
         check_writable(run)
         work = CampaignWork(given, checker=not no_checker)
-        with logging_to(options.log), options.place() as place:
-            status = certified_all(campaigns, run, work, place, resume=options.resume, talk=options)
+        with options.place() as place:
+            status = certified_all(campaigns, run, work, place, resume=options.resume, talk=talk)
         raise typer.Exit(status)
     (campaign,) = campaigns
     check_target(run, RUN, campaign)
-    with logging_to(options.log), options.place() as place:
+    with options.place() as place:
         result = certified_into(
             run,
             read_campaign(campaign),
             given,
             as_json=as_json,
-            talk=options,
+            talk=talk,
             checker=not no_checker,
             place=place,
             resume=options.resume,
