@@ -77,15 +77,12 @@ def detect_poses(
         _calibrate(images, load_target(target), output, refine_dots, talk)
         return
     plate, lens_file, known = _loaded(target, camera, readings)
-    lens = lens_file.camera
-    size = (lens.width, lens.height)
-    source = VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
     made(output.absolute().parent)
     with heard(terminate=True), bar("images", quiet=talk.quiet) as progress:
         found = detect(
-            source,
+            _source(images, lens_file, every),
             plate,
-            lens,
+            lens_file.camera,
             lens_file.covariance,
             journal=output.with_name(f"{output.name}.journal"),
             workers=workers,
@@ -97,6 +94,11 @@ def detect_poses(
     show_detections(found, output, talk)
     if known is not None and table is not None:
         _write_table(found, known, table, talk)
+
+
+def _source(images: Path, lens: CameraRecord, every: int) -> VideoFrames | ImageFolder:
+    size = (lens.camera.width, lens.camera.height)
+    return VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
 
 
 def _write_table(found: Detections, known: Readings, table: Path, talk: Talk) -> None:
