@@ -1,10 +1,11 @@
-"""`cpcal` and `python -m cpcal`: imports nothing before Ctrl-C is taken care of."""
+"""`cpcal` and `python -m cpcal`: imports nothing before signals are taken care of."""
 
 
 def main() -> None:
     """Entry point of the command `cpcal`."""
     import sys
 
+    _leave_at_once_while_starting()
     try:
         from cpcal.cli.app import app
 
@@ -20,6 +21,20 @@ def main() -> None:
         # After a Ctrl-C within an exec (of dataclasses, say) Python ends by SIGINT, whatever the status: a new exec
         # makes it forget.
         exec("")
+
+
+def _leave_at_once_while_starting() -> None:
+    """A signal ends the process with one sentence, whatever is being imported, where no exception would be safe.
+
+    Verbs that have something to tidy up, or to answer, listen by themselves while they run.
+    """
+    import signal
+
+    from cpcal.execution.stopping import leave_at_once
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) not in (signal.SIG_IGN, None):
+            signal.signal(number, leave_at_once)
 
 
 if __name__ == "__main__":

@@ -72,6 +72,7 @@ class Uncertified(StrEnum):
     NOTHING = ""  # it has one
     NOT_ASKED = "no certificate was asked for"
     INTERRUPTED = "the search was interrupted"
+    UNWRITTEN = "the certificate could not be written"
     MODEL = "with uncertain readings a user-defined model has no certificate"
     NOTHING_PROVED = "nothing was proved that a certificate could claim"
 
