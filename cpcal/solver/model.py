@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -14,24 +15,29 @@ from cpcal.common.errors import ModelError
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
-from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy
+from cpcal.solver.choice import Choice, Method, choice_to_minimize, choice_to_solve
+from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy, Then, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.interval.number import float_bounds
-from cpcal.solver.network import ConstraintNetwork, Expr, evaluate
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate
 from cpcal.solver.network.divisions import with_products
+from cpcal.solver.network.expression import as_expr
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.search import (
     ORDERS,
     STRATEGIES,
+    Contender,
     Contracting,
     Divide,
     Event,
     Paving,
     Priority,
+    Race,
     Search,
     Solution,
     StepProver,
+    WholeNumbers,
     conclusion,
 )
 
@@ -70,17 +76,19 @@ class Network(ConstraintNetwork):
         self,
         *,
         width: float = 1e-6,
-        contractors: Sequence[str | Contractor] = DEFAULT_CONTRACTORS,
+        contractors: Sequence[str | Contractor] | None = None,
         arithmetic: str = "float64",
         limits: Limits | None = None,
         progress: Callable[[Event], None] | None = None,
-        strategy: str | Strategy = "largest",
+        strategy: str | Strategy | None = None,
         order: str = "depth",
         inner: bool = False,
     ) -> Paving:
         """Boxes, of components no wider than `width`, that hold all solutions. Ctrl-C ends it early, cleanly.
 
         Where there are as many equations as unknowns, boxes are proved to hold exactly one solution if they do.
+        Without `contractors` and `strategy` several combinations that suit the network's structure take turns, and the
+        first that ends is the answer; `Paving.method` says which and why.
         `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative", "smear-max" or
         "lp" (or an object); `order` which boxes are next, up to 64 abreast: "depth", "breadth" or "best". `inner=True`
         looks for boxes that hold nothing but solutions, which are not divided, and lists what was proved to hold none:
@@ -90,16 +98,31 @@ class Network(ConstraintNetwork):
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
         """
         network, clock = self._as_asked(), _limits(limits).clock()
-        engine = get_arithmetic(arithmetic)
-        process = Divide(
-            plugins.build(network, contractors, arithmetic=arithmetic),
-            _strategy(network, strategy, _width(width), arithmetic),
-            inside=Inside(network, engine) if inner else None,
-        )
-        search = Search([network.domain], process, _order(network, order), outside=inner, abreast=_ABREAST)
+        engine, width = get_arithmetic(arithmetic), _width(width)
+        if contractors is None and strategy is None:
+            choice = choice_to_solve(network)
+        else:
+            choice = Choice((Method(("as asked",), "as asked", 64),), "asked for")
+        priority, inside = _order(network, order), Inside(network, engine) if inner else None
+
+        def search(method: Method) -> Search:
+            named = method.contractors if contractors is None and strategy is None else contractors
+            contractor = plugins.build(network, named or DEFAULT_CONTRACTORS, arithmetic=arithmetic)
+            if network.whole.any():
+                contractor = Then(contractor, WholeNumbers(network.whole))
+            until(contractor, clock.deadline)
+            by = method.strategy if strategy is None else strategy
+            process = Divide(
+                contractor,
+                _strategy(network, "largest" if by == "as asked" else by, width, arithmetic),
+                inside=inside,
+            )
+            return Search([network.domain], process, priority, outside=inner, abreast=_ABREAST)
+
+        race = Race([Contender(m.name, partial(search, m), m.slice, m.turns) for m in choice.methods])
         nodes = 0
         try:
-            for event in search:
+            for event in race:
                 nodes += 1
                 if progress is not None:
                     progress(event)
@@ -107,17 +130,23 @@ class Network(ConstraintNetwork):
                     break
         except KeyboardInterrupt:
             pass
-        return conclusion(search, UniquenessProver(network, engine), clock, nodes)
+        found = race.leader.search
+        if found is None:  # interrupted before anything began
+            found = search(choice.methods[0])
+        said = race.sentence() if contractors is None and strategy is None else ""
+        paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
+        return replace(paving, method=f"{choice.why}: {said}" if said else "as asked for")
 
     def minimize(
         self,
         objective: Expr,
         *,
-        contractors: Sequence[str | Contractor] = ("lifted",),
+        contractors: Sequence[str | Contractor] | None = None,
         arithmetic: str = "float64",
         limits: Limits | None = None,
         start: npt.ArrayLike | None = None,
         progress: Callable[[Bracket], None] | None = None,
+        relax: float = 0.0,
         certificate: str | os.PathLike[str] | None = None,
     ) -> Minimum:
         """The smallest value of `objective`, a scalar expression over this network, bracketed by proofs.
@@ -126,26 +155,50 @@ class Network(ConstraintNetwork):
         expression, and its first bounds come from interval evaluation. `start` holds one value per component in the
         order of `names`. Raises ModelError for an objective without finite bounds.
 
+        `relax`: equations need hold to this only, as ibexopt has it (1e-8 there). The answer, and its status, are then
+        about the relaxed problem, whose lower bound is one of the problem itself too. 0 asks for exact equations: their
+        solutions are proved to exist.
+
         `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
         it is in `found`. Constraints with readings or without polynomial form raise ModelError.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         """
-        asked, (network, name) = _limits(limits), _with_objective(self._as_asked(), objective)
-        network._check_bounded(name, contractors)
-        engine = get_arithmetic(arithmetic)
-        exact = certificate is not None
+        asked, network = _limits(limits), self._as_asked()
+        if not _is_number(relax) or not 0.0 <= relax < np.inf:
+            raise ModelError(f"relax={relax!r} is no tolerance: give a number of at least 0")
+        network, name = _with_objective(_relaxed(network, float(relax)) if relax else network, objective)
+        clock = asked.clock()
+        engine, exact = get_arithmetic(arithmetic), certificate is not None
         stated = with_products(network, instead=exact)
+        why = "asked for"
+        if contractors is None:
+            contractors, why = (("lifted",), "it gives weights") if exact else choice_to_minimize(stated)
+        network._check_bounded(name, contractors)
         parts = plugins.build_each(stated, contractors, objective=name, arithmetic=arithmetic)
+        for part in parts:
+            until(part, clock.deadline)
         named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
+        if network.whole.any():
+            if exact:
+                raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
+            named.append(("whole numbers", WholeNumbers(network.whole)))
         first = None if start is None else _start(network, start, len(self.names))
 
         def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
             states = minimize(
                 network, name, named, engine=engine, limits=asked, start=first, prover=prover, observe=observe
             )
-            return run(states, progress)
+            found = run(states, progress)
+            status = found.status + (f" Equations were relaxed to within {relax:g}." if relax else "")
+            return replace(
+                found,
+                status=status,
+                relax=float(relax),
+                names=network.names,
+                method=f"{', '.join(called for called, _ in named)}: {why}",
+            )
 
         if certificate is None:
             return bracketed(None, None)
@@ -169,6 +222,16 @@ class Network(ConstraintNetwork):
         others = [self.domain[component] for component in self.names if component != objective]
         if not all(bounds.is_bounded for bounds in others) and "hc4" not in contractors:
             raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
+
+
+def _relaxed(network: Network, relax: float) -> Network:
+    """Equations between the same bounds, wider by `relax` on both sides."""
+    out = copy(network)
+    out._constraints = [
+        Constraint(c.body - c.lower, as_expr(-relax), as_expr(relax)) if c.lower.digest == c.upper.digest else c
+        for c in network.constraints
+    ]
+    return out
 
 
 def _with_objective(network: Network, objective: Expr) -> tuple[Network, str]:
