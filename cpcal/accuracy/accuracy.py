@@ -91,21 +91,7 @@ def certify_accuracy(
     known = _controller(campaign, result, controller)
     robot = Robot.from_parameters("controller", known)
     assumed = _assumed(campaign, result, validation, model_error, say)
-    sets: list[CertifiedSet] = []
-    refuted = []
-    for leg, error in zip(result.legs, assumed, strict=True):
-        say(f"certified set of leg {leg.leg}")
-        found = certified_set(
-            campaign,
-            leg.leg,
-            error.eps,
-            center=leg.center,
-            delta=result.options.delta,
-            controller=known[leg.leg - 1],
-            contractors=result.options.contractors,
-        )
-        refuted += [leg.leg] if found is None else []
-        sets += [] if found is None else [found]
+    sets, refuted = _certified_sets(campaign, result, known, assumed, say)
     at: tuple[PoseAccuracy, ...] = ()
     over = None
     if not refuted and poses is not None:
@@ -131,6 +117,28 @@ def certify_accuracy(
         truth_known=any(pose.estimated.true_position is not None for pose in at),
         seconds=time.monotonic() - began,
     )
+
+
+def _certified_sets(
+    campaign: Campaign, result: Result, known: Floats, assumed: Sequence[AssumedError], say: Told
+) -> tuple[list[CertifiedSet], list[int]]:
+    """The set of each leg's parameters under what is assumed of it, and the legs for which there are none."""
+    sets: list[CertifiedSet] = []
+    refuted = []
+    for leg, error in zip(result.legs, assumed, strict=True):
+        say(f"certified set of leg {leg.leg}")
+        found = certified_set(
+            campaign,
+            leg.leg,
+            error.eps,
+            center=leg.center,
+            delta=result.options.delta,
+            controller=known[leg.leg - 1],
+            contractors=result.options.contractors,
+        )
+        refuted += [leg.leg] if found is None else []
+        sets += [] if found is None else [found]
+    return sets, refuted
 
 
 def _problems(

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from cpcal.calibration.equations import Form, LegEquations, weighted_jacobian
+from cpcal.calibration.leg_equations import Form, LegEquations, weighted_jacobian
 from cpcal.calibration.losses import Loss, pseudo_residuals
 from cpcal.calibration.reliability import noise_share
 from cpcal.calibration.weights import Noise, Weights

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.calibration.equations import LegEquations, weighted_jacobian
+from cpcal.calibration.leg_equations import LegEquations, weighted_jacobian
 from cpcal.calibration.weights import Noise
 from cpcal.common.arrays import Floats
 from cpcal.robot import quaternion_from_rotation_vector, rotation_matrix

@@ -14,11 +14,13 @@ from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check
 from cpcal.cli.checked import checked_certificate, checked_legs
 from cpcal.cli.claims import sentences
+from cpcal.cli.hand_eye import hand_eye_verified
 from cpcal.cli.robust import robust_verified
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import nearest
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
-from cpcal.files.run_folder import unfinished
+from cpcal.files.run_folder import HANDEYE, unfinished
+from cpcal.handeye.hand_eye_files import load_hand_eye
 from cpcal.report import REPORT_NAME
 from cpcal.results import COMPARISON_NAME, INFORMATION, RESULT_NAME, information, load_comparison, load_result
 
@@ -32,6 +34,8 @@ def verify(
 ) -> None:
     """Check a RUN, or one CERTIFICATE, against the campaign.json beside the certificates.
 
+    A run of `cpcal handeye` is checked likewise against the study that it holds.
+
     Every number that the run's result.json states must be claimed by a certificate, and every certificate must be
     accepted; a leg that is not certified is named. The checker forms every polynomial again from the campaign's
     numbers, or from the constraints that the certificate states, in exact rational arithmetic; it uses no solver and no
@@ -40,6 +44,8 @@ def verify(
     same = campaign is None or _same_campaign(target, campaign)
     if not target.is_dir():
         accepted = _certificate(target)
+    elif (target / HANDEYE.head).exists():
+        accepted = hand_eye_verified(target)
     elif (target / ROBUST_NAME).exists():
         accepted = robust_verified(target)
     elif (target / RESULT_NAME).exists():
@@ -51,7 +57,12 @@ def verify(
 
 
 def _same_campaign(target: Path, campaign: Path) -> bool:
-    """Whether the run's campaign is the one in the folder. Raises InputError."""
+    """Whether the run's campaign, or hand-eye study, is the one in the folder. Raises InputError."""
+    if (target / HANDEYE.head).exists():
+        if load_hand_eye(target) == load_hand_eye(campaign):
+            return True
+        typer.echo("study: REFUSED, the hand-eye study is another one")
+        return False
     kept = load_campaign_json(target if target.is_dir() else target.parent)
     if campaign_sha256(kept) == campaign_sha256(load_campaign(campaign)):
         return True

@@ -23,7 +23,7 @@ from cpcal.robot.robot import LARGEST
 BAD_ROWS_MAX = 1_000  # reading stops after so many
 LINE_MAX = 2**16  # bytes in a line
 
-_IDENTIFIERS = ("pose", "run", "image")
+_IDENTIFIERS = ("pose", "run", "image", "point")
 _QUATERNION = ("qw", "qx", "qy", "qz")
 
 
@@ -31,12 +31,13 @@ _QUATERNION = ("qw", "qx", "qy", "qz")
 class Table:
     """The rows of a measurements.csv. `values[name]` is a column; an empty override cell is NaN.
 
-    `image` is empty where there is no such column, as in every campaign.
+    `image` and `point` are empty where there is no such column, as in every campaign.
     """
 
     pose: list[str] = field(default_factory=list)
     run: list[str] = field(default_factory=list)
     image: list[str] = field(default_factory=list)
+    point: list[str] = field(default_factory=list)
     values: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
 
 
@@ -202,7 +203,7 @@ class _Rows:
             self.wrong(line, what, "give one cell for each column, separated by commas")
             return {}
         names = {column: self.name(line, cells[index], column) for column, index in self.ids.items()}
-        if "pose" in names and "run" in names:
+        if len(names) > 1 or "image" in names:
             first = self.seen.setdefault(tuple(names.values()), line)
             if first != line:
                 which = " ".join(f"{column} {shown(text)}" for column, text in names.items())

@@ -10,30 +10,29 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from cpcal.common.numbers import stated
-from cpcal.calibration import calibrate_study
-from cpcal.calibration import CalibrationRecord, recorded
+from cpcal.calibration import CalibrationRecord, calibrate_study, recorded
 from cpcal.calibration.averaging import Of
 from cpcal.certify import certify
 from cpcal.certify.fits import certify_fits
 from cpcal.cli.calibrate import show_record, write_calibration
-from cpcal.cli.folders import is_earlier_demo, CAMPAIGN, FITS, RUN, TIMEOUT, STUDY, check_new, unwritable
+from cpcal.cli.certified_run import certified_into, status_of
 from cpcal.cli.demo.image_study import SUBSET, WHOLE, ImageStudy, image_study
 from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.demo.pixel_sets import HALF_WIDTH, certify_pixels, with_sets
+from cpcal.cli.folders import CAMPAIGN, FITS, RUN, STUDY, TIMEOUT, check_new, is_earlier_demo, unwritable
 from cpcal.cli.progress import watch
-from cpcal.cli.certified_run import certified_into, status_of
 from cpcal.cli.show import show_result, terminal
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import study_found
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import stated
+from cpcal.files import load_campaign, load_study, save_study
 from cpcal.legs import PLAIN
 from cpcal.report import REPORT_NAME
 from cpcal.report.images import IMAGES_NAME, save_images
 from cpcal.report.study_report import write_study_page
 from cpcal.results import Result, save_result
 from cpcal.robot import Campaign
-from cpcal.files import load_campaign, load_study, save_study
 from cpcal.simulate import simulate_study
 
 FACTOR = 3.0  # half-width of the reading sets, in standard deviations of
