@@ -27,7 +27,7 @@ _CLOSE = 2e-6  # relative: the literature prints seven digits
 
 
 @dataclass(frozen=True)
-class Row:
+class ProblemRow:
     """One problem: what the literature says, what was proved, and what it took."""
 
     name: str
@@ -42,7 +42,7 @@ class Row:
     method: str
 
 
-def run(name: str, limit: float) -> Row:
+def run(name: str, limit: float) -> ProblemRow:
     """One problem without options but the time limit."""
     problem, known = load_problem(PROBLEMS / f"{name}.bch"), literature()[name]
     wall, began = time.perf_counter(), time.process_time()
@@ -64,7 +64,7 @@ def run(name: str, limit: float) -> Row:
     method = "" if source is None else source.method
     rows = sum(math.prod(c.body.shape) for c in problem.network.constraints)
     size = len(problem.network.names)
-    return Row(name, size, rows, said, text, complete, found.nodes, seconds, processor, method)
+    return ProblemRow(name, size, rows, said, text, complete, found.nodes, seconds, processor, method)
 
 
 def literature() -> dict[str, dict[str, float]]:
@@ -73,7 +73,7 @@ def literature() -> dict[str, dict[str, float]]:
     return found
 
 
-def page(rows: list[Row], limit: float) -> str:
+def page(rows: list[ProblemRow], limit: float) -> str:
     """The table, misses first in words."""
     missed = [row.name for row in rows if not row.complete]
     done = f"{len(rows) - len(missed)} of {len(rows)} complete"

@@ -16,6 +16,7 @@ import math
 import os
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from pyomo.common.config import ConfigValue, NonNegativeInt
@@ -35,7 +36,7 @@ from cpcal.problems.answer import Answer, answer
 from cpcal.problems.nl_reader import read_nl
 from cpcal.solver.contract import Limits, Verdict
 
-__all__ = ["Cpcal", "CpcalConfig", "PooledSolutions", "SolverFactory"]
+__all__ = ["CpcalConfig", "PooledSolutions", "PyomoCpcal", "SolverFactory"]
 
 _ABSOLUTE_GAP = Limits().gap_absolute
 
@@ -85,7 +86,7 @@ class PooledSolutions(SolutionLoader):  # type: ignore[misc]
 
 
 @SolverFactory.register("cpcal", doc="Global optima and all solutions, proved by interval arithmetic")
-class Cpcal(SolverBase):  # type: ignore[misc]
+class PyomoCpcal(SolverBase):  # type: ignore[misc]
     """A solver in the sense of `pyomo.contrib.solver`."""
 
     CONFIG = CpcalConfig()
@@ -127,6 +128,8 @@ class Cpcal(SolverBase):  # type: ignore[misc]
             results.termination_condition = TerminationCondition.emptyModel
             return
         problem = read_nl(text.getvalue(), model.name)
+        if _is_system(model):
+            problem = replace(problem, objective=None)
         limits = Limits(
             seconds=config.time_limit,
             nodes=config.node_limit,
@@ -139,7 +142,7 @@ class Cpcal(SolverBase):  # type: ignore[misc]
 
 def _written(model: Any, text: io.StringIO) -> Any:
     """The model in the .nl format, with nothing eliminated or scaled. A model without an objective is a system."""
-    none = not any(model.component_data_objects(Objective, active=True))
+    none = _is_system(model)
     if none:
         model._cpcal_objective = Objective(expr=0.0)
     try:
@@ -147,6 +150,11 @@ def _written(model: Any, text: io.StringIO) -> Any:
     finally:
         if none:
             model.del_component("_cpcal_objective")
+
+
+def _is_system(model: Any) -> bool:
+    """Whether nothing is to be minimised."""
+    return next(iter(model.component_data_objects(Objective, active=True)), None) is None
 
 
 def _translated(found: Answer, results: Results, config: CpcalConfig, model: Any, variables: Sequence[Any]) -> None:

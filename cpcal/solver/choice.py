@@ -18,7 +18,7 @@ _SHALLOW = {"add", "sub", "neg", "mul", "sqr", "index", "sum", "constant", "vari
 
 
 @dataclass(frozen=True)
-class Method:
+class SearchMethod:
     """Contractors, the strategy that divides, and how many nodes of it cost about as much as those of the others."""
 
     contractors: tuple[str, ...]
@@ -35,7 +35,7 @@ class Method:
 class Choice:
     """The methods that take turns, cheapest first, and why these."""
 
-    methods: tuple[Method, ...]
+    methods: tuple[SearchMethod, ...]
     why: str
 
 
@@ -47,14 +47,14 @@ def choice_to_solve(network: ConstraintNetwork) -> Choice:
     if equations.count != unknowns or equations.reads:
         kind = "fewer equations than unknowns" if equations.count < unknowns else "more equations than unknowns"
         why = f"{kind if not equations.reads else 'equations with readings'}: there is nothing for newton to prove"
-        return Choice((Method(("hc4", "lifted") if lifted else ("hc4",), "largest", 64),), why)
+        return Choice((SearchMethod(("hc4", "lifted") if lifted else ("hc4",), "largest", 64),), why)
     many, few = _TURNS if lifted else (None, None)
-    methods = [Method(("hc4", "newton"), by, 2048, many) for by in ("smear-relative", "largest")]
-    methods.append(Method(("hc4", "cid", "newton"), "smear-relative", 16, few))
+    methods = [SearchMethod(("hc4", "newton"), by, 2048, many) for by in ("smear-relative", "largest")]
+    methods.append(SearchMethod(("hc4", "cid", "newton"), "smear-relative", 16, few))
     if unknowns <= _DENSE_UNKNOWNS:
-        methods.append(Method(("hc4", "newton", "beaumont"), "smear-relative", 16, few))
+        methods.append(SearchMethod(("hc4", "newton", "beaumont"), "smear-relative", 16, few))
     if lifted:
-        methods.append(Method(("hc4", "newton", "lifted"), "smear-relative", 128))
+        methods.append(SearchMethod(("hc4", "newton", "lifted"), "smear-relative", 128))
     kind = "polynomial" if lifted else "not polynomial, or with too many products for lifted"
     return Choice(tuple(methods), f"{unknowns} equations in as many unknowns, {kind}")
 

@@ -15,7 +15,7 @@ from cpcal.common.errors import ModelError
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
-from cpcal.solver.choice import Choice, Method, choice_to_minimize, choice_to_solve
+from cpcal.solver.choice import Choice, SearchMethod, choice_to_minimize, choice_to_solve
 from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy, Then, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
@@ -102,10 +102,10 @@ class Network(ConstraintNetwork):
         if contractors is None and strategy is None:
             choice = choice_to_solve(network)
         else:
-            choice = Choice((Method(("as asked",), "as asked", 64),), "asked for")
+            choice = Choice((SearchMethod(("as asked",), "as asked", 64),), "asked for")
         priority, inside = _order(network, order), Inside(network, engine) if inner else None
 
-        def search(method: Method) -> Search:
+        def search(method: SearchMethod) -> Search:
             named = method.contractors if contractors is None and strategy is None else contractors
             contractor = plugins.build(network, named or DEFAULT_CONTRACTORS, arithmetic=arithmetic)
             if network.whole.any():
