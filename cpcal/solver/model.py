@@ -175,7 +175,9 @@ class Network(ConstraintNetwork):
         why = "asked for"
         if contractors is None:
             contractors, why = (("lifted",), "it gives weights") if exact else choice_to_minimize(stated)
-        network._check_bounded(name, contractors)
+        if why != "asked for" or "hc4" not in contractors:
+            known = network.contract(contractors=["hc4"]).box if "hc4" in contractors else network.domain
+            network._check_bounded(name, known)
         parts = plugins.build_each(stated, contractors, objective=name, arithmetic=arithmetic)
         for part in parts:
             until(part, clock.deadline)
@@ -218,9 +220,9 @@ class Network(ConstraintNetwork):
             )
         return copy(self)
 
-    def _check_bounded(self, objective: str, contractors: Sequence[str | Contractor]) -> None:
-        others = [self.domain[component] for component in self.names if component != objective]
-        if not all(bounds.is_bounded for bounds in others) and "hc4" not in contractors:
+    def _check_bounded(self, objective: str, box: Box) -> None:
+        bounds = [box[component] for component in self.names if component != objective and not box.is_empty]
+        if not all(one.is_bounded for one in bounds):
             raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
 
 

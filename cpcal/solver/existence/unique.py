@@ -165,7 +165,7 @@ class UniquenessProver:
 
     def holds_at(self, box: Box) -> bool:
         """Whether a box is a single point that satisfies all constraints exactly: as points of whole numbers do."""
-        if box.is_empty or bool((box.lo != box.hi).any()) or self._equalities.reads:
+        if not self._network.whole.any() or box.is_empty or bool((box.lo != box.hi).any()) or self._equalities.reads:
             return False
         if self._exactly is None:
             self._exactly = Inside(self._network, get_arithmetic("arb"))
