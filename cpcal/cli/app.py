@@ -54,7 +54,7 @@ VERBS = {
     ),
     "calibrate": Verb("cpcal.cli.calibrate", "calibrate", "calibrate study -o calibrated"),
     "demo": Verb("cpcal.cli.demo.verb", "demo", "demo -o demo", STATUS_HELP),
-    "robust": Verb("cpcal.cli.robust", "robust_brackets", "robust campaign -q 1 -o robust", STATUS_HELP),
+    "robust": Verb("cpcal.cli.robust", "robust_brackets", "robust campaign --outliers 1 -o robust", STATUS_HELP),
     "handeye": Verb("cpcal.cli.hand_eye", "hand_eye", "handeye study -o run --tolerance 1", STATUS_HELP),
     "export": Verb("cpcal.cli.export", "export", "export run --format toml -o parameters.toml"),
     "report": Verb("cpcal.cli.report", "report", "report run"),
