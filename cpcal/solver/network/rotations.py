@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.common.errors import ModelError
-from cpcal.solver.network.expression import Expr, Operand, as_expr, norm, sqr
+from cpcal.solver.network.expression import Expr, Operand, as_expr
+from cpcal.solver.network. import norm, sqr
 from cpcal.solver.network.mathematics import cos, sin
 
 _CROSS = np.zeros((3, 3, 3))  # (i, j, k): the part of v_k in row i and column j of the matrix of `v x`
@@ -22,13 +23,13 @@ def rotation_from_quaternion(q: Operand) -> Expr:
     w, v = q[0], q[1:]
     size = sqr(q).sum()
     square = sqr(w) - sqr(v).sum()
-    return (square * np.eye(3) + 2.0 * _outer(v) + 2.0 * w * _cross(v)) / size
+    return (_scaled_identity(square) + 2.0 * _outer(v) + 2.0 * w * _cross(v)) / size
 
 
 def rotation_from_axis(axis: Operand, angle: Operand) -> Expr:
     """About a unit vector (3,) by an angle (Rodrigues). That the axis has length 1 is for the network to say."""
     n, t = _vector(axis, 3), as_expr(angle)
-    return cos(t) * np.eye(3) + sin(t) * _cross(n) + (1.0 - cos(t)) * _outer(n)
+    return _scaled_identity(cos(t)) + sin(t) * _cross(n) + (1.0 - cos(t)) * _outer(n)
 
 
 def rotation_from_vector(vector: Operand) -> Expr:
@@ -54,6 +55,10 @@ def _vector(value: Operand, size: int) -> Expr:
     if found.shape != (size,):
         raise ModelError(f"{size} numbers are needed here, not an array of shape {found.shape}")
     return found
+
+
+def _scaled_identity(factor: Expr) -> Expr:
+    return factor * as_expr(np.eye(3))
 
 
 def _outer(v: Expr) -> Expr:
