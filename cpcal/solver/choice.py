@@ -31,6 +31,9 @@ class SearchMethod:
         return f"{', '.join(self.contractors)} by {self.strategy}"
 
 
+AS_ASKED = (SearchMethod(("as asked",), "largest", 64),)
+
+
 @dataclass(frozen=True)
 class Choice:
     """The methods that take turns, cheapest first, and why these."""

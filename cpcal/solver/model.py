@@ -4,42 +4,53 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from copy import copy
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
-import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
+from cpcal.execution.executors import Here, executor_for
+from cpcal.execution.stopping import asked, heard
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
-from cpcal.solver.choice import Choice, SearchMethod, choice_to_minimize, choice_to_solve
+from cpcal.solver.choice import AS_ASKED, Choice, SearchMethod, choice_to_minimize, choice_to_solve
 from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy, Then, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.interval.number import float_bounds
-from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate
+from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.network.divisions import with_products
-from cpcal.solver.network.expression import as_expr
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
+from cpcal.solver.questions import (
+    checked_limits,
+    checked_width,
+    named_order,
+    named_strategy,
+    relaxed,
+    start_point,
+    with_objective,
+)
 from cpcal.solver.search import (
-    ORDERS,
-    STRATEGIES,
     Contender,
     Contracting,
     Divide,
     Event,
     Paving,
-    Priority,
     Race,
     Search,
     Solution,
+    Spread,
     StepProver,
     WholeNumbers,
     conclusion,
 )
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 __all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
 
@@ -83,6 +94,9 @@ class Network(ConstraintNetwork):
         strategy: str | Strategy | None = None,
         order: str = "depth",
         inner: bool = False,
+        workers: int | None = None,
+        scheduler: str | None = None,
+        executor: Executor | Client | None = None,
     ) -> Paving:
         """Boxes, of components no wider than `width`, that hold all solutions. Ctrl-C ends it early, cleanly.
 
@@ -93,49 +107,45 @@ class Network(ConstraintNetwork):
         "lp" (or an object); `order` which boxes are next, up to 64 abreast: "depth", "breadth" or "best". `inner=True`
         looks for boxes that hold nothing but solutions, which are not divided, and lists what was proved to hold none:
         see `Paving`.
+
+        `workers` processes, a Dask `scheduler` or an `executor` (see `cpcal.certify`) decide the boxes of each round;
+        the answer is the same. It pays where a box takes a millisecond or more.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
         """
-        network, clock = self._as_asked(), _limits(limits).clock()
-        engine, width = get_arithmetic(arithmetic), _width(width)
-        if contractors is None and strategy is None:
-            choice = choice_to_solve(network)
-        else:
-            choice = Choice((SearchMethod(("as asked",), "as asked", 64),), "asked for")
-        priority, inside = _order(network, order), Inside(network, engine) if inner else None
+        network, clock = self._as_asked(), checked_limits(limits).clock()
+        engine, width = get_arithmetic(arithmetic), checked_width(width)
+        chooses = contractors is None and strategy is None
+        choice = choice_to_solve(network) if chooses else Choice(AS_ASKED, "as asked for")
+        priority, inside = named_order(network, order), Inside(network, engine) if inner else None
 
-        def search(method: SearchMethod) -> Search:
-            named = method.contractors if contractors is None and strategy is None else contractors
-            contractor = plugins.build(network, named or DEFAULT_CONTRACTORS, arithmetic=arithmetic)
+        def search(method: SearchMethod, place: tuple[Executor, int]) -> Search:
+            names = method.contractors if chooses else contractors or DEFAULT_CONTRACTORS
+            contractor = plugins.build(network, names, arithmetic=arithmetic)
             if network.whole.any():
                 contractor = Then(contractor, WholeNumbers(network.whole))
             until(contractor, clock.deadline)
-            by = method.strategy if strategy is None else strategy
-            process = Divide(
-                contractor,
-                _strategy(network, "largest" if by == "as asked" else by, width, arithmetic),
-                inside=inside,
-            )
-            return Search([network.domain], process, priority, outside=inner, abreast=_ABREAST)
+            by = named_strategy(network, method.strategy if strategy is None else strategy, width, arithmetic)
+            process = Divide(contractor, by, inside=inside)
+            spread = process if isinstance(place[0], Here) else Spread(process, place)
+            return Search([network.domain], spread, priority, outside=inner, abreast=_ABREAST)
 
-        race = Race([Contender(m.name, partial(search, m), m.slice, m.turns) for m in choice.methods])
         nodes = 0
-        try:
-            for event in race:
-                nodes += 1
-                if progress is not None:
-                    progress(event)
-                if clock.over(nodes):
-                    break
-        except KeyboardInterrupt:
-            pass
-        found = race.leader.search
-        if found is None:  # interrupted before anything began
-            found = search(choice.methods[0])
-        said = race.sentence() if contractors is None and strategy is None else ""
-        paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
-        return replace(paving, method=f"{choice.why}: {said}" if said else "as asked for")
+        with heard(), executor_for(workers, scheduler, executor) as place:
+            race = Race([Contender(m.name, partial(search, m, place), m.slice, m.turns) for m in choice.methods])
+            try:
+                for event in race:
+                    nodes += 1
+                    if progress is not None:
+                        progress(event)
+                    if clock.over(nodes) or asked():
+                        break
+            except KeyboardInterrupt:
+                pass
+            found = race.leader.search or search(choice.methods[0], place)
+            paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
+        return replace(paving, method=f"{choice.why}: {race.sentence()}" if chooses else choice.why)
 
     def minimize(
         self,
@@ -148,6 +158,9 @@ class Network(ConstraintNetwork):
         progress: Callable[[Bracket], None] | None = None,
         relax: float = 0.0,
         certificate: str | os.PathLike[str] | None = None,
+        workers: int | None = None,
+        scheduler: str | None = None,
+        executor: Executor | Client | None = None,
     ) -> Minimum:
         """The smallest value of `objective`, a scalar expression over this network, bracketed by proofs.
 
@@ -161,15 +174,14 @@ class Network(ConstraintNetwork):
 
         `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
-        it is in `found`. Constraints with readings or without polynomial form raise ModelError.
+        it is in `found`. `workers`, `scheduler` and `executor` are as in `solve`; certificates are the same, byte for
+        byte. Constraints with readings or without polynomial form raise ModelError.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         """
-        asked, network = _limits(limits), self._as_asked()
-        if not _is_number(relax) or not 0.0 <= relax < np.inf:
-            raise ModelError(f"relax={relax!r} is no tolerance: give a number of at least 0")
-        network, name = _with_objective(_relaxed(network, float(relax)) if relax else network, objective)
-        clock = asked.clock()
+        limit, network = checked_limits(limits), self._as_asked()
+        network, name = with_objective(relaxed(network, relax), objective)
+        clock = limit.clock()
         engine, exact = get_arithmetic(arithmetic), certificate is not None
         stated = with_products(network, instead=exact)
         why = "asked for"
@@ -186,28 +198,33 @@ class Network(ConstraintNetwork):
             if exact:
                 raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
             named.append(("whole numbers", WholeNumbers(network.whole)))
-        first = None if start is None else _start(network, start, len(self.names))
+        first = None if start is None else start_point(network, start, len(self.names))
 
         def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
-            states = minimize(
-                network, name, named, engine=engine, limits=asked, start=first, prover=prover, observe=observe
-            )
-            found = run(states, progress)
+            with executor_for(workers, scheduler, executor) as place:
+                states = minimize(
+                    network,
+                    name,
+                    named,
+                    engine=engine,
+                    limits=limit,
+                    start=first,
+                    prover=prover,
+                    observe=observe,
+                    place=None if isinstance(place[0], Here) else place,
+                )
+                found = run(states, progress)
             status = found.status + (f" Equations were relaxed to within {relax:g}." if relax else "")
-            return replace(
-                found,
-                status=status,
-                relax=float(relax),
-                names=network.names,
-                method=f"{', '.join(called for called, _ in named)}: {why}",
-            )
+            method = f"{', '.join(called for called, _ in named)}: {why}"
+            return replace(found, status=status, relax=float(relax), names=network.names, method=method)
 
         if certificate is None:
-            return bracketed(None, None)
+            with heard():
+                return bracketed(None, None)
         if not Contracting(named).gives_weights:
             given = ", ".join(called for called, _ in named)
             raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
-        with Recording(network_statement(stated, name), network.domain) as recording:
+        with heard(), Recording(network_statement(stated, name), network.domain) as recording:
             found = bracketed(recording.prover, recording.event)
             recording.write(certificate, claims_of(found, network.domain, name))
         return replace(found, contractors_used=recording.credited(found.contractors_used))
@@ -224,74 +241,3 @@ class Network(ConstraintNetwork):
         bounds = [box[component] for component in self.names if component != objective and not box.is_empty]
         if not all(one.is_bounded for one in bounds):
             raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
-
-
-def _relaxed(network: Network, relax: float) -> Network:
-    """Equations between the same bounds, wider by `relax` on both sides."""
-    out = copy(network)
-    out._constraints = [
-        Constraint(c.body - c.lower, as_expr(-relax), as_expr(relax)) if c.lower.digest == c.upper.digest else c
-        for c in network.constraints
-    ]
-    return out
-
-
-def _with_objective(network: Network, objective: Expr) -> tuple[Network, str]:
-    """A network of whose components the objective is one, and the component's name."""
-    if not isinstance(objective, Expr) or objective.shape != () or objective.op in ("variable", "index"):
-        return network, network.component(objective)
-    network.check_owner(objective)
-    bounds = evaluate(network, objective, network.domain)
-    name = "objective"
-    while any(leaf.name == name for leaf in network.variables):
-        name += "_"
-    bound = network.variable(name, domain=(float(bounds.lo), float(bounds.hi)))
-    network.add(objective <= bound)
-    return network, name
-
-
-def _width(width: float) -> float:
-    """A width that some box can have. Raises ModelError."""
-    if not _is_number(width) or not width > 0:
-        raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
-    return float(width)
-
-
-def _limits(limits: Limits | None) -> Limits:
-    """Limits that a search can reach. Raises ModelError."""
-    if limits is None:
-        return Limits()
-    if not isinstance(limits, Limits):
-        raise ModelError(f"limits={limits!r} sets no limit: write cpcal.Limits(seconds=...) or cpcal.Limits(nodes=...)")
-    given = (limits.seconds, limits.nodes, limits.gap, limits.gap_absolute)
-    if not all(value is None or (_is_number(value) and value >= 0) for value in given):
-        raise ModelError(f"{limits!r}: seconds, nodes and gaps are numbers of at least 0")
-    return limits
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-
-
-def _start(network: ConstraintNetwork, start: npt.ArrayLike, count: int) -> npt.NDArray[np.float64]:
-    """A point to start from, one finite number for each of the first `count` components. Raises ModelError."""
-    point = float_bounds(start)[0]
-    if point.shape != (count,) or not np.isfinite(point).all():
-        raise ModelError(f"start={start!r} is no point: give {count} finite numbers, in the order of `names`")
-    return np.concatenate([point, network.domain.hi[count:]])
-
-
-def _strategy(network: ConstraintNetwork, strategy: str | Strategy, width: float, arithmetic: str) -> Strategy:
-    if not isinstance(strategy, str):
-        if not hasattr(strategy, "split"):
-            raise ModelError(f"strategy={strategy!r} divides no box: give a name or an object with split(box)")
-        return strategy
-    if strategy in STRATEGIES:
-        return STRATEGIES[strategy](network, width)
-    return plugins.load_strategy(strategy, STRATEGIES)(network, width, arithmetic=arithmetic)
-
-
-def _order(network: ConstraintNetwork, order: str) -> Priority:
-    if order not in ORDERS:
-        raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
-    return ORDERS[order](network)

@@ -9,8 +9,7 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.solver.network.expression import Expr, Operand, as_expr
-from cpcal.solver.network. import norm, sqr
-from cpcal.solver.network.mathematics import cos, sin
+from cpcal.solver.network.mathematics import cos, norm, sin, sqr
 
 _CROSS = np.zeros((3, 3, 3))  # (i, j, k): the part of v_k in row i and column j of the matrix of `v x`
 _CROSS[0, 1, 2] = _CROSS[1, 2, 0] = _CROSS[2, 0, 1] = -1.0
