@@ -187,16 +187,14 @@ class Network(ConstraintNetwork):
         why = "asked for"
         if contractors is None:
             contractors, why = (("lifted",), "it gives weights") if exact else choice_to_minimize(stated)
-        if why != "asked for" or "hc4" not in contractors:
-            known = network.contract(contractors=["hc4"]).box if "hc4" in contractors else network.domain
-            network._check_bounded(name, known)
+        network._check_bounded(name, contractors, chosen=why != "asked for")
         parts = plugins.build_each(stated, contractors, objective=name, arithmetic=arithmetic)
         for part in parts:
             until(part, clock.deadline)
         named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
+        if network.whole.any() and exact:
+            raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
         if network.whole.any():
-            if exact:
-                raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
             named.append(("whole numbers", WholeNumbers(network.whole)))
         first = None if start is None else start_point(network, start, len(self.names))
 
@@ -237,7 +235,11 @@ class Network(ConstraintNetwork):
             )
         return copy(self)
 
-    def _check_bounded(self, objective: str, box: Box) -> None:
+    def _check_bounded(self, objective: str, contractors: Sequence[str | Contractor], *, chosen: bool) -> None:
+        """That all domains are bounded, by the constraints at least; whoever names hc4 answers for that."""
+        if "hc4" in contractors and not chosen:
+            return
+        box = self.contract(contractors=["hc4"]).box if "hc4" in contractors else self.domain
         bounds = [box[component] for component in self.names if component != objective and not box.is_empty]
         if not all(one.is_bounded for one in bounds):
             raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
