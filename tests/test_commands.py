@@ -20,7 +20,7 @@ SHORT = {  # added to a command so that it ends soon, which changes nothing of h
     "compare": ["--legs", "1", "--time-limit", "3"],
 }
 ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
-    "detect": "tests/vision, tests/cli/test_detect.py",
+    "detect": "tests/vision, tests/cli/test_images.py",
     "accuracy": "tests/accuracy",
     "import": "tests/cli/test_import.py, tests/test_your_data.py",
     "solve": "tests/problems",
@@ -70,7 +70,8 @@ def test_the_commands_of_a_page_run_in_their_order(page, tmp_path, monkeypatch):
         understood(words)
         if any(" ".join(words).startswith(key) for key in ELSEWHERE):
             continue
-        outcome = CliRunner().invoke(app, [*words, *SHORT.get(words[0], [])], prog_name="cpcal")
+        added = [] if "--study" in words else SHORT.get(words[0], [])
+        outcome = CliRunner().invoke(app, [*words, *added], prog_name="cpcal")
         assert outcome.exit_code in (0, 1), (words, outcome.output[-500:])
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.accuracy.cells import Cells
 from cpcal.accuracy.certified_set import CertifiedSet
 from cpcal.accuracy.pose_bounds import PoseBounds, cell_bounds
+from cpcal.accuracy.pose_cells import Cells
 from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.common.errors import InputError, Problem
 from cpcal.solver.interval import IntervalArray
@@ -89,11 +89,6 @@ class Covered:
     def worst(self) -> float:
         """mm: proved of all poses in the cells that are proved."""
         return float(self.position[self.proved].max(initial=0.0))
-
-    @property
-    def worst_rotation(self) -> float:
-        """rad."""
-        return float(self.rotation[self.proved].max(initial=0.0))
 
 
 def cover(

@@ -6,14 +6,15 @@ import numpy as np
 
 from cpcal.calibration.alignment import Alignment
 from cpcal.calibration.averaging import Of
+from cpcal.calibration.budget import Budget, MonteCarlo
 from cpcal.calibration.estimate import Fit
 from cpcal.calibration.own_frame import CONVENTIONS, Convention, in_own_frame, own_frame_covariance
 from cpcal.calibration.record import (
     CalibrationRecord,
     Channel,
     Errors,
-    Frame,
-    Frames,
+    FittedFrame,
+    FittedFrames,
     Histogram,
     Numbers,
     OwnFrame,
@@ -21,7 +22,7 @@ from cpcal.calibration.record import (
     Rows,
 )
 from cpcal.calibration.statistics import Deviations
-from cpcal.calibration.study import StudyCalibration
+from cpcal.calibration.study_calibration import StudyCalibration
 from cpcal.calibration.validation import Validation
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError
@@ -32,8 +33,16 @@ _BINS = 31  # of a histogram
 _REACH = 4.0  # standard deviations to each side; the outermost bins hold what is beyond
 
 
-def recorded(study: Study, found: StudyCalibration, *, factor: float, of: Of = "mean") -> CalibrationRecord:
-    """The record of what `calibrate_study` found with that factor, and sets of that width."""
+def recorded(
+    study: Study,
+    found: StudyCalibration,
+    *,
+    factor: float,
+    of: Of = "mean",
+    budget: Budget | None = None,
+    monte_carlo: MonteCarlo | None = None,
+) -> CalibrationRecord:
+    """The record of what `calibrate_study` found with that factor, and sets of that width; and of its budget."""
     check = found.check_screening
     return CalibrationRecord(
         robot=study.robot.name,
@@ -61,6 +70,10 @@ def recorded(study: Study, found: StudyCalibration, *, factor: float, of: Of = "
         validation=_errors(found.validation),
         validation_sigma=_errors(found.validation_sigma),
         validation_all=None if found.validation_all is None else _errors(found.validation_all),
+        reversal=found.reversal,
+        performance=found.performance,
+        budget=budget,
+        monte_carlo=monte_carlo,
     )
 
 
@@ -74,9 +87,9 @@ def _channel(spread: Deviations, found: StudyCalibration, k: int) -> Channel:
     return Channel(unit, statistics, histogram, float(found.repeats.noise_sigma[k]), found.statistics_all[k].sigma)
 
 
-def _frames(found: StudyCalibration) -> Frames:
+def _frames(found: StudyCalibration) -> FittedFrames:
     start = found.frames
-    return Frames(
+    return FittedFrames(
         method=start.method,
         camera_in_base=_frame(found.base_frame),
         target_in_mobile=_frame(found.mobile_frame),
@@ -87,8 +100,8 @@ def _frames(found: StudyCalibration) -> Frames:
     )
 
 
-def _frame(found: Alignment) -> Frame:
-    return Frame(
+def _frame(found: Alignment) -> FittedFrame:
+    return FittedFrame(
         position=_numbers(found.motion.position),
         quaternion=_numbers(found.motion.quaternion),
         sigma=_numbers(found.sigma),

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from fractions import Fraction as F
 from typing import NamedTuple
 
-from .polynomial import FIELD, READINGS, Kept, Polynomial, constant, total, unknown
+from .exact_polynomial import FIELD, READINGS, Kept, Polynomial, constant, total, unknown
 from .problem import SIDES, Constraint, Problem
 
 _AXES = (0, 1, 2)

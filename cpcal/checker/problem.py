@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction as F
 from functools import lru_cache
 
-from .polynomial import (
+from .exact_polynomial import (
     FIELD,
     READINGS,
     Kept,

@@ -53,8 +53,9 @@ VERBS = {
         "cpcal.cli.detect", "detect_poses", "detect images --target target.toml --camera camera.toml -o poses.csv"
     ),
     "calibrate": Verb("cpcal.cli.calibrate", "calibrate", "calibrate study -o calibrated"),
-    "demo": Verb("cpcal.cli.demo.command", "demo", "demo -o demo", STATUS_HELP),
-    "robust": Verb("cpcal.cli.robust", "robust_brackets", "robust campaign -q 1 -o robust", STATUS_HELP),
+    "demo": Verb("cpcal.cli.demo.verb", "demo", "demo -o demo", STATUS_HELP),
+    "robust": Verb("cpcal.cli.robust", "robust_brackets", "robust campaign --outliers 1 -o robust", STATUS_HELP),
+    "handeye": Verb("cpcal.cli.hand_eye", "hand_eye", "handeye study -o run --tolerance 1", STATUS_HELP),
     "export": Verb("cpcal.cli.export", "export", "export run --format toml -o parameters.toml"),
     "report": Verb("cpcal.cli.report", "report", "report run"),
     "plugins": Verb("cpcal.cli.plugins", "plugins", "plugins"),

@@ -10,9 +10,9 @@ import typer
 from cpcal.certify.recomputed import stated_otherwise
 from cpcal.cli.checked import checked_legs
 from cpcal.cli.folders import FITS, PIXEL_RUN, RUN, check_writable, output_path
-from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import holds_study, study_found
+from cpcal.cli.terminal import terminal
 from cpcal.cli.verify import other_fits
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable
@@ -20,7 +20,7 @@ from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.report import REPORT_NAME
 from cpcal.report.match import check_match
 from cpcal.report.page import render
-from cpcal.report.study import render_study
+from cpcal.report.study_report import render_study
 from cpcal.results import Result, load_result
 from cpcal.robot import Campaign
 

@@ -24,12 +24,13 @@ LOCK_NAME = ".cpcal-lock"
 _DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
 _JSON = rb'\s*\{\s*"format":\s*"cpcal-'
 _PAGE = rb'<!doctype html>.{0,400}<meta name="generator" content="cpcal'
-_WRITTEN = re.compile(_JSON + b"|" + _PAGE, re.DOTALL)
+_STUDY = rb'format = "cpcal-|image,(point,u,v|x,y,z),'  # the study that a hand-eye run keeps
+_WRITTEN = re.compile(b"|".join((_JSON, _PAGE, _STUDY)), re.DOTALL)
 _ALWAYS = ("campaign.json", r"[\w.-]+\.cert\.jsonl")
 
 
 @dataclass(frozen=True)
-class Kind:
+class FolderKind:
     """Answers of one kind: their head, and the names (regular expressions) of the other files."""
 
     head: str
@@ -42,16 +43,19 @@ class Kind:
         return sorted(found, key=lambda name: (name != self.head, name))
 
 
-RUN = Kind("result.json", (r"report\.html",))
-COMPARED = Kind("compare.json", (r"compare\.html",))
-ACCURACY = Kind("accuracy.json", (r"accuracy\.html",))
-FITTED = Kind("fits.json")
-ROBUST = Kind("robust.json")
-POSE_SETS = Kind("sets.json")  # certificates of images, without a head
+RUN = FolderKind("result.json", (r"report\.html",))
+COMPARED = FolderKind("compare.json", (r"compare\.html",))
+ACCURACY = FolderKind("accuracy.json", (r"accuracy\.html",))
+FITTED = FolderKind("fits.json")
+ROBUST = FolderKind("robust.json")
+HANDEYE = FolderKind(
+    "handeye.json", (r"handeye\.html", r"handeye\.toml", r"camera\.toml", r"poses\.csv", r"points\.csv")
+)
+POSE_SETS = FolderKind("sets.json")  # certificates of images, without a head
 
 
 @contextmanager
-def answers_into(folder: str | os.PathLike[str], kind: Kind, campaign: Campaign | None = None) -> Iterator[Path]:
+def answers_into(folder: str | os.PathLike[str], kind: FolderKind, campaign: Campaign | None = None) -> Iterator[Path]:
     """A folder aside to write into; when the block ends without an error its files replace the older answers.
 
     Until then the older answers stay. The campaign that they are about goes with them, as campaign.json.
@@ -82,13 +86,15 @@ def answers_into(folder: str | os.PathLike[str], kind: Kind, campaign: Campaign 
             shutil.rmtree(draft, ignore_errors=True)
 
 
-def check_replaceable(folder: Path, kind: Kind) -> None:
+def check_replaceable(folder: Path, kind: FolderKind) -> None:
     """InputError when a file that would be replaced is none that cpcal wrote, or the folder is that of a campaign."""
     if not folder.is_dir():
         return
     what, remedy = "is there, and not written by cpcal", "choose another folder, or move it away"
     if (folder / "campaign.toml").exists():
         raise InputError([Problem(str(folder), "is the folder of a campaign", "choose another folder")])
+    if (folder / "handeye.toml").exists() and not (folder / HANDEYE.head).exists():
+        raise InputError([Problem(str(folder), "is the folder of a hand-eye study", "choose another folder")])
     strange = [name for name in kind.names(folder) if not _ours(folder / name)]
     if strange:
         raise InputError([Problem(str(folder / name), what, remedy) for name in strange])

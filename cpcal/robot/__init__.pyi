@@ -16,7 +16,7 @@ from .known_robots import (
     DELTALAB,
     ROBOTS,
     KnownRobot,
-    Workspace,
+    PoseRange,
     known_robot,
 )
 from .mechanisms import (
@@ -48,6 +48,8 @@ from .rotation import (
     small_rotation,
 )
 from .study import (
+    NEGATIVE,
+    POSITIVE,
     PoseTable,
     Study,
     Truth,
@@ -60,6 +62,8 @@ from .uncertainty import (
 __all__ = [
     "DELTALAB",
     "EXACT_OR_NOT",
+    "NEGATIVE",
+    "POSITIVE",
     "ROBOTS",
     "Campaign",
     "ForwardPoses",
@@ -68,13 +72,13 @@ __all__ = [
     "Mechanisms",
     "ModelChoice",
     "Pose",
+    "PoseRange",
     "PoseTable",
     "ProvedPose",
     "Robot",
     "Study",
     "Truth",
     "Uncertainty",
-    "Workspace",
     "central_pose",
     "compose",
     "forward_kinematics",

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction as F
 
-from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, signed
+from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial, signed
 from cpcal.checker.problem import Box, Problem, Unknowns
 from cpcal.checker.rule import Row
 from cpcal.solver.certificate.statement import free
