@@ -3,8 +3,8 @@
 What moves a dot's centre and no residual shows is light that is not symmetric about it. So each fit tells what further
 terms of the light (its growth, and its cubic) would be, had they been fitted, and with which covariance: where they
 differ from the other dots' by more than the other dots differ among themselves, and move the centre, they are fitted
-as well. A lens's asymmetry passes for light, too, and moves all dots alike; what it makes of a dot with light of its own
-is taken off, so that this dot is moved as the others.
+as well. A lens's asymmetry passes for light, too, and moves all dots alike; what it makes of a dot with light of its
+own is taken off, so that this dot is moved as the others.
 """
 
 from __future__ import annotations

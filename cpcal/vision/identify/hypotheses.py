@@ -11,7 +11,7 @@ from scipy.special import bdtrc
 
 from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.vision.homography import fitted, mapped, orientation
-from cpcal.vision.identify import one_row
+from cpcal.vision.identify import lattice, one_row
 from cpcal.vision.identify.runs import RowMatches, collinear, match_rows
 from cpcal.vision.identify.symmetry import self_maps
 from cpcal.vision.identify.views import View
@@ -71,6 +71,19 @@ def _from_one_row(view: View, target: Target, rows: list[RowMatches]) -> Iterato
             fit = _grown(view, target, found, numbers) if len(found) >= _BEYOND else None
             if fit is not None:
                 yield fit, len(rows) * len(matches.count) * one_row.CHOICES**4
+
+
+def from_grid(view: View, target: Target) -> Iterator[tuple[Hypothesis, int]]:
+    """Fits to the regular part of the target, each laid in the near-symmetry that makes the fewest errors."""
+    for homography in lattice.grid_homographies(view, target):
+        rough = hypothesis_of(view, target, homography)
+        places = lattice.laid(homography, target)
+        best = int(np.argmin([_errors(view, target, rough, predicted) for predicted in places]))
+        found, numbers = pairs(view, places[best], view.reach)
+        fit = _grown(view, target, found, numbers) if len(found) >= _BEYOND else None
+        if fit is not None:
+            yield fit, lattice.TRIED
+            return
 
 
 def _crossing_pairs(
