@@ -88,6 +88,6 @@ def fitted_edges(grey: Grey, center: Floats, spread: Floats, room: Floats, light
     or CUBIC each dot tells the light's growth, or also its cubic, itself. Where the fit fails the numbers are nan."""
     out, odd = np.full((len(center), RESULTS), np.nan), np.zeros((len(center), ODD, ODD + 3))
     fit_dots(grey, center, spread, room, light, used, out, odd)
-    out = out[:, :RESULTS]
     conic, covariance = out[:, [[2, 3], [3, 4]]], out[:, [[8, 9], [9, 10]]]
-    return Edges(out[:, :2], conic, covariance, *out[:, [5, 6, 7, 11, 12]].T, odd)
+    back, contrast, blur, noise, variance = out[:, [5, 6, 7, 11, 12]].T
+    return Edges(out[:, :2], conic, covariance, back, contrast, blur, noise, variance, odd)

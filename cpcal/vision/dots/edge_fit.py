@@ -78,7 +78,7 @@ def _reach(spread: Floats) -> int:
 def _begin(p: Floats, center: Floats, spread: Floats, light: Floats) -> float:
     """Place, shape and light; returns the unit of length, pixels."""
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] ** 2
-    unit = 2.0 * np.sqrt(np.sqrt(max(det, 1e-12)))
+    unit: float = 2.0 * np.sqrt(np.sqrt(max(det, 1e-12)))
     p[0], p[1] = (center[0] - np.rint(center[0])) / unit, (center[1] - np.rint(center[1])) / unit
     scale = 0.25 * unit * unit / max(det, 1e-12)
     p[2], p[3], p[4] = scale * spread[1, 1], -scale * spread[0, 1], scale * spread[0, 0]
@@ -199,7 +199,8 @@ def _stepped(p: Floats, unit: float, used: int, count: int, matrix: Single, step
     if not (fine and max(abs(p[0]), abs(p[1])) < 1.0 and abs(p[7]) < 6.0):
         return np.nan
     shape = max(abs(step[2]), abs(step[3]), abs(step[4]), abs(step[7]))
-    return max(abs(step[0]), abs(step[1]), 0.1 * shape) * unit
+    moved: float = max(abs(step[0]), abs(step[1]), 0.1 * shape) * unit
+    return moved
 
 
 @compiled

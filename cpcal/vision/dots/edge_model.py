@@ -64,8 +64,8 @@ def normal_equations(p: Floats, x: Single, y: Single, level: Single, count: int,
     _by_blur(depth, count, bell)
     _by_width(bell, wide, double, count, r[8])
     _by_width(bell, wide, twice, count, r[9])
-    products = r[: used + 1]
-    return np.dot(products, products.T)
+    products: Single = np.dot(r[: used + 1], r[: used + 1].T)
+    return products
 
 
 @compiled

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -188,6 +188,15 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
     errors = np.array([_errors(view, target, fit, places) for places in predicted]) - fit.errors
     best = int(errors.argmin())
     return min(int(errors[best]), least), bool(maps.mirrored[close[best]])
+
+
+def apart(view: View, target: Target, fit: Hypothesis) -> int:
+    """How many errors the best near-symmetry that a camera could see (none of the mirrored) makes on dots that are all
+    where `fit` has them, and in view."""
+    perfect = replace(view, points=mapped(fit.homography, target.dots[fit.in_view]))
+    places = lattice.laid(fit.homography, target)[1:][~self_maps(target).mirrored]
+    exact = hypothesis_of(perfect, target, fit.homography)
+    return min((_errors(perfect, target, exact, predicted) for predicted in places), default=len(target.dots))
 
 
 def _errors(view: View, target: Target, fit: Hypothesis, predicted: Floats) -> int:
