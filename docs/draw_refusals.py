@@ -23,7 +23,7 @@ from cpcal.vision.overlay import refusal
 from cpcal.vision.target import DELTALAB_TARGET
 
 HERE = Path(__file__).resolve().parent
-WIDTH, COLOURS, SEED = 420, 32, 2
+WIDTH, COLOURS, SEED = 360, 16, 1
 DEGENERATE = {
     "saturated": "Overexposed: dots and plate run together.",
     "noise": "Nothing but noise.",
