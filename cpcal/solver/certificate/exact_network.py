@@ -45,7 +45,7 @@ def network_statement(network: ConstraintNetwork, objective: str | None, about: 
     goal = None if objective is None else network.names.index(objective)
     constraints = [item.constraint() for item in items]
     chosen = tuple(range(len(items)))
-    problem = Problem(network.names, goal, len(items), chosen, lambda k, images: constraints[k].on(images))
+    problem = Problem(network.names, goal, len(items), chosen, lambda k, x, *_: constraints[k].on(x.images))
     return NetworkStatement(problem, tuple(items), about, sides, start)
 
 

@@ -6,9 +6,11 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction as F
 
-from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, signed
+from cpcal.checker.leg import LegConstraint
+from cpcal.checker.polynomial import FIELD, READINGS, Polynomial
 from cpcal.checker.problem import Box, Problem, Unknowns
 from cpcal.checker.rule import Row
+from cpcal.solver.certificate.float_rows import best_signs
 from cpcal.solver.certificate.statement import free
 
 
@@ -18,29 +20,9 @@ def row_of(problem: Problem, x: Unknowns, side: str, k: int) -> Row:
     center = "0" * len(radii)
     if side == "length" or not any(radii):
         return side, k, center
-    q = problem.constraint(k, x.images(radii, center)).row(side, signed(len(x)))
-    return side, k, "".join(_best(*span) for span in _slopes(q))
-
-
-def _best(low: int, high: int) -> str:
-    """By the range of the derivative: at an end it costs what the row may fall from there, at the centre half of it."""
-    choices = ((max(-low, high), "0"), (2 * max(0, -low), "-"), (2 * max(0, high), "+"))
-    return min(choices, key=lambda choice: choice[0])[1]
-
-
-def _slopes(q: Polynomial) -> list[tuple[int, int]]:
-    """For each reading the range over the box of the derivative at the centre, in common units."""
-    low = (1 << FIELD * READINGS) - 1
-    middle, half = [0] * READINGS, [0] * READINGS
-    for monomial, c in q.terms.items():
-        reading = monomial & low
-        if reading and reading & (reading - 1) == 0 and (reading.bit_length() - 1) % FIELD == 0:
-            j = (reading.bit_length() - 1) // FIELD
-            if monomial == reading:
-                middle[j] += c
-            else:
-                half[j] += abs(c)
-    return [(m - h, m + h) for m, h in zip(middle, half, strict=True)]
+    leg = problem.constraint(k, x, center, 0)
+    assert isinstance(leg, LegConstraint)
+    return side, k, best_signs(leg, side)
 
 
 def stretching(problem: Problem, x: Unknowns, k: int) -> str:
@@ -49,12 +31,11 @@ def stretching(problem: Problem, x: Unknowns, k: int) -> str:
     center = "0" * len(radii)
     if not any(radii):
         return center
-    c = problem.constraint(k, x.images(radii, center))
-    assert c.factor is not None
-    assert c.at_least is not None
-    assert c.at_most is not None
-    (body, of_body), (factor, of_factor) = _linear(c.body), _linear(c.factor)
-    _, of_length = _linear((c.at_least + c.at_most).times(1, -1))
+    leg = problem.constraint(k, x, center, 0)
+    assert isinstance(leg, LegConstraint)
+    under_root, scale, low, high = leg.parts("under_root", "factor", "at_least", "at_most")
+    (body, of_body), (factor, of_factor) = _linear(under_root), _linear(scale)
+    _, of_length = _linear((low + high).times(1, -1))
     square = body / factor
     slopes = (
         (b - square * f) / factor - 2.0 * math.sqrt(max(square, 0.0)) * u

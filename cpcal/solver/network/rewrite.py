@@ -18,7 +18,7 @@ from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import Constraint, Expr, as_expr, sqr
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.polynomial import Expander, Monomial, NotPolynomial, PolynomialArray
+from cpcal.solver.network.polynomial import Expander, Found, Monomial, NotPolynomial, PolynomialArray
 
 # For the readings of one row, by the digest of their leaf: a part of the set that decides the row.
 ReadingSets = dict[bytes, IntervalArray]
@@ -200,34 +200,50 @@ def rewritten(row: Row, engine: Arithmetic) -> list[Row]:
 Expanded = tuple[Row, PolynomialArray, PolynomialArray | None]
 
 
-def _expanded(
-    network: ConstraintNetwork, engine: Arithmetic, sets: Sequence[ReadingSets] | None
-) -> tuple[list[Expanded], list[tuple[int, str]]]:
-    """All rows with their polynomials and guards, and what was left over and why."""
-    expanded: list[Expanded] = []
-    leftover: list[tuple[int, str]] = []
-    first = one_sided_rows(network)
-    shared = Expander(network, engine, tuple(row.expr for row in first))
-    for k, row in enumerate(first):
-        own = sets[k] if sets else {}
-        expander = Expander(network, engine, (row.expr,), own) if own else shared
-        for part in rewritten(row, engine):
-            try:
-                guard = None if part.guard is None else expander.expand(part.guard)
-                expanded.append((part, expander.expand(part.expr), guard))
-            except NotPolynomial as reason:
-                leftover.append((part.constraint, str(reason)))
-    return expanded, leftover
+class PolynomialForms:
+    """The polynomial forms of one network for any parts of its reading sets; what they share is done once."""
+
+    def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
+        self._network, self._engine = network, engine
+        self._first = one_sided_rows(network)
+        self._parts = [rewritten(row, engine) for row in self._first]
+        self._fixed: dict[bytes, Found] = {}
+
+    def _expander(self, rows: Sequence[Row], sets: ReadingSets | None = None) -> Expander:
+        return Expander(self._network, self._engine, tuple(row.expr for row in rows), sets, self._fixed)
+
+    def _expanded(self, sets: Sequence[ReadingSets] | None) -> tuple[list[Expanded], list[tuple[int, str]]]:
+        """All rows with their polynomials and guards, and what was left over and why."""
+        expanded: list[Expanded] = []
+        leftover: list[tuple[int, str]] = []
+        shared = self._expander(self._first)
+        for k, (row, parts) in enumerate(zip(self._first, self._parts, strict=True)):
+            expander = self._expander([row], sets[k]) if sets and sets[k] else shared
+            for part in parts:
+                try:
+                    guard = None if part.guard is None else expander.expand(part.guard)
+                    expanded.append((part, expander.expand(part.expr), guard))
+                except NotPolynomial as reason:
+                    leftover.append((part.constraint, str(reason)))
+        return expanded, leftover
+
+    def on(self, sets: Sequence[ReadingSets] | None = None) -> PolynomialSystem:
+        """All rows that have a polynomial form, over one list of shared monomials.
+
+        `sets` may give, for each one-sided row, smaller reading sets that decide it (see `monotone`).
+        """
+        rows, leftover = self._expanded(sets)
+        return _system(self._network, rows, leftover)
 
 
 def polynomial_form(
     network: ConstraintNetwork, engine: Arithmetic, sets: Sequence[ReadingSets] | None = None
 ) -> PolynomialSystem:
-    """All rows of the network that have a polynomial form, over one list of shared monomials.
+    """`PolynomialForms` for one collection of reading sets."""
+    return PolynomialForms(network, engine).on(sets)
 
-    `sets` may give, for each one-sided row, smaller reading sets that decide it (see `monotone`).
-    """
-    rows, leftover = _expanded(network, engine, sets)
+
+def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tuple[int, str]]) -> PolynomialSystem:
     polynomials = [p for _, q, g in rows for p in (q, g) if p is not None]
     monomials = _closed({m for p in polynomials for m in p.terms})
     slots = max((c.shape[0] for p in polynomials for c in p.terms.values()), default=1)
