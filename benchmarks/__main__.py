@@ -2,7 +2,7 @@
 
 import signal
 
-from benchmarks.app import app
+from benchmarks.commands import app
 
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the process of a run is ended, too

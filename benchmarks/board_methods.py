@@ -47,7 +47,7 @@ class Failed(Exception):
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundBoard:
     """Of one image: pixels (n, 2), which of the method's points (n,) they are, the pose of the target in the camera."""
 
     pixels: Floats
@@ -55,7 +55,7 @@ class Found:
     pose: Pose
 
 
-class Method(Protocol):
+class BoardMethod(Protocol):
     """A board and how its pose is measured. `drawing` names the board: methods with the same one share images."""
 
     @property
@@ -71,7 +71,7 @@ class Method(Protocol):
 
     def draw(self, camera: Camera, pose: Pose, scene: Scene, seed: int) -> Image: ...
 
-    def measure(self, image: Image, camera: Camera, shift: Floats) -> Found:
+    def measure(self, image: Image, camera: Camera, shift: Floats) -> FoundBoard:
         """Pixels as found less the shift (2,) of the method's origin, and the pose from those. Raises Failed."""
         ...
 
@@ -81,7 +81,7 @@ class Method(Protocol):
 
 
 @dataclass(frozen=True)
-class Dots:
+class DotBoard:
     """Our target and the program's whole chain."""
 
     target: Target
@@ -95,7 +95,7 @@ class Dots:
     def draw(self, camera: Camera, pose: Pose, scene: Scene, seed: int) -> Image:
         return render(self.target, camera, pose, scene, seed=seed)
 
-    def measure(self, image: Image, camera: Camera, shift: Floats) -> Found:
+    def measure(self, image: Image, camera: Camera, shift: Floats) -> FoundBoard:
         if shift.any():
             raise ValueError("the origin of our pixels is where it should be")
         try:
@@ -103,7 +103,7 @@ class Dots:
         except NotMeasured as error:
             raise Failed(str(error)) from error
         mine = found.identification
-        return Found(found.dots.centers[mine.found], np.asarray(mine.numbers), found.pose)
+        return FoundBoard(found.dots.centers[mine.found], np.asarray(mine.numbers), found.pose)
 
     def exact(self, camera: Camera, pose: Pose) -> Floats:
         return predicted_centers(self.target, camera, pose)
@@ -119,12 +119,12 @@ class _OpenCVBoard:
     def draw(self, camera: Camera, pose: Pose, scene: Scene, seed: int) -> Image:
         return render_board(self.board, camera, pose, scene, seed=seed)
 
-    def measure(self, image: Image, camera: Camera, shift: Floats) -> Found:
+    def measure(self, image: Image, camera: Camera, shift: Floats) -> FoundBoard:
         pixels, numbers = self.corners(image)
         pixels = pixels - shift
         if len(numbers) < _LEAST_CORNERS:
             raise Failed(f"{len(numbers)} corners")
-        return Found(pixels, numbers, least_squares_pose(self.points[numbers], pixels, camera))
+        return FoundBoard(pixels, numbers, least_squares_pose(self.points[numbers], pixels, camera))
 
     def exact(self, camera: Camera, pose: Pose) -> Floats:
         return camera.project(transformed(pose, self.points))

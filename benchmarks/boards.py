@@ -30,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.board_methods import AprilTags, Charuco, Dots, Failed, Method
+from benchmarks.board_methods import AprilTags, BoardMethod, Charuco, DotBoard, Failed
 from benchmarks.isolation import ONE_THREAD
 from benchmarks.machine import machine
 from benchmarks.vision_scenes import FACING, facing_poses, one
@@ -58,13 +58,13 @@ SETTINGS = {
 _MARGIN = 10.0  # pixels between the plate and the image's border
 
 
-def methods() -> list[Method]:
+def methods() -> list[BoardMethod]:
     peers = [Charuco(10, 10), Charuco(8, 12), AprilTags(refinement="SUBPIX"), AprilTags(refinement="APRILTAG")]
-    return [Dots(DELTALAB_TARGET), *peers]
+    return [DotBoard(DELTALAB_TARGET), *peers]
 
 
 @dataclass(frozen=True)
-class Row:
+class BoardRow:
     """What one method made of the images of one setting. Errors are root mean squares; nan without any pose."""
 
     setting: str
@@ -102,7 +102,7 @@ def poses(camera: Camera, count: int, seed: int) -> list[Pose]:
     return found[:count]
 
 
-def studied(name: str, images: int, seed: int, chosen: Sequence[Method] | None = None) -> list[Row]:
+def studied(name: str, images: int, seed: int, chosen: Sequence[BoardMethod] | None = None) -> list[BoardRow]:
     """The rows of the setting of that name. The poses depend on the seed alone."""
     opencv().setNumThreads(1)
     camera, scene = DELTALAB_CAMERA, SETTINGS[name]
@@ -121,7 +121,7 @@ def studied(name: str, images: int, seed: int, chosen: Sequence[Method] | None =
 class _Tally:
     """One method's errors so far."""
 
-    def __init__(self, method: Method, camera: Camera) -> None:
+    def __init__(self, method: BoardMethod, camera: Camera) -> None:
         self.method, self.camera = method, camera
         self.pixels: list[Floats] = []
         self.moved: list[Floats] = []  # position, mm
@@ -144,11 +144,11 @@ class _Tally:
         turn = quaternion_product(found.pose.quaternion, quaternion_conjugate(pose.quaternion))
         self.turned.append(np.degrees(rotation_vector(turn)))
 
-    def row(self, setting: str) -> Row:
+    def row(self, setting: str) -> BoardRow:
         pixels = np.concatenate([np.zeros((0, 2)), *self.pixels])
         moved, turned = np.reshape(self.moved, (-1, 3)), np.reshape(self.turned, (-1, 3))
         off = (np.linalg.norm(moved, axis=1) > WRONG[0]) | (np.linalg.norm(turned, axis=1) > WRONG[1])
-        return Row(
+        return BoardRow(
             setting,
             self.method.name,
             self.method.drawing,
@@ -168,7 +168,7 @@ class _Tally:
         )
 
 
-def origin(method: Method, camera: Camera) -> Floats:
+def origin(method: BoardMethod, camera: Camera) -> Floats:
     """By how many pixels (2,), to the nearest half, the method's origin is off. (This warms it up, too.)"""
     turn = quaternion_product(quaternion_from_rotation_vector([0.1, 0.1, 0.2]), FACING)
     pose = Pose(np.array([0.0, 0.0, 600.0]), turn)
@@ -181,7 +181,7 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else float("nan")
 
 
-def printed(rows: Sequence[Row]) -> Iterator[str]:
+def printed(rows: Sequence[BoardRow]) -> Iterator[str]:
     """The table of one setting's rows; in brackets, how many times the first row's figure it is."""
     scene = SETTINGS[rows[0].setting]
     yield f"{rows[0].setting}: blur {scene.blur:g} px, noise {scene.noise:g} grey levels, {rows[0].images} images"
@@ -199,11 +199,11 @@ def printed(rows: Sequence[Row]) -> Iterator[str]:
     yield from (f"  {row.method}: {row.shift} pixels taken off" for row in rows if any(row.shift))
 
 
-def _figures(row: Row) -> tuple[float, ...]:
+def _figures(row: BoardRow) -> tuple[float, ...]:
     return row.pixels, row.lateral, row.depth, row.degrees, row.milliseconds
 
 
-def _told(row: Row) -> dict[str, object]:
+def _told(row: BoardRow) -> dict[str, object]:
     """The row for JSON, which knows no nan."""
     return {key: None if value != value else value for key, value in asdict(row).items()}
 
@@ -219,7 +219,7 @@ def main() -> None:
     if unknown := [name for name in names if name not in SETTINGS]:
         parser.error(f"no setting is called {unknown[0]}; there are {', '.join(SETTINGS)}")
     os.environ.update(ONE_THREAD)  # read by a process when it starts: so the study has one of its own
-    rows: list[Row] = []
+    rows: list[BoardRow] = []
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         for name in names:
             found = pool.submit(studied, name, options.images, options.seed).result()

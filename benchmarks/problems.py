@@ -37,7 +37,7 @@ _LEG = re.compile(r"leg([1-6])-e([\d.]+)-n(\d+)-d([\d.]+)(-u)?")
 _EXAMPLE = Path(__file__).parents[1] / "docs" / "examples" / "hangprinter.py"
 
 
-class Problem(Protocol):
+class PosedProblem(Protocol):
     """A constraint set whose smallest `eps` is sought; `start` is where a first fit may begin."""
 
     @property
@@ -136,14 +136,14 @@ class Cable:
         return net
 
 
-def problem(name: str, data: Path | None = None) -> Problem:
+def problem(name: str, data: Path | None = None) -> PosedProblem:
     """The problem of that name. Raises ValueError, PluginError; for a cable without `data`, FileNotFoundError."""
     leg = Leg.named(name)
     if leg is not None:
         return leg
     family, _, arguments = name.partition(":")
     if family in plugins.found(GROUP):
-        provided: Problem = plugins.load_member("problem", family, GROUP)(arguments, data)
+        provided: PosedProblem = plugins.load_member("problem", family, GROUP)(arguments, data)
         return provided
     if name not in CABLES:
         others = "".join(f", {other}:..." for other in plugins.found(GROUP))

@@ -16,7 +16,7 @@ Key = tuple[str, str, str]  # problem, task, method
 
 
 @dataclass(frozen=True)
-class Answer:
+class MethodAnswer:
     """What a method says: `answered` means that it claims to have done all of the task.
 
     `figures`: "lo" and "hi" of eps in mm, "nodes", "programs", "width" (largest, mm), "steps", where there are such.

@@ -26,7 +26,7 @@ from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation
 from cpcal.vision.calibration import calibrate_from_images
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.camera_file import CameraRecord
-from cpcal.vision.measure import Measured, NotMeasured, measure_pose
+from cpcal.vision.measure import MeasuredImage, NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.target import DELTALAB_TARGET
 
@@ -112,7 +112,7 @@ def measured(world: World, images: int, seed: int, record: CameraRecord) -> Figu
     return out
 
 
-def _add(out: Figures, found: Measured, true: Pose) -> None:
+def _add(out: Figures, found: MeasuredImage, true: Pose) -> None:
     centers = true_centers(DELTALAB_TARGET, DELTALAB_CAMERA, true)
     pairs = found.dots.centers[found.identification.found] - centers[found.identification.numbers]
     if np.linalg.norm(pairs, axis=1).max() > _WRONG:

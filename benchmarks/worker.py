@@ -15,9 +15,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TextIO
 
-from benchmarks.methods import Question, method
+from benchmarks.methods import TaskQuestion, method
 from benchmarks.problems import problem
-from benchmarks.records import ANSWERED, FAILED, SKIPPED, TIMEOUT, UNDECIDED, Answer, Run
+from benchmarks.records import ANSWERED, FAILED, SKIPPED, TIMEOUT, UNDECIDED, MethodAnswer, Run
 from benchmarks.tasks import Task, Unsupported
 
 _NEARLY = 0.95  # who gives up this close to the limit gave up because of it
@@ -32,7 +32,7 @@ def perform(job: dict[str, Any], tell: TextIO) -> Run:
         if lacking is not None:
             return Run(*name, SKIPPED, note=lacking)
         data = None if job["data"] is None else Path(job["data"])
-        question = Question(problem(job["problem"], data), Task.named(job["task"]), job["eps"], job["limit"])
+        question = TaskQuestion(problem(job["problem"], data), Task.named(job["task"]), job["eps"], job["limit"])
         work = asked.prepare(question)
         print(json.dumps("ready"), file=tell, flush=True)
         gc.collect()
@@ -49,7 +49,7 @@ def perform(job: dict[str, Any], tell: TextIO) -> Run:
     return Run(*name, status, seconds, cpu, answer.figures, answer.note)
 
 
-def _status(answer: Answer, seconds: float, limit: float) -> str:
+def _status(answer: MethodAnswer, seconds: float, limit: float) -> str:
     if seconds > limit or (not answer.answered and seconds > _NEARLY * limit):
         return TIMEOUT
     return ANSWERED if answer.answered else UNDECIDED

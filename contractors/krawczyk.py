@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from contractors.interval_rows import Decomposition, IntervalRows, Linearised, inequalities, krawczyk
-from contractors.polyhedral import Programs
+from contractors.polyhedral import PolyhedralPrograms
 from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Polyhedron, repeated
 from cpcal.solver.interval import Box, get_arithmetic
@@ -60,7 +60,9 @@ class Krawczyk(Composable):
         polyhedron, origin = _cutting(box, parts)
         if not origin.size:
             return Contraction(box)
-        return Programs(self.name, polyhedron, origin, box, self._arithmetic, self._engine()).run(self._objective)
+        return PolyhedralPrograms(self.name, polyhedron, origin, box, self._arithmetic, self._engine()).run(
+            self._objective
+        )
 
     def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:
         """The interval-linear rows on a box, and how each block of them becomes real."""

@@ -13,7 +13,7 @@ from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.linear import BoxProgram, LinearEngine, LinearSolution, tightened
 
 
-class Programs:
+class PolyhedralPrograms:
     """The linear programs of one polyhedron in one bounded box; `origin` (m, 2) names the constraint of each row."""
 
     def __init__(

@@ -1,8 +1,22 @@
-"""For all tests: no test depends on how fast the machine is."""
+"""For all tests: no test depends on how fast the machine is, and each worker keeps to its own processor."""
 
 from __future__ import annotations
 
+import os
+
+import pytest
 from hypothesis import settings
+
+from tests.warm_up import compile_kernels
+
+for library in ("OMP", "OPENBLAS", "MKL"):  # before numpy is loaded: threads of two workers would fight for the cores
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 settings.register_profile("cpcal", deadline=None)
 settings.load_profile("cpcal")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Where workers will run the tests, what they all need is compiled first, once."""
+    if config.getoption("numprocesses", default=None):  # a worker has none itself
+        compile_kernels()

@@ -20,7 +20,7 @@ SHORT = {  # added to a command so that it ends soon, which changes nothing of h
     "compare": ["--legs", "1", "--time-limit", "3"],
 }
 ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
-    "detect": "tests/vision, tests/cli/test_detect.py",
+    "detect": "tests/vision, tests/cli/test_images.py",
     "accuracy": "tests/accuracy",
     "import": "tests/cli/test_import.py, tests/test_your_data.py",
     "solve": "tests/problems",

@@ -47,7 +47,7 @@ def test_a_verb_loads_no_other_verb_s_libraries():
 
 
 def test_pages_and_their_figures_need_no_plotting_library():
-    code = "import sys, cpcal.cli.certify, cpcal.report.page, cpcal.report.study; print(*sys.modules)"
+    code = "import sys, cpcal.cli.certify, cpcal.report.page, cpcal.report.study_report; print(*sys.modules)"
     assert "matplotlib" not in interpreted(code).split()
 
 

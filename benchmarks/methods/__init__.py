@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import importlib
 
-from benchmarks.methods.method import Method, Question, Work
+from benchmarks.methods.method import Method, TaskQuestion, Work
 
 PEERS = {
     "scip": "benchmarks.methods.scip:Scip",
     "gurobi": "benchmarks.methods.gurobi:Gurobi",
     "codac": "benchmarks.methods.codac:Codac",
     "codac-fwdbwd": "benchmarks.methods.codac:CodacFwdBwd",
-    "least-squares": "benchmarks.methods.fit:LeastSquares",
+    "least-squares": "benchmarks.methods.least_squares:LeastSquares",
 }
 
-__all__ = ["PEERS", "Method", "Question", "Work", "method"]
+__all__ = ["PEERS", "Method", "TaskQuestion", "Work", "method"]
 
 
 def method(name: str) -> Method:

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.methods.hull import widths
-from benchmarks.methods.method import Question, Work, not_installed
+from benchmarks.methods.method import TaskQuestion, Work, not_installed
 from benchmarks.methods.sweep import timed_sweep
 from benchmarks.problems import Leg
-from benchmarks.records import Answer
+from benchmarks.records import MethodAnswer
 from benchmarks.tasks import Unsupported
 from cpcal.legs import residuals
 from cpcal.robot import rotation_matrix
@@ -43,7 +43,7 @@ class Codac:
         negative, positive = codac.Interval(-codac.oo, 0.0), codac.Interval(0.0, codac.oo)
         return [codac.CtcInverse(f, negative) for f in above] + [codac.CtcInverse(f, positive) for f in below]
 
-    def prepare(self, question: Question) -> Work:
+    def prepare(self, question: TaskQuestion) -> Work:
         import codac
 
         leg, kind = question.leg, question.task.kind
@@ -115,7 +115,7 @@ def _start(leg: Leg, eps: tuple[float, float] | None) -> Any:
     return codac.IntervalVector(bounds + ([list(eps)] if eps else []))
 
 
-def _minimise(leg: Leg, contractors: list[Any], question: Question) -> Answer:
+def _minimise(leg: Leg, contractors: list[Any], question: TaskQuestion) -> MethodAnswer:
     """Best first by the lower bound of eps; midpoints are tried, the first of them the least-squares fit."""
     deadline, serial = time.monotonic() + question.limit, itertools.count()
     best = float(np.abs(residuals(leg.campaign, leg.leg, leg.middle)).max())
@@ -133,7 +133,7 @@ def _minimise(leg: Leg, contractors: list[Any], question: Question) -> Answer:
         for half in box.bisect(int(np.argmax(np.asarray(box.diam()).ravel()[:7]))):
             heapq.heappush(queue, (float(half[7].lb()), next(serial), half))
     lo = min([best] + [entry[0] for entry in queue[:1]])
-    return Answer(lo >= best * (1.0 - question.task.value), {"lo": lo, "hi": best, "nodes": nodes}, "own search")
+    return MethodAnswer(lo >= best * (1.0 - question.task.value), {"lo": lo, "hi": best, "nodes": nodes}, "own search")
 
 
 def _interval(lo: float, hi: float) -> Any:
@@ -142,7 +142,7 @@ def _interval(lo: float, hi: float) -> Any:
     return codac.Interval(lo, hi)
 
 
-def _pave(leg: Leg, contractors: list[Any], question: Question) -> Answer:
+def _pave(leg: Leg, contractors: list[Any], question: TaskQuestion) -> MethodAnswer:
     """Widest box first. Empty: refuted; else the hull of what is left when the time is up."""
     deadline, serial = time.monotonic() + question.limit, itertools.count()
     first = _start(leg, None)
@@ -160,4 +160,4 @@ def _pave(leg: Leg, contractors: list[Any], question: Question) -> Answer:
         lo = np.min([np.asarray(box.lb()).ravel() for _, _, box in queue], axis=0)
         hi = np.max([np.asarray(box.ub()).ravel() for _, _, box in queue], axis=0)
         figures |= widths(hi - lo)
-    return Answer(not queue and question.task.kind == "refute", figures, f"{len(queue)} boxes left")
+    return MethodAnswer(not queue and question.task.kind == "refute", figures, f"{len(queue)} boxes left")

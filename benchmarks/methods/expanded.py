@@ -19,9 +19,9 @@ from typing import Protocol
 import numpy as np
 
 from benchmarks.methods.hull import widths
-from benchmarks.methods.method import HULL_GAP, Question, Work
+from benchmarks.methods.method import HULL_GAP, TaskQuestion, Work
 from benchmarks.problems import Leg
-from benchmarks.records import Answer
+from benchmarks.records import MethodAnswer
 from benchmarks.tasks import Unsupported
 from cpcal.common.arrays import Floats
 from cpcal.robot import rotation_matrix
@@ -33,7 +33,7 @@ COLUMNS = 23
 
 
 @dataclass(frozen=True)
-class Rows:
+class ExpandedRows:
     """`matrix @ columns + constant` is E; parameters lie between `lo` and `hi`, eps below `longest`."""
 
     matrix: Floats
@@ -44,7 +44,7 @@ class Rows:
     longest: float
 
 
-def rows(leg: Leg) -> Rows:
+def rows(leg: Leg) -> ExpandedRows:
     """The coefficients of one leg, in doubles."""
     campaign = leg.campaign
     p, r = campaign.position, rotation_matrix(campaign.quaternion)
@@ -59,7 +59,7 @@ def rows(leg: Leg) -> Rows:
         matrix[:, column] = -2.0 * r[:, i, j]
     for (i, j), column in BB.items():
         matrix[:, column] = gram[:, i, j] * (1.0 if i == j else 2.0)
-    return Rows(matrix, (p * p).sum(axis=1) - length**2, length, leg.box.lo, leg.box.hi, leg.longest)
+    return ExpandedRows(matrix, (p * p).sum(axis=1) - length**2, length, leg.box.lo, leg.box.hi, leg.longest)
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ class Model(Protocol):
     def solve(self, objective: tuple[int, float] | None, limit: float, gap: float, gap_absolute: float) -> Solved: ...
 
 
-Build = Callable[[Rows, float | None], Model]  # eps None: a variable
+Build = Callable[[ExpandedRows, float | None], Model]  # eps None: a variable
 
 
-def work(question: Question, build: Build) -> Work:
+def work(question: TaskQuestion, build: Build) -> Work:
     """The tasks that these solvers can be given."""
     leg = question.leg
     data = rows(leg)
@@ -96,17 +96,17 @@ def work(question: Question, build: Build) -> Work:
     raise Unsupported(f"has no task {question.task.kind}")
 
 
-def _minimise(model: Model, question: Question) -> Answer:
+def _minimise(model: Model, question: TaskQuestion) -> MethodAnswer:
     found = model.solve(None, question.limit, question.task.value, 0.0)
-    return Answer(found.done, {"lo": found.lo, "hi": found.hi, "nodes": found.nodes}, found.status)
+    return MethodAnswer(found.done, {"lo": found.lo, "hi": found.hi, "nodes": found.nodes}, found.status)
 
 
-def _refute(model: Model, question: Question) -> Answer:
+def _refute(model: Model, question: TaskQuestion) -> MethodAnswer:
     found = model.solve((OFFSET, 0.0), question.limit, 0.0, 0.0)
-    return Answer(found.infeasible, {"nodes": found.nodes}, found.status)
+    return MethodAnswer(found.infeasible, {"nodes": found.nodes}, found.status)
 
 
-def _hull(model: Model, data: Rows, limit: float) -> Answer:
+def _hull(model: Model, data: ExpandedRows, limit: float) -> MethodAnswer:
     lo, hi = data.lo.copy(), data.hi.copy()
     deadline, nodes, closed = time.monotonic() + limit, 0.0, 0
     sides = [(k, sign) for k in range(7) for sign in (1.0, -1.0)]
@@ -114,8 +114,10 @@ def _hull(model: Model, data: Rows, limit: float) -> Answer:
         share = (deadline - time.monotonic()) / (len(sides) - done)
         found = model.solve((k, sign), max(share, 1e-3), 0.0, HULL_GAP)
         if found.infeasible:
-            return Answer(False, {"nodes": nodes + found.nodes}, "claims that there is none")
+            return MethodAnswer(False, {"nodes": nodes + found.nodes}, "claims that there is none")
         nodes, closed = nodes + found.nodes, closed + found.done
         if math.isfinite(found.lo):
             lo[k], hi[k] = (max(lo[k], found.lo), hi[k]) if sign > 0.0 else (lo[k], min(hi[k], -found.lo))
-    return Answer(closed == len(sides), {"nodes": nodes, **widths(hi - lo)}, f"{closed} of {len(sides)} bounds closed")
+    return MethodAnswer(
+        closed == len(sides), {"nodes": nodes, **widths(hi - lo)}, f"{closed} of {len(sides)} bounds closed"
+    )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from benchmarks.methods import expanded
-from benchmarks.methods.expanded import AB, BB, COLUMNS, OFFSET, A, B, Q, Rows, Solved
-from benchmarks.methods.method import Question, Work, not_installed
+from benchmarks.methods.expanded import AB, BB, COLUMNS, OFFSET, A, B, ExpandedRows, Q, Solved
+from benchmarks.methods.method import TaskQuestion, Work, not_installed
 
 
 class Gurobi:
@@ -17,7 +17,7 @@ class Gurobi:
     def missing(self) -> str | None:
         return not_installed("gurobipy")
 
-    def prepare(self, question: Question) -> Work:
+    def prepare(self, question: TaskQuestion) -> Work:
         import gurobipy
 
         environment = gurobipy.Env(params={"OutputFlag": 0})
@@ -25,7 +25,7 @@ class Gurobi:
 
 
 class _Model:
-    def __init__(self, environment: Any, data: Rows, eps: float | None) -> None:
+    def __init__(self, environment: Any, data: ExpandedRows, eps: float | None) -> None:
         import gurobipy
 
         model = self._model = gurobipy.Model(env=environment)

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.methods.extreme import extreme, minimax
 from benchmarks.methods.method import HULL_GAP
 from benchmarks.problems import Leg
-from benchmarks.records import Answer
+from benchmarks.records import MethodAnswer
 from cpcal.common.arrays import Floats
 from cpcal.legs import PARAMETERS, leg_network
 from cpcal.solver import plugins
@@ -21,13 +21,13 @@ from cpcal.solver.optimize import Minimum, minimize, run
 _ENGINE = get_arithmetic("float64")
 
 
-def hull(leg: Leg, contractors: tuple[str, ...], eps: float, limit: float) -> Answer:
+def hull(leg: Leg, contractors: tuple[str, ...], eps: float, limit: float) -> MethodAnswer:
     """An outer box, each bound within HULL_GAP of a proved point unless the time was up."""
     deadline = time.monotonic() + limit
     network = _network(leg, leg.box, eps)
     box = Repeat(plugins.build(network, contractors)).contract(network.domain).box
     if box.is_empty:
-        return Answer(False, {}, "proved to be empty")
+        return MethodAnswer(False, {}, "proved to be empty")
     box = Box(PARAMETERS, box.lo[:7], box.hi[:7])
     inside = minimax(leg)
     nodes = programs = closed = 0
@@ -44,7 +44,7 @@ def hull(leg: Leg, contractors: tuple[str, ...], eps: float, limit: float) -> An
         else:
             box = box.replace(name, hi=min(float(box.hi[k]), -found.lo))
     figures = {"nodes": nodes, "programs": programs, **widths(box.width)}
-    return Answer(closed == len(sides), figures, f"{closed} of {len(sides)} bounds closed")
+    return MethodAnswer(closed == len(sides), figures, f"{closed} of {len(sides)} bounds closed")
 
 
 def widths(width: Floats) -> dict[str, float]:

@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Protocol
 
-from benchmarks.problems import Leg, Problem
-from benchmarks.records import Answer
+from benchmarks.problems import Leg, PosedProblem
+from benchmarks.records import MethodAnswer
 from benchmarks.tasks import Task, Unsupported
 
-Work = Callable[[], Answer]
+Work = Callable[[], MethodAnswer]
 HULL_GAP = 0.01  # mm, within which each bound of a hull is wanted
 
 
 @dataclass(frozen=True)
-class Question:
+class TaskQuestion:
     """`eps` (mm) is the tolerance that a task is about, where it is about one; `limit` is in seconds."""
 
-    problem: Problem
+    problem: PosedProblem
     task: Task
     eps: float | None
     limit: float
@@ -47,7 +47,7 @@ class Method(Protocol):
         """Why it cannot run here, or None."""
         ...
 
-    def prepare(self, question: Question) -> Work:
+    def prepare(self, question: TaskQuestion) -> Work:
         """Read what the problem says; the task itself is the returned function, which is timed. Raises Unsupported."""
         ...
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import cpcal
 from benchmarks.methods.hull import hull
 from benchmarks.methods.linear_time import LinearTime
-from benchmarks.methods.method import Question, Work
+from benchmarks.methods.method import TaskQuestion, Work
 from benchmarks.methods.proof import checked
 from benchmarks.methods.sweep import timed_sweep
 from benchmarks.problems import Leg
-from benchmarks.records import Answer
+from benchmarks.records import MethodAnswer
 from benchmarks.tasks import Unsupported
 from contractors import HC4
 from cpcal.files import campaign_sha256
@@ -35,7 +35,7 @@ class Cpcal:
         unknown = [name for name in self._contractors if name not in plugins.found()]
         return f"no contractor is registered as {', '.join(unknown)}" if unknown else None
 
-    def prepare(self, question: Question) -> Work:
+    def prepare(self, question: TaskQuestion) -> Work:
         kinds = {
             "minimise": self._minimise,
             "refute": self._refute,
@@ -46,15 +46,15 @@ class Cpcal:
         }
         return kinds[question.task.kind](question)
 
-    def _minimise(self, question: Question) -> Work:
+    def _minimise(self, question: TaskQuestion) -> Work:
         _ready(question)
         return lambda: self._search(question, None, question.task.value)
 
-    def _refute(self, question: Question) -> Work:
+    def _refute(self, question: TaskQuestion) -> Work:
         _ready(question)
         return lambda: self._search(question, question.tolerance, 1e-6)
 
-    def _search(self, question: Question, eps: float | None, gap: float) -> Answer:
+    def _search(self, question: TaskQuestion, eps: float | None, gap: float) -> MethodAnswer:
         with LinearTime() as linear:
             network = question.problem.network(eps)
             contractor = plugins.build(network, self._contractors, objective="eps")
@@ -65,26 +65,28 @@ class Cpcal:
         if eps is not None:
             del figures["lo"], figures["hi"]  # say nothing of eps*
         wanted = Verdict.PROVED if eps is None else Verdict.REFUTED
-        return Answer(found.verdict is wanted, figures, found.verdict.value)
+        return MethodAnswer(found.verdict is wanted, figures, found.verdict.value)
 
-    def _hull(self, question: Question) -> Work:
+    def _hull(self, question: TaskQuestion) -> Work:
         leg = _leg(question)
         _ready(question)
         return lambda: hull(leg, self._contractors, question.tolerance, question.limit)
 
-    def _certify(self, question: Question) -> Work:
+    def _certify(self, question: TaskQuestion) -> Work:
         leg = _leg(question)
         _ready(question)
 
-        def work() -> Answer:
+        def work() -> MethodAnswer:
             with LinearTime() as linear:
                 found = self._certified(leg.campaign, leg, question)
             figures = {**_leg_figures(found), **linear.figures, "support": float(len(found.support))}
-            return Answer(found.verdict is Verdict.PROVED, figures, found.verdict.value)
+            return MethodAnswer(found.verdict is Verdict.PROVED, figures, found.verdict.value)
 
         return work
 
-    def _certified(self, campaign: cpcal.Campaign, leg: Leg, question: Question, run: Path | None = None) -> LegResult:
+    def _certified(
+        self, campaign: cpcal.Campaign, leg: Leg, question: TaskQuestion, run: Path | None = None
+    ) -> LegResult:
         return cpcal.certify(
             campaign,
             legs=[leg.leg],
@@ -95,24 +97,24 @@ class Cpcal:
             certificates=run,
         ).legs[0]
 
-    def _prove(self, question: Question) -> Work:
+    def _prove(self, question: TaskQuestion) -> Work:
         leg = _leg(question)
         place = tempfile.TemporaryDirectory()
         folder = Path(place.name) / "campaign"
         cpcal.save_campaign(leg.campaign, folder)
         campaign = cpcal.load_campaign(folder)
 
-        def work() -> Answer:
+        def work() -> MethodAnswer:
             with place:
                 run = Path(place.name) / "run"
                 found = self._certified(campaign, leg, question, run)
                 if found.certificate is None:
-                    return Answer(False, _leg_figures(found), "no certificate")
-                return Answer(True, _leg_figures(found) | checked(run / found.certificate), "checked")
+                    return MethodAnswer(False, _leg_figures(found), "no certificate")
+                return MethodAnswer(True, _leg_figures(found) | checked(run / found.certificate), "checked")
 
         return work
 
-    def _sweep(self, question: Question) -> Work:
+    def _sweep(self, question: TaskQuestion) -> Work:
         leg = _leg(question)
         if self._contractors != ("hc4",):
             raise Unsupported("only hc4 contracts batches of boxes")
@@ -120,13 +122,13 @@ class Cpcal:
         return timed_sweep(leg, question, hc4.contract_batch)
 
 
-def _leg(question: Question) -> Leg:
+def _leg(question: TaskQuestion) -> Leg:
     if not isinstance(question.problem, Leg):
         raise Unsupported("the task is about legs")
     return question.problem
 
 
-def _ready(question: Question) -> None:
+def _ready(question: TaskQuestion) -> None:
     """Data and fit belong to the problem: have them before the clock starts."""
     problem = question.problem
     _ = problem.measurements, problem.start

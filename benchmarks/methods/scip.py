@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from benchmarks.methods import expanded
-from benchmarks.methods.expanded import AB, BB, COLUMNS, OFFSET, A, B, Q, Rows, Solved
-from benchmarks.methods.method import Question, Work, not_installed
+from benchmarks.methods.expanded import AB, BB, COLUMNS, OFFSET, A, B, ExpandedRows, Q, Solved
+from benchmarks.methods.method import TaskQuestion, Work, not_installed
 
 
 class Scip:
@@ -17,14 +17,14 @@ class Scip:
     def missing(self) -> str | None:
         return not_installed("pyscipopt")
 
-    def prepare(self, question: Question) -> Work:
+    def prepare(self, question: TaskQuestion) -> Work:
         import pyscipopt  # noqa: F401  so that loading it takes none of the time
 
         return expanded.work(question, _Model)
 
 
 class _Model:
-    def __init__(self, data: Rows, eps: float | None) -> None:
+    def __init__(self, data: ExpandedRows, eps: float | None) -> None:
         from pyscipopt import Model, quicksum
 
         model = self._model = Model()

@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.methods.method import Question, Work
+from benchmarks.methods.method import TaskQuestion, Work
 from benchmarks.problems import Leg
-from benchmarks.records import Answer
+from benchmarks.records import MethodAnswer
 from cpcal.solver.interval import IntervalArray
 
 _SECONDS = 1.0  # at least this long, and at least thrice
@@ -27,11 +27,11 @@ def boxes(leg: Leg, eps: float, count: int) -> IntervalArray:
     return IntervalArray(np.hstack([middle - half, eps_column]), np.hstack([middle + half, eps_column]))
 
 
-def timed_sweep(leg: Leg, question: Question, sweep: Sweep) -> Work:
+def timed_sweep(leg: Leg, question: TaskQuestion, sweep: Sweep) -> Work:
     """Medians of CPU time over calls in one process, the first one left out."""
     batch = boxes(leg, question.tolerance, int(question.task.value))
 
-    def work() -> Answer:
+    def work() -> MethodAnswer:
         left = sweep(batch)
         times: list[float] = []
         while len(times) < 3 or (sum(times) < _SECONDS and len(times) < 200):
@@ -47,6 +47,6 @@ def timed_sweep(leg: Leg, question: Question, sweep: Sweep) -> Work:
             "emptied": float(empty.sum()),
             "width left": float(share.mean()) if share.size else 0.0,
         }
-        return Answer(True, figures, cpu=statistics.median(times))
+        return MethodAnswer(True, figures, cpu=statistics.median(times))
 
     return work

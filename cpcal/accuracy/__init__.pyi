@@ -1,5 +1,5 @@
 from .accuracy import NamedPoses, certify_accuracy
-from .values import Accuracy, load_accuracy, save_accuracy
+from .findings import Accuracy, load_accuracy, save_accuracy
 from .workspace import Workspace
 
 __all__ = [

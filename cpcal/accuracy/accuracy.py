@@ -10,10 +10,7 @@ import numpy as np
 
 from cpcal.accuracy.certified_set import CertifiedSet, certified_set
 from cpcal.accuracy.estimates import distances, expanded_uncertainty, true_poses
-from cpcal.accuracy.model_error import Growth, growth
-from cpcal.accuracy.next_poses import next_poses
-from cpcal.accuracy.pose_bounds import LEGS, PoseBounds, pose_bounds
-from cpcal.accuracy.values import (
+from cpcal.accuracy.findings import (
     Accuracy,
     AssumedError,
     CellAccuracy,
@@ -22,6 +19,9 @@ from cpcal.accuracy.values import (
     PoseAccuracy,
     WorkspaceAccuracy,
 )
+from cpcal.accuracy.model_error import Growth, growth
+from cpcal.accuracy.next_poses import next_poses
+from cpcal.accuracy.pose_bounds import LEGS, PoseBounds, pose_bounds
 from cpcal.accuracy.workspace import Covered, Workspace, cover
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cpcal.accuracy.cells import Cells, LegVectors, leg_vectors_over
 from cpcal.accuracy.certified_set import SIZE, CertifiedSet
+from cpcal.accuracy.pose_cells import Cells, LegVectors, leg_vectors_over
 from cpcal.accuracy.vectors import ENGINE, along_turn, applied, cross, dot, joined, point, total, transposed
 from cpcal.common.arrays import Floats
 from cpcal.solver.interval import IntervalArray

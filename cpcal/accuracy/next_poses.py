@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.accuracy.certified_set import CertifiedSet
-from cpcal.accuracy.values import NextPose
+from cpcal.accuracy.findings import NextPose
 from cpcal.common.arrays import Floats
 from cpcal.legs import PLAIN, ModelResiduals, reading_sensitivities
 from cpcal.robot import (

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.accuracy.cells import Cells, leg_vectors_over
 from cpcal.accuracy.certified_set import CertifiedSet
 from cpcal.accuracy.deviations import center_deviations, deviations_across, scales
+from cpcal.accuracy.pose_cells import Cells, leg_vectors_over
 from cpcal.accuracy.vectors import (
     ENGINE,
     along_turn,

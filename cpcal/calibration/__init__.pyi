@@ -79,7 +79,7 @@ from .statistics import (
     deviations,
     mean_rotations,
 )
-from .study import (
+from .study_calibration import (
     StudyCalibration,
     calibrate_study,
 )

@@ -21,7 +21,7 @@ import numpy as np
 from cpcal.calibration.estimate import Fit
 from cpcal.calibration.fit import fit
 from cpcal.calibration.own_frame import in_own_frame, own_frame_covariance
-from cpcal.calibration.study import StudyCalibration
+from cpcal.calibration.study_calibration import StudyCalibration
 from cpcal.calibration.weights import Noise
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem

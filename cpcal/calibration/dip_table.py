@@ -1,4 +1,4 @@
-"""The law of sqrt(N) dip for uniform samples: `python -m benchmarks.dip_table`, 5000 samples each."""
+"""The law of sqrt(N) dip for uniform samples: `python -m benchmarks.dip_law`, 5000 samples each."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Frame:
+class FittedFrame:
     """A frame in another: position (mm), quaternion, and standard deviations (6,) of position and rotation vector.
 
     sigma          of the frame that the robot's own joint centres define
@@ -63,13 +63,13 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Frames:
+class FittedFrames:
     """The frames by the joint centres of x_c_sigma, and how they were started: from pairs of poses, whose residuals are
     root mean squares of the components, mm and rad."""
 
     method: str
-    camera_in_base: Frame
-    target_in_mobile: Frame
+    camera_in_base: FittedFrame
+    target_in_mobile: FittedFrame
     position_residual: float
     rotation_residual: float
     unit_weight: float
@@ -86,12 +86,12 @@ class Frames:
         return " ".join([said, *self.remarks, *(self._said(*pair) for pair in self.both)])
 
     @property
-    def both(self) -> tuple[tuple[str, Frame], ...]:
+    def both(self) -> tuple[tuple[str, FittedFrame], ...]:
         """With what each is called."""
         return ("camera in base", self.camera_in_base), ("target in mobile", self.target_in_mobile)
 
     @staticmethod
-    def _said(name: str, frame: Frame) -> str:
+    def _said(name: str, frame: FittedFrame) -> str:
         own, drawn = (np.array(sigma)[:3].max() for sigma in (frame.sigma, frame.drawing_sigma))
         return (
             f"{name.capitalize()}: the calibrated joint centres are {frame.drawing_error:.2g} mm a coordinate off the "
@@ -200,7 +200,7 @@ class CalibrationRecord:
     robot_sigma: Numbers
     tests: RepeatTests
     diagnosis: Diagnosis
-    frames: Frames
+    frames: FittedFrames
     x_c: Parameters
     x_c_sigma: Parameters
     x_c_f: Parameters

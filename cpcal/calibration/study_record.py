@@ -12,8 +12,8 @@ from cpcal.calibration.record import (
     CalibrationRecord,
     Channel,
     Errors,
-    Frame,
-    Frames,
+    FittedFrame,
+    FittedFrames,
     Histogram,
     Numbers,
     OwnFrame,
@@ -21,7 +21,7 @@ from cpcal.calibration.record import (
     Rows,
 )
 from cpcal.calibration.statistics import Deviations
-from cpcal.calibration.study import StudyCalibration
+from cpcal.calibration.study_calibration import StudyCalibration
 from cpcal.calibration.validation import Validation
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError
@@ -74,9 +74,9 @@ def _channel(spread: Deviations, found: StudyCalibration, k: int) -> Channel:
     return Channel(unit, statistics, histogram, float(found.repeats.noise_sigma[k]), found.statistics_all[k].sigma)
 
 
-def _frames(found: StudyCalibration) -> Frames:
+def _frames(found: StudyCalibration) -> FittedFrames:
     start = found.frames
-    return Frames(
+    return FittedFrames(
         method=start.method,
         camera_in_base=_frame(found.base_frame),
         target_in_mobile=_frame(found.mobile_frame),
@@ -87,8 +87,8 @@ def _frames(found: StudyCalibration) -> Frames:
     )
 
 
-def _frame(found: Alignment) -> Frame:
-    return Frame(
+def _frame(found: Alignment) -> FittedFrame:
+    return FittedFrame(
         position=_numbers(found.motion.position),
         quaternion=_numbers(found.motion.quaternion),
         sigma=_numbers(found.sigma),

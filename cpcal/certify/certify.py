@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cpcal.certify.leg import certify_leg
-from cpcal.certify.model import chosen_model
+from cpcal.certify.asked_model import chosen_model
+from cpcal.certify.certify_leg import certify_leg
 from cpcal.certify.question import Progress, Question, absent_legs
 from cpcal.common.atomic import unwritable
 from cpcal.common.errors import InputError, Problem

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from cpcal.certify.asked_model import chosen_model
 from cpcal.certify.certify import answered, checked_options
-from cpcal.certify.model import chosen_model
 from cpcal.certify.question import Question
 from cpcal.common.errors import Problem
 from cpcal.files import campaign_sha256

@@ -21,7 +21,7 @@ SUSPICIOUS = 0.01  # of the leg length: `certify` warns later, since whoever run
 _MORE = "Measure poses that differ more; what the robot cannot move stays open."
 
 
-class Kind(Enum):
+class FindingKind(Enum):
     """What a finding is about."""
 
     MISTAKE = "mistake"
@@ -35,7 +35,7 @@ class Kind(Enum):
 class Finding:
     """One thing to look at, in a sentence."""
 
-    kind: Kind
+    kind: FindingKind
     sentence: str
 
 
@@ -66,9 +66,11 @@ def check_data(campaign: Campaign) -> DataCheck:
     given = Given.of(campaign)
     typical = given.typical
     mistake = mistake_in(given, typical)
-    findings = [Finding(Kind.MISTAKE, sentence) for sentence in [mistake, *sizes_in_question(campaign)] if sentence]
+    findings = [
+        Finding(FindingKind.MISTAKE, sentence) for sentence in [mistake, *sizes_in_question(campaign)] if sentence
+    ]
     still = single_pose(campaign)
-    for kind, sentence in ((Kind.SAME_POSE, still), (Kind.COPY, copied_rows(campaign))):
+    for kind, sentence in ((FindingKind.SAME_POSE, still), (FindingKind.COPY, copied_rows(campaign))):
         if sentence:
             findings.append(Finding(kind, sentence))
     nominal = np.median(given.share * given.nominal, axis=0)
@@ -76,8 +78,8 @@ def check_data(campaign: Campaign) -> DataCheck:
         return DataCheck(tuple(findings), tuple(nominal.tolist()), ())
     x = robust_parameters(campaign)
     legs = tuple(outlook(campaign, leg, x[leg - 1]) for leg in range(1, campaign.legs + 1))
-    findings += [Finding(Kind.ODD_ROW, sentence) for sentence in odd_rows(campaign, x)]
-    findings += [Finding(Kind.OPEN, sentence) for sentence in _open(legs)]
+    findings += [Finding(FindingKind.ODD_ROW, sentence) for sentence in odd_rows(campaign, x)]
+    findings += [Finding(FindingKind.OPEN, sentence) for sentence in _open(legs)]
     return DataCheck(tuple(findings), tuple(nominal.tolist()), legs)
 
 

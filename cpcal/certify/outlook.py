@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.calibration import LegEquations, Observability, column_scale, observability
-from cpcal.certify.determination import determination
+from cpcal.certify.undetermined import determination
 from cpcal.common.arrays import Floats
 from cpcal.legs import PLAIN
 from cpcal.results.determination import Determination

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.certify.model import chosen_model
+from cpcal.certify.asked_model import chosen_model
 from cpcal.common.errors import InputError, Problem
 from cpcal.files.campaign_json import keep_beside
 from cpcal.legs import PLAIN, LegModel, built_in, leg_box, leg_network, leg_statement

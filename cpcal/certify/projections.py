@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from cpcal.certify.ranges import range_eps
+from cpcal.certify.certified_ranges import range_eps
 from cpcal.common.arrays import Floats
 from cpcal.legs import PARAMETERS, LegModel, ModelResiduals, leg_box, leg_network
 from cpcal.results import LegResult, Projection, Projections, Result, model_of

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cpcal.certify.determination import determination
+from cpcal.certify.undetermined import determination
 from cpcal.common.errors import InputError, PluginError
 from cpcal.legs import LegModel, Parameter, leg_model
 from cpcal.results import LegResult, Result

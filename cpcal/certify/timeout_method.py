@@ -18,7 +18,7 @@ from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.optimize import Bracket, Found, Minimum, Outcome, Trial, Witness, WitnessProver, ask, timeout
+from cpcal.solver.optimize import Bracket, Found, Minimum, TimeoutOutcome, Trial, Witness, WitnessProver, ask, timeout
 from cpcal.solver.search import Contracting, ContractorUse, LargestFirst, total_use
 
 _SMALL = 1e-3  # mm: a box this wide is a point to be tried
@@ -70,7 +70,7 @@ class _Solver:
         if witness is not None and (self.best is None or witness.value < self.best.value):
             self.best = witness
 
-    def __call__(self, eps: float, seconds: float) -> Outcome:
+    def __call__(self, eps: float, seconds: float) -> TimeoutOutcome:
         domain = self._network.domain.replace("eps", hi=eps)
         if self.statement is None:
             outcome = self._asked(domain, seconds, None)
@@ -86,7 +86,7 @@ class _Solver:
         self.remember(outcome.witness)
         return outcome
 
-    def _asked(self, domain: Box, seconds: float, recording: Recording | None) -> Outcome:
+    def _asked(self, domain: Box, seconds: float, recording: Recording | None) -> TimeoutOutcome:
         strategy = LargestFirst(_SMALL, skip=("eps",))
         contracting = Contracting(self._named, None if recording is None else recording.prover)
         observe = None if recording is None else recording.event

@@ -3,14 +3,14 @@
 docs/certificate-format.md is the specification. `check` has the certificates, `check_run` whole runs.
 """
 
-from .campaign import ExactCampaign
 from .certificate import check
 from .claims import Accepted, Claims, Point
 from .command import INTERNAL, PROVED, REFUSED, UNUSABLE, main
+from .exact_campaign import ExactCampaign
 from .files import WORK
 from .header import FORMAT
 from .refusal import Refused, Unusable
-from .robust import ROBUST_NAME, RobustChecked, check_robust
+from .robust_claim import ROBUST_NAME, RobustChecked, check_robust
 from .run import LegChecked, check_run
 
 __all__ = ["FORMAT", "INTERNAL", "PROVED", "REFUSED", "UNUSABLE", "WORK", "Accepted", "Claims", "ExactCampaign"]

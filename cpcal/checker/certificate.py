@@ -9,11 +9,11 @@ from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
-from .campaign import ExactCampaign
 from .claims import Accepted, Claims, Point
+from .exact_campaign import ExactCampaign
+from .exact_polynomial import READINGS
 from .files import WORK, Lines, opened
 from .header import problem_of
-from .polynomial import READINGS
 from .problem import Box, Problem, Unknowns
 from .readers import Reader, anything, ascending, choice, dyadic, entry, many, maybe, record, signs, whole
 from .refusal import Refused

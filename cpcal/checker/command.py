@@ -13,7 +13,7 @@ from .certificate import check
 from .claims import Accepted
 from .files import WORK
 from .refusal import Refused, Unusable
-from .robust import ROBUST_NAME, check_robust
+from .robust_claim import ROBUST_NAME, check_robust
 from .run import check_run
 
 PROVED, REFUSED, UNUSABLE, INTERNAL = 0, 1, 2, 3

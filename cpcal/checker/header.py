@@ -6,10 +6,10 @@ from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
-from .campaign import ExactCampaign, beside
+from .exact_campaign import ExactCampaign, beside
+from .exact_polynomial import Polynomial, Spend, constant, unknown
 from .files import Lines
 from .leg import EXTRA, leg_problem
-from .polynomial import Polynomial, Spend, constant, unknown
 from .problem import Box, Constraint, Problem
 from .readers import anything, ascending, choice, dyadic, entry, many, maybe, record, text, whole
 from .refusal import Refused

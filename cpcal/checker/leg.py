@@ -8,7 +8,7 @@ from fractions import Fraction as F
 from functools import lru_cache
 from typing import NamedTuple
 
-from .polynomial import FIELD, READINGS, Polynomial, constant, shortened, unknown
+from .exact_polynomial import FIELD, READINGS, Polynomial, constant, shortened, unknown
 from .problem import SIDES, Problem, Unknowns, beyond, end_of
 from .program import Degree, Program, Traced
 

@@ -8,7 +8,7 @@ from fractions import Fraction as F
 from functools import cached_property
 from typing import Protocol
 
-from .polynomial import (
+from .exact_polynomial import (
     FIELD,
     READINGS,
     Kept,

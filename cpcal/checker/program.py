@@ -14,7 +14,7 @@ from collections.abc import Hashable, Sequence
 from fractions import Fraction as F
 from typing import TypeVar
 
-from .polynomial import Spend
+from .exact_polynomial import Spend
 
 Degree = tuple[int, int]
 Parts = list[tuple[int, int, int]]

@@ -7,7 +7,7 @@ from fractions import Fraction as F
 from itertools import chain
 from typing import NamedTuple
 
-from .polynomial import READINGS, Kept, Polynomial, Spend, combined, least, signed, unknown
+from .exact_polynomial import READINGS, Kept, Polynomial, Spend, combined, least, signed, unknown
 from .problem import Box, Problem, Unknowns
 
 Row = tuple[str, int, str]  # side, measurement, signs of the reference reading

@@ -8,9 +8,9 @@ from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
-from .campaign import NAME, ExactCampaign
 from .certificate import check
 from .claims import Accepted
+from .exact_campaign import NAME, ExactCampaign
 from .files import WORK, content, parsed
 from .leg import EXTRA, PARAMETERS
 from .readers import finite, shown

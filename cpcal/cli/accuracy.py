@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
-from cpcal.accuracy.values import Accuracy, save_accuracy
+from cpcal.accuracy.findings import Accuracy, save_accuracy
 from cpcal.accuracy.workspace import Workspace
 from cpcal.checker import Refused, Unusable, check_run
 from cpcal.cli.folders import check_target, output_path

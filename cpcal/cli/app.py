@@ -53,7 +53,7 @@ VERBS = {
         "cpcal.cli.detect", "detect_poses", "detect images --target target.toml --camera camera.toml -o poses.csv"
     ),
     "calibrate": Verb("cpcal.cli.calibrate", "calibrate", "calibrate study -o calibrated"),
-    "demo": Verb("cpcal.cli.demo.command", "demo", "demo -o demo", STATUS_HELP),
+    "demo": Verb("cpcal.cli.demo.verb", "demo", "demo -o demo", STATUS_HELP),
     "robust": Verb("cpcal.cli.robust", "robust_brackets", "robust campaign -q 1 -o robust", STATUS_HELP),
     "export": Verb("cpcal.cli.export", "export", "export run --format toml -o parameters.toml"),
     "report": Verb("cpcal.cli.report", "report", "report run"),

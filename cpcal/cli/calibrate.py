@@ -31,7 +31,7 @@ class SetOf(StrEnum):
     SINGLE = "single"
 
 
-class Frame(StrEnum):
+class FrameName(StrEnum):
     MEASURED = study_tables.MEASURED
     DRAWING = study_tables.DRAWING
     CENTROID = "centroid"
@@ -61,12 +61,12 @@ def calibrate(
         ),
     ] = SetOf.MEAN,
     frame: Annotated[
-        Frame,
+        FrameName,
         typer.Option(
             help="In which the parameters are printed: measured (of camera and target), drawing, or the joint centres' "
             "own: centroid (the paper's tables 4 and 5), minimal (its Omega_a and Omega_b)."
         ),
-    ] = Frame.CENTROID,
+    ] = FrameName.CENTROID,
 ) -> None:
     """Calibrate a STUDY as is usual: statistics, frames, least squares x_c and x_c_sigma, validation. Proves nothing.
 
@@ -96,7 +96,7 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
     save_record(record, folder)
 
 
-def show_record(console: Console, record: CalibrationRecord, frame: str = Frame.CENTROID.value) -> None:
+def show_record(console: Console, record: CalibrationRecord, frame: str = FrameName.CENTROID.value) -> None:
     """Tables and sentences; parameters in one of `study_tables.FRAMES`."""
     fits = {
         "x_c, plain least squares": record.x_c,

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
+from cpcal.cli.certified_run import certified_into, status_of
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
-from cpcal.cli.run import certified_into, status_of
 from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, logging_to
 from cpcal.files.run_folder import RUN
@@ -28,7 +28,7 @@ class Engine(StrEnum):
     ARB = "arb"
 
 
-class Method(StrEnum):
+class MethodName(StrEnum):
     BOUND = "bound"
     TIMEOUT = "timeout"
 
@@ -60,8 +60,9 @@ class CertifyFlags(Talk):
         Support, typer.Option(help="Few measurements that prove the bound alone, or none that could be left out.")
     ] = Support.FEW
     method: Annotated[
-        Method, typer.Option(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit.")
-    ] = Method.BOUND
+        MethodName,
+        typer.Option(help="Branch and bound on eps, or the paper's timeout method; that needs a time limit."),
+    ] = MethodName.BOUND
     model: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),

@@ -24,7 +24,7 @@ from cpcal.common.errors import InputError, printable
 from cpcal.common.numbers import nearest
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
-from cpcal.report.comparison import (
+from cpcal.report.comparison_page import (
     COMPARISON_PAGE,
     comparison_header,
     comparison_lines,

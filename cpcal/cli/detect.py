@@ -18,7 +18,7 @@ from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.calibration import calibrate_from_images
 from cpcal.vision.files.camera_file import CameraRecord, load_camera, save_camera
 from cpcal.vision.files.detection import SCALE, Detection, detections_bytes
-from cpcal.vision.files.readings import Readings, load_readings
+from cpcal.vision.files.leg_readings import Readings, load_readings
 from cpcal.vision.files.target_file import load_target, save_target
 from cpcal.vision.files.video_file import SUFFIXES, VideoFrames
 from cpcal.vision.target import Target

@@ -9,7 +9,7 @@ import typer
 
 from cpcal.common.atomic import unwritable
 from cpcal.common.errors import InputError, Problem
-from cpcal.files.run_folder import Kind, check_replaceable
+from cpcal.files.run_folder import FolderKind, check_replaceable
 
 __all__ = ["check_new", "check_target", "check_writable", "made", "output_path", "unwritable"]
 
@@ -59,7 +59,7 @@ def output_path(text: str) -> Path:
     return Path(text)
 
 
-def check_target(folder: Path, kind: Kind, campaign: Path | None = None) -> None:
+def check_target(folder: Path, kind: FolderKind, campaign: Path | None = None) -> None:
     """InputError when answers about a campaign cannot be written to `folder`, or must not."""
     check_writable(folder)
     if campaign is not None and folder.exists() and campaign.exists() and folder.samefile(campaign):

@@ -107,7 +107,7 @@ class Watch:
         self._display.update(self._tasks[leg], state="fitting and bounding ...")
 
 
-class Lines:
+class ProgressLines:
     """The `progress` callback of certify where no terminal is: a line with the bracket every ten seconds."""
 
     def __init__(self, console: Console, clock: Callable[[], float] = time.monotonic) -> None:
@@ -131,7 +131,7 @@ def _state(bracket: Bracket) -> str:
 def watch(legs: Sequence[int], gap: float, console: Console) -> Generator[Callable[[int, Bracket], None], None, None]:
     """A progress callback while in the block; on a terminal it leaves nothing behind."""
     if not console.is_terminal:
-        yield Lines(console)
+        yield ProgressLines(console)
         return
     columns = (
         _Spinner(finished_text="✓"),

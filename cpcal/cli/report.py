@@ -20,7 +20,7 @@ from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.report import REPORT_NAME
 from cpcal.report.match import check_match
 from cpcal.report.page import render
-from cpcal.report.study import render_study
+from cpcal.report.study_report import render_study
 from cpcal.results import Result, load_result
 from cpcal.robot import Campaign
 

@@ -9,7 +9,7 @@ import typer
 from rich import box
 from rich.table import Table
 
-from cpcal.certify.robust import certify_robust
+from cpcal.certify.certify_robust import certify_robust
 from cpcal.checker import ROBUST_NAME, Refused, Unusable, check_robust
 from cpcal.cli.certify import numbers_of
 from cpcal.cli.folders import check_target, output_path

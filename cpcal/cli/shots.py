@@ -13,7 +13,7 @@ from cpcal.simulate import simulate_study
 from cpcal.vision.batch.study_images import RenderedImages, camera_above
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.camera_file import save_camera
-from cpcal.vision.files.readings import readings_bytes, readings_of
+from cpcal.vision.files.leg_readings import readings_bytes, readings_of
 from cpcal.vision.files.target_file import save_target
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene

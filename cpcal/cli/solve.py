@@ -13,9 +13,9 @@ from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import about, nearest
 from cpcal.problems.answer import Answer, answer
-from cpcal.problems.files import load_problem
+from cpcal.problems.problem_files import load_problem
 from cpcal.problems.sol_writer import sol_bytes
-from cpcal.report.paving import paving_svg
+from cpcal.report.paving_picture import paving_svg
 from cpcal.solver.contract import Limits, Verdict
 
 _SHOWN = 20  # solutions in the terminal

@@ -10,7 +10,7 @@ from cpcal.cli.checked import check_all
 from cpcal.cli.folders import CAMPAIGN, FITS, PIXEL_RUN, PIXEL_SETS, RUN, TIMEOUT
 from cpcal.files import load_campaign
 from cpcal.report.images import load_images
-from cpcal.report.study import StudyFound
+from cpcal.report.study_report import StudyFound
 from cpcal.results import load_result
 
 

@@ -15,7 +15,7 @@ from cpcal.common.names import TEXT_MAX
 from cpcal.files.log_reader import Log, number_texts
 from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty
 from cpcal.robot.campaign_arrays import mapped, table_arguments, unit_factor
-from cpcal.robot.columns import Source, is_length
+from cpcal.robot.columns import ColumnSource, is_length
 from cpcal.robot.rotation_form import RotationForm
 from cpcal.robot.units import LENGTHS
 
@@ -61,7 +61,7 @@ def campaign_of_log(log: Log, settings: LogSettings) -> Campaign:
     return Campaign.of(**arguments, exact=settings.uncertainty is None, provenance=provenance, model=settings.model)
 
 
-def _column(log: Log, place: int, target: str, source: Source, form: RotationForm, problems: Problems) -> Floats:
+def _column(log: Log, place: int, target: str, source: ColumnSource, form: RotationForm, problems: Problems) -> Floats:
     texts = number_texts(log, place, target, problems)
     if is_length(target):
         size = LENGTHS[source.unit or "mm"]
@@ -69,7 +69,7 @@ def _column(log: Log, place: int, target: str, source: Source, form: RotationFor
     return unit_factor(target, source, form) * np.array([float(text) for text in texts])
 
 
-def _told(found: Mapping[str, Source]) -> str:
+def _told(found: Mapping[str, ColumnSource]) -> str:
     entries = (f'{target}="{source.name}"[{source.unit or ""}]' for target, source in found.items())
     return "".join(c for c in ", ".join(entries).replace("[]", "") if c.isprintable())[:TEXT_MAX]
 

@@ -29,7 +29,7 @@ _ALWAYS = ("campaign.json", r"[\w.-]+\.cert\.jsonl")
 
 
 @dataclass(frozen=True)
-class Kind:
+class FolderKind:
     """Answers of one kind: their head, and the names (regular expressions) of the other files."""
 
     head: str
@@ -42,16 +42,16 @@ class Kind:
         return sorted(found, key=lambda name: (name != self.head, name))
 
 
-RUN = Kind("result.json", (r"report\.html",))
-COMPARED = Kind("compare.json", (r"compare\.html",))
-ACCURACY = Kind("accuracy.json", (r"accuracy\.html",))
-FITTED = Kind("fits.json")
-ROBUST = Kind("robust.json")
-POSE_SETS = Kind("sets.json")  # certificates of images, without a head
+RUN = FolderKind("result.json", (r"report\.html",))
+COMPARED = FolderKind("compare.json", (r"compare\.html",))
+ACCURACY = FolderKind("accuracy.json", (r"accuracy\.html",))
+FITTED = FolderKind("fits.json")
+ROBUST = FolderKind("robust.json")
+POSE_SETS = FolderKind("sets.json")  # certificates of images, without a head
 
 
 @contextmanager
-def answers_into(folder: str | os.PathLike[str], kind: Kind, campaign: Campaign | None = None) -> Iterator[Path]:
+def answers_into(folder: str | os.PathLike[str], kind: FolderKind, campaign: Campaign | None = None) -> Iterator[Path]:
     """A folder aside to write into; when the block ends without an error its files replace the older answers.
 
     Until then the older answers stay. The campaign that they are about goes with them, as campaign.json.
@@ -82,7 +82,7 @@ def answers_into(folder: str | os.PathLike[str], kind: Kind, campaign: Campaign 
             shutil.rmtree(draft, ignore_errors=True)
 
 
-def check_replaceable(folder: Path, kind: Kind) -> None:
+def check_replaceable(folder: Path, kind: FolderKind) -> None:
     """InputError when a file that would be replaced is none that cpcal wrote, or the folder is that of a campaign."""
     if not folder.is_dir():
         return

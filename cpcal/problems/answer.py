@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import at_most, bracket_text
-from cpcal.problems.problem import Problem
+from cpcal.problems.stated_problem import StatedProblem
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.model import Paving
@@ -29,7 +29,7 @@ class Answer:
     pending  boxes that were left
     """
 
-    problem: Problem
+    problem: StatedProblem
     verdict: Verdict
     status: str
     nodes: int
@@ -75,7 +75,7 @@ class Answer:
 
 
 def answer(
-    problem: Problem,
+    problem: StatedProblem,
     *,
     width: float = 1e-6,
     limits: Limits | None = None,
@@ -99,7 +99,7 @@ def answer(
     return Answer(problem, best.verdict, _sentence(problem, best), best.nodes, spent, best.pending, best=best)
 
 
-def _sentence(problem: Problem, best: Minimum) -> str:
+def _sentence(problem: StatedProblem, best: Minimum) -> str:
     """The solver's, where what was asked for is the smallest value; of the largest one of its own."""
     if not problem.maximize or best.verdict is Verdict.REFUTED:
         return best.status

@@ -10,9 +10,8 @@ import numpy as np
 
 from cpcal.common.errors import CpcalError, InputError, shown
 from cpcal.problems.minibex_syntax import DEEPEST
-from cpcal.problems.minibex_tree import Function, Node
-from cpcal.problems.tokens import Source, Token
-from cpcal.problems.values import (
+from cpcal.problems.minibex_tree import Function, SyntaxNode
+from cpcal.problems.minibex_values import (
     FUNCTIONS,
     MOST,
     Array,
@@ -30,6 +29,7 @@ from cpcal.problems.values import (
     times,
     transposed,
 )
+from cpcal.problems.tokens import Source, Token
 from cpcal.solver.interval import Interval
 from cpcal.solver.network import Expr
 
@@ -49,11 +49,11 @@ class Evaluator:
         self.functions: dict[str, Function] = {}
         self.depth = 0
 
-    def value(self, node: Node, names: Names) -> Value:
+    def value(self, node: SyntaxNode, names: Names) -> Value:
         with Placed(self.source, node.token):
             return self.worth(node, names)
 
-    def worth(self, node: Node, names: Names) -> Value:
+    def worth(self, node: SyntaxNode, names: Names) -> Value:
         if node.kind == "number":
             return Fraction(node.token.value)
         if node.kind == "name":
@@ -76,33 +76,33 @@ class Evaluator:
             raise self.source.wrong(f"{shown(token.text)} is not declared", "declare it before it is used", token)
         return names[token.text]
 
-    def scalar(self, node: Node, names: Names) -> Expr:
+    def scalar(self, node: SyntaxNode, names: Names) -> Expr:
         value = as_operand(self.value(node, names))
         if not isinstance(value, Expr):
             raise self.source.wrong("a number that depends on a variable must stand here", "write one", node.token)
         return value
 
-    def whole(self, node: Node, names: Names) -> int:
+    def whole(self, node: SyntaxNode, names: Names) -> int:
         value = self.value(node, names)
         if not isinstance(value, Fraction) or value.denominator != 1:
             raise self.source.wrong("a whole number must stand here", "write one, or a name of one", node.token)
         return int(value)
 
-    def total(self, node: Node, names: Names) -> Value:
+    def total(self, node: SyntaxNode, names: Names) -> Value:
         name, value = node.parts[0].token, None
         for k in self.turns(name, node.parts[1], node.parts[2], names):
             entry = self.value(node.parts[3], {**names, name.text: Fraction(k)})
             value = entry if value is None else plus(value, entry)
         return Fraction(0) if value is None else value
 
-    def turns(self, name: Token, first: Node, last: Node, names: Names) -> range:
+    def turns(self, name: Token, first: SyntaxNode, last: SyntaxNode, names: Names) -> range:
         """Of a loop or a sum."""
         start, end = self.whole(first, names), self.whole(last, names)
         if end - start >= MOST:
             raise self.source.wrong(f"{end - start + 1:,} turns", f"give at most {MOST:,}", name)
         return range(start, end + 1)
 
-    def stacked(self, node: Node, parts: list[Value]) -> Value:
+    def stacked(self, node: SyntaxNode, parts: list[Value]) -> Value:
         """A row or a column: of numbers a vector, of vectors a matrix."""
         arrays = [part for part in parts if isinstance(part, np.ndarray)]
         if not arrays:
@@ -119,7 +119,7 @@ class Evaluator:
             raise self.source.wrong("vectors of several sizes stand together", "give vectors of one size", node.token)
         return np.concatenate(blocks, axis=1 if node.kind == "row" else 0)
 
-    def indexed_or_called(self, node: Node, names: Names) -> Value:
+    def indexed_or_called(self, node: SyntaxNode, names: Names) -> Value:
         head, *places = node.parts
         if node.kind == "call or index" and head.token.text not in names:
             return self.called(node.token, [self.value(place, names) for place in places])
@@ -131,7 +131,7 @@ class Evaluator:
         index = tuple(self.place(p, names, side, node) for p, side in zip(places, array.shape, strict=False))
         return array[index]
 
-    def place(self, node: Node, names: Names, side: int, of: Node) -> int | slice:
+    def place(self, node: SyntaxNode, names: Names, side: int, of: SyntaxNode) -> int | slice:
         base = 0 if of.from_zero else 1
         ends = node.parts if node.kind == "range" else (node, node)
         first, last = (self.whole(end, names) for end in ends) if ends else (base, side - 1 + base)

@@ -13,9 +13,9 @@ from cpcal.common.errors import shown
 from cpcal.problems.minibex_evaluate import Evaluator, Names, Placed
 from cpcal.problems.minibex_syntax import Parser
 from cpcal.problems.minibex_tree import File, Loop, Relation, Symbol
-from cpcal.problems.problem import Problem
+from cpcal.problems.minibex_values import FUNCTIONS, MOST, Data, Value, array_of, as_operand, interval_of, minus
+from cpcal.problems.stated_problem import StatedProblem
 from cpcal.problems.tokens import Source, Token
-from cpcal.problems.values import FUNCTIONS, MOST, Data, Value, array_of, as_operand, interval_of, minus
 from cpcal.solver.interval import Interval
 from cpcal.solver.model import Network
 from cpcal.solver.network import Constraint, Expr
@@ -24,7 +24,7 @@ _CONSTRAINTS_MOST = 100_000
 _EVERYTHING = Data(Interval(-np.inf, np.inf))
 
 
-def read_minibex(text: str, where: str) -> Problem:
+def read_minibex(text: str, where: str) -> StatedProblem:
     """The problem in a text called `where`. Raises InputError that names line and column.
 
     Numbers are the float64 nearest to their decimal text; quotients and whole powers of numbers are exact. An interval
@@ -40,7 +40,7 @@ class _Meaning:
     def __init__(self, source: Source, file: File) -> None:
         self.source, self.file, self.evaluator = source, file, Evaluator(source)
 
-    def problem(self) -> Problem:
+    def problem(self) -> StatedProblem:
         known, network = self.evaluator, Network(_name(self.source.where))
         for symbol in self.file.constants:
             self.new(symbol.token, known.constants)
@@ -59,7 +59,7 @@ class _Meaning:
                 raise self.source.wrong(what, "write fewer", relation.sign)
             with Placed(self.source, relation.sign):
                 network.add(self.constraint(relation, scope))
-        return Problem(network, goal)
+        return StatedProblem(network, goal)
 
     def new(self, token: Token, names: Any) -> None:
         if token.text in names or token.text in FUNCTIONS:

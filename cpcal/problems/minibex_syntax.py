@@ -18,7 +18,7 @@ from itertools import pairwise
 from typing import NoReturn
 
 from cpcal.common.errors import shown
-from cpcal.problems.minibex_tree import File, Function, Loop, Node, Relation, Symbol
+from cpcal.problems.minibex_tree import File, Function, Loop, Relation, Symbol, SyntaxNode
 from cpcal.problems.tokens import Source, Token
 
 RELATIONS = ("=", "<=", ">=", "<", ">")
@@ -74,7 +74,7 @@ class Parser:
         token, dimensions = self.named()
         return Symbol(token, dimensions, self.expression() if self.takes("in") else None)
 
-    def named(self) -> tuple[Token, tuple[Node, ...]]:
+    def named(self) -> tuple[Token, tuple[SyntaxNode, ...]]:
         token, dimensions = self.name(), []
         while self.takes("["):
             dimensions.append(self.expression())
@@ -155,46 +155,46 @@ class Parser:
 
     # expressions ------------------------------------------------------------------------------
 
-    def expression(self) -> Node:
+    def expression(self) -> SyntaxNode:
         self.deeper()
         left = self.product()
         while self.now.text in ("+", "-") and self.now.kind == "sign":
             sign = self.take()
-            left = Node(sign.text, sign, (left, self.product()))
+            left = SyntaxNode(sign.text, sign, (left, self.product()))
         self.depth -= 1
         return left
 
-    def product(self) -> Node:
+    def product(self) -> SyntaxNode:
         left = self.signed()
         while self.now.text in ("*", "/") and self.now.kind == "sign":
             sign = self.take()
-            left = Node(sign.text, sign, (left, self.signed()))
+            left = SyntaxNode(sign.text, sign, (left, self.signed()))
         return left
 
-    def signed(self) -> Node:
+    def signed(self) -> SyntaxNode:
         signs = []
         while self.now.text in ("+", "-") and self.now.kind == "sign":
             signs.append(self.take())
         found = self.power()
         for sign in reversed(signs):
-            found = Node("negative", sign, (found,)) if sign.text == "-" else found
+            found = SyntaxNode("negative", sign, (found,)) if sign.text == "-" else found
         return found
 
-    def power(self) -> Node:
+    def power(self) -> SyntaxNode:
         left = self.indexed()
         while self.now.text == "^":
             sign = self.take()
             minus = self.take() if self.now.text == "-" else None
             exponent = self.indexed()
-            left = Node("^", sign, (left, Node("negative", minus, (exponent,)) if minus else exponent))
+            left = SyntaxNode("^", sign, (left, SyntaxNode("negative", minus, (exponent,)) if minus else exponent))
         return left
 
-    def indexed(self) -> Node:
+    def indexed(self) -> SyntaxNode:
         left = self.atom()
         while self.now.text in ("(", "[", "'"):
             opening = self.take()
             if opening.text == "'":
-                left = Node("transposed", opening, (left,))
+                left = SyntaxNode("transposed", opening, (left,))
                 continue
             parts = [self.place()]
             while self.takes(","):
@@ -202,35 +202,35 @@ class Parser:
             self.needs(")" if opening.text == "(" else "]")
             called = left.kind == "name" and opening.text == "("
             kind, token = ("call or index", left.token) if called else ("index", opening)
-            left = Node(kind, token, (left, *parts), opening.text == "[")
+            left = SyntaxNode(kind, token, (left, *parts), opening.text == "[")
         return left
 
-    def place(self) -> Node:
+    def place(self) -> SyntaxNode:
         """An index, an argument, a range of indices, or ":" for all."""
         token = self.now
         if self.takes(":"):
-            return Node("range", token)
+            return SyntaxNode("range", token)
         first = self.expression()
-        return Node("range", token, (first, self.expression())) if self.takes(":") else first
+        return SyntaxNode("range", token, (first, self.expression())) if self.takes(":") else first
 
-    def atom(self) -> Node:
+    def atom(self) -> SyntaxNode:
         token = self.take()
         if token.kind in ("number", "name"):
             if token.text == "sum" and self.now.text == "(":
                 return self.sum(token)
-            return Node(token.kind, token)
+            return SyntaxNode(token.kind, token)
         if token.text == "[":
             first = self.expression()
             self.needs(",")
             last = self.expression()
             self.needs("]")
-            return Node("interval", token, (first, last))
+            return SyntaxNode("interval", token, (first, last))
         if token.text == "<":
             middle = self.expression()
             self.needs(",")
             radius = self.expression()
             self.needs(">")
-            return Node("ball", token, (middle, radius))
+            return SyntaxNode("ball", token, (middle, radius))
         if token.text == "(" and token.kind == "sign":
             return self.bracketed(token)
         self.at -= 1
@@ -238,16 +238,16 @@ class Parser:
             f"{self.told()} stands where an expression should begin", "write a number, a name or a bracket"
         )
 
-    def bracketed(self, token: Token) -> Node:
+    def bracketed(self, token: Token) -> SyntaxNode:
         parts = [self.expression()]
         sign = self.now.text
         if sign in (",", ";"):
             while self.takes(sign):
                 parts.append(self.expression())
         self.needs(")")
-        return parts[0] if len(parts) == 1 else Node("row" if sign == "," else "column", token, tuple(parts))
+        return parts[0] if len(parts) == 1 else SyntaxNode("row" if sign == "," else "column", token, tuple(parts))
 
-    def sum(self, token: Token) -> Node:
+    def sum(self, token: Token) -> SyntaxNode:
         self.needs("(")
         name = self.name()
         self.needs("=")
@@ -257,7 +257,7 @@ class Parser:
         self.needs(",")
         body = self.expression()
         self.needs(")")
-        return Node("sum", token, (Node("name", name), first, last, body))
+        return SyntaxNode("sum", token, (SyntaxNode("name", name), first, last, body))
 
     # tokens -----------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from cpcal.problems.tokens import Token
 
 
 @dataclass(frozen=True)
-class Node:
+class SyntaxNode:
     """kind       "number", "name", "call or index", "index", "range", "row", "column", "interval", "ball", "sum",
                "negative", "transposed" or the sign of an operation
     parts      the nodes below; `token` is where it stands
@@ -17,7 +17,7 @@ class Node:
 
     kind: str
     token: Token
-    parts: tuple[Node, ...] = ()
+    parts: tuple[SyntaxNode, ...] = ()
     from_zero: bool = False
 
 
@@ -26,8 +26,8 @@ class Symbol:
     """A declared constant, variable or input: its dimensions, and what it is set to or lies in."""
 
     token: Token
-    dimensions: tuple[Node, ...]
-    value: Node | None = None
+    dimensions: tuple[SyntaxNode, ...]
+    value: SyntaxNode | None = None
     thin: bool = False  # set by "=", not by "in"
 
 
@@ -35,22 +35,22 @@ class Symbol:
 class Function:
     token: Token
     inputs: tuple[Symbol, ...]
-    steps: tuple[tuple[Token, Node], ...]
-    result: Node
+    steps: tuple[tuple[Token, SyntaxNode], ...]
+    result: SyntaxNode
 
 
 @dataclass(frozen=True)
 class Relation:
     sign: Token
-    left: Node
-    right: Node
+    left: SyntaxNode
+    right: SyntaxNode
 
 
 @dataclass(frozen=True)
 class Loop:
     name: Token
-    first: Node
-    last: Node
+    first: SyntaxNode
+    last: SyntaxNode
     blocks: tuple[Relation | Loop, ...]
 
 
@@ -59,5 +59,5 @@ class File:
     constants: tuple[Symbol, ...]
     variables: tuple[Symbol, ...]
     functions: tuple[Function, ...]
-    goal: Node | None
+    goal: SyntaxNode | None
     blocks: tuple[Relation | Loop, ...]

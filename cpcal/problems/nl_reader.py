@@ -13,9 +13,9 @@ from fractions import Fraction
 import numpy as np
 
 from cpcal.common.errors import CpcalError, InputError, shown
+from cpcal.problems.minibex_values import Value, applied, as_operand, minus, negative, over, plus, power, times
 from cpcal.problems.nl_lines import NlLines
-from cpcal.problems.problem import Problem
-from cpcal.problems.values import Value, applied, as_operand, minus, negative, over, plus, power, times
+from cpcal.problems.stated_problem import StatedProblem
 from cpcal.solver.model import Network
 from cpcal.solver.network import Expr
 
@@ -60,7 +60,7 @@ class _Parts:
     start: dict[int, float] = field(default_factory=dict)
 
 
-def read_nl(text: str, where: str) -> Problem:
+def read_nl(text: str, where: str) -> StatedProblem:
     """The problem in the text of a file called `where`: variables are x[0], x[1], ... in the file's order.
 
     Numbers are the float64 nearest to their decimal text. Raises InputError that names the line.
@@ -82,7 +82,7 @@ class _Reader(NlLines):
         self.defined: dict[int, Value] = {}
         self.variables: list[Expr] = []
 
-    def problem(self) -> Problem:
+    def problem(self) -> StatedProblem:
         if not self.lines or not self.lines[0].startswith("g"):
             raise self.wrong("is no text form of .nl", "write it with option g: presolve off, text")
         if len(self.lines) < _HEADER:
@@ -105,9 +105,11 @@ class _Reader(NlLines):
             raise self.wrong("has more than one objective", "choose one")
         names = tuple(network.names[k] for k in integer)
         if goal is None:
-            return Problem(network, integer=names)
+            return StatedProblem(network, integer=names)
         body = as_operand(plus(goal[1], self.linear_form(self.parts.gradients.get(0, []))))
-        return Problem(network, body if isinstance(body, Expr) else self.variables[0] * 0.0 + body, goal[0], names)
+        return StatedProblem(
+            network, body if isinstance(body, Expr) else self.variables[0] * 0.0 + body, goal[0], names
+        )
 
     # the header -------------------------------------------------------------------------------
 

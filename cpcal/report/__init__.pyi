@@ -1,6 +1,6 @@
 from .page import REPORT_NAME, write_page, write_report
+from .result_table import ResultTable, result_table
 from .sensitivity import reading_sensitivity
-from .table import Table, result_table
 from .words import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
 
 __all__ = [
@@ -8,7 +8,7 @@ __all__ = [
     "LONGER",
     "QUANTIFIER",
     "REPORT_NAME",
-    "Table",
+    "ResultTable",
     "center_sentence",
     "leg_sentence",
     "missing_legs",

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cpcal.accuracy.values import CellAccuracy, WorkspaceAccuracy
+from cpcal.accuracy.findings import CellAccuracy, WorkspaceAccuracy
 from cpcal.common.numbers import at_most, nearest
 from cpcal.report.svg import DASHES, EDGE, INK, SUPPORT, Axes, Figure, ticks
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.accuracy.values import Accuracy, CellAccuracy, PoseAccuracy
+from cpcal.accuracy.findings import Accuracy, CellAccuracy, PoseAccuracy
 from cpcal.common.atomic import write_file
 from cpcal.common.numbers import about, at_most, nearest
 from cpcal.report.accuracy_map import dominating, key, map_svg

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from cpcal.accuracy.values import Accuracy, AssumedError, WorkspaceAccuracy
+from cpcal.accuracy.findings import Accuracy, AssumedError, WorkspaceAccuracy
 from cpcal.common.numbers import about, at_least, at_most, stated
 
 BRANCH = "The platform stays on the assembly branch that the controller means."

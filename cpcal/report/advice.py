@@ -28,7 +28,7 @@ _FORCED = 0.5  # measurements are to be taken again when without them the larges
 _NEARLY = 1.3  # times the best: a simpler model is as good
 
 
-class Step(StrEnum):
+class NextStep(StrEnum):
     """The next step, as a title and in the terminal."""
 
     ACCEPT = "accept"
@@ -44,7 +44,7 @@ class Step(StrEnum):
 class Advice:
     """`first`: measurements counted from 0, the most telling first. `short` is for one line, `sentence` for a page."""
 
-    step: Step
+    step: NextStep
     short: str
     sentence: str
     first: tuple[int, ...]
@@ -59,13 +59,13 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
     if isinstance(verdict, Explained):
         return Advice(*_by_verdict(verdict), first=first)
     if isinstance(verdict, Undetermined):
-        return Advice(Step.ADD, "add poses", _where(campaign, leg, found), first)
+        return Advice(NextStep.ADD, "add poses", _where(campaign, leg, found), first)
     if isinstance(verdict, Undecided):
         return Advice(*_by_verdict(verdict), first=first)
     better = _another_model(campaign, leg, model, found) or _without(campaign, found, first)
     if better is None:
         better = (
-            Step.MECHANICS,
+            NextStep.MECHANICS,
             "look at the leg",
             (
                 "Neither another leg model nor leaving out these measurements helps: look for play, sag, or joints off "
@@ -75,8 +75,8 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
     if isinstance(verdict, Bounded):
         step, short, sentence = better
         ask = "State with --tolerance which error you can accept."
-        if step is Step.MECHANICS:
-            return Advice(Step.TOLERANCE, "state a tolerance", ask, first)
+        if step is NextStep.MECHANICS:
+            return Advice(NextStep.TOLERANCE, "state a tolerance", ask, first)
         return Advice(step, short, f"{ask} If this one is too large: {sentence[0].lower()}{sentence[1:]}", first)
     return Advice(*better, first=first)
 
@@ -115,21 +115,23 @@ def _of_support(campaign: Campaign, leg: LegResult, most: int = FIRST) -> tuple[
     return support_numbers(campaign, leg) if len(leg.support) <= most else ()
 
 
-def _by_verdict(verdict: LegVerdict) -> tuple[Step, str, str]:
+def _by_verdict(verdict: LegVerdict) -> tuple[NextStep, str, str]:
     if isinstance(verdict, Explained):
-        return Step.ACCEPT, "accept", "Accept the parameters."
+        return NextStep.ACCEPT, "accept", "Accept the parameters."
     if isinstance(verdict, Undetermined):
-        return Step.ADD, "add poses", "Add poses with other positions and rotations."
+        return NextStep.ADD, "add poses", "Add poses with other positions and rotations."
     if isinstance(verdict, Undecided):
         return (
-            Step.WAIT,
+            NextStep.WAIT,
             "more time",
             ("Certify again with a longer --time-limit, or with a --tolerance clearly above or below these bounds."),
         )
-    return Step.TOLERANCE, "state a tolerance", "State with --tolerance which error you can accept."
+    return NextStep.TOLERANCE, "state a tolerance", "State with --tolerance which error you can accept."
 
 
-def _another_model(campaign: Campaign, leg: LegResult, model: LegModel, own: Fitted) -> tuple[Step, str, str] | None:
+def _another_model(
+    campaign: Campaign, leg: LegResult, model: LegModel, own: Fitted
+) -> tuple[NextStep, str, str] | None:
     """The simplest model whose fit is much better, if there is one."""
     if model.name != PLAIN.name or len(campaign) < 2 * len(PLAIN.parameters):
         return None
@@ -149,10 +151,10 @@ def _another_model(campaign: Campaign, leg: LegResult, model: LegModel, own: Fit
         f"Use model “{name}”: its least-squares fit leaves {about(largest[name])} mm at most, this one's "
         f"{about(own.largest)} mm. cpcal compare proves which models hold."
     )
-    return Step.MODEL, f"model “{name}”", sentence
+    return NextStep.MODEL, f"model “{name}”", sentence
 
 
-def _without(campaign: Campaign, own: Fitted, first: tuple[int, ...]) -> tuple[Step, str, str] | None:
+def _without(campaign: Campaign, own: Fitted, first: tuple[int, ...]) -> tuple[NextStep, str, str] | None:
     """To measure again what alone makes the error large."""
     for count in range(1, len(first) + 1):
         again, left = first[:count], _largest_without(own, first[:count])
@@ -162,7 +164,7 @@ def _without(campaign: Campaign, own: Fitted, first: tuple[int, ...]) -> tuple[S
                 f"{'it' if count == 1 else 'them'} the least-squares fit leaves {about(left)} mm at most, "
                 f"not {about(own.largest)} mm."
             )
-            return Step.REMEASURE, f"re-measure {', '.join(str(k + 1) for k in again)}", sentence
+            return NextStep.REMEASURE, f"re-measure {', '.join(str(k + 1) for k in again)}", sentence
     return None
 
 

@@ -21,7 +21,7 @@ from cpcal.report.words import center_sentence, fit_sentence, leg_sentence
 from cpcal.results import LegResult, Result, contractors_sentences, verdict_of
 from cpcal.robot import Campaign
 from cpcal.solver.interval import Box
-from cpcal.solver.optimize import Answer, Trial
+from cpcal.solver.optimize import TimeoutAnswer, Trial
 
 _DECIMALS = {"mm": 4}  # of parameters in this unit
 _MORE = 9  # of others, such as shares
@@ -77,7 +77,9 @@ def _trial(leg: LegResult, trial: Trial) -> tuple[str, ...]:
     """A row of the table of the solver's calls; its bounds have the digits of the leg's own, which end the table."""
     asked, lo = (bracket_text(value, leg.eps_hi)[0] for value in (trial.eps, trial.lo))
     hi = bracket_text(leg.eps_lo, trial.hi)[1]
-    answer = trial.answer.value if trial.checked or trial.answer is not Answer.INFEASIBLE else "infeasible, unchecked"
+    answer = (
+        trial.answer.value if trial.checked or trial.answer is not TimeoutAnswer.INFEASIBLE else "infeasible, unchecked"
+    )
     return (asked, about(trial.delay), answer, lo, hi, str(trial.nodes))
 
 

@@ -20,7 +20,7 @@ from cpcal.report.leg_section import leg_section
 from cpcal.report.match import check_match
 from cpcal.report.origin import command, versions
 from cpcal.report.overview import errors_svg, forcing_numbers, platform_svg
-from cpcal.report.table import result_table
+from cpcal.report.result_table import result_table
 from cpcal.report.template import rendered
 from cpcal.report.words import FRAME, LONGER, QUANTIFIER, missing_legs, overall, summary
 from cpcal.results import INFORMATION, Result, model_of
@@ -73,7 +73,7 @@ def render(
     model: LegModel | None = None,
     run: str | os.PathLike[str] | None = None,
 ) -> str:
-    """The page as text; `study` is what study.html.j2 shows before the legs (see `cpcal.report.study`), `run` the
+    """The page as text; `study` is what study.html.j2 shows before the legs (`cpcal.report.study_report`), `run` the
     folder of the run where the page is to check its certificates.
 
     Raises InputError when the result is of another campaign, or garbled.

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cpcal.files.codec import load, save, text_of
 from cpcal.results.determination import Determination
-from cpcal.results.leg_verdict import Bracket, LegVerdict, Undecided, Undetermined, Unexplained, verdict_on
+from cpcal.results.leg_verdict import EpsBracket, LegVerdict, Undecided, Undetermined, Unexplained, verdict_on
 from cpcal.results.options import Options
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
@@ -52,7 +52,7 @@ class Entry:
 
     def leg_verdict(self, tolerance: float) -> LegVerdict:
         """The same as of a leg: a pass only where the measurements suffice to test the model."""
-        return verdict_on(Bracket(self.eps_lo, self.eps_hi), tolerance, determination=self.determination)
+        return verdict_on(EpsBracket(self.eps_lo, self.eps_hi), tolerance, determination=self.determination)
 
     def word(self, tolerance: float | None) -> str:
         """The same for a table."""

@@ -23,7 +23,7 @@ from cpcal.solver.contract import Verdict
 
 
 @dataclass(frozen=True)
-class Bracket:
+class EpsBracket:
     """Proved: no error below `lo` explains the data, `hi` does (infinite: none is known to). `unit`: "mm", or none."""
 
     lo: float
@@ -52,7 +52,7 @@ class Bracket:
 class Explained:
     """Pass. `tolerance` None: none was given, and the data are explained without any error, or to the one asked."""
 
-    bracket: Bracket
+    bracket: EpsBracket
     tolerance: float | None
     kind: ClassVar[str] = "explained"
 
@@ -71,7 +71,7 @@ class Explained:
 class Unexplained:
     """Fail. `beyond`: the error asked about, which is refuted; None when `bracket.lo` is what is proved."""
 
-    bracket: Bracket
+    bracket: EpsBracket
     tolerance: float | None
     beyond: float | None = None
     kind: ClassVar[str] = "unexplained"
@@ -95,7 +95,7 @@ class Unexplained:
 class Bounded:
     """Neither pass nor fail: no tolerance was given."""
 
-    bracket: Bracket
+    bracket: EpsBracket
     kind: ClassVar[str] = "bounded"
 
     @property
@@ -109,7 +109,7 @@ class Bounded:
 
 @dataclass(frozen=True)
 class Undecided:
-    bracket: Bracket
+    bracket: EpsBracket
     tolerance: float | None
     kind: ClassVar[str] = "undecided"
     word: ClassVar[str] = "undecided"
@@ -129,7 +129,7 @@ class Undecided:
 class Undetermined:
     """Some parameters fit, but so would those of many another robot. No pass, whatever the tolerance."""
 
-    bracket: Bracket
+    bracket: EpsBracket
     determination: Determination
     tolerance: float | None
     kind: ClassVar[str] = "undetermined"
@@ -153,22 +153,22 @@ def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -
         return _verdict_at(eps, leg, at)
     hi = leg.eps_hi if leg.point is not None else math.inf
     closed = leg.verdict is Verdict.PROVED
-    return verdict_on(Bracket(leg.eps_lo, hi), at, closed=closed, determination=leg.determination)
+    return verdict_on(EpsBracket(leg.eps_lo, hi), at, closed=closed, determination=leg.determination)
 
 
 def _verdict_at(eps: float, leg: LegResult, tolerance: float | None) -> LegVerdict:
     """Where one error was asked about, nothing is known of smaller ones unless it is refuted."""
     if leg.verdict is Verdict.REFUTED:
-        bracket = Bracket(eps, math.inf)
+        bracket = EpsBracket(eps, math.inf)
         failed = tolerance is None or eps >= tolerance
         return Unexplained(bracket, tolerance, beyond=eps) if failed else Undecided(bracket, tolerance)
-    bracket = Bracket(0.0, eps if leg.verdict is Verdict.PROVED else math.inf)
+    bracket = EpsBracket(0.0, eps if leg.verdict is Verdict.PROVED else math.inf)
     found = verdict_on(bracket, eps if tolerance is None else tolerance, determination=leg.determination)
     return found if isinstance(found, Unexplained | Bounded) else replace(found, tolerance=tolerance)
 
 
 def verdict_on(
-    bracket: Bracket,
+    bracket: EpsBracket,
     tolerance: float | None,
     *,
     closed: bool = False,
@@ -186,7 +186,7 @@ def verdict_on(
     return Undecided(bracket, tolerance)
 
 
-def _asked(tolerance: float | None, bracket: Bracket) -> str:
+def _asked(tolerance: float | None, bracket: EpsBracket) -> str:
     if tolerance is None:
         return ""
     return f"; the tolerance is {f'{stated(tolerance)} {bracket.unit}'.strip()}"

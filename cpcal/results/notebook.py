@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from cpcal.common.errors import printable
 from cpcal.common.numbers import bracket_text, stated
-from cpcal.results.leg_verdict import Bracket, verdict_of, verdict_on
+from cpcal.results.leg_verdict import EpsBracket, verdict_of, verdict_on
 
 if TYPE_CHECKING:
     from cpcal.results.result import LegResult, Result
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def leg_html(leg: LegResult) -> str:
     """The proved bounds. The verdict needs the question, which the result has."""
     hi = leg.eps_hi if leg.point is not None else math.inf
-    said = verdict_on(Bracket(leg.eps_lo, hi), None).sentence
+    said = verdict_on(EpsBracket(leg.eps_lo, hi), None).sentence
     return f"<p><b>Leg {_escaped(leg.leg)}.</b> {_escaped(said)}</p>"
 
 

@@ -106,7 +106,7 @@ class LegResult:
     certified: bool = False
     certificate: str | None = None
     not_certified: Uncertified = Uncertified.NOTHING
-    ranges: Ranges | None = None  # of the parameters at a tolerance; see cpcal.certify.ranges
+    ranges: Ranges | None = None  # of the parameters at a tolerance; see cpcal.certify.certified_ranges
     projections: Projections | None = None  # what the report draws; see cpcal.certify.projections
     # the center of the box, as a solution at eps = 0 (or the eps asked about)
     verified: VerifiedPoint | None = field(default=None, metadata={"json": "center_verified"})

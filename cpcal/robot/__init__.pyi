@@ -16,7 +16,7 @@ from .known_robots import (
     DELTALAB,
     ROBOTS,
     KnownRobot,
-    Workspace,
+    PoseRange,
     known_robot,
 )
 from .mechanisms import (
@@ -68,13 +68,13 @@ __all__ = [
     "Mechanisms",
     "ModelChoice",
     "Pose",
+    "PoseRange",
     "PoseTable",
     "ProvedPose",
     "Robot",
     "Study",
     "Truth",
     "Uncertainty",
-    "Workspace",
     "central_pose",
     "compose",
     "forward_kinematics",

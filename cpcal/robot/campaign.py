@@ -15,7 +15,14 @@ import numpy.typing as npt
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.values import Value, frozen_array, frozen_mapping
-from cpcal.robot.campaign_arrays import Frame, frame_columns, in_mm, stated_robot, stated_uncertainty, table_arguments
+from cpcal.robot.campaign_arrays import (
+    DataFrame,
+    frame_columns,
+    in_mm,
+    stated_robot,
+    stated_uncertainty,
+    table_arguments,
+)
 from cpcal.robot.campaign_problems import ARRAYS, shape_problems, value_problems
 from cpcal.robot.columns import override_columns, reading_columns
 from cpcal.robot.model_choice import ModelChoice
@@ -188,7 +195,7 @@ class Campaign(Value):
     @classmethod
     def from_frame(
         cls,
-        frame: Frame,
+        frame: DataFrame,
         *,
         robot: Robot | str,
         columns: str | Mapping[str, str] = "",

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
 from cpcal.robot.columns import (
-    Source,
+    ColumnSource,
     column_map,
     half_widths,
     is_angle,
@@ -29,7 +29,7 @@ from cpcal.robot.uncertainty import KINDS, Uncertainty
 from cpcal.robot.units import ANGLES, LENGTHS, length_factor
 
 
-class Frame(Protocol):
+class DataFrame(Protocol):
     """What is used of a pandas DataFrame."""
 
     @property
@@ -107,7 +107,9 @@ def targets(legs: int, form: RotationForm) -> list[str]:
     return [*fixed, *form.columns, *override_columns(legs)]
 
 
-def mapped(columns: str | Mapping[str, str], header: Sequence[str], legs: int, form: RotationForm) -> dict[str, Source]:
+def mapped(
+    columns: str | Mapping[str, str], header: Sequence[str], legs: int, form: RotationForm
+) -> dict[str, ColumnSource]:
     """The map of a table with this header; columns that are not mapped count under their own names.
 
     Raises InputError for columns that are not there, and units that cannot be.
@@ -117,7 +119,7 @@ def mapped(columns: str | Mapping[str, str], header: Sequence[str], legs: int, f
     taken = {source.name for source in found.values()}
     for name in names:
         if name not in found and name not in taken and name in header:
-            found[name] = Source(name)
+            found[name] = ColumnSource(name)
     problems = Problems()
     for target, source in found.items():
         if source.place(header) is None and source.name in header:
@@ -132,7 +134,7 @@ def mapped(columns: str | Mapping[str, str], header: Sequence[str], legs: int, f
     return found
 
 
-def unit_factor(target: str, source: Source, form: RotationForm) -> float:
+def unit_factor(target: str, source: ColumnSource, form: RotationForm) -> float:
     """What a column's numbers are multiplied by to be in mm or rad, or as the rotation form takes them."""
     if is_length(target):
         return float(LENGTHS[source.unit or "mm"])
@@ -177,7 +179,7 @@ def named_rows(names: Mapping[str, Sequence[str]], count: int) -> dict[str, Sequ
 
 
 def frame_columns(
-    frame: Frame, columns: str | Mapping[str, str], legs: int, form: RotationForm
+    frame: DataFrame, columns: str | Mapping[str, str], legs: int, form: RotationForm
 ) -> tuple[dict[str, list[str]], dict[str, Floats]]:
     """Names and numbers of a DataFrame, by target. Raises InputError."""
     header = [str(name) for name in frame.columns]

@@ -32,7 +32,7 @@ def override_columns(legs: int) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Source:
+class ColumnSource:
     """A column of a foreign table: its name, or its number from 1; and its unit, where one is given."""
 
     name: str
@@ -47,13 +47,13 @@ class Source:
         return places[0] if len(places) == 1 else None
 
 
-def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str, Source]:
+def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str, ColumnSource]:
     """The map in a text as above, or in a mapping such as {"x": "Tx[m]"}; targets must be among `known`.
 
     Raises InputError with every entry that cannot be read.
     """
     whole = text if isinstance(text, str) else ", ".join(f"{target}={source}" for target, source in text.items())
-    problems, found, place = Problems(), dict[str, Source](), 0
+    problems, found, place = Problems(), dict[str, ColumnSource](), 0
     names = list(known)
     while place < len(whole) and not whole[place:].isspace():
         match = _ENTRY.match(whole, place)
@@ -73,7 +73,7 @@ def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str,
         if unit is not None and unit not in {*LENGTHS, *ANGLES}:
             remedy = "give one of " + ", ".join([*LENGTHS, *ANGLES])
             problems.add(Problem("map", f"{target} has the unknown unit {shown(unit)}", remedy))
-        found[target] = Source(name, unit)
+        found[target] = ColumnSource(name, unit)
     problems.raise_any(YOUR_DATA)
     return found
 

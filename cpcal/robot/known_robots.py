@@ -19,7 +19,7 @@ from cpcal.robot.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class Workspace(Value):
+class PoseRange(Value):
     """A box of poses: where a robot is measured when its legs cannot simply be commanded.
 
     low, high  (3,) mm, the position P in the base frame
@@ -66,7 +66,7 @@ class KnownRobot:
     robot: Robot
     source: str
     stroke: tuple[float, float]
-    workspace: Workspace | None = None
+    workspace: PoseRange | None = None
 
 
 # The paper's Table 1: a_x a_y a_z b_x b_y b_z l, in mm. Legs run from 345 to 485 mm: readings from 0 to 140.
@@ -156,7 +156,7 @@ ROBOTS: dict[str, KnownRobot] = {
         "github.com/darwinlau/CASPR, in metres there. Readings are whole cable lengths; the poses to measure are "
         "a choice of cpcal's inside the frame.",
         (0.0, 20_000.0),
-        Workspace(np.array([-4000.0, -3000.0, 1000.0]), np.array([4000.0, 3000.0, 3000.0]), np.array([0.2, 0.2, 0.3])),
+        PoseRange(np.array([-4000.0, -3000.0, 1000.0]), np.array([4000.0, 3000.0, 3000.0]), np.array([0.2, 0.2, 0.3])),
     ),
     "planar-3rpr": KnownRobot(
         Robot("Planar 3-RPR robot", np.array(_PLANAR_BASE), np.array(_PLANAR_PLATFORM), np.zeros(3)),
@@ -165,7 +165,7 @@ ROBOTS: dict[str, KnownRobot] = {
         "the numbers are those of the optimisation library Mantella (ParallelKinematicMachine3PRPR), in metres there. "
         "z, and the tilts about x and y, are fixed; the poses to measure are a choice of cpcal's.",
         (100.0, 1200.0),
-        Workspace(np.array([400.0, 150.0, 0.0]), np.array([800.0, 550.0, 0.0]), np.array([0.0, 0.0, 0.5])),
+        PoseRange(np.array([400.0, 150.0, 0.0]), np.array([800.0, 550.0, 0.0]), np.array([0.0, 0.0, 0.5])),
     ),
 }
 

@@ -27,9 +27,9 @@ from cpcal.robot import (
     Campaign,
     KinematicsError,
     Pose,
+    PoseRange,
     Robot,
     Uncertainty,
-    Workspace,
     central_pose,
     forward_kinematics,
     inverse_kinematics,
@@ -77,7 +77,7 @@ def simulate(
     truncate: float | None = None,
     deviation: float = 1.0,
     stroke: tuple[float, float] = STROKE,
-    workspace: Workspace | None = None,
+    workspace: PoseRange | None = None,
 ) -> Campaign:
     """A campaign of the 64 extremal leg configurations and of random ones, as a sensor would deliver it.
 
@@ -209,7 +209,7 @@ def joint_effect(robot: Robot, poses: Pose, phases: Floats) -> Floats:
     return np.asarray(0.5 * waves)
 
 
-def _sensors(noise: float, legs: int, workspace: Workspace | None) -> _Sensors:
+def _sensors(noise: float, legs: int, workspace: PoseRange | None) -> _Sensors:
     """The paper's standard deviations, scaled; none for what a workspace fixes."""
     free = np.ones(6) if workspace is None else workspace.free.astype(np.float64)
     pose = noise * free * np.concatenate([POSITION_SIGMA, np.radians(EULER_SIGMA)])
@@ -257,7 +257,7 @@ def streams(seed: int, count: int = 4) -> list[np.random.Generator]:
 def _check_options(options: dict[str, Any]) -> None:
     """InputError that names every option without a meaning."""
     checks = OptionChecks(options)
-    workspace: Workspace | None = options["workspace"]
+    workspace: PoseRange | None = options["workspace"]
     if workspace is None:
         checks.six_legs("robot")
     checks.whole("seed", 0)

@@ -7,11 +7,11 @@ from itertools import product
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.robot import Pose, Workspace, quaternion_from_rotation_vector
+from cpcal.robot import Pose, PoseRange, quaternion_from_rotation_vector
 
 
 def workspace_poses(
-    workspace: Workspace, stream: np.random.Generator, *, random_poses: int, extremal: bool
+    workspace: PoseRange, stream: np.random.Generator, *, random_poses: int, extremal: bool
 ) -> tuple[list[str], Pose]:
     """Pose ids (K) and poses: the corners of the box, and poses drawn evenly from it.
 
@@ -26,12 +26,12 @@ def workspace_poses(
     return names, Pose(rows[:, :3], quaternion_from_rotation_vector(rows[:, 3:]))
 
 
-def corner_count(workspace: Workspace) -> int:
+def corner_count(workspace: PoseRange) -> int:
     """How many corners the box has: 64 if all coordinates vary."""
     return 1 << int(workspace.free.sum())
 
 
-def _corners(workspace: Workspace) -> Floats:
+def _corners(workspace: PoseRange) -> Floats:
     """(2^k, 6)."""
     low, high = workspace.bounds
     ends = [(lo, hi) if free else (lo,) for lo, hi, free in zip(low, high, workspace.free, strict=True)]

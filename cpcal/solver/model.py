@@ -19,6 +19,7 @@ from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.interval.number import float_bounds
 from cpcal.solver.network import ConstraintNetwork, Expr, evaluate
+from cpcal.solver.network.divisions import with_products
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.search import (
     ORDERS,
@@ -134,7 +135,9 @@ class Network(ConstraintNetwork):
         asked, (network, name) = _limits(limits), _with_objective(self._as_asked(), objective)
         network._check_bounded(name, contractors)
         engine = get_arithmetic(arithmetic)
-        parts = plugins.build_each(network, contractors, objective=name, arithmetic=arithmetic)
+        exact = certificate is not None
+        stated = with_products(network, instead=exact)
+        parts = plugins.build_each(stated, contractors, objective=name, arithmetic=arithmetic)
         named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
         first = None if start is None else _start(network, start, len(self.names))
 
@@ -149,7 +152,7 @@ class Network(ConstraintNetwork):
         if not Contracting(named).gives_weights:
             given = ", ".join(called for called, _ in named)
             raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
-        with Recording(network_statement(network, name), network.domain) as recording:
+        with Recording(network_statement(stated, name), network.domain) as recording:
             found = bracketed(recording.prover, recording.event)
             recording.write(certificate, claims_of(found, network.domain, name))
         return replace(found, contractors_used=recording.credited(found.contractors_used))

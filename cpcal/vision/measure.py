@@ -31,7 +31,7 @@ class NotMeasured(CpcalError):
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredImage:
     """A pose of the target in the camera frame, and all that it came from.
 
     dots            what was found in the image
@@ -82,7 +82,7 @@ def measure_pose(
     camera_covariance: Floats | None = None,
     *,
     residual: float = RESIDUAL,
-) -> Measured:
+) -> MeasuredImage:
     """The pose that an image (height, width) or (height, width, 3), 8 or 16 bits, of the camera shows.
 
     `camera_covariance` (9, 9) as a calibration states it; left out: the camera is exact. `residual` is the largest
@@ -110,7 +110,7 @@ def measure_pose(
             f"the residuals are {estimate.rms:.3f} pixels (rms), more than {residual:g}: "
             "the camera or the target is not as stated"
         )
-    return Measured(dots, identification, estimate, clock.seconds)
+    return MeasuredImage(dots, identification, estimate, clock.seconds)
 
 
 def _identified(

@@ -11,7 +11,7 @@ from cpcal.common.arrays import Floats
 from cpcal.robot import transformed
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import observe_dots
-from cpcal.vision.measure import Measured
+from cpcal.vision.measure import MeasuredImage
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import contours
 from cpcal.vision.target import Target
@@ -25,7 +25,7 @@ _CROSS = 6.0  # pixels of the picture, half of a cross
 _LETTERS, _LINE = 0.45, 18  # size of a letter, OpenCV's unit; pixels of the picture a line
 
 
-def overlay(image: npt.NDArray[np.integer], found: Measured, target: Target, camera: Camera, width: int) -> bytes:
+def overlay(image: npt.NDArray[np.integer], found: MeasuredImage, target: Target, camera: Camera, width: int) -> bytes:
     """JPEG of the image, `width` pixels wide: blue rings round the dots that were used, red ones where dots of the
     target are missing, violet ones where a dot was screened; yellow crosses on dots that are none of the target's; the
     target's rows and axes, and what makes the pose doubtful."""

@@ -33,14 +33,14 @@ _LONGEST_STEP = 60.0  # mm
 
 
 @dataclass(frozen=True)
-class Separation:
+class RowSeparation:
     """How well a target's rows are recognised, see the module: `least` of all, mm, and that of each signature (2k,)."""
 
     least: float
     signatures: Floats
 
 
-def separation(target: Target) -> Separation:
+def separation(target: Target) -> RowSeparation:
     """The criterion for any target with identifying rows; its other dots count as the grid.
 
     Raises InputError where the target has no rows.
@@ -51,7 +51,7 @@ def separation(target: Target) -> Separation:
     grid = np.delete(target.dots, sorted({i for line in target.lines for i in line}), axis=0)
     criterion = _Criterion(tuple(len(row) for row in rows), _grid_sequences(grid))
     of_signatures = criterion(np.concatenate(rows)[None])[0]
-    return Separation(float(of_signatures.min()), of_signatures)
+    return RowSeparation(float(of_signatures.min()), of_signatures)
 
 
 def design_target(

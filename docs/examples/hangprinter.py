@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 import cpcal
-from cpcal.report.comparison import comparison_sentences, write_comparison
+from cpcal.report.comparison_page import comparison_sentences, write_comparison
 from cpcal.results import Entry
 
 CABLES = ("a", "b", "c", "d")

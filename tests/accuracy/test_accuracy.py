@@ -10,8 +10,8 @@ import pytest
 
 import cpcal
 from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
+from cpcal.accuracy.findings import load_accuracy, save_accuracy
 from cpcal.accuracy.model_error import growth
-from cpcal.accuracy.values import load_accuracy, save_accuracy
 from cpcal.common.errors import InputError
 from cpcal.report.accuracy_page import write_accuracy
 from cpcal.report.accuracy_words import assumption, sentences

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpcal.accuracy.cells import Cells
 from cpcal.accuracy.certified_set import SIZE, certified_set
 from cpcal.accuracy.estimates import distances, true_poses
 from cpcal.accuracy.pose_bounds import cell_bounds, pose_bounds
+from cpcal.accuracy.pose_cells import Cells
 from cpcal.robot import (
     Pose,
     central_pose,

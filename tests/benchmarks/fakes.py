@@ -7,8 +7,8 @@ import signal
 import sys
 import time
 
-from benchmarks.methods import Question, Work
-from benchmarks.records import Answer
+from benchmarks.methods import TaskQuestion, Work
+from benchmarks.records import MethodAnswer
 from benchmarks.tasks import Unsupported
 
 
@@ -20,10 +20,10 @@ class Good:
     def missing(self) -> str | None:
         return None
 
-    def prepare(self, question: Question) -> Work:
-        def work() -> Answer:
+    def prepare(self, question: TaskQuestion) -> Work:
+        def work() -> MethodAnswer:
             os.write(1, b"licence, banner, ...\n")
-            return Answer(True, {"nodes": 3, "lo": 1.0, "hi": float("inf")}, question.task.name)
+            return MethodAnswer(True, {"nodes": 3, "lo": 1.0, "hi": float("inf")}, question.task.name)
 
         return work
 
@@ -34,24 +34,24 @@ class Absent(Good):
 
 
 class Refusing(Good):
-    def prepare(self, question: Question) -> Work:
+    def prepare(self, question: TaskQuestion) -> Work:
         raise Unsupported("is not written for this")
 
 
 class Raising(Good):
-    def prepare(self, question: Question) -> Work:
-        def work() -> Answer:
+    def prepare(self, question: TaskQuestion) -> Work:
+        def work() -> MethodAnswer:
             raise ArithmeticError("a pivot is zero")
 
         return work
 
 
 class Crashing(Good):
-    def prepare(self, question: Question) -> Work:
-        def work() -> Answer:
+    def prepare(self, question: TaskQuestion) -> Work:
+        def work() -> MethodAnswer:
             print("segmentation fault", file=sys.stderr, flush=True)
             os.kill(os.getpid(), signal.SIGABRT)
-            return Answer(True)
+            return MethodAnswer(True)
 
         return work
 
@@ -59,11 +59,11 @@ class Crashing(Good):
 class Overrunning(Good):
     """Holds on for ever, its signals ignored and with a child of its own."""
 
-    def prepare(self, question: Question) -> Work:
-        def work() -> Answer:
+    def prepare(self, question: TaskQuestion) -> Work:
+        def work() -> MethodAnswer:
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
             time.sleep(600.0)
-            return Answer(True)
+            return MethodAnswer(True)
 
         return work
 
@@ -71,5 +71,5 @@ class Overrunning(Good):
 class GivingUp(Good):
     """Says itself that it could not."""
 
-    def prepare(self, question: Question) -> Work:
-        return lambda: Answer(False, {}, "no idea")
+    def prepare(self, question: TaskQuestion) -> Work:
+        return lambda: MethodAnswer(False, {}, "no idea")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks import boards
-from benchmarks.board_methods import AprilTags, Charuco, Failed, Found
+from benchmarks.board_methods import AprilTags, Charuco, Failed, FoundBoard
 from benchmarks.board_render import Board, bright_share, cells_at, render_board
 from benchmarks.isolation import ONE_THREAD
 from cpcal.robot import Pose, transformed
@@ -122,7 +122,7 @@ class Fake:
         self.pose = pose
         return np.zeros((1, 1), dtype=np.uint8)
 
-    def measure(self, image: Image, camera: Camera, shift: object) -> Found:
+    def measure(self, image: Image, camera: Camera, shift: object) -> FoundBoard:
         moved = self.moved[(self.turn - 1) % 4]
         self.turn += 1
         if self.turn == 1:
@@ -130,7 +130,7 @@ class Fake:
         if moved is None:
             raise Failed("no idea")
         pixels = self.exact(camera, self.pose)[:3] + [0.02, 0.0]
-        return Found(pixels, np.arange(3), Pose(self.pose.position + moved, self.pose.quaternion))
+        return FoundBoard(pixels, np.arange(3), Pose(self.pose.position + moved, self.pose.quaternion))
 
     def exact(self, camera: Camera, pose: Pose) -> np.ndarray:
         return np.arange(8.0).reshape(4, 2)

@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.app import app, selected
-from benchmarks.compare import LIBRARIES, compared, expectation, report
+from benchmarks.changes import LIBRARIES, compared, expectation, report
+from benchmarks.commands import app, selected
 from benchmarks.machine import machine
 from benchmarks.records import ANSWERED, FAILED, SKIPPED, TIMEOUT, Results, Run, load, save
 

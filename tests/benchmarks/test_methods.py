@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.methods import PEERS, Question, method
+from benchmarks.methods import PEERS, TaskQuestion, method
 from benchmarks.methods.expanded import AB, BB, COLUMNS, OFFSET, A, B, Q, rows
 from benchmarks.methods.extreme import minimax
 from benchmarks.methods.sweep import boxes
 from benchmarks.problems import Leg, problem
-from benchmarks.records import Answer
+from benchmarks.records import MethodAnswer
 from benchmarks.suites import MINIMISE
 from benchmarks.tasks import Task, Unsupported
 from cpcal.legs import residuals
@@ -24,8 +24,8 @@ def leg() -> Leg:
     return found
 
 
-def ask(name: str, task: str, eps: float | None = None, limit: float = 60.0) -> Answer:
-    return method(name).prepare(Question(leg(), Task.named(task), eps, limit))()
+def ask(name: str, task: str, eps: float | None = None, limit: float = 60.0) -> MethodAnswer:
+    return method(name).prepare(TaskQuestion(leg(), Task.named(task), eps, limit))()
 
 
 def test_the_expanded_rows_are_the_squared_equations() -> None:
@@ -114,6 +114,6 @@ def test_every_peer_says_what_it_is_worth_and_refuses_uncertain_readings(name: s
     assert method(name).guarantee
     if method(name).missing():
         pytest.skip(f"{name} is not installed")
-    uncertain = Question(problem("leg1-e1-n64-d100-u"), Task.named(MINIMISE), None, 1.0)
+    uncertain = TaskQuestion(problem("leg1-e1-n64-d100-u"), Task.named(MINIMISE), None, 1.0)
     with pytest.raises(Unsupported, match="exact readings"):
         method(name).prepare(uncertain)

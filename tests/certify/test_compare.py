@@ -18,7 +18,7 @@ from cpcal.checker import check
 from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.report import write_report
-from cpcal.report.comparison import comparison_row, comparison_sentences, write_comparison
+from cpcal.report.comparison_page import comparison_row, comparison_sentences, write_comparison
 from cpcal.simulate import true_robot
 from cpcal.solver.contract import Verdict
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.certify.data_check import Kind
+from cpcal.certify.data_check import FindingKind
 from cpcal.robot import known_robot
 from cpcal.simulate import simulate
 from tests.robot.wrong_ways import WRONG_WAYS
@@ -47,7 +47,7 @@ def test_what_a_planar_robot_cannot_show_is_named_as_open():
     planar = known_robot("planar-3rpr")
     found = cpcal.check_data(simulate(planar.robot, seed=1, random_poses=20, workspace=planar.workspace))
     (finding,) = found.findings
-    assert finding.kind is Kind.OPEN
+    assert finding.kind is FindingKind.OPEN
     assert "Legs 1, 2, 3: " in finding.sentence
     assert "leave 2 of 7 parameters open: a_z, b_z." in finding.sentence
     assert np.array_equal(np.isinf(found.legs[0].ranges), [False, False, True, False, False, True, False])
@@ -56,7 +56,7 @@ def test_what_a_planar_robot_cannot_show_is_named_as_open():
 def test_few_poses_leave_parameters_open():
     few = simulate(seed=1, extremal=False, random_poses=5)
     found = cpcal.check_data(few)
-    assert {finding.kind for finding in found.findings} == {Kind.OPEN}
+    assert {finding.kind for finding in found.findings} == {FindingKind.OPEN}
     assert all(leg.determination.rank < 7 for leg in found.legs)
 
 

@@ -10,8 +10,8 @@ import pytest
 from scipy.optimize import linprog
 
 import cpcal
+from cpcal.certify.certified_ranges import MARGIN, range_eps
 from cpcal.certify.projections import projections, with_projections
-from cpcal.certify.ranges import MARGIN, range_eps
 from cpcal.legs import PARAMETERS, PLAIN, residuals
 from cpcal.simulate import true_robot
 

@@ -27,6 +27,7 @@ from cpcal.solver.certificate.statement import Statement, free, limits, number
 from cpcal.solver.certificate.writer import WeightProver, rounded
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
+from tests.checker.second import Second, encoded, second_checker
 
 Lines = list[dict[str, Any]]
 STEPS = ("split", "exclude", "pass", "halve")  # of the proofs that have every kind of step
@@ -297,7 +298,13 @@ def checked(tmp_path: Path) -> Callable[[bytes, Path | None], Accepted]:
 @pytest.fixture
 def verdict(checked: Callable[[bytes, Path | None], Accepted]) -> Callable[[Lines, Path | None], Accepted]:
     """Check a certificate given as lines."""
-    return lambda lines, folder: checked(b"".join(json.dumps(line).encode() + b"\n" for line in lines), folder)
+    return lambda lines, folder: checked(encoded(lines), folder)
+
+
+@pytest.fixture(scope="session")
+def second() -> Second | None:
+    """The checker in JavaScript; None where nothing runs it."""
+    return second_checker()
 
 
 KINDS = ("exact_proof", "split_proof", "uncertain_proof", "gain_proof", "network_proof", "network_split_proof")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.certify.robust import certify_robust
+from cpcal.certify.certify_robust import certify_robust
 from cpcal.checker import Refused, check_robust
-from cpcal.checker.robust import meeting
+from cpcal.checker.robust_claim import meeting
 from cpcal.simulate import simulate
 
 

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 import cpcal
-from cpcal.cli.progress import Lines, watch
+from cpcal.cli.progress import ProgressLines, watch
 from cpcal.cli.show import show_result
 from cpcal.legs import PLAIN
 from cpcal.solver.optimize import Bracket
@@ -21,7 +21,7 @@ _INTERRUPTED = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from contextlib import contextmanager
-import cpcal.cli.run
+import cpcal.cli.certified_run
 
 @contextmanager
 def stop(legs, gap, console):
@@ -30,7 +30,7 @@ def stop(legs, gap, console):
             os.kill(os.getpid(), signal.SIGINT)
     yield progress
 
-cpcal.cli.run.watch = stop
+cpcal.cli.certified_run.watch = stop
 from cpcal.__main__ import main
 main()
 """
@@ -101,12 +101,12 @@ def test_progress_shows_the_bracket_of_each_leg():
 
 def test_without_a_terminal_a_line_is_written_every_ten_seconds():
     console, now = Console(file=io.StringIO(), width=80), iter([0.0, 4.0, 9.9, 10.0, 12.0, 21.0])
-    progress = Lines(console, lambda: next(now))
+    progress = ProgressLines(console, lambda: next(now))
     for k in range(5):
         progress(2, Bracket(0.25, 0.5, k, 12, float(k)))
     assert written(console).splitlines() == [f"leg 2: eps in [0.2500000, 0.5000000] mm, {k} s" for k in (2, 4)]
     with watch([1], 1e-6, Console(file=io.StringIO())) as quiet:
-        assert isinstance(quiet, Lines)
+        assert isinstance(quiet, ProgressLines)
 
 
 def test_hostile_names_and_narrow_terminals(campaign):

@@ -10,14 +10,14 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.common.errors import Problem as Wrong
 from cpcal.problems.minibex_meaning import read_minibex
-from cpcal.problems.problem import Problem
+from cpcal.problems.stated_problem import StatedProblem
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.network import evaluate
 
 HEAD = "Variables x in [1,3]; y in [2,2]; v[3] in [1,2]; M[2][3] in [0,1];\n"
 
 
-def read(text: str) -> Problem:
+def read(text: str) -> StatedProblem:
     return read_minibex(text, "problem.bch")
 
 

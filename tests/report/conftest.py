@@ -13,8 +13,8 @@ from cpcal.certify.fits import CertifiedFits, VerifiedFit
 from cpcal.files import campaign_sha256
 from cpcal.legs import PARAMETERS
 from cpcal.report import write_page
-from cpcal.report.comparison import write_comparison
-from cpcal.report.study import StudyFound, write_study_page
+from cpcal.report.comparison_page import write_comparison
+from cpcal.report.study_report import StudyFound, write_study_page
 from cpcal.results import Comparison, Entry, Projection, Projections
 from cpcal.simulate import simulate_study
 from tests.report.made import made_leg, made_result

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, Campaign, Uncertainty, rotation_matrix
-from cpcal.robot.columns import Source, column_map
+from cpcal.robot.columns import ColumnSource, column_map
 from cpcal.robot.rotation_form import SEQUENCES, RotationForm
 from cpcal.simulate import simulate
 
@@ -138,7 +138,7 @@ def test_a_frame_with_foreign_columns_is_mapped():
 
 def test_maps_are_read_as_text_and_as_mappings():
     known = ["x", "y", "L1"]
-    expected = {"x": Source("Tx", "m"), "y": Source("T y"), "L1": Source("#3", "mm")}
+    expected = {"x": ColumnSource("Tx", "m"), "y": ColumnSource("T y"), "L1": ColumnSource("#3", "mm")}
     assert column_map("x=Tx[m], y = T y ,L1=#3[mm]", known) == expected
     assert column_map({"x": "Tx[m]", "y": "T y", "L1": "#3[mm]"}, known) == expected
     assert column_map("", known) == {}

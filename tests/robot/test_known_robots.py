@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cpcal.common.errors import InputError
-from cpcal.robot import ROBOTS, Pose, Workspace, inverse_kinematics, known_robot
+from cpcal.robot import ROBOTS, Pose, PoseRange, inverse_kinematics, known_robot
 from cpcal.simulate import simulate, true_robot
 
 
@@ -51,7 +51,7 @@ def test_what_a_planar_robot_cannot_do_is_fixed_and_exact():
 
 
 def test_corners_are_named_by_their_bits():
-    workspace = Workspace([0, 0, 5], [1, 2, 5], [0, 0, 0.5])
+    workspace = PoseRange([0, 0, 5], [1, 2, 5], [0, 0, 0.5])
     campaign = simulate(known_robot("cogiro").robot, seed=1, workspace=workspace, noise=0.0)
     assert len(campaign) == 8
     row = campaign.pose.index("e05")  # x and the turn about z at their upper ends
@@ -62,4 +62,4 @@ def test_corners_are_named_by_their_bits():
 @pytest.mark.parametrize(("low", "turn"), [([2, 0, 0], [0, 0, 0]), ([0, 0, 0], [-1, 0, 0]), ([0, 0], [0, 0, 0])])
 def test_an_empty_workspace_is_refused(low, turn):
     with pytest.raises(InputError, match="no box of poses"):
-        Workspace(low, [1, 1, 1], turn)
+        PoseRange(low, [1, 1, 1], turn)

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from benchmarks.dots import Errors, errors, random_pose, true_centers
+from benchmarks.dot_errors import DotErrors, errors, random_pose, true_centers
 from cpcal.robot import Pose, quaternion_from_rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.dots import find_dots, observe_dots
@@ -23,7 +23,7 @@ def plate(radius: float, pitch: float, bright: bool) -> Target:
     return Target("plate", np.array(list(itertools.product(ticks, ticks))), radius, (), bright)
 
 
-def collected(found: list[Errors]) -> tuple[np.ndarray, np.ndarray]:
+def collected(found: list[DotErrors]) -> tuple[np.ndarray, np.ndarray]:
     assert sum(e.missing for e in found) == 0
     assert sum(e.false for e in found) == 0
     return np.concatenate([e.pixels for e in found]), np.concatenate([e.normalised for e in found])

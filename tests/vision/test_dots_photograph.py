@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.dots import photograph_figures
+from benchmarks.dot_errors import photograph_figures
 from cpcal.vision.opencv import opencv
 
 PHOTOGRAPH = Path(__file__).resolve().parents[3] / "shared" / "data" / "dots" / "dot_pattern_05.jpg"

@@ -18,7 +18,7 @@ from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.camera_file import load_camera
 from cpcal.vision.files.detection import NUMBERS
 from cpcal.vision.files.image_file import UnreadableImageError, read_image
-from cpcal.vision.files.readings import load_readings
+from cpcal.vision.files.leg_readings import load_readings
 from cpcal.vision.files.target_file import load_target
 from cpcal.vision.target import DELTALAB_TARGET
 

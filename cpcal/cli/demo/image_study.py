@@ -16,10 +16,10 @@ from cpcal.cli.progress import bar
 from cpcal.cli.shots import IMAGES, TABLES, shot_study, write_shots
 from cpcal.robot import DELTALAB, Study
 from cpcal.common.atomic import write_file
-from cpcal.vision.batch.detect import Detections, ImageFolder, Source, detect
+from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.files.detection import detections_bytes
-from cpcal.vision.files.readings import readings_of
+from cpcal.vision.files.leg_readings import readings_of
 
 SUBSET = {"runs": 2, "validation_runs": 1, "images": 2}
 WHOLE = {"runs": 11, "validation_runs": 10, "images": 11}  # the paper's 14,784 images
@@ -52,7 +52,7 @@ def image_study(
     rendering = perf_counter() - start if keep else None
     found, tables = {}, []
     for name, true in zip(TABLES, (exact.calibration, exact.validation), strict=True):
-        source: Source = ImageFolder(folder / IMAGES / name) if keep else shots[name]
+        source: ImageSource = ImageFolder(folder / IMAGES / name) if keep else shots[name]
         output = folder / f"poses-{name}.csv"
         journal = output.with_name(f"{output.name}.journal")
         with bar(f"{name} images") as progress:

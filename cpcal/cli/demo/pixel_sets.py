@@ -10,7 +10,7 @@ import numpy as np
 
 from cpcal.cli.folders import PIXEL_CAMPAIGN, PIXEL_RUN, PIXEL_SETS
 from cpcal.cli.demo.image_study import ImageStudy
-from cpcal.cli.run import certified_into
+from cpcal.cli.certified_run import certified_into
 from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Verdict
 from cpcal.report.images import ImagesFound
@@ -22,7 +22,7 @@ from cpcal.files import save_campaign
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.batch.study_images import RenderedImages
-from cpcal.vision.files.readings import readings_of
+from cpcal.vision.files.leg_readings import readings_of
 from cpcal.vision.measure import measure_pose
 from cpcal.vision.pose_sets import PoseSet, campaign_of, enclose_pose, unbiased_boxes
 

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cpcal.checker.exact_polynomial import FIELD, READINGS
 from cpcal.checker.leg import LegConstraint, leg_program
-from cpcal.checker.polynomial import FIELD, READINGS
 from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cpcal.checker.exact_polynomial import Polynomial, signed, unknown
 from cpcal.checker.leg import LegConstraint
-from cpcal.checker.polynomial import Polynomial, signed, unknown
 from cpcal.checker.problem import Problem
 from cpcal.checker.rule import Row, Rule, Weights
 from cpcal.common.arrays import Floats, Indices

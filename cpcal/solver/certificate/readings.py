@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction as F
 
+from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial
 from cpcal.checker.leg import LegConstraint
-from cpcal.checker.polynomial import FIELD, READINGS, Polynomial
 from cpcal.checker.problem import Box, Problem, Unknowns
 from cpcal.checker.rule import Row
 from cpcal.solver.certificate.float_rows import best_signs

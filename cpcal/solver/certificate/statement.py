@@ -8,8 +8,8 @@ from fractions import Fraction as F
 from typing import Any, Protocol
 
 from cpcal.checker import FORMAT
+from cpcal.checker.exact_polynomial import constant
 from cpcal.checker.header import polynomial
-from cpcal.checker.polynomial import constant
 from cpcal.checker.problem import Constraint, Problem
 from cpcal.solver.interval import Box
 

@@ -3,7 +3,7 @@
 from cpcal.solver.existence.equalities import Equalities, Linearization
 from cpcal.solver.existence.inside import Inside
 from cpcal.solver.existence.operators import Operator, hansen_sengupta, krawczyk, square_of
-from cpcal.solver.existence.readings import ReadingConstraint, highest, reads, upper_ends
+from cpcal.solver.existence.quantified import ReadingConstraint, highest, reads, upper_ends
 from cpcal.solver.existence.unique import Unique, UniquenessProver, prove_unique
 
 __all__ = [

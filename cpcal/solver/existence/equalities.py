@@ -42,6 +42,7 @@ class Equalities:
                 roots.append(_difference(constraint, equal))
             if not equal.all():
                 self.rest.add(_others(constraint, equal))
+        self.roots = tuple(roots)  # each is to be 0
         self._rows = Extremes(network, *roots)
         self.tape = self._rows.tape
         self.count = self.tape.count

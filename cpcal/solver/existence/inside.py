@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.solver.existence.readings import ReadingConstraint, highest, reads
+from cpcal.solver.existence.quantified import ReadingConstraint, highest, reads
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
 

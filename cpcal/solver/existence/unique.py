@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Floats, Indices
 from cpcal.common.errors import ModelError
 from cpcal.solver.existence.equalities import Equalities
 from cpcal.solver.existence.inside import Inside
@@ -44,11 +45,23 @@ class UniquenessProver:
         self._domain = network.domain
         self._equalities = Equalities(network)
         self._rest = Inside(self._equalities.rest, engine)
-        self._columns = np.flatnonzero(self._domain.hi > self._domain.lo)
+        self._choose(np.flatnonzero(self._domain.hi > self._domain.lo))
+
+    def _choose(self, unknowns: Indices) -> None:
+        self._columns = unknowns
         self._free = np.zeros(len(self._domain))
-        self._free[self._columns] = 1.0
+        self._free[unknowns] = 1.0
         width = self._domain.width
-        self._least = np.where(np.isfinite(width), _LEAST * width, 0.0)
+        self._least = np.where(np.isfinite(width), _LEAST * width, 0.0) * self._free
+
+    def among(self, point: Floats, unknowns: Indices) -> UniquenessProver:
+        """The prover for the same equations in some of the unknowns; the others stay at the point's values (n,)."""
+        other = copy(self)
+        lo, hi = point.copy(), point.copy()
+        lo[unknowns], hi[unknowns] = self._domain.lo[unknowns], self._domain.hi[unknowns]
+        other._domain = self._domain.with_bounds(lo, hi)
+        other._choose(unknowns)
+        return other
 
     @property
     def applies(self) -> bool:

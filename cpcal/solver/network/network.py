@@ -148,6 +148,10 @@ class ConstraintNetwork:
             return component_names(leaf)[position]
         raise ModelError(f"{expr!r} is not a scalar variable of this network")
 
+    def leaf_of(self, component: str) -> Expr:
+        """The variable that a component belongs to."""
+        return self._variables[self._owner[component]]
+
     @property
     def digest(self) -> str:
         """SHA-256 over variables, domains and constraints, in order; the same for networks built alike."""

@@ -1,20 +1,20 @@
 """Smallest values, bounded from both sides."""
 
 from cpcal.solver.optimize.bound import minimize, run
-from cpcal.solver.optimize.fit import fit
+from cpcal.solver.optimize.local_minimum import fit
 from cpcal.solver.optimize.minimum import Bracket, Found, Minimum, bracket_sentence
 from cpcal.solver.optimize.support import irreducible, support
-from cpcal.solver.optimize.timeout import Answer, Outcome, Trial, ask, timeout
+from cpcal.solver.optimize.timeout import TimeoutAnswer, TimeoutOutcome, Trial, ask, timeout
 from cpcal.solver.optimize.verify_point import PointVerdicts, verify_point
 from cpcal.solver.optimize.witness import Witness, WitnessProver
 
 __all__ = [
-    "Answer",
     "Bracket",
     "Found",
     "Minimum",
-    "Outcome",
     "PointVerdicts",
+    "TimeoutAnswer",
+    "TimeoutOutcome",
     "Trial",
     "Witness",
     "WitnessProver",

@@ -8,9 +8,11 @@ from cpcal.common.arrays import Floats
 from cpcal.solver.contract import Limits
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.linear import Dense
-from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network import Constraint, ConstraintNetwork
+from cpcal.solver.network.dag import leaves
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.fit import fit_of_many
+from cpcal.solver.optimize.local_minimum import fit_of_many
+from cpcal.solver.optimize.local_search import LocalSearch
 from cpcal.solver.optimize.witness import Witness, WitnessProver
 
 
@@ -21,7 +23,15 @@ class Incumbent:
         self.objective, self.domain, self._limits = objective, network.domain, limits
         self._network, self._rows = network, Rows(network)
         self._prover = WitnessProver(network, objective, engine)
+        self._local = LocalSearch(network, objective, self._prover.equations)
+        self._minimax = all(self._enters(c) for c in network.constraints)
+        self._calls = 0  # of `propose`
         self.witness: Witness | None = None
+
+    def _enters(self, constraint: Constraint) -> bool:
+        """Whether the constraint may be mended by the objective."""
+        leaf = self._network.leaf_of(self.domain.names[self.objective])
+        return any(node is leaf for node in leaves((constraint.body, constraint.lower, constraint.upper)))
 
     @property
     def hi(self) -> float:
@@ -39,14 +49,37 @@ class Incumbent:
         return 0.0 if self.witness is None else self._rows.second_order(self.witness.point)
 
     def propose(self, start: Floats) -> bool:
-        """Fit from a point and keep what is proved, if it is better; whether it is."""
-        fitted = fit_of_many(self._network, self._rows, self.objective, start, Dense())
-        for point in (fitted, start):
-            witness = self._prover.prove(point)
-            if witness is not None and witness.value < self.hi:
-                self.witness = witness
-                return True
-        return False
+        """Fit from a point and keep what is proved, if it is better; whether it is.
+
+        Where every constraint bounds the objective, the sequence of linear programs ends in the optimum, a vertex.
+        Other problems have a local search that takes longer: it runs at the first proposals, then ever less often.
+        """
+        self._calls += 1
+        better = False
+        if self._minimax or not self._local.applies:
+            better = self._keep(fit_of_many(self._network, self._rows, self.objective, start, Dense()))
+        better = better or self._keep(start)
+        if self._local.applies and not (self._minimax and better) and _due(self._calls):
+            for point in self._local.proposals(start):
+                kept = self._keep(point)
+                better = better or kept
+                if kept or self._known_better(point):
+                    break
+        return better
+
+    def _known_better(self, point: Floats) -> bool:
+        """Whether the point is no improvement, whatever its margin."""
+        return bool(point[self.objective] >= self.hi)
+
+    def _keep(self, point: Floats) -> bool:
+        """Prove a point; keep it if it is better."""
+        if self._known_better(point) and not self._minimax:
+            return False
+        witness = self._prover.prove(point)
+        if witness is None or witness.value >= self.hi:
+            return False
+        self.witness = witness
+        return True
 
     def cut(self, box: Box) -> Box:
         """Drop what is worse than it."""
@@ -60,3 +93,9 @@ class Incumbent:
     def settled(self, box: Box) -> bool:
         """Whether dividing the box is pointless: it is closed, or down to the second order of the readings."""
         return self.closed(box) or (not box.is_empty and bool(box.lo[self.objective] >= self.hi - self.floor))
+
+
+def _due(call: int) -> bool:
+    """1, 2, 3, 4, 6, 8, 12, 16, 24, ..."""
+    power = 1 << (call.bit_length() - 1)
+    return call == power or 2 * call == 3 * power

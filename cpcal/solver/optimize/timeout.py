@@ -25,7 +25,7 @@ _SHRINK = 0.9  # of a width: another pass of the contractor is worth while
 _DELAY = 0.5  # seconds, of the first call
 
 
-class Answer(Enum):
+class TimeoutAnswer(Enum):
     """What the solver says of one eps."""
 
     INFEASIBLE = "infeasible"
@@ -42,7 +42,7 @@ class Trial:
 
     eps: float
     delay: float
-    answer: Answer
+    answer: TimeoutAnswer
     lo: float
     hi: float
     nodes: int
@@ -52,13 +52,13 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TimeoutOutcome:
     """What a solver returns: its answer, a proved point if it found one, who worked.
 
     `checked`: weights alone prove that the answer is infeasible, so that a certificate can say it.
     """
 
-    answer: Answer
+    answer: TimeoutAnswer
     witness: Witness | None = None
     nodes: int = 0
     programs: int = 0
@@ -66,7 +66,7 @@ class Outcome:
     uses: tuple[ContractorUse, ...] = ()
 
 
-Solver = Callable[[float, float], Outcome]  # eps, seconds
+Solver = Callable[[float, float], TimeoutOutcome]  # eps, seconds
 
 
 def timeout(
@@ -87,10 +87,10 @@ def timeout(
         began = time.monotonic()
         found = solve(eps, min(delay, max(clock.deadline - began, 0.0)))
         asked, waited = eps, delay
-        if found.answer is Answer.INFEASIBLE:
+        if found.answer is TimeoutAnswer.INFEASIBLE:
             lo = eps
             eps = 0.5 * (lo + hi)
-        elif found.answer is Answer.FOUND and found.witness is not None:
+        elif found.answer is TimeoutAnswer.FOUND and found.witness is not None:
             hi = min(hi, found.witness.value)
             eps = 0.5 * (lo + hi)
         else:
@@ -108,7 +108,7 @@ def ask(
     prover: WitnessProver,
     seconds: float,
     observe: Callable[[Event], None] | None = None,
-) -> Outcome:
+) -> TimeoutOutcome:
     """Search `domain` (its upper end of the objective is the eps that is asked about) for a valid point.
 
     Boxes that `strategy` no longer divides, and the points that the contractors propose, are tried: whatever their
@@ -128,14 +128,14 @@ def ask(
             observe(event)
         witness = _valid(prover, event, highest)
         if witness is not None:
-            return Outcome(Answer.FOUND, witness, nodes, programs, uses=uses)
+            return TimeoutOutcome(TimeoutAnswer.FOUND, witness, nodes, programs, uses=uses)
         if clock.over():
             break
     leaves: list[Node | Piece] = [*search.pending, *search.kept]
     # a small box that was kept may hold a point or not: nothing is known
-    answer = Answer.INFEASIBLE if all(leaf.state.is_empty for leaf in leaves) else Answer.TIMEOUT
+    answer = TimeoutAnswer.INFEASIBLE if all(leaf.state.is_empty for leaf in leaves) else TimeoutAnswer.TIMEOUT
     checked = contracting.proves and not leaves
-    return Outcome(answer, None, nodes, programs, checked, uses)
+    return TimeoutOutcome(answer, None, nodes, programs, checked, uses)
 
 
 def _valid(prover: WitnessProver, event: Event, highest: float) -> Witness | None:

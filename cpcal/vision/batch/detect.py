@@ -23,7 +23,7 @@ from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import Detection
 from cpcal.vision.files.image_file import UnreadableImageError, image_files, read_image
-from cpcal.vision.measure import Measured, NotMeasured, measure_pose
+from cpcal.vision.measure import MeasuredImage, NotMeasured, measure_pose
 from cpcal.vision.opencv import MissingExtraError, opencv
 from cpcal.vision.overlay import overlay, refusal
 from cpcal.vision.target import Target
@@ -33,7 +33,7 @@ _UNEXPECTED = "failed unexpectedly"
 _WIDEST = 1024  # pixels of a picture
 
 
-class Source(Protocol):
+class ImageSource(Protocol):
     """Images by name. A value that pickles, since workers read their images themselves."""
 
     @property
@@ -87,7 +87,7 @@ class Detections:
 
 
 def detect(
-    source: Source,
+    source: ImageSource,
     target: Target,
     camera: Camera,
     camera_covariance: Floats | None = None,
@@ -136,7 +136,7 @@ def detect(
 class _Work:
     """What a worker does: measures some images."""
 
-    source: Source
+    source: ImageSource
     target: Target
     camera: Camera
     camera_covariance: Floats | None
@@ -193,7 +193,7 @@ def _add(total: dict[str, float], more: dict[str, float]) -> None:
         total[stage] = total.get(stage, 0.0) + value
 
 
-def detection(name: str, found: Measured) -> Detection:
+def detection(name: str, found: MeasuredImage) -> Detection:
     """The row of a pose that was measured."""
     pose = found.estimate.pose
     sigma = np.sqrt(np.diagonal(found.estimate.covariance))

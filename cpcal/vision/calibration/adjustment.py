@@ -29,7 +29,7 @@ _NEARLY_SETTLED = 1e-3  # with a loss, whose scale is to change anyway
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Adjusted:
     """What was found: centers (v, n, 2) px of each target dot in each view; weight (v, n, 2, 2) px^-2, 0: not used."""
 
     centers: Floats
@@ -99,7 +99,7 @@ class Normal:
 
 
 def adjusted(
-    state: State, found: Found, radius: float, free: Free, *, loss: float | None = None, steps: int = 50
+    state: State, found: Adjusted, radius: float, free: Free, *, loss: float | None = None, steps: int = 50
 ) -> tuple[State, bool]:
     """The state at a minimum of the cost nearby, and whether it has settled there within `steps`.
 
@@ -125,7 +125,7 @@ def adjusted(
     return state, False
 
 
-def residuals(state: State, found: Found, radius: float) -> Floats:
+def residuals(state: State, found: Adjusted, radius: float) -> Floats:
     """Found minus predicted, (v, n, 2) px; nan where a dot is not used."""
     off = found.centers - centers_of(state.dots, radius, state.camera, state.poses)
     return np.where(found.used[..., None], off, np.nan)
@@ -136,7 +136,7 @@ def squares(off: Floats, weight: Floats) -> Floats:
     return np.asarray(np.einsum("vni,vnij,vnj->vn", off, weight, off))
 
 
-def normal_equations(state: State, found: Found, radius: float, loss: float | None = None) -> Normal:
+def normal_equations(state: State, found: Adjusted, radius: float, loss: float | None = None) -> Normal:
     """The normal equations of the cost (of its Gauss-Newton model, with `loss` reweighted) at a state."""
     used = found.used
     prediction = predict(state.dots, radius, state.camera, state.poses, by_camera=True, by_dots=True)
@@ -174,7 +174,7 @@ def normal_equations(state: State, found: Found, radius: float, loss: float | No
     )
 
 
-def _cost(state: State, found: Found, radius: float, loss: float | None) -> float:
+def _cost(state: State, found: Adjusted, radius: float, loss: float | None) -> float:
     off = residuals(state, found, radius)
     if np.isnan(off[found.used]).any():
         return np.inf  # a dot that was seen would be behind the camera

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.robot import Pose
-from cpcal.vision.calibration.adjustment import Found, State
+from cpcal.vision.calibration.adjustment import Adjusted, State
 from cpcal.vision.calibration.camera_fit import DOTS_MIN, CameraFit, covariance, excess, robust_fit
 from cpcal.vision.calibration.start import first_camera, first_pose, homography_rms
 from cpcal.vision.camera import CAMERA_NUMBERS, Camera
@@ -217,13 +217,13 @@ def _start(
     return CameraFit(rows, found, State(camera, stacked, target.dots), target.dots, target.radius, free, refine)
 
 
-def _arranged(views: list[TargetView], dots: int) -> Found:
+def _arranged(views: list[TargetView], dots: int) -> Adjusted:
     """Views (v) as arrays by the target's dots."""
     centers, weight = np.zeros((len(views), dots, 2)), np.zeros((len(views), dots, 2, 2))
     for row, view in enumerate(views):
         centers[row, view.numbers] = view.centers
         weight[row, view.numbers] = np.linalg.inv(view.covariance)
-    return Found(centers, weight)
+    return Adjusted(centers, weight)
 
 
 def _enough(count: int, reasons: dict[int, str], views: list[TargetView]) -> None:

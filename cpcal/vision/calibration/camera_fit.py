@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
 from cpcal.robot import Pose
-from cpcal.vision.calibration.adjustment import Found, Free, State, adjusted, normal_equations, residuals, squares
+from cpcal.vision.calibration.adjustment import Adjusted, Free, State, adjusted, normal_equations, residuals, squares
 
 DOTS_MIN = 8  # in a view
 SIGHTINGS_MIN = 3  # of a dot that is refined
@@ -32,7 +32,7 @@ class CameraFit:
     """
 
     rows: npt.NDArray[np.intp]
-    found: Found
+    found: Adjusted
     state: State
     dots: Floats  # (n, 2) mm, as stated
     radius: float
@@ -56,7 +56,7 @@ class CameraFit:
     def only(self, keep: npt.NDArray[np.bool_]) -> CameraFit:
         """Without the views (v,) that are not kept."""
         poses = Pose(self.state.poses.position[keep], self.state.poses.quaternion[keep])
-        found = Found(self.found.centers[keep], self.found.weight[keep])
+        found = Adjusted(self.found.centers[keep], self.found.weight[keep])
         return replace(self, rows=self.rows[keep], found=found, state=replace(self.state, poses=poses))
 
     def without(self, bad: npt.NDArray[np.bool_]) -> CameraFit:

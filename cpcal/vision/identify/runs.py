@@ -26,7 +26,7 @@ _KEPT = 60  # matches of each row
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class DotLines:
     """Lines x = origin + t direction with their dots in order.
 
     origin, direction (L, 2); members (L, m) numbers of found dots, -1 at the end; at (L, m) their t, nan at the end
@@ -51,7 +51,7 @@ class RowMatches:
     maps: Floats
     start: Floats
     line: Ints
-    lines: Lines
+    lines: DotLines
 
     def place(self, s: float) -> Floats:
         """Where each match sees the place s (mm along the row): (M, 2)."""
@@ -59,7 +59,7 @@ class RowMatches:
         return np.asarray(self.lines.origin[self.line] + t * self.lines.direction[self.line])
 
 
-def collinear(points: Floats, tolerance: float, neighbours: int) -> Lines:
+def collinear(points: Floats, tolerance: float, neighbours: int) -> DotLines:
     """Lines through pairs of near neighbours with at least four of the points (n, 2) within `tolerance`."""
     mean = points.mean(axis=0)
     centred = (points - mean).astype(np.float32)  # to choose dots, seven digits are enough
@@ -74,7 +74,7 @@ def collinear(points: Floats, tolerance: float, neighbours: int) -> Lines:
     inside = across <= np.maximum(np.float32(tolerance), reach)
     origin, direction = _fitted_lines(points, inside)
     if not len(origin):
-        return Lines(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)))
+        return DotLines(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)))
     inside = np.abs(_across(points, origin, direction)) <= tolerance
     first = _distinct_rows(inside)
     return _ordered(points, inside[first], origin[first], direction[first])
@@ -135,13 +135,13 @@ def _fitted_lines(points: Floats, inside: Bools) -> tuple[Floats, Floats]:
     return np.stack([x, y], axis=1) + mean, np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def _ordered(points: Floats, inside: Bools, origin: Floats, direction: Floats) -> Lines:
+def _ordered(points: Floats, inside: Bools, origin: Floats, direction: Floats) -> DotLines:
     at = np.where(inside, _along(points, origin, direction), np.inf)
     longest = int(inside.sum(axis=1).max(initial=4))
     order = np.argsort(at, axis=1)[:, :longest]
     at = np.take_along_axis(at, order, axis=1)
     beyond = np.isinf(at)
-    return Lines(origin, direction, np.where(beyond, -1, order), np.where(beyond, np.nan, at))
+    return DotLines(origin, direction, np.where(beyond, -1, order), np.where(beyond, np.nan, at))
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,7 @@ def _cross_ratios(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
     return np.asarray(((c - a) * (d - b)) / ((c - b) * (d - a)))
 
 
-def match_rows(target: Target, lines: Lines, tolerance: float, span: int, nearest: float) -> list[RowMatches]:
+def match_rows(target: Target, lines: DotLines, tolerance: float, span: int, nearest: float) -> list[RowMatches]:
     """For each row of the target the lines that may be its image.
 
     tolerance  of a dot's place along its line, in the units of the points
@@ -204,7 +204,7 @@ def match_rows(target: Target, lines: Lines, tolerance: float, span: int, neares
     ]
 
 
-def _ratio_matches(lines: Lines, quads: _Quads, tolerance: float, span: int) -> tuple[Ints, Ints, Ints]:
+def _ratio_matches(lines: DotLines, quads: _Quads, tolerance: float, span: int) -> tuple[Ints, Ints, Ints]:
     """Lines, fours of members (their order numbers) and quads of the target with equal cross-ratios."""
     ratio, margin, line, members = [], [], [], []
     longest = lines.at.shape[1]
@@ -232,7 +232,7 @@ def _ratio_matches(lines: Lines, quads: _Quads, tolerance: float, span: int) -> 
 def _row_matches(
     target: Target,
     row: int,
-    lines: Lines,
+    lines: DotLines,
     quads: _Quads,
     line: Ints,
     members: Ints,

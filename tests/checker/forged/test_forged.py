@@ -1,4 +1,4 @@
-"""Forgeries by hand: each is refused, at the line where the lie is told."""
+"""Forgeries by hand: each is refused, at the line where the lie is told, by both checkers."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from cpcal.checker import Refused
 from tests.checker.forged import forged_claims, forged_steps, forged_values
 from tests.checker.forged.forging import FORGERIES, PROOFS
+from tests.checker.second import agreed, encoded, told
 
 assert all((forged_claims, forged_steps, forged_values))  # to load them fills FORGERIES
 CASES = [(name, kind) for name, (_, kinds) in FORGERIES.items() for kind in kinds]
@@ -17,7 +18,7 @@ CASES = [(name, kind) for name, (_, kinds) in FORGERIES.items() for kind in kind
 
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_forgeries_are_refused_at_their_line(
-    name: str, kind: str, request: pytest.FixtureRequest, verdict: Any
+    name: str, kind: str, request: pytest.FixtureRequest, verdict: Any, second: Any
 ) -> None:
     proof = request.getfixturevalue(PROOFS[kind])
     lines = proof.copy()
@@ -32,6 +33,9 @@ def test_forgeries_are_refused_at_their_line(
     assert str(caught.value).startswith(f"line {expected}: ")
     assert str(caught.value).isascii()
     assert str(caught.value).isprintable()
+    if second is not None:
+        content = encoded(lines)
+        assert agreed(told(caught.value, content), second(content, proof.folder))
 
 
 def test_there_are_enough() -> None:

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial, signed
 from cpcal.checker.leg import EXTRA, Measurement, leg_problem
-from cpcal.checker.polynomial import FIELD, READINGS, Polynomial, signed
 from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.problem import Problem, Unknowns
 from cpcal.checker.rule import Weights

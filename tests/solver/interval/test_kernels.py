@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.kernels import KERNELS, contradicted
+from benchmarks.kernel_soundness import KERNELS, contradicted
 from cpcal.solver import compiled
 
 PLAIN = """

@@ -15,18 +15,18 @@ from cpcal.results import proved_sentence
 from cpcal.solver import plugins
 from cpcal.solver.contract import Composable, Contraction, Limits, Step
 from cpcal.solver.interval import Box
-from cpcal.solver.optimize import Answer, Outcome, Trial, Witness, timeout
+from cpcal.solver.optimize import TimeoutAnswer, TimeoutOutcome, Trial, Witness, timeout
 
 
 def play(answers: str, *, lo: float = 0.0, hi: float = 1.0) -> list[Trial]:
     """The method on a solver that gives these answers: i(nfeasible), t(imeout), f(ound, at the eps asked)."""
     given = iter(answers)
 
-    def solve(eps: float, seconds: float) -> Outcome:
+    def solve(eps: float, seconds: float) -> TimeoutOutcome:
         answer = next(given)
         if answer == "f":
-            return Outcome(Answer.FOUND, Witness(np.array([eps]), eps))
-        return Outcome(Answer.INFEASIBLE if answer == "i" else Answer.TIMEOUT)
+            return TimeoutOutcome(TimeoutAnswer.FOUND, Witness(np.array([eps]), eps))
+        return TimeoutOutcome(TimeoutAnswer.INFEASIBLE if answer == "i" else TimeoutAnswer.TIMEOUT)
 
     found = timeout(solve, lo=lo, hi=hi, limits=Limits(gap=1e-3, seconds=60.0), delay=1.0)
     return [next(found) for _ in answers]
@@ -51,8 +51,10 @@ def test_too_close_doubles_the_delay_and_goes_back_to_the_average() -> None:
 
 
 def test_it_ends_when_the_bracket_is_closed() -> None:
-    def solve(eps: float, seconds: float) -> Outcome:
-        return Outcome(Answer.INFEASIBLE if eps < 0.3 else Answer.FOUND, Witness(np.array([eps]), eps))
+    def solve(eps: float, seconds: float) -> TimeoutOutcome:
+        return TimeoutOutcome(
+            TimeoutAnswer.INFEASIBLE if eps < 0.3 else TimeoutAnswer.FOUND, Witness(np.array([eps]), eps)
+        )
 
     trials = list(timeout(solve, lo=0.0, hi=1.0, limits=Limits(gap=1e-6)))
     assert trials[-1].lo <= 0.3 <= trials[-1].hi
@@ -60,7 +62,10 @@ def test_it_ends_when_the_bracket_is_closed() -> None:
 
 
 def test_no_time_no_calls() -> None:
-    assert list(timeout(lambda *_: Outcome(Answer.TIMEOUT), lo=0.0, hi=1.0, limits=Limits(seconds=-1.0))) == []
+    assert (
+        list(timeout(lambda *_: TimeoutOutcome(TimeoutAnswer.TIMEOUT), lo=0.0, hi=1.0, limits=Limits(seconds=-1.0)))
+        == []
+    )
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -70,12 +75,12 @@ def test_both_methods_agree(seed: int) -> None:
     question: dict[str, Any] = {"legs": [1], "delta": 10.0, "gap": 1e-2}
     bound = cpcal.certify(campaign, **question).legs[0]
 
-    def solve(eps: float, seconds: float) -> Outcome:
+    def solve(eps: float, seconds: float) -> TimeoutOutcome:
         leg = cpcal.certify(campaign, eps=eps, **question).legs[0]
         if leg.verdict is cpcal.Verdict.REFUTED:
-            return Outcome(Answer.INFEASIBLE)
+            return TimeoutOutcome(TimeoutAnswer.INFEASIBLE)
         assert leg.verdict is cpcal.Verdict.PROVED
-        return Outcome(Answer.FOUND, Witness(np.append(leg.point, eps), eps))
+        return TimeoutOutcome(TimeoutAnswer.FOUND, Witness(np.append(leg.point, eps), eps))
 
     fit = cpcal.certify_point(campaign, 1, bound.center, eps=5.0 * bound.eps_hi).verified
     assert fit.verdict is cpcal.Verdict.PROVED  # so that it may begin there
@@ -101,7 +106,7 @@ def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
     campaign = cpcal.load_campaign(tmp_path)
     question = {"legs": [1], "delta": 10.0, "method": "timeout", "time_limit": 30.0, "gap": 0.2}
     leg = cpcal.certify(campaign, certificates=tmp_path / "run", **question).legs[0]
-    infeasible = [t for t in leg.trials if t.answer is Answer.INFEASIBLE]
+    infeasible = [t for t in leg.trials if t.answer is TimeoutAnswer.INFEASIBLE]
     assert infeasible
     assert all(t.checked for t in infeasible)
     assert leg.certificate is not None
@@ -120,7 +125,7 @@ def test_without_a_certificate_no_answer_is_checked_and_none_is_said_to_be() -> 
         campaign, legs=[1], delta=0.0, contractors=["hc4"], method="timeout", time_limit=30.0, gap=1e-2
     )
     leg = result.legs[0]
-    assert any(t.answer is Answer.INFEASIBLE for t in leg.trials)
+    assert any(t.answer is TimeoutAnswer.INFEASIBLE for t in leg.trials)
     assert not any(t.checked for t in leg.trials)
     assert leg.verdict is cpcal.Verdict.PROVED
     assert "closed" not in proved_sentence(result.options, leg)
@@ -155,7 +160,7 @@ def test_an_infeasible_answer_that_weights_do_not_prove_raises_no_certified_boun
     question: dict[str, Any] = {"legs": [1], "delta": 2.0, "method": "timeout", "time_limit": 1.5, "gap": 0.4}
     result = cpcal.certify(campaign, contractors=["k", "lifted"], certificates=tmp_path / "run", **question)
     leg = result.legs[0]
-    assert any(t.answer is Answer.INFEASIBLE for t in leg.trials)
+    assert any(t.answer is TimeoutAnswer.INFEASIBLE for t in leg.trials)
     assert not any(t.checked for t in leg.trials)
     assert leg.eps_lo == 0.0 < (leg.found_lo or 0.0) < least
     assert leg.verdict is cpcal.Verdict.UNKNOWN

@@ -61,12 +61,35 @@ def test_wrong_points_are_refused(engine: str) -> None:
     assert prove(tight, [1.4, 0.0], engine) is not None
 
 
-def test_equalities_are_proved_only_when_exact() -> None:
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_solution_of_equations_is_proved_in_a_tiny_box_around_the_point(engine: str) -> None:
     net, x, eps = with_eps(2)
-    net.add(x[0] ** 2 + x[1] ** 2 == 25)
-    net.add(eps >= 0)
-    prover = WitnessProver(net, 2, get_arithmetic("arb"))
-    assert prover.prove(np.array([3.1, 4.0, 0.0])) is None
+    net.add([x[0] ** 2 + x[1] ** 2 == 25, x[0] * x[1] - 11 <= eps])
+    found = prove(net, [3.1, 4.0, 0.0], engine)
+    assert found is not None
+    assert found.around is not None
+    assert found.around.width[:2].max() < 1e-12
+    low, high = (Fraction(v) for v in (found.around.lo[1], found.around.hi[1]))
+    assert low**2 <= 25 - Fraction(found.around.lo[0]) ** 2 <= high**2  # x[0] is one number, x[1] is enclosed
+    assert found.value == pytest.approx(found.point[0] * found.point[1] - 11)
+
+
+def test_equations_without_a_solution_near_the_point_are_not_proved() -> None:
+    net, x, eps = with_eps(2)
+    net.add([x[0] ** 2 + x[1] ** 2 == -1e-9, eps >= 0])
+    assert prove(net, [0.0, 0.0, 0.0]) is None
+    beyond, x, eps = with_eps(2)
+    beyond.add([x[0] + x[1] == 25, eps >= 0])  # both are at most 10
+    assert prove(beyond, [10.0, 10.0, 0.0]) is None
+
+
+def test_an_equation_that_a_component_at_its_end_satisfies_needs_no_unknown() -> None:
+    net = ConstraintNetwork()
+    x, y, z = net.variable("x", (), (0, 5)), net.variable("y", (), (0, 5)), net.variable("z", (), (-9, 9))
+    net.add([x * y == 0.0, x + y == 1.0, y - x <= z])
+    found = prove(net, [1.0, 0.0, -5.0])
+    assert found is not None
+    assert found.value == pytest.approx(-1.0)
 
 
 def test_a_root_that_rounding_alone_defines_is_no_witness() -> None:

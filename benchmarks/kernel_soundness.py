@@ -1,0 +1,117 @@
+"""Soundness sweep of the interval kernels against arb: `python -m benchmarks.kernel_soundness --pairs 10000000`.
+
+Random operand pairs of all magnitudes, signs and special bounds; for each kernel the bounds must enclose arb's value
+(of 200 bits) of the operation at random points of the operands. Exits with status 1 and names the operands where one
+does not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from flint import arb
+
+from cpcal.common.arrays import Floats
+from cpcal.solver.interval import functions, kernels
+from cpcal.solver.interval.arb import precision
+
+Kernel = tuple[Callable[..., Any], Callable[..., arb], int]
+
+_NAMES = "exp expm1 log log1p sin cos tan asin acos atan sinh cosh tanh".split()  # noqa: SIM905
+
+# kernel on bounds, the same on points in arb (nan where it is not defined), number of operands
+KERNELS: dict[str, Kernel] = {
+    "add": (kernels.add, lambda x, y: x + y, 2),
+    "sub": (kernels.sub, lambda x, y: x - y, 2),
+    "mul": (kernels.mul, lambda x, y: x * y, 2),
+    "div": (kernels.div, lambda x, y: x / y, 2),
+    "smaller": (kernels.smaller, min, 2),
+    "larger": (kernels.larger, max, 2),
+    "sqr": (kernels.sqr, lambda x: x * x, 1),
+    "sqrt": (kernels.sqrt, lambda x: x.sqrt(), 1),
+    "absolute": (kernels.absolute, abs, 1),
+    "power 3": (lambda lo, hi: kernels.power(lo, hi, 3), lambda x: x**3, 1),
+    "power -2": (lambda lo, hi: kernels.power(lo, hi, -2), lambda x: 1 / (x * x), 1),
+    "root 5": (lambda lo, hi: kernels.root(lo, hi, 5), lambda x: abs(x).root(5) * (1 if x >= 0 else -1), 1),
+    "root 4": (lambda lo, hi: kernels.root(lo, hi, 4), lambda x: x.root(4) if x >= 0 else arb("nan"), 1),
+    **{
+        name: (getattr(functions, name), lambda x, name=name: getattr(x, name)(), 1)
+        for name in [
+            "exp",
+            "expm1",
+            "log",
+            "log1p",
+            "sin",
+            "cos",
+            "tan",
+            "asin",
+            "acos",
+            "atan",
+            "sinh",
+            "cosh",
+            "tanh",
+        ]
+    },
+    "pow_real": (functions.pow_real, lambda x, p: (x.log() * p).exp() if x > 0 else arb("nan"), 2),
+    "atan2": (functions.atan2, lambda y, x: arb.atan2(y, x) if x != 0 or y != 0 else arb("nan"), 2),
+}
+
+_SPECIAL = np.array([0.0, 1.0, -1.0, 5e-324, 2.2250738585072014e-308, 1e-160, 1e160, 1.7976931348623157e308, 2.0**-53])
+
+
+def operands(rng: np.random.Generator, count: int) -> tuple[Floats, Floats, Floats]:
+    """Bounds (count,) and a point of each: all magnitudes, points, special numbers, half lines."""
+    spread = rng.choice([1.0, 5.0, 300.0], count)
+    x = rng.choice([-1.0, 1.0], count) * 10.0 ** (spread * rng.uniform(-1.0, 1.0, count))
+    x = np.where(rng.random(count) < 0.1, rng.choice(_SPECIAL, count) * rng.choice([-1.0, 1.0], count), x)
+    with np.errstate(over="ignore"):
+        room = np.where(rng.random((2, count)) < 0.5, 0.0, np.abs(x) * 10.0 ** rng.uniform(-17, 2, (2, count)))
+        lo, hi = x - room[0], x + room[1]
+    lo = np.where(rng.random(count) < 0.02, -np.inf, np.minimum(lo, x))
+    hi = np.where(rng.random(count) < 0.02, np.inf, np.maximum(hi, x))
+    return lo, hi, x
+
+
+def contradicted(name: str, pairs: int, seed: int) -> str | None:
+    """The first operands whose bounds miss a value; None where there are none."""
+    kernel, exact, arity = KERNELS[name]
+    rng = np.random.default_rng(seed)
+    given = [operands(rng, pairs) for _ in range(arity)]
+    with precision(200):
+        for k in range(pairs):
+            bounds = [float(bound[k]) for lo, hi, _ in given for bound in (lo, hi)]
+            points = [float(x[k]) for _, _, x in given]
+            if name in _CAPPED and abs(points[0]) > 1e4:
+                continue  # arb's own exponents would overflow
+            low, high = kernel(*bounds)
+            value = exact(*map(arb, points))
+            if not value.is_finite():
+                continue
+            if math.isnan(low) or arb(low) > value.upper() or arb(high) < value.lower():
+                return f"{name}: {bounds} at {points} gives [{low!r}, {high!r}] without {value}"
+    return None
+
+
+_CAPPED = ("exp", "expm1", "sinh", "cosh", "tanh")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pairs", type=int, default=10_000, help="operand pairs for each kernel (nightly: 10000000)")
+    parser.add_argument("--seed", type=int, default=0)
+    asked = parser.parse_args()
+    wrong = 0
+    for name in KERNELS:
+        found = contradicted(name, asked.pairs, asked.seed)
+        wrong += found is not None
+        print(found or f"{name}: {asked.pairs} operand pairs enclosed", flush=True)
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,139 @@
+"""Checks a robust claim: certificates that together prove a bound whichever q measurements are wrong.
+
+docs/certificate-format.md, "Robust claims", is the specification.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction as F
+from pathlib import Path
+from typing import Any
+
+from .certificate import check
+from .claims import Accepted
+from .exact_campaign import NAME, ExactCampaign
+from .files import WORK, content, parsed
+from .readers import finite, shown
+from .refusal import Refused, Unusable
+from .run import STRANGE, Json, compare, exact, of_the_box, of_the_problem, reason_of
+
+ROBUST_NAME = "robust.json"
+ROBUST_FORMAT = "cpcal-robust/1"
+_MOST_CHOICES = 200_000  # that are looked at to find q measurements which meet all proofs
+
+
+@dataclass(frozen=True)
+class RobustChecked:
+    """What is proved of one leg: `lo` and `hi` None where it is not certified. `refused`: why not."""
+
+    leg: int
+    outliers: int
+    lo: F | None = None
+    hi: F | None = None
+    left_out: tuple[str, ...] = ()
+    proofs: int = 0
+    refused: str | None = None
+
+
+def check_robust(folder: Path, *, work: int = WORK) -> list[RobustChecked]:
+    """What is proved of every leg. Raises Unusable where there is nothing to check, Refused for the whole.
+
+    `work`: multiplications that each certificate may cost.
+    """
+    if not folder.is_dir():
+        raise Unusable(f"{shown(folder.name)} is no folder")
+    try:
+        text = content(folder / ROBUST_NAME)
+        campaign = ExactCampaign(folder / NAME)
+        result = parsed(text, lambda number: F(finite(number)))
+        compare(_of_the_whole(result, campaign))
+        return [_checked(folder, result, campaign, leg, work) for leg in result["legs"]]
+    except (Refused, *STRANGE) as error:
+        if isinstance(error, Refused) and error.code == "campaign":
+            raise
+        raise Refused(f"{ROBUST_NAME} {reason_of(error)}", "run", 0) from None
+
+
+def _of_the_whole(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, Any, Any]]:
+    yield "format", result["format"], ROBUST_FORMAT
+    yield "campaign SHA-256", result["campaign"]["sha256"], campaign.sha256
+    yield "number of measurements", result["campaign"]["measurements"], len(campaign)
+    numbers, outliers = [leg["leg"] for leg in result["legs"]], result["outliers"]
+    yield "list of legs", numbers, [n for n in range(1, campaign.legs + 1) if n in numbers]
+    yield "number of outliers", type(outliers) is int and 0 <= outliers < len(campaign), True
+    yield "number of outliers", [leg["outliers"] for leg in result["legs"]], [outliers] * len(numbers)
+
+
+def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, work: int) -> RobustChecked:
+    number, outliers, ids = leg["leg"], result["outliers"], campaign.ids
+
+    def accepted(file: Any) -> Accepted:
+        if file not in {path.name for path in folder.glob("*.cert.jsonl")}:
+            raise Refused(f"names no certificate of its folder: {shown(file)}")
+        found = check(folder / file, campaign, work=work)
+        compare(of_the_problem(result, leg, campaign, found, list(found.chosen)))
+        compare(of_the_box(result, leg, found, None))
+        return found
+
+    try:
+        lo = _lower(leg, [accepted(file) for file in leg["proofs"]], outliers)
+        hi = None
+        if leg["point_certificate"] is not None:
+            point = accepted(leg["point_certificate"])
+            compare(_of_the_point(leg, point, [k for k, name in enumerate(ids) if name not in leg["left_out"]], ids))
+            hi = exact(leg["eps_hi"])
+        if len(leg["left_out"]) > outliers or len(set(leg["left_out"])) < len(leg["left_out"]):
+            raise Refused("leaves out more measurements than may be wrong, or one twice")
+        return RobustChecked(number, outliers, lo, hi, tuple(map(str, leg["left_out"])), len(leg["proofs"]))
+    except (Unusable, Refused, *STRANGE) as error:
+        return RobustChecked(number, outliers, refused=reason_of(error))
+
+
+def _lower(leg: Json, proofs: list[Accepted], outliers: int) -> F | None:
+    """eps_lo, if the proofs bear it: whichever measurements are wrong, one of them does without these."""
+    if not proofs:  # nothing is certified, or the bound is 0, which holds of itself
+        return F(0) if leg["eps_lo"] == 0 else None
+    if meeting([proof.used for proof in proofs], outliers):
+        raise Refused("states a bound, but so many wrong measurements could spoil all of its proofs")
+    bounds = [proof.claims.eps_lo for proof in proofs]
+    if any(bound is None for bound in bounds):
+        raise Refused("names a proof that claims no lower bound")
+    lo = min(bound for bound in bounds if bound is not None)
+    compare(iter([("eps_lo", exact(leg["eps_lo"]), lo)]))
+    return lo
+
+
+def _of_the_point(leg: Json, accepted: Accepted, kept: list[int], ids: list[str]) -> Iterator[tuple[str, Any, Any]]:
+    claims = accepted.claims
+    yield "measurement left out", set(leg["left_out"]) <= set(ids), True
+    yield "measurements of the point", kept, list(accepted.chosen)
+    yield "point", claims.point is not None and claims.point.holds == accepted.chosen, True
+    yield "eps_hi", exact(leg["eps_hi"]), claims.eps_hi
+    at = () if claims.point is None else claims.point.at[:-1]
+    yield "point", [exact(v) for v in leg["point"]], list(at)
+
+
+def meeting(family: Sequence[frozenset[int]], most: int) -> bool:
+    """Whether some `most` numbers meet all sets: one of each set that is not met is tried after the other.
+
+    Raises Refused where that takes too long to find out.
+    """
+    tried = 0
+
+    def met(left: list[frozenset[int]], budget: int) -> bool:
+        nonlocal tried
+        if not left:
+            return True
+        if budget == 0:
+            return False
+        for k in min(left, key=len):
+            tried += 1
+            if tried > _MOST_CHOICES:
+                raise Refused("has proofs of too many measurements to find out what spoils them", "limit")
+            if met([one for one in left if k not in one], budget - 1):
+                return True
+        return False
+
+    return met(list(family), most)

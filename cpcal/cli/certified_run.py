@@ -1,0 +1,112 @@
+"""Certify, write the run, show it: what the verbs `certify` and `demo` share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from cpcal.certify.certified_ranges import with_ranges
+from cpcal.certify.certify import answered, checked_options
+from cpcal.certify.projections import with_projections
+from cpcal.certify.question import Progress, Question
+from cpcal.cli.progress import watch
+from cpcal.cli.show import show_result, terminal
+from cpcal.cli.status import Status
+from cpcal.cli.talk import Talk, record
+from cpcal.common.errors import InputError
+from cpcal.files.run_folder import RUN, answers_into
+from cpcal.report import REPORT_NAME, write_report
+from cpcal.results import Explained, LegResult, Result, result_text, save_result, verdict_of
+from cpcal.robot import Campaign
+from cpcal.solver.contract import Verdict
+from cpcal.solver.optimize import Bracket
+
+
+def certified_into(
+    run: Path,
+    campaign: Campaign,
+    given: Mapping[str, Any],
+    *,
+    as_json: bool = False,
+    talk: Talk | None = None,
+    checker: bool = True,
+) -> Result:
+    """Certify with the keyword arguments `given` of `cpcal.certify`; write the run, print the answer.
+
+    `checker`: the page checks the certificates itself.
+    What is printed is never lost to a disk that is full: the InputError comes afterwards.
+    """
+    talk = talk or Talk()
+    options, model = checked_options(campaign, **given)
+    record("certify", robot=campaign.robot.name, measurements=len(campaign), options=options)
+    question = Question(campaign=campaign, options=options, model=model)
+    result: Result | None = None
+    failure: InputError | None = None
+    try:
+        with answers_into(run, RUN, campaign) as draft:
+            result = _watched(question, draft, quiet=as_json or talk.quiet)
+            save_result(result, draft)
+            write_report(campaign, result, draft, checker=checker)
+    except InputError as error:
+        if result is None:
+            raise
+        failure = error
+    _record(result)
+    if as_json:
+        typer.echo(result_text(result), nl=False)
+    elif not talk.quiet:
+        console = terminal()
+        show_result(console, campaign, result, model, verbose=talk.verbose)
+        if failure is None:
+            console.print(f"Report: {run / REPORT_NAME}", soft_wrap=True)
+    if failure is not None:
+        raise failure
+    record("written", folder=str(run))
+    return result
+
+
+def _watched(question: Question, draft: Path, *, quiet: bool) -> Result:
+    """The answers, with ranges and what the report draws. Progress goes to stderr unless `quiet`."""
+    legs = list(question.options.legs or range(1, question.campaign.legs + 1))
+    watching = nullcontext() if quiet else watch(legs, question.options.gap, terminal(stderr=True))
+    with watching as progress:
+        result = answered(replace(question, certificates=draft, progress=_recorded(progress)))
+        result = with_ranges(question.campaign, result, certificates=draft, model=question.model)
+    return with_projections(question.campaign, result, question.model)
+
+
+def _recorded(progress: Progress | None) -> Progress:
+    """A callback that also keeps a record of every bracket."""
+
+    def tell(leg: int, bracket: Bracket) -> None:
+        record("bracket", leg=leg, eps_lo=bracket.lo, eps_hi=bracket.hi, nodes=bracket.nodes, seconds=bracket.seconds)
+        if progress is not None:
+            progress(leg, bracket)
+
+    return tell
+
+
+def _record(result: Result) -> None:
+    for leg in result.legs:
+        verdict = verdict_of(result, leg)
+        bounds = {"eps_lo": leg.eps_lo, "eps_hi": leg.eps_hi, "certified": leg.certified, "seconds": leg.seconds}
+        record("leg", leg=leg.leg, verdict=verdict.kind, word=verdict.word, **bounds)
+
+
+def status_of(result: Result) -> Status:
+    """The exit status that tells of a result."""
+    if result.interrupted:
+        return Status.INTERRUPTED
+    return Status.ANSWERED if all(_good(result, leg) for leg in result.legs) else Status.UNKNOWN
+
+
+def _good(result: Result, leg: LegResult) -> bool:
+    """With a tolerance: the leg passes; without: it has an answer."""
+    if result.options.tolerance is None:
+        return leg.verdict is not Verdict.UNKNOWN
+    return isinstance(verdict_of(result, leg), Explained)

@@ -1,0 +1,85 @@
+"""eps* when some measurements may be wrong: found, proved whichever they are, and never above what trying all gives."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.certify.certify_robust import certify_robust
+from cpcal.checker import check_robust
+from cpcal.common.errors import InputError
+from cpcal.results.robust import load_robust
+from cpcal.simulate import simulate
+from cpcal.solver.optimize.hitting import hitting_set
+
+
+def campaign(count, wrong, seed=1, error=3.0):
+    good = simulate(seed=seed, extremal=False, random_poses=count, factor=0.0, noise=0.02, joint_error=0.05)
+    length = good.length.copy()
+    length[list(wrong), 0] += error * np.where(np.arange(len(wrong)) % 2, -1.0, 1.0)
+    return cpcal.Campaign.of(good.robot, good.position, good.quaternion, length, pose=good.pose, exact=True)
+
+
+@pytest.mark.parametrize("wrong", [(4,), (2, 9)])
+def test_wrong_measurements_are_found_and_proved_with_certificates(wrong, tmp_path):
+    asked = campaign(18, wrong)
+    found = certify_robust(asked, outliers=len(wrong), legs=(1,), delta=10.0, center="nominal", certificates=tmp_path)
+    (leg,) = found.legs
+    assert leg.left_out == tuple(asked.measurement_ids[k] for k in wrong)
+    assert leg.complete
+    assert 0.0 < leg.eps_lo < leg.eps_hi < 0.05
+    assert load_robust(tmp_path) == found
+    (checked,) = check_robust(tmp_path)
+    assert checked.refused is None
+    assert float(checked.lo) == leg.eps_lo
+    assert float(checked.hi) == leg.eps_hi
+
+
+def test_the_bracket_is_that_of_the_best_choice_among_all():
+    asked = campaign(12, (3,), error=0.3)
+    (leg,) = certify_robust(asked, outliers=1, legs=(1,), delta=8.0, center="nominal").legs
+    rows = np.arange(len(asked))
+    best = np.inf
+    for k in rows:
+        keep = rows[rows != k]
+        part = cpcal.Campaign.of(
+            asked.robot, asked.position[keep], asked.quaternion[keep], asked.length[keep], exact=True
+        )
+        (alone,) = cpcal.certify(part, legs=(1,), delta=8.0, center="nominal", support="none", gap=1e-5).legs
+        best = min(best, alone.eps_hi)
+        assert leg.eps_lo <= alone.eps_hi * (1.0 + 1e-4)
+    assert leg.eps_hi == pytest.approx(best, rel=1e-3)
+
+
+def test_without_wrong_measurements_it_is_the_plain_bracket():
+    asked = campaign(12, ())
+    (leg,) = certify_robust(asked, outliers=0, legs=(1,), delta=8.0, center="nominal").legs
+    (plain,) = cpcal.certify(asked, legs=(1,), delta=8.0, center="nominal", support="none", gap=1e-5).legs
+    assert leg.left_out == ()
+    assert leg.eps_hi == pytest.approx(plain.eps_hi, rel=1e-4)
+    assert leg.eps_lo <= plain.eps_hi
+
+
+def test_more_outliers_than_measurements_are_refused():
+    with pytest.raises(InputError, match="no number of measurements"):
+        certify_robust(campaign(9, ()), outliers=9)
+
+
+def test_a_hitting_set_meets_every_set_and_none_is_missed():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        family = [
+            frozenset(rng.choice(8, rng.integers(1, 5), replace=False).tolist()) for _ in range(rng.integers(0, 7))
+        ]
+        most = int(rng.integers(0, 4))
+        found = hitting_set(family, most)
+        possible = any(
+            all(set(chosen) & one for one in family) for n in range(most + 1) for chosen in combinations(range(8), n)
+        )
+        assert (found is not None) == possible
+        if found is not None:
+            assert len(found) <= most
+            assert all(found & one for one in family)

@@ -1,0 +1,204 @@
+"""Images by the command line: rendered, detected, joined with leg readings, calibrated; the demo by way of images."""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+
+import numpy as np
+import pytest
+from rich.console import Console
+from tinyhtml5.parser import HTMLParser
+from typer.testing import CliRunner
+
+from cpcal.files import campaign_sha256
+
+pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
+
+import cpcal
+from cpcal.calibration import load_record
+from cpcal.cli import app
+from cpcal.cli.demo.image_study import image_study
+from cpcal.cli.demo.image_study_page import images_found
+from cpcal.cli.demo.verb import DemoPlan
+from cpcal.cli.study_page import study_found
+from cpcal.common.errors import InputError
+from cpcal.files import load_study
+from cpcal.report.images import IMAGES_NAME, load_images, save_images
+from cpcal.vision.batch.study_images import RenderedImages
+from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA
+from cpcal.vision.files.camera_file import load_camera
+from cpcal.vision.files.target_file import load_target
+from cpcal.vision.target import DELTALAB_TARGET
+
+FEW = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 2}
+SMALL = DemoPlan(photographs=FEW, legs=(6,), timeout_seconds=0.5)
+
+runner = CliRunner()
+
+
+def run(*arguments):
+    return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("demo") / "demo"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cpcal.cli.demo.verb.PLAN", SMALL)
+        outcome = run("demo", "--images", "-o", folder, "--seed", 3)
+    return folder, outcome
+
+
+@pytest.fixture(scope="module")
+def shots(demo, tmp_path_factory):
+    """What an engineer brings home: the demo's images, target, camera and leg readings."""
+    folder = tmp_path_factory.mktemp("shots")
+    for name in ("target.toml", "camera.toml", "study.toml", "calibration-readings.csv", "validation-readings.csv"):
+        shutil.copyfile(demo[0] / name, folder / name)
+    (folder / "images").symlink_to(demo[0] / "images")
+    return folder
+
+
+def test_a_study_can_be_rendered_instead_of_told(tmp_path, monkeypatch):
+    written = {}
+    monkeypatch.setattr(
+        RenderedImages, "write", lambda images, folder, progress: written.update({folder: images.names})
+    )
+    options = ("--runs", 1, "--validation-runs", 1, "--random-poses", 2, "--seed", 5)
+    outcome = run("simulate", "deltalab", "--study", "--render", "-o", tmp_path / "shots", *options)
+    assert outcome.exit_code == 0, outcome.stderr
+    assert "64 images for calibration, 2 for validation" in outcome.stdout
+    assert {folder.name: len(names) for folder, names in written.items()} == {"calibration": 64, "validation": 2}
+    names = ["calibration-readings.csv", "camera.toml", "study.toml", "target.toml", "validation-readings.csv"]
+    assert sorted(path.name for path in (tmp_path / "shots").iterdir()) == names
+    outcome = run("simulate", "deltalab", "--render", "-o", tmp_path / "other")
+    assert outcome.exit_code == 2
+    assert "--render" in outcome.stderr
+
+
+def detect(shots, table, *options):
+    return run(
+        "detect",
+        shots / "images" / table,
+        "-o",
+        shots / f"poses-{table}.csv",
+        "--target",
+        shots / "target.toml",
+        "--camera",
+        shots / "camera.toml",
+        *options,
+    )
+
+
+def test_from_images_to_a_study_that_can_be_calibrated(shots):
+    assert load_target(shots / "target.toml") == DELTALAB_TARGET
+    assert load_camera(shots / "camera.toml").camera == DELTALAB_CAMERA
+    for table in ("calibration", "validation"):
+        joined = ("--readings", shots / f"{table}-readings.csv", "--table", shots / f"{table}.csv")
+        outcome = detect(shots, table, *joined)
+        assert outcome.exit_code == 0, outcome.stderr
+        assert f"Table of a study: {shots / table}.csv" in outcome.stdout
+    rows = (shots / "poses-calibration.csv").read_text(encoding="utf-8").splitlines()
+    assert len(rows) > 128
+    assert not any(row["reason"] for row in csv.DictReader(rows))
+    study = load_study(shots)
+    assert len(study.calibration) == 128
+    again = detect(shots, "calibration")
+    assert "128 poses in 128 images (0 measured now)" in again.stdout
+    outcome = run("calibrate", shots, "-o", shots / "calibrated")
+    assert outcome.exit_code == 0, outcome.stderr
+    found = load_record(shots / "calibrated")
+    assert np.mean(found.validation.position_after) < 0.5 * np.mean(found.validation.position_before)
+
+
+def test_a_camera_from_images(shots, tmp_path):
+    options = ("--target", shots / "target.toml", "--calibrate", "-o", tmp_path / "camera.toml")
+    outcome = run("detect", shots / "images" / "calibration" / "e00", *options)
+    assert outcome.exit_code == 2
+    assert "views" in outcome.stderr
+    some = tmp_path / "some"
+    for k in range(0, 64, 5):
+        name = f"e{k:02}"
+        (some / name).mkdir(parents=True)
+        source = shots / "images" / "calibration" / name / "1" / "1.png"
+        (some / name / "1.png").write_bytes(source.read_bytes())
+    outcome = run("detect", some, *options)
+    assert outcome.exit_code == 0, outcome.stderr
+    assert outcome.stdout.count("dots, RMS 0.00") == 13
+    record = load_camera(tmp_path / "camera.toml")
+    error = np.abs(record.camera.numbers - DELTALAB_CAMERA.numbers) / np.sqrt(np.diag(record.covariance))
+    assert error.shape == (len(CAMERA_NUMBERS),)
+    assert error.max() < 5.0
+
+
+def test_every_problem_of_every_file_is_told_and_nothing_is_written(shots, tmp_path):
+    (tmp_path / "readings.csv").write_text("pose,run,L1\na,1,x\n")
+    files = ("--target", shots / "camera.toml", "--camera", shots / "target.toml")
+    joined = ("--readings", tmp_path / "readings.csv", "--table", tmp_path / "new" / "calibration.csv")
+    outcome = run("detect", shots / "images" / "validation", "-o", tmp_path / "new" / "poses.csv", *files, *joined)
+    assert outcome.exit_code == 2
+    for part in ("cpcal-target/1", "cpcal-camera/1", "readings.csv:2"):
+        assert part in outcome.stderr
+    assert not (tmp_path / "new").exists()
+
+
+def test_options_that_do_not_go_together_are_told_at_once(shots, tmp_path):
+    outcome = run("detect", tmp_path, "-o", tmp_path / "x.csv", "--target", shots / "target.toml", "--refine-dots")
+    assert outcome.exit_code == 2
+    for part in ("--camera: is missing", "--refine-dots", "holds no PNG, JPEG or TIFF"):
+        assert part in outcome.stderr
+    outcome = run("demo", "--full", "-o", tmp_path / "demo")
+    assert "--images" in outcome.stderr
+    assert not (tmp_path / "demo").exists()
+
+
+def test_the_demo_goes_the_whole_road(demo):
+    folder, outcome = demo
+    assert outcome.exit_code == 0, outcome.stderr
+    accepted, found = study_found(folder)
+    assert accepted
+    assert found.images is not None
+    assert len(found.images.pictures) == 6
+    page = (folder / "report.html").read_text()
+    assert page.count("data:image/jpeg;base64,") == 6
+    assert "img-src data:" in page
+    parser = HTMLParser()
+    parser.parse(page)
+    assert parser.errors == []
+    pixel, repeats = (cpcal.load_campaign(folder / name) for name in ("pixel-campaign", "campaign"))
+    assert len(pixel) == len(repeats) == 64
+    assert not pixel.exact
+    assert "The true pose lies in 64 of the 64." in found.images.sets_said[0]
+    result = cpcal.load_result(folder / "pixel-run")
+    assert result.campaign_sha256 == campaign_sha256(pixel)
+    assert (folder / "pixel-run" / "leg6.cert.jsonl").is_file()
+    assert len(list((folder / "pixel-sets").glob("*.cert.jsonl"))) == 64
+    count = len(list(folder.rglob("*.cert.jsonl")))  # of fits, legs, ranges and pose sets
+    assert count > 64
+    assert f"accepted all {count} certificates" in found.checked
+
+
+def test_images_need_not_be_kept(tmp_path):
+    """As with --full: each image is rendered when it is measured."""
+    size = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 1}
+    folder = tmp_path / "new" / "demo"
+    done = image_study(folder, 3, {}, Console(file=io.StringIO()), size=size, keep=False)
+    assert {name: len(found.rows) for name, found in done.found.items()} == {"calibration": 64, "validation": 2}
+    assert all(row.found for found in done.found.values() for row in found.rows)
+    assert done.rendering is None
+    assert not (folder / "images").exists()
+    assert "rendering" in {row[0] for row in images_found(done).time.rows}
+
+
+def test_what_is_kept_of_images_is_read_back(demo, tmp_path):
+    found = load_images(demo[0])
+    save_images(found, tmp_path)
+    assert load_images(tmp_path) == found
+    assert load_images(tmp_path / "nowhere") is None
+    text = (tmp_path / IMAGES_NAME).read_text()
+    for old, new in (('"cpcal-images/1"', '"x"'), ('"counts"', '"count"'), ('"jpeg": "/9j/', '"jpeg": "AAAA')):
+        (tmp_path / IMAGES_NAME).write_text(text.replace(old, new, 1))
+        with pytest.raises(InputError, match="is not what cpcal wrote"):
+            load_images(tmp_path)

@@ -1,0 +1,105 @@
+"""The page of a whole study: every table and figure, the paper's values beside ours, nothing hostile."""
+
+import dataclasses
+import math
+from typing import Any
+
+import pytest
+from tinyhtml5.parser import HTMLParser
+
+import cpcal
+from cpcal.files import campaign_sha256
+from cpcal.report import paper
+from cpcal.report.study_report import render_study, write_study_page
+from cpcal.results import CampaignNote
+from cpcal.robot import DELTALAB
+
+HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\x1b[31m"
+
+
+def parsed(page):
+    parser = HTMLParser()
+    parser.parse(page)
+    assert parser.errors == []
+    return page
+
+
+def test_every_table_and_figure_has_its_heading_and_the_papers_values(study):
+    page = parsed(render_study(study))
+    for k in range(1, 8):
+        assert page.count(f"<h3>Table {k}: ") == 1
+    for text in ("<h3>Figures 3 and 4: ", "<h3>Figure 5: ", "Figure 6, ", "Figures 1 and 2 there", "Section 5.1.2"):
+        assert text in page
+    for row in (*paper.TABLE_4, *paper.TABLE_5):
+        assert all(f"<td>{value:.4f}</td>" in page for value in row)
+    for value in (*paper.TABLE_7_CERTIFIED, *paper.TABLE_7_ATTAINED):
+        assert f"<td>{value:.2f}</td>" in page
+    assert "measurements are not public" in page
+    assert page.count("Centred errors of ") == 12
+    assert page.count("Errors and improvements of the validation poses") == 2
+    assert study.checked.split("(")[0] in page
+    assert "#0102" not in page
+
+
+def test_the_drawing_is_the_papers_table_1():
+    assert DELTALAB.parameters[0].tolist() == [-223.1792, -151.9573, 0.0, -19.9938, -193.9723, 0.0, 345.0]
+
+
+def test_table_7_rounds_to_the_proved_side(study):
+    page = render_study(study)
+    assert "<td>0.08901174</td>" in page  # of 0.0890117468
+    assert "<td>0.08901176</td>" in page  # of 0.0890117515
+    assert "<td>∞</td>" in page  # the timeout method found no point for a leg
+
+
+def test_the_same_bytes_every_time(study, tmp_path):
+    pages = [write_study_page(study, tmp_path / str(k) / "report.html").read_bytes() for k in range(2)]
+    assert pages[0] == pages[1]
+
+
+def test_verdicts_are_told_as_they_are(study):
+    page = render_study(study)
+    assert "x_c is no solution for any leg verified" in page
+    assert "x_c_sigma is a solution for 1 of 6 legs and refuted for 5" in page
+    assert "no parameters within ±100 mm satisfy all equations exactly (leg 1, 2, 3, 4, 5)" in page
+    assert "some parameters do (leg 6)" in page
+
+
+def test_hostile_names_do_nothing(study):
+    robot = dataclasses.replace(study.campaign.robot, name=HOSTILE[:-5])
+    campaign = dataclasses.replace(study.campaign, robot=robot, provenance={HOSTILE[:-5]: HOSTILE[:-5] + "}}{% raw %}"})
+    sha = {"campaign_sha256": campaign_sha256(campaign)}
+    errors = study.record.validation
+    names = tuple(HOSTILE + str(k) for k in range(len(errors.names)))
+    lost = dataclasses.replace(errors, names=names, position_after=(math.nan, *errors.position_after[1:]))
+    record = dataclasses.replace(study.record, robot=HOSTILE, screening=HOSTILE, validation=lost, **sha)
+    note = CampaignNote(campaign_sha256(campaign), HOSTILE, len(campaign))
+    page = parsed(
+        render_study(
+            dataclasses.replace(
+                study,
+                campaign=campaign,
+                record=record,
+                fits=dataclasses.replace(study.fits, **sha),
+                result=dataclasses.replace(study.result, campaign=note),
+                timeout=dataclasses.replace(study.timeout, campaign=note),
+                checked=HOSTILE,
+            )
+        )
+    )
+    assert "<script" not in page
+    assert "<img" not in page
+    assert "&lt;script&gt;" in page
+    assert "\x1b" not in page
+
+
+@pytest.mark.parametrize("part", ["record", "fits", "timeout", "result"])
+def test_parts_of_another_study_are_refused(study, part, tmp_path):
+    found = getattr(study, part)
+    sha256: dict[str, Any] = {"campaign_sha256": "0" * 64}
+    if part in ("timeout", "result"):
+        sha256 = {"campaign": CampaignNote("0" * 64, "R", 64)}
+    other = dataclasses.replace(found, **sha256)
+    with pytest.raises(cpcal.InputError, match="another campaign"):
+        write_study_page(dataclasses.replace(study, **{part: other}), tmp_path / "report.html")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,84 @@
+"""Minimisation of general problems: equations, active inequalities, divisions, curved valleys; known optima."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.network.divisions import multiplied_out, with_products
+
+Problem = tuple[cpcal.Network, cpcal.Expr]
+
+
+def hs071() -> Problem:
+    net = cpcal.Network("hs071")
+    x = net.variable("x", 4, (1, 5))
+    net.add([x[0] * x[1] * x[2] * x[3] >= 25, cpcal.sqr(x).sum() == 40])
+    return net, x[0] * x[3] * (x[0] + x[1] + x[2]) + x[2]
+
+
+def himmel11() -> Problem:
+    net = cpcal.Network("himmel11")
+    x = net.variable("x", 5, ([78, 33, 27, 27, 27], [102, 45, 45, 45, 45]))
+    one = 85.334407 + 0.0056858 * x[1] * x[4] + 0.0006262 * x[0] * x[3] - 0.0022053 * x[2] * x[4]
+    two = 80.51249 + 0.0071317 * x[1] * x[4] + 0.0029955 * x[0] * x[1] + 0.0021813 * x[2] ** 2
+    three = 9.300961 + 0.0047026 * x[2] * x[4] + 0.0012547 * x[0] * x[2] + 0.0019085 * x[2] * x[3]
+    net.add([one.within((0, 92)), two.within((90, 110)), three.within((20, 25))])
+    return net, 5.3578547 * x[2] ** 2 + 0.8356891 * x[0] * x[4] + 37.293239 * x[0] - 40792.141
+
+
+def rosenbrock() -> Problem:
+    net = cpcal.Network("rosenbrock")
+    x, y = net.variable("x", domain=(-10, 10)), net.variable("y", domain=(-10, 10))
+    return net, (1 - x) ** 2 + 100 * (y - x**2) ** 2
+
+
+def ratio() -> Problem:
+    """The least x/y + y/x on a box without x = y: 3/2 + 2/3."""
+    net = cpcal.Network("ratio")
+    x, y = net.variable("x", domain=(1, 2)), net.variable("y", domain=(3, 4))
+    return net, x / y + y / x
+
+
+@pytest.mark.parametrize(
+    ("problem", "value"),
+    [(hs071, 17.0140173), (himmel11, -30665.53867), (rosenbrock, 0.0), (ratio, 13 / 6)],
+)
+def test_a_known_optimum_is_bracketed_and_the_gap_closes(problem: Callable[[], Problem], value: float) -> None:
+    net, objective = problem()
+    best = net.minimize(objective, limits=Limits(nodes=300))
+    assert best.verdict is Verdict.PROVED
+    assert best.lo <= value + 1e-7 * abs(value)
+    assert best.hi >= value - 1e-6 * abs(value)
+    assert best.hi - best.lo <= max(1e-6 * abs(best.hi), 1e-9)
+
+
+def test_a_division_by_an_expression_of_one_sign_is_multiplied_out() -> None:
+    net = cpcal.Network()
+    x, y = net.variable("x", domain=(1, 2)), net.variable("y", domain=(-3, -2))
+    net.add([x / y / x + 3 / (x * y) <= 1, (x / (y - 1)).within((-1, -0.25)), x + y == 0])
+    found = dict(multiplied_out(net))
+    assert sorted(found) == [0, 1]
+    assert [len(found[k]) for k in (0, 1)] == [1, 2]
+    rng = np.random.default_rng(0)
+    for point in rng.uniform([1, -3], [2, -2], (50, 2)):
+        for k, products in found.items():
+            assert all(_holds(net, c, point) for c in products) == _holds(net, net.constraints[k], point)
+
+
+def test_a_division_by_an_expression_of_unknown_sign_stays() -> None:
+    net = cpcal.Network()
+    x, y = net.variable("x", domain=(1, 2)), net.variable("y", domain=(-3, 2))
+    net.add(x / y <= 1)
+    assert multiplied_out(net) == []
+    assert with_products(net) is net
+
+
+def _holds(net: cpcal.Network, constraint: cpcal.Constraint, point: np.ndarray) -> bool:
+    box = cpcal.Box(net.names, point, point)
+    body, low, high = (cpcal.evaluate(net, e, box) for e in (constraint.body, constraint.lower, constraint.upper))
+    return bool(low.mid <= body.mid <= high.mid)
