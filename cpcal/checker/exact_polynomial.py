@@ -174,6 +174,7 @@ def _least(terms: dict[int, int], mask: int) -> int:
 
 def settled(p: Polynomial, signs: str, mask: int) -> Polynomial:
     """What is left of `p` without its readings: at their reference, less the penalties."""
+    p.spend(len(p.terms) // 4)
     kept: dict[int, int] = {0: 0}
     of_readings = (1 << FIELD * READINGS) - 1
     divided = [0 if sign == "0" else 1 << FIELD * j for j, sign in enumerate(signs)]
