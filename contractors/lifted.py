@@ -54,13 +54,16 @@ class Lifted(Composable):
         self._engine = engine
         self._network = network
         self._many = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints) > _MANY
-        self._rows = Rows(network)
         # with readings boxes have rows of their own, the same ones where the same ends of the readings decide
         self._decisive = DecisiveReadings(network, self._arithmetic)
         fixed = not self._decisive.any
         self._structure = Structure(self._forms.on()) if fixed else None
         self._last: tuple[bytes, Structure] | None = None
         self._objective = None if objective is None else network.names.index(objective)
+
+    @cached_property
+    def _rows(self) -> Rows:
+        return Rows(self._network)
 
     @cached_property
     def _forms(self) -> PolynomialForms:

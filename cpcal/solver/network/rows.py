@@ -32,9 +32,13 @@ class Extremes:
 
     def __init__(self, network: ConstraintNetwork, *roots: Expr) -> None:
         self.tape = Tape(network, roots)
-        self.exclusive = exclusive(self.tape)
         self._sets = {leaf.digest: leaf.data for leaf in self.tape.readings if isinstance(leaf.data, IntervalArray)}
         self.centers = {digest: IntervalArray.point(values.mid) for digest, values in self._sets.items()}
+
+    @property
+    def exclusive(self) -> bool:
+        """Whether no component of a reading enters two elements."""
+        return exclusive(self.tape)
 
     def at(self, point: Floats) -> tuple[ReadingSets, ReadingSets]:
         """Values for every reading that make the elements smallest, and largest, at a point (n,).
