@@ -50,6 +50,15 @@ def best_signs(leg: LegConstraint, side: str) -> str:
     return "".join(map(cheapest, *_slopes(values, plan.linear, plan.alone)))
 
 
+def linear_part(leg: LegConstraint, name: str) -> tuple[float, list[float]]:
+    """Of a part of the constraint the value at the centres of the sets, and the derivative by each reading there."""
+    plan = _plan(leg, name)
+    values, _ = plan.swept(leg)
+    slopes, of_one = np.zeros(READINGS), plan.alone & (plan.linear >= 0)
+    slopes[plan.linear[of_one]] = values[of_one]
+    return float(values[plan.kept == 0].sum()), slopes.tolist()
+
+
 def cheapest(low: float, high: float) -> str:
     """At an end it costs what the row may fall from there, at the centre half of it."""
     choices = ((max(-low, high), "0"), (2 * max(0, -low), "-"), (2 * max(0, high), "+"))

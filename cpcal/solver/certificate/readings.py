@@ -6,11 +6,10 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction as F
 
-from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial
 from cpcal.checker.leg import LegConstraint
 from cpcal.checker.problem import Box, Problem, Unknowns
 from cpcal.checker.rule import Row
-from cpcal.solver.certificate.float_rows import best_signs
+from cpcal.solver.certificate.float_rows import best_signs, linear_part
 from cpcal.solver.certificate.statement import free
 
 
@@ -33,22 +32,14 @@ def stretching(problem: Problem, x: Unknowns, k: int) -> str:
         return center
     leg = problem.constraint(k, x, center, 0)
     assert isinstance(leg, LegConstraint)
-    under_root, scale, low, high = leg.parts("under_root", "factor", "at_least", "at_most")
-    (body, of_body), (factor, of_factor) = _linear(under_root), _linear(scale)
-    _, of_length = _linear((low + high).times(1, -1))
+    parts = (linear_part(leg, name) for name in ("under_root", "factor", "at_least", "at_most"))
+    (body, of_body), (factor, of_factor), (_, of_low), (_, of_high) = parts
     square = body / factor
     slopes = (
-        (b - square * f) / factor - 2.0 * math.sqrt(max(square, 0.0)) * u
-        for b, f, u in zip(of_body, of_factor, of_length, strict=True)
+        (b - square * f) / factor - math.sqrt(max(square, 0.0)) * (u + v)
+        for b, f, u, v in zip(of_body, of_factor, of_low, of_high, strict=True)
     )
     return "".join("+" if slope > 0.0 else "-" if slope < 0.0 else "0" for slope in slopes)
-
-
-def _linear(p: Polynomial) -> tuple[float, list[float]]:
-    """The constant of a polynomial in readings, and the coefficients of each alone."""
-    unit = F(2) ** p.exponent
-    values = [float(unit * p.terms.get(1 << FIELD * j, 0)) for j in range(READINGS)]
-    return float(p.constant), values
 
 
 def at_point(point: Sequence[float]) -> Unknowns:
