@@ -9,28 +9,27 @@ from benchmarks.records import ANSWERED, SKIPPED, Key, Results, Run
 from benchmarks.tables import count, seconds, table
 
 EXACT = ("nodes", "programs")
-LIBRARIES = ("numpy", "scipy", "ortools", "python-flint")  # whose last bits decide which programs are solved
+VERSIONS = ("cpcal", "numpy", "scipy", "ortools", "numba", "python-flint")  # which decide how many programs are solved
 
 
 @dataclass(frozen=True)
 class Difference:
-    """The medians of one (problem, task, method) in both files. `same_libraries`: known to be in the same versions."""
+    """The medians of one (problem, task, method) in both files."""
 
     old: Run
     new: Run
-    same_libraries: bool
 
     @property
     def changes(self) -> list[str]:
         """What must not change, and did. A peer's nodes may differ from run to run: only its status counts."""
         if self.old.status != self.new.status:
             return [f"{self.old.status} became {self.new.status}"]
-        return self._counts("nodes") + (self._counts("programs") if self.same_libraries else [])
+        return self._counts("nodes")
 
     @property
     def notes(self) -> list[str]:
-        """What may change with the versions of libraries, and did."""
-        return [] if self.same_libraries or self.changes else self._counts("programs")
+        """What may change from one version of cpcal or of a library to the next, and did."""
+        return [] if self.changes else self._counts("programs")
 
     def _counts(self, name: str) -> list[str]:
         if self.old.status != ANSWERED or "programs" not in self.old.figures:
@@ -62,8 +61,7 @@ def compared(old: Results, new: Results) -> Changes:
     """Every result of `old`, with its counterpart. What `old` could not ask is left out."""
     before = {key: run for key, run in old.medians().items() if run.status != SKIPPED}
     after = {key: run for key, run in new.medians().items() if run.status != SKIPPED}
-    same = all(old.machine.get(name) == new.machine.get(name) is not None for name in LIBRARIES)
-    pairs = tuple(Difference(before[key], after[key], same) for key in before if key in after)
+    pairs = tuple(Difference(before[key], after[key]) for key in before if key in after)
     return Changes(old, new, pairs, tuple(key for key in before if key not in after))
 
 
@@ -77,7 +75,7 @@ def report(found: Changes) -> str:
     ratios = [d.ratio for d in found.pairs if not math.isnan(d.ratio)]
     mean = math.exp(sum(map(math.log, ratios)) / len(ratios)) if ratios else math.nan
     times = f", CPU time {mean:.2f} times the old (geometric mean)" if ratios else ""
-    header = ("problem", "task", "method", "old CPU s", "new CPU s", "ratio", "changed", "with the libraries")
+    header = ("problem", "task", "method", "old CPU s", "new CPU s", "ratio", "changed", "may change")
     sides = f"old: {_described(found.old)}\nnew: {_described(found.new)}\n"
     sentence = f"{len(found.pairs)} compared, {changed} changed, {len(found.missing)} missing{times}\n"
     return f"{sides}\n{table(header, rows)}\n{sentence}"
@@ -87,7 +85,7 @@ def _described(results: Results) -> str:
     """The machine and the versions of one side."""
     machine = results.machine
     place = [machine[name] for name in ("processor", "system", "python") if name in machine]
-    versions = [f"{name} {machine[name]}" for name in ("cpcal", *LIBRARIES) if name in machine]
+    versions = [f"{name} {machine[name]}" for name in VERSIONS if name in machine]
     return ", ".join([results.date, *(place or ["machine unknown"]), *(versions or ["versions unknown"])])
 
 

@@ -11,7 +11,7 @@ PEERS = {
     "gurobi": "benchmarks.methods.gurobi:Gurobi",
     "codac": "benchmarks.methods.codac:Codac",
     "codac-fwdbwd": "benchmarks.methods.codac:CodacFwdBwd",
-    "least-squares": "benchmarks.methods.least_squares:LeastSquares",
+    "least-squares": "benchmarks.methods.levenberg_marquardt:LeastSquares",
 }
 
 __all__ = ["PEERS", "Method", "TaskQuestion", "Work", "method"]

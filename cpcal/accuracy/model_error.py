@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.arrays import Floats, Indices
-from cpcal.legs import PLAIN, ModelResiduals, leg_box, leg_network
+from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.linear.glop import Glop
@@ -98,11 +98,6 @@ def chebyshev(campaign: Campaign, leg: int, start: Sequence[float], delta: float
     network = _network(campaign, leg, start, delta)
     point = _fitted(network, np.asarray(start, np.float64))
     return point[:-1], max(float(point[-1]), 0.0)
-
-
-def worst_residual(campaign: Campaign, leg: int, x: Floats) -> float:
-    """max |g| in mm at the readings as they are."""
-    return float(np.abs(ModelResiduals(campaign, leg, PLAIN).values(x)).max())
 
 
 def _network(campaign: Campaign, leg: int, center: Sequence[float], delta: float) -> ConstraintNetwork:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.robot.rotation import rotation_numerators
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 
@@ -85,8 +84,3 @@ def along_turn(s: IntervalArray, m: IntervalArray) -> IntervalArray:
     """
     two = ENGINE.div(point(2.0), ENGINE.add(point(1.0), total(ENGINE.sqr(s))))
     return ENGINE.mul(two[..., None], ENGINE.sub(m, cross(s, m)))
-
-
-def magnitude(x: IntervalArray) -> Floats:
-    """The largest absolute values."""
-    return x.mag

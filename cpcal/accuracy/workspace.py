@@ -90,11 +90,6 @@ class Covered:
         """mm: proved of all poses in the cells that are proved."""
         return float(self.position[self.proved].max(initial=0.0))
 
-    @property
-    def worst_rotation(self) -> float:
-        """rad."""
-        return float(self.rotation[self.proved].max(initial=0.0))
-
 
 def cover(
     workspace: Workspace,

@@ -16,9 +16,6 @@ from .distribution import (
     ChannelStatistics,
     describe,
 )
-from .equations import (
-    LegEquations,
-)
 from .estimate import (
     Fit,
 )
@@ -38,6 +35,9 @@ from .identification import (
 )
 from .least_squares import (
     least_squares,
+)
+from .leg_equations import (
+    LegEquations,
 )
 from .observability import (
     Observability,

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from cpcal.calibration.equations import Form, LegEquations, weighted_jacobian
 from cpcal.calibration.estimate import Estimate, Fit
+from cpcal.calibration.leg_equations import Form, LegEquations, weighted_jacobian
 from cpcal.calibration.losses import LOSSES, Loss, robust_scale
 from cpcal.calibration.weights import Noise, Weights, whitening
 from cpcal.common.arrays import Floats

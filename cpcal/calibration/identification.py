@@ -16,7 +16,7 @@ from typing import get_args
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.equations import Form, LegEquations
+from cpcal.calibration.leg_equations import Form, LegEquations
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Pose, Robot

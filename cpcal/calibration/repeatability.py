@@ -22,7 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpcal.calibration.equations import LegEquations
+from cpcal.calibration.leg_equations import LegEquations
 from cpcal.calibration.statistics import Deviations, campaign_deviations
 from cpcal.calibration.weights import Noise
 from cpcal.common.arrays import Floats, Ints
@@ -78,11 +78,6 @@ class Repeatability:
     def equation_sigma(self) -> Floats:
         """(n,) mm: pooled standard deviation of g between repeats, leg by leg."""
         return np.asarray(np.sqrt(np.sum(self.equations**2, axis=0) / self.freedom))
-
-    @cached_property
-    def equation_covariance(self) -> Floats:
-        """(n, n) mm^2: pooled covariance of g between repeats."""
-        return np.asarray(self.equations.T @ self.equations / self.freedom)
 
     @property
     def moves(self) -> bool:

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.equations import LegEquations
+from cpcal.calibration.leg_equations import LegEquations
 from cpcal.calibration.weights import Noise
 from cpcal.common.arrays import Bools, Floats
 from cpcal.common.errors import InputError, Problem

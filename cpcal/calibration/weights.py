@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.equations import LegEquations
+from cpcal.calibration.leg_equations import LegEquations
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import frozen_array

@@ -24,7 +24,8 @@ LOCK_NAME = ".cpcal-lock"
 _DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
 _JSON = rb'\s*\{\s*"format":\s*"cpcal-'
 _PAGE = rb'<!doctype html>.{0,400}<meta name="generator" content="cpcal'
-_WRITTEN = re.compile(_JSON + b"|" + _PAGE, re.DOTALL)
+_STUDY = rb'format = "cpcal-|image,(point,u,v|x,y,z),'  # the study that a hand-eye run keeps
+_WRITTEN = re.compile(b"|".join((_JSON, _PAGE, _STUDY)), re.DOTALL)
 _ALWAYS = ("campaign.json", r"[\w.-]+\.cert\.jsonl")
 
 
@@ -47,6 +48,9 @@ COMPARED = FolderKind("compare.json", (r"compare\.html",))
 ACCURACY = FolderKind("accuracy.json", (r"accuracy\.html",))
 FITTED = FolderKind("fits.json")
 ROBUST = FolderKind("robust.json")
+HANDEYE = FolderKind(
+    "handeye.json", (r"handeye\.html", r"handeye\.toml", r"camera\.toml", r"poses\.csv", r"points\.csv")
+)
 POSE_SETS = FolderKind("sets.json")  # certificates of images, without a head
 
 
@@ -89,6 +93,8 @@ def check_replaceable(folder: Path, kind: FolderKind) -> None:
     what, remedy = "is there, and not written by cpcal", "choose another folder, or move it away"
     if (folder / "campaign.toml").exists():
         raise InputError([Problem(str(folder), "is the folder of a campaign", "choose another folder")])
+    if (folder / "handeye.toml").exists() and not (folder / HANDEYE.head).exists():
+        raise InputError([Problem(str(folder), "is the folder of a hand-eye study", "choose another folder")])
     strange = [name for name in kind.names(folder) if not _ours(folder / name)]
     if strange:
         raise InputError([Problem(str(folder / name), what, remedy) for name in strange])

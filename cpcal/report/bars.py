@@ -44,12 +44,12 @@ class Enclosure:
         return self.fit is not None and bool((~(np.abs(self.fit - self.nominal) <= FARTHEST)).any())
 
 
-def enclosure_svg(data: Enclosure, *, label: str) -> str:
+def enclosure_svg(data: Enclosure, *, label: str, unit: str = "mm", origin: str = "nominal value") -> str:
     """Bars from `lo` to `hi` with a tick at each end, so that the thinnest is seen."""
     figure, count, (near, far) = Figure(*_SIZE), len(data.names), _view(data)
     frame = (_FRAME_LEFT + text_width(data.names), 22.0, _SIZE[0] - _WIDTHS, _SIZE[1] - 32.0)
     axes = Axes(figure, frame, (near, far), (count - 0.5, -0.5))
-    axes.x_axis(ticks(near, far, 5), "parameter − nominal value [mm]", grid=True)
+    axes.x_axis(ticks(near, far, 5), f"parameter − {origin} [{unit}]", grid=True)
     axes.rows(data.names)
     if not data.empty:
         for k in range(count):
@@ -58,7 +58,7 @@ def enclosure_svg(data: Enclosure, *, label: str) -> str:
     if data.fit is not None:
         at = np.stack([data.fit - data.nominal, np.arange(float(count))], axis=1)
         axes.marks(at[(at[:, 0] >= near) & (at[:, 0] <= far)], "x", SUPPORT, 6.0, width=1.5)
-    _widths(axes, data)
+    _widths(axes, data, unit)
     return figure.svg(label)
 
 
@@ -74,10 +74,10 @@ def _bar(axes: Axes, row: int, data: Enclosure, near: float, far: float) -> None
             axes.marks([(near if bound < near else far, row)], "<" if bound < near else ">", EDGE, 8.0)
 
 
-def _widths(axes: Axes, data: Enclosure) -> None:
+def _widths(axes: Axes, data: Enclosure, unit: str) -> None:
     """The width of every bar as a number at the right."""
     x = axes.frame[2] + 8.0
-    axes.figure.text(x, 9.0, "width [mm]")
+    axes.figure.text(x, 9.0, f"width [{unit}]")
     for k, (lo, hi) in enumerate(zip(data.lo, data.hi, strict=True)):
         text = "none" if data.empty else plain_gap(float(lo), float(hi))
         axes.figure.text(x, float(axes.at([(axes.x[0], k)])[0, 1]), text)

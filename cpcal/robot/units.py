@@ -17,10 +17,5 @@ def length_factor(unit: str, where: str) -> float | Problem:
     return float(LENGTHS[unit]) if unit in LENGTHS else _unknown(unit, where, LENGTHS)
 
 
-def angle_factor(unit: str, where: str) -> float | Problem:
-    """How many rad the unit is, or what is wrong with its name."""
-    return ANGLES[unit] if unit in ANGLES else _unknown(unit, where, ANGLES)
-
-
 def _unknown(unit: str, where: str, known: dict[str, Decimal] | dict[str, float]) -> Problem:
     return Problem(where, f"has the unknown unit {shown(unit)}", "give one of " + ", ".join(known))

@@ -28,20 +28,9 @@ from cpcal.simulate import true_robot
 from cpcal.solver.certificate.statement import NetworkStatement, number
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network import sqr
+from tests.changed import some, with_gain
 
 NAMES = ("plain", "gain", "linear", "lateral")
-
-
-def with_gain(campaign, gain):
-    """The same robot read by sensors that show L / (1 + gain)."""
-    return replace(campaign, length=campaign.length / (1.0 + gain))
-
-
-def some(campaign, rows):
-    """Some of the measurements."""
-    arrays = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
-    names = {name: tuple(np.array(getattr(campaign, name))[rows]) for name in ("pose", "run")}
-    return replace(campaign, **names, **{name: getattr(campaign, name)[rows] for name in arrays})
 
 
 @pytest.fixture(scope="module")

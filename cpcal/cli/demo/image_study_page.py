@@ -6,12 +6,10 @@ import math
 from pathlib import PurePosixPath
 
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
-
-from cpcal.cli.detect import by_reason
 from cpcal.cli.demo.image_study import ImageStudy
+from cpcal.cli.detect import by_reason
+from cpcal.common.arrays import Floats
 from cpcal.report.images import ImagesFound, Picture, picture
 from cpcal.report.study_tables import TextTable
 from cpcal.robot import PoseTable, quaternion_conjugate, quaternion_product, rotation_vector
@@ -19,7 +17,6 @@ from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.files.detection import POSITION, QUATERNION, RMS, SIGMA, values_of
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.overlay import overlay
-
 
 PAPER_PACE = 14_784 / (3 * 3600.0)  # images a second
 _PICTURES, _WIDTH = 6, 480

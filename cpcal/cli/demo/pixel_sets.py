@@ -8,18 +8,19 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from cpcal.cli.folders import PIXEL_CAMPAIGN, PIXEL_RUN, PIXEL_SETS
-from cpcal.cli.demo.image_study import ImageStudy
 from cpcal.cli.certified_run import certified_into
+from cpcal.cli.demo.image_study import ImageStudy
+from cpcal.cli.folders import PIXEL_CAMPAIGN, PIXEL_RUN, PIXEL_SETS
+from cpcal.cli.talk import Talk
 from cpcal.common.errors import ModelError
-from cpcal.solver.contract import Verdict
-from cpcal.report.images import ImagesFound
 from cpcal.common.numbers import about, bracket_text, nearest, stated
+from cpcal.files import save_campaign
+from cpcal.files.run_folder import POSE_SETS, answers_into
+from cpcal.report.images import ImagesFound
 from cpcal.report.study_tables import TextTable
 from cpcal.results import Result
 from cpcal.robot import Campaign
-from cpcal.files import save_campaign
-from cpcal.files.run_folder import POSE_SETS, answers_into
+from cpcal.solver.contract import Verdict
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.files.leg_readings import readings_of
@@ -59,7 +60,9 @@ class PixelRun:
     result: Result
 
 
-def certify_pixels(done: ImageStudy, campaign: Campaign, legs: Sequence[int] | None, folder: Path) -> PixelRun:
+def certify_pixels(
+    done: ImageStudy, campaign: Campaign, legs: Sequence[int] | None, folder: Path, talk: Talk
+) -> PixelRun:
     """One image of each configuration of `campaign`, whose legs' reading sets are kept. Raises InputError."""
     images, found = done.shots["calibration"], done.found["calibration"]
     first: dict[str, str] = {}
@@ -80,11 +83,12 @@ def certify_pixels(done: ImageStudy, campaign: Campaign, legs: Sequence[int] | N
         pose=[campaign.pose[k] for k in proved],
         run=runs,
         provenance={
-            "reading sets": f"poses from pixel boxes of +-{stated(HALF_WIDTH)} px, proved; legs as in the other campaign"
+            "reading sets": f"poses from pixel boxes of +-{stated(HALF_WIDTH)} px, proved; "
+            "legs as in the other campaign"
         },
     )
     save_campaign(pixel, folder / PIXEL_CAMPAIGN)
-    result = certified_into(folder / PIXEL_RUN, pixel, {"legs": legs}, as_json=False)
+    result = certified_into(folder / PIXEL_RUN, pixel, {"legs": legs}, talk=talk)
     return PixelRun(sets, pixel, result)
 
 
@@ -96,7 +100,8 @@ def with_sets(found: ImagesFound, done: ImageStudy, run: PixelRun, campaign: Cam
     holding = sum(done.shots["calibration"].pose(name) in run.sets[name] for name in proved)
     seconds = np.median([run.sets[name].seconds for name in names])
     said = (
-        f"Each dot of one image a configuration is stated to be within ±{stated(HALF_WIDTH)} pixels of where it was found. "
+        f"Each dot of one image a configuration is stated to be within ±{stated(HALF_WIDTH)} pixels of where it was "
+        "found. "
         f"Of {count} sets of poses that show all dots in such boxes, {len(proved)} are enclosed and {refuted} empty, "
         f"both proved, in {about(float(seconds), 2)} s each with a certificate. The true pose lies in {holding} of the "
         f"{len(proved)}. The half-widths of the enclosures, beside those of the first campaign's reading sets:",

@@ -30,27 +30,8 @@ SHARE = {
     "network_split_proof": 0.25,
 }
 ODD = [
-    "0x0p+0",
-    "0x1p-60",
-    "0x1p+0",
-    "-0x1p+0",
-    "nan",
-    "0x1p9999",
-    "all",
-    0,
-    1,
-    -1,
-    2,
-    8,
-    1 << 60,
-    1.0,
-    True,
-    None,
-    [],
-    {},
-    "",
-    "lower",
-    "sign",
+    *("0x0p+0", "0x1p-60", "0x1p+0", "-0x1p+0", "nan", "0x1p9999", "all", "", "lower", "sign"),
+    *(0, 1, -1, 2, 8, 1 << 60, 1.0, True, None, [], {}),
 ]
 Vector = Sequence[F]
 

@@ -1,0 +1,249 @@
+"""The certified answer: eps* between two bounds, ranges of the parameters, verdicts of the classical answer.
+
+S(eps) = { (X, F) in the box : for every point a pixel within its half-width is met to within eps on both axes }
+eps*   = min { eps : S(eps) is not empty }
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction as F
+from pathlib import Path
+
+import numpy as np
+
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.version import __version__
+from cpcal.handeye.classical_answer import ClassicalAnswer, classical_answer
+from cpcal.handeye.exact_errors import PlacedFrames, above, exact_errors, largest
+from cpcal.handeye.exact_rows import row_meaning
+from cpcal.handeye.frame_equations import (
+    R_F,
+    R_X,
+    SIZE,
+    T_F,
+    T_X,
+    UNKNOWNS,
+    Quadratics,
+    pixel_rows,
+    rotation_rows,
+    unknowns_of,
+)
+from cpcal.handeye.frame_programs import FramePrograms
+from cpcal.handeye.frames_proof import FramesProof, prove
+from cpcal.handeye.hand_eye_result import (
+    LOWER,
+    RANGES,
+    AskedBox,
+    Classical,
+    FrameRanges,
+    HandEyeResult,
+    ImageVerdict,
+    unknown_range,
+)
+from cpcal.handeye.hand_eye_study import HandEyeStudy
+from cpcal.handeye.minimax_fit import minimax_fit
+from cpcal.handeye.parameter_ranges import parameter_ranges
+from cpcal.handeye.pixel_model import PixelModel
+from cpcal.solver.interval import Box
+from cpcal.solver.linear import LinearStatus
+
+REACH = 2000.0  # mm: the box around the classical positions
+GAP = 1e-6
+_BEYOND = 1.1  # of eps_hi: the tolerance of the ranges
+_SHORT = (1.0, 1e-3, 0.03)  # of what is left below a bound that linear programs promise, given away for a proof
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Within:
+    """The box: positions within `reach` mm of the classical ones, rotations within `angle` degrees (None: any)."""
+
+    reach: float = REACH
+    angle: float | None = None
+
+    @staticmethod
+    def parsed(text: str) -> Within:
+        """Of `DEGREES,MM`, or `any,MM`. Raises InputError."""
+        parts = [part.strip() for part in text.split(",")]
+        try:
+            angle = None if parts[0] == "any" else float(parts[0])
+            reach = float(parts[1]) if len(parts) == 2 else math.nan
+        except ValueError:
+            reach, angle = math.nan, None
+        if not 0.0 < reach < 1e6 or (angle is not None and not 0.0 < angle <= 180.0):
+            remedy = "give degrees and mm, such as 60,1000; or any,2000 for any rotation"
+            raise InputError([Problem("option --within", f"is {text!r:.60}", remedy)])
+        return Within(reach, angle)
+
+    def asked(self, center: PlacedFrames, x: Floats) -> AskedBox:
+        """The box about the unknowns x of the classical answer, rounded outward."""
+        lo, hi = x.copy(), x.copy()
+        turns, shifts = [*R_X, *R_F], [*T_X, *T_F]
+        # entries of rotations that differ by an angle differ by at most 2 sin(angle / 2)
+        span = 2.0 if self.angle is None else 2.0 * math.sin(math.radians(self.angle) / 2.0) * (1.0 + 1e-12) + 1e-12
+        lo[turns], hi[turns] = np.maximum(x[turns] - span, -1.0), np.minimum(x[turns] + span, 1.0)
+        lo[shifts] = np.nextafter(x[shifts] - self.reach, -np.inf)
+        hi[shifts] = np.nextafter(x[shifts] + self.reach, np.inf)
+        return AskedBox(center, self.reach, self.angle, tuple(lo.tolist()), tuple(hi.tolist()))
+
+
+def certify_hand_eye(
+    study: HandEyeStudy,
+    *,
+    within: Within | None = None,
+    tolerance: float | None = None,
+    gap: float = GAP,
+    method: str = "shah",
+    certificates: Path | None = None,
+    time_limit: float = math.inf,
+    tell: Tell = lambda text: None,
+) -> HandEyeResult:
+    """Bracket eps* of a study, and the ranges of its parameters.
+
+    within        the box; default any rotation, positions within 2 m of the classical answer on each axis
+    tolerance     px: are there frames that explain every pixel to it, and in which ranges? Default: ranges at 1.1 eps*
+    gap           relative width of the bracket that is asked for
+    certificates  a folder that exists, for `lower.cert.jsonl` and `ranges.cert.jsonl`
+    time_limit    seconds for each of the proofs; what is proved until then is stated
+
+    Raises InputError for studies without a classical answer, and where its points lie outside of the box.
+    """
+    began = time.monotonic()
+    if tolerance is not None and not 0.0 <= tolerance < math.inf:
+        raise InputError([Problem("tolerance", f"is {tolerance}", "give pixels, from 0")])
+    classical = classical_answer(study, method=method)
+    center = PlacedFrames.of(classical.frames)
+    asked = (within or Within()).asked(center, unknowns_of(classical.frames))
+    frames, _ = minimax_fit(PixelModel(study), classical.frames)
+    point = PlacedFrames.of(frames)
+    worst = largest(exact_errors(study, point))
+    assert worst is not None  # the fit keeps all points in front of the camera
+    eps_hi = above(worst)
+    domain = Box(UNKNOWNS, asked.lo, asked.hi)
+    if not domain_holds(domain, unknowns_of(frames)):
+        raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
+    tell(f"some frames explain every pixel to {eps_hi:.6f} px")
+    at = _BEYOND * eps_hi if tolerance is None else tolerance
+    wide = prove(study, at, domain, about=_about(study, at), time_limit=time_limit, tell=tell)
+    eps_lo, lower = _lower(study, wide, eps_hi, gap, time_limit, tell)
+    if certificates is not None:
+        if lower is not None:
+            lower.write(certificates / LOWER)
+        wide.write(certificates / RANGES)
+    return HandEyeResult(
+        version=__version__,
+        setup=study.setup,
+        images=len(study.images),
+        points=len(study.image),
+        asked=asked,
+        eps_lo=eps_lo,
+        eps_hi=eps_hi,
+        gap=gap,
+        point=point,
+        support=() if lower is None else _support(study, lower),
+        lower=None if lower is None or certificates is None else LOWER,
+        tolerance=tolerance,
+        ranges=_ranges(wide, point, None if certificates is None else RANGES),
+        classical=_judged(study, classical, center, at),
+        programs=wide.programs + (0 if lower is None else lower.programs),
+        seconds=time.monotonic() - began,
+    )
+
+
+def domain_holds(domain: Box, x: Floats) -> bool:
+    """Whether a point is in the box, for what float64 makes of a rotation."""
+    return bool(((domain.lo <= x + 1e-9) & (x - 1e-9 <= domain.hi)).all())
+
+
+def _about(study: HandEyeStudy, eps: float) -> str:
+    return (
+        f"cpcal hand-eye, {study.setup}: X camera in {'hand' if study.setup == 'eye-in-hand' else 'base'}, "
+        f"F target in {'base' if study.setup == 'eye-in-hand' else 'hand'}, mm; every pixel within eps = {eps.hex()} px"
+    )
+
+
+# the lower end -----------------------------------------------------------------------------------------------------
+
+
+def _lower(
+    study: HandEyeStudy, wide: FramesProof, eps_hi: float, gap: float, limit: float, tell: Tell
+) -> tuple[float, FramesProof | None]:
+    """The largest eps below which nothing is proved to explain all pixels, with the proof; 0 without one."""
+    if wide.refuted:
+        return wide.eps, wide
+    eps, known = eps_hi * (1.0 - 0.9 * gap), wide
+    for shortened in _SHORT:
+        if not eps > 0.0:
+            break
+        tell(f"is there anything below {eps:.6f} px?")
+        tried = prove(
+            study, eps, wide.domain, about=_about(study, eps), replayed=known if known.eps >= eps else None,
+            time_limit=limit, tell=tell,
+        )  # fmt: skip
+        if tried.refuted:
+            return eps, tried
+        known = tried
+        eps = promised(study, tried.left, eps) * (1.0 - shortened if shortened < 1.0 else 1.0 - 1e-6)
+    return 0.0, None
+
+
+def promised(study: HandEyeStudy, box: Box, eps: float) -> float:
+    """About the largest tolerance at which the linear programs find nothing in a box, below `eps`: a guess."""
+    low, high = 0.0, eps
+    rotations = rotation_rows()
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        rows = Quadratics.joined([rotations, pixel_rows(study, middle)])
+        programs = FramePrograms(rows, box, np.ones(rows.products.shape[1], dtype=np.bool_))
+        if programs.minimize(None, 1.0).status is LinearStatus.INFEASIBLE:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _support(study: HandEyeStudy, lower: FramesProof) -> tuple[tuple[str, str], ...]:
+    """Image and point of the rows of the last step."""
+    found = []
+    for _, k in lower.steps[-1]["rows"]:
+        meaning = row_meaning(k, len(study.image))
+        if meaning is not None:
+            found.append((study.images[study.image[meaning[0]]], study.names[meaning[0]]))
+    return tuple(dict.fromkeys(found))
+
+
+# ranges and verdicts -----------------------------------------------------------------------------------------------
+
+
+def _ranges(wide: FramesProof, point: PlacedFrames, certificate: str | None) -> FrameRanges:
+    if wide.refuted:
+        nothing = (0.0,) * SIZE
+        return FrameRanges(wide.eps, True, unknown_range(), unknown_range(), nothing, nothing, certificate)
+    lo, hi = tuple(wide.left.lo.tolist()), tuple(wide.left.hi.tolist())
+    low, high = parameter_ranges(lo, hi, point)
+    return FrameRanges(wide.eps, False, low, high, lo, hi, certificate)
+
+
+def _judged(study: HandEyeStudy, answer: ClassicalAnswer, placed: PlacedFrames, tolerance: float) -> Classical:
+    """Exactly, image by image."""
+    errors = exact_errors(study, placed)
+    verdicts = []
+    for k, name in enumerate(study.images):
+        mine = largest([errors[n] for n in np.flatnonzero(study.image == k)])
+        worst = math.inf if mine is None else above(mine)
+        verdicts.append(ImageVerdict(name, worst, mine is not None and mine <= F(tolerance)))
+    everything = largest(errors)
+    return Classical(
+        placed=placed,
+        rms=answer.rms,
+        largest=math.inf if everything is None else above(everything),
+        sigma=tuple(np.sqrt(np.diagonal(answer.covariance)).tolist()),
+        images=tuple(verdicts),
+        remarks=answer.remarks,
+    )

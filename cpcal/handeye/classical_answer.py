@@ -1,0 +1,160 @@
+"""The classical answer: a closed form from the poses of single images, then least squares on all pixels.
+
+All of this is ordinary estimation: nothing here is proved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpcal.calibration import calibrate_frames
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Value, frozen_array
+from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
+from cpcal.handeye.pixel_model import PARAMETERS, PixelModel, moved
+from cpcal.robot import Pose, inverse, quaternion_from_matrix
+from cpcal.vision.pose_fit import NoPose, fit, plain_model
+
+_STEPS = 100
+_LEAST_POINTS = 6
+_LEAST_IMAGES = 3
+_CONDITION = 1e10  # of the scaled normal matrix: beyond it some combination is not determined
+_NAMES = ("rotation of E", "translation of E", "rotation of F", "translation of F")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ClassicalAnswer(Value):
+    """Least squares on pixels.
+
+    frames      E and F
+    residuals   (N, 2) px, undistorted
+    covariance  (12, 12) by linearisation, errors of pixels independent and as large as the residuals: rotation vector
+                of E (rad, camera frame), its translation (mm), then those of F
+    rms         px per axis
+    method      of the closed form that it started from
+    remarks     what makes it doubtful
+    """
+
+    frames: HandEyeFrames
+    residuals: Floats
+    covariance: Floats
+    rms: float
+    method: str
+    remarks: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("residuals", "covariance"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+
+    @property
+    def largest(self) -> float:
+        """px: the largest residual on one axis."""
+        return float(np.abs(self.residuals).max())
+
+
+def classical_answer(study: HandEyeStudy, *, method: str = "shah") -> ClassicalAnswer:
+    """E and F of the study by a closed form and least squares.
+
+    method  "shah" or "andreff", see `cpcal.calibration.calibrate_frames`
+
+    Raises InputError for fewer than three images with six points each, for images without a pose, and where the
+    motions of the hand do not determine the frames (the message names the axis).
+    """
+    kept, seen = image_poses(study)
+    if len(kept) < _LEAST_IMAGES:
+        what = f"has {len(kept)} images whose points determine a pose"
+        raise InputError([Problem("study", what, f"give at least {_LEAST_IMAGES} with {_LEAST_POINTS} points each")])
+    turn, shift = study.motions
+    motions = Pose(shift[kept], quaternion_from_matrix(turn[kept]))
+    found = calibrate_frames(motions, seen, method=method)
+    e, f = inverse(found.camera_in_base), found.target_in_mobile
+    start = HandEyeFrames(e.rotation, e.position, f.rotation, f.position)
+    model = PixelModel(study)
+    if not np.isfinite(model(start)).all():
+        what = "puts points behind the camera"
+        raise InputError([Problem("the closed form", what, "check the setup, and which pose belongs to which image")])
+    frames, residuals = _fitted(model, start)
+    covariance, weak = _covariance(model.jacobian(frames), residuals)
+    return ClassicalAnswer(
+        frames=frames,
+        residuals=residuals.reshape(2, -1).T,
+        covariance=covariance,
+        rms=float(np.sqrt(np.mean(residuals**2))),
+        method=method,
+        remarks=(*found.remarks, *weak),
+    )
+
+
+def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose]:
+    """Images whose points determine a pose, and the target's pose in the camera frame in each."""
+    camera, rays = study.camera, study.rays
+    directions = (rays - camera.center) / camera.focal
+    kept, poses = [], []
+    for k in range(len(study.images)):
+        mine = np.flatnonzero(study.image == k)
+        if len(mine) < _LEAST_POINTS:
+            continue
+        try:
+            poses.append(_pose(study.points[mine], directions[mine], float(camera.focal.mean())))
+        except (NoPose, np.linalg.LinAlgError):
+            continue
+        kept.append(k)
+    stacked = np.array([[*p.position, *p.quaternion] for p in poses]).reshape(-1, 7)
+    return kept, Pose(stacked[:, :3], stacked[:, 3:])
+
+
+def _pose(points: Floats, directions: Floats, sharpness: float) -> Pose:
+    """Of one image: by the homography of a plane, else by the direct linear transform."""
+    if not points[:, 2].any():
+        model, start = plain_model(points[:, :2], directions, sharpness)
+        return fit(model, start).pose
+    middle = points.mean(axis=0)
+    size = float(np.abs(points - middle).max())
+    p = np.concatenate([(points - middle) / size, np.ones((len(points), 1))], axis=1)
+    rows = np.zeros((len(p), 2, 12))
+    for a in (0, 1):
+        rows[:, a, 4 * a : 4 * a + 4] = p
+        rows[:, a, 8:] = -directions[:, a : a + 1] * p
+    h = np.linalg.svd(rows.reshape(-1, 12))[2][-1].reshape(3, 4)
+    h *= np.sign(np.mean(p @ h[2])) / np.cbrt(abs(np.linalg.det(h[:, :3])))
+    left, _, right = np.linalg.svd(h[:, :3])
+    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    return Pose(h[:, 3] * size - turn @ middle, quaternion_from_matrix(turn))
+
+
+def _fitted(model: PixelModel, frames: HandEyeFrames) -> tuple[HandEyeFrames, Floats]:
+    """Levenberg-Marquardt."""
+    residuals, damping = model(frames), 1e-6
+    for _ in range(_STEPS):
+        slope = model.jacobian(frames)
+        scale = np.linalg.norm(slope, axis=0)
+        normal, right = (slope / scale).T @ (slope / scale), (slope / scale).T @ -residuals
+        step = np.linalg.solve(normal + damping * np.eye(PARAMETERS), right)
+        trial = moved(frames, step / scale)
+        new = model(trial)
+        if new @ new < residuals @ residuals:
+            ended = residuals @ residuals - new @ new <= 1e-13 * (residuals @ residuals)
+            frames, residuals, damping = trial, new, 0.1 * damping
+            if ended:
+                break
+        else:
+            damping = max(10.0 * damping, 1e-9)
+            if damping > 1e3:
+                break
+    return frames, residuals
+
+
+def _covariance(slope: Floats, residuals: Floats) -> tuple[Floats, list[str]]:
+    scale = np.linalg.norm(slope, axis=0)
+    values, vectors = np.linalg.eigh((slope / scale).T @ (slope / scale))
+    free = max(len(residuals) - PARAMETERS, 1)
+    variance = float(residuals @ residuals) / free
+    inverse_ = vectors @ np.diag(1.0 / np.maximum(values, 1e-300)) @ vectors.T
+    weak = []
+    if not values[0] * _CONDITION > values[-1]:
+        part = _NAMES[int(np.argmax(np.abs(vectors[:, 0]))) // 3]
+        weak.append(f"the pixels leave a combination undetermined that moves the {part} most")
+    return variance * inverse_ / np.outer(scale, scale), weak

@@ -1,0 +1,58 @@
+"""What is proved of a hand-eye study, in sentences; numbers rounded to the safe side."""
+
+from __future__ import annotations
+
+from cpcal.common.numbers import at_least, at_most, bracket_text, nearest
+from cpcal.handeye.hand_eye_result import PARAMETERS, HandEyeResult
+
+
+def frames_of(setup: str) -> tuple[str, str]:
+    """The names of X and F."""
+    return ("camera in hand", "target in base") if setup == "eye-in-hand" else ("camera in base", "target in hand")
+
+
+def names_of(setup: str) -> list[tuple[str, str]]:
+    """Name and unit of each of PARAMETERS."""
+    camera, target = frames_of(setup)
+    named = {"camera": camera, "target": target}
+    found = []
+    for parameter in PARAMETERS:
+        frame, axis = parameter.split()
+        turned = axis.startswith("r")
+        found.append((f"{named[frame]}: {'turn about ' + axis[1] if turned else axis}", "deg" if turned else "mm"))
+    return found
+
+
+def sentences(found: HandEyeResult) -> list[str]:
+    """The answer in a few lines."""
+    low, high = bracket_text(found.eps_lo, found.eps_hi)
+    turned = "any rotation" if found.asked.angle is None else f"rotations within {found.asked.angle:g} degrees"
+    said = [
+        f"{found.setup}: {found.images} images, {found.points:,} points. "
+        f"Searched: {turned}, positions within {found.asked.reach:g} mm of the least-squares answer.",
+    ]
+    if found.eps_lo > 0.0:
+        said.append(f"No frames explain every pixel to within {low} px (proved); some explain every one to {high} px.")
+    else:
+        said.append(f"Some frames explain every pixel to within {high} px (proved); nothing is proved from below.")
+    if not found.complete:
+        said.append("The bracket is open: more time, or a smaller --within, may close it.")
+    if found.tolerance is not None:
+        word = {True: "met", False: "refuted: no frames in the box meet it", None: "undecided"}[found.passes]
+        said.append(f"Tolerance {found.tolerance:g} px: {word}.")
+    classical = found.classical
+    failing = [verdict.image for verdict in classical.images if not verdict.ok]
+    said.append(
+        f"Least squares: rms {nearest(classical.rms, 3)} px, largest error {at_most(classical.largest, 4)} px; "
+        f"over {at_least(found.ranges.eps, 4)} px in {len(failing)} of {found.images} images"
+        + (f" ({', '.join(failing[:5])}{', ...' if len(failing) > 5 else ''})." if failing else ".")
+    )
+    said += classical.remarks
+    if found.support:
+        named = dict.fromkeys(image for image, _ in found.support)
+        listed = ", ".join(list(named)[:6]) + (", ..." if len(named) > 6 else "")
+        said.append(f"{len(found.support)} points of {len(named)} images force the lower end: {listed}.")
+    if not found.ranges.empty:
+        at = at_least(found.ranges.eps, 4)
+        said.append(f"Every pair of frames that explains all pixels to {at} px lies here (proved):")
+    return said

@@ -1,0 +1,104 @@
+"""Where the campaign of a certificate is looked for, and how much work the checker takes on."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from fractions import Fraction as F
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cpcal.checker import Refused, Unusable, check
+from cpcal.files.campaign_json import NAME
+
+
+def test_no_campaign(verdict: Any, exact_proof: Any, tmp_path: Path) -> None:
+    for folder in (tmp_path / "nowhere", None):
+        with pytest.raises(Unusable, match="cannot be read"):
+            verdict(exact_proof.lines, folder)
+
+
+def test_the_campaign_beside_a_certificate_is_found(tmp_path: Path, exact_proof: Any) -> None:
+    """By its digest, among others."""
+    path = tmp_path / "leg1.cert.jsonl"
+    path.write_text("".join(json.dumps(line) + "\n" for line in exact_proof.lines))
+    shutil.copy(exact_proof.folder / NAME, tmp_path / "z.campaign.json")
+    data = (exact_proof.folder / NAME).read_bytes()
+    (tmp_path / NAME).write_bytes(data + b"\n")
+    assert check(path).claims.eps_lo == F(exact_proof.eps_lo)
+    (tmp_path / "z.campaign.json").unlink()
+    with pytest.raises(Refused, match="SHA-256"):
+        check(path)
+
+
+# limits of the checker, here so low that they are reached -----------------------------------------------------------
+
+
+def test_too_many_open_boxes(verdict: Any, network_proof: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cpcal.checker.certificate._MOST_OPEN", 5)
+    lines = network_proof.copy()[:-1]
+    lines[-1].update(epsilon=None, enclosure=None)
+    cut = lines[0]["lo"][0]
+    for n in range(5):
+        lines.append({"split": 2 * n, "unknown": 0, "at": cut, "into": [2 * n + 1, 2 * n + 2]})
+    assert verdict(lines[:-1], None).steps == 4
+    with pytest.raises(Refused, match="too many boxes") as caught:
+        verdict(lines, None)
+    assert caught.value.line == len(lines)
+
+
+def test_too_much_work(tmp_path: Path, network_proof: Any) -> None:
+    """It is counted as the check goes on, and the refusal names the line where it is used up."""
+    lines, path = network_proof.copy(), tmp_path / "c.jsonl"
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    low, high = 0, 1 << 20
+    while high - low > 1:
+        middle = (low + high) // 2
+        try:
+            check(path, work=middle)
+            high = middle
+        except Refused as refused:
+            assert "work" in refused.reason  # noqa: PT017
+            low = middle
+    idle = {"pass": 0, "cap": lines[-1]["cap"], "rows": [], "bounds": []}
+    path.write_text("".join(json.dumps(line) + "\n" for line in [*lines, idle]))
+    with pytest.raises(Refused, match="more work than") as caught:
+        check(path, work=high)
+    assert caught.value.line == len(lines) + 1
+
+
+def test_too_many_terms(verdict: Any, network_proof: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = network_proof.lines
+    terms = [sum(len(c[p] or []) for p in ("body", "at_least", "at_most")) for c in lines[1 : network_proof.head]]
+    monkeypatch.setattr("cpcal.checker.header._MOST_TERMS", sum(terms))
+    verdict(lines, None)
+    monkeypatch.setattr("cpcal.checker.header._MOST_TERMS", sum(terms) - 1)
+    with pytest.raises(Refused, match="terms") as caught:
+        verdict(lines, None)
+    assert caught.value.line == network_proof.head
+
+
+def test_claims_about_no_measurements(verdict: Any, exact_proof: Any) -> None:
+    lines = exact_proof.copy()
+    lines[0]["only"] = []
+    with pytest.raises(Refused, match="no measurements"):
+        verdict(lines, exact_proof.folder)
+
+
+def test_too_many_unknowns(verdict: Any, tmp_path: Path) -> None:
+    """So that open boxes stay small."""
+    many = 1001
+    header = {"format": "cpcal-certificate/4", "about": "", "unknowns": [f"x{k}" for k in range(many)], "objective": 0}
+    box = {"constraints": 0, "lo": ["0x0p+0"] * many, "hi": ["0x1p+0"] * many}
+    with pytest.raises(Refused, match="unknowns") as caught:
+        verdict([header | box], tmp_path)
+    assert caught.value.line == 1
+
+
+def test_an_enclosure_that_leaves_out_the_objective(verdict: Any, exact_proof: Any) -> None:
+    lines = exact_proof.copy()
+    lines[1]["enclosure"]["lo"][7] = lines[1]["cap"]
+    with pytest.raises(Refused, match="reaches out"):
+        verdict(lines, exact_proof.folder)

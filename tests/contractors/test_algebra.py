@@ -1,0 +1,95 @@
+"""Contractors compose: `Then`, `Union`, `Repeat` on ours and on those of third parties."""
+
+from __future__ import annotations
+
+import pytest
+
+from contractors import (
+    HC4,
+    Lifted,
+)
+from cpcal.common.errors import PluginError
+from cpcal.solver import plugins
+from cpcal.solver.contract import (
+    Contraction,
+    Repeat,
+    Then,
+    Union,
+    elements,
+    gives_weights,
+)
+from cpcal.solver.interval import Box
+from cpcal.solver.network import ConstraintNetwork
+
+
+class Foreign:
+    """A third party's contractor that declares nothing and has no operators."""
+
+    def contract(self, box: Box) -> Contraction:
+        return Contraction(box.replace("x", hi=min(1.0, float(box.hi[0]))), programs=2)
+
+
+@pytest.fixture
+def network() -> ConstraintNetwork:
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (-4, 4))
+    net.add(x**2 <= 4)
+    return net
+
+
+def test_operators_compose_with_a_foreign_contractor_on_either_side(network: ConstraintNetwork) -> None:
+    ours, foreign = HC4(network), Foreign()
+    for both in (ours >> foreign, foreign >> ours):
+        assert isinstance(both, Then)
+        result = both.contract(network.domain)
+        assert result.box["x"].hi == 1.0
+        assert result.box["x"].lo == pytest.approx(-2.0)
+        assert result.programs == 2
+    for either in (ours | foreign, foreign | ours):
+        assert isinstance(either, Union)
+        result = either.contract(network.domain)
+        assert result.box["x"].lo == -4.0
+        assert result.box["x"].hi == pytest.approx(2.0)
+        assert result.steps == ()
+
+
+def test_the_core_composes_contractors_that_know_nothing_of_composition(network: ConstraintNetwork) -> None:
+    result = plugins.build(network, [Foreign(), Foreign()]).contract(network.domain)
+    assert result.box["x"].hi == 1.0
+    assert result.programs == 4
+    assert Repeat(Foreign(), most=5).contract(network.domain).programs == 4  # the second call changes nothing
+    assert Union(Foreign(), Foreign()).contract(network.domain).box["x"].hi == 1.0
+    lifted, hc4 = Lifted(network), HC4(network)
+    assert elements(Then(hc4, Repeat(Then(lifted, hc4)))) == (hc4, lifted, hc4)
+    assert [gives_weights(c) for c in (lifted, hc4, Foreign(), lifted >> hc4)] == [True, False, False, False]
+
+
+def test_what_is_no_contractor_is_refused(network: ConstraintNetwork) -> None:
+    with pytest.raises(PluginError, match="no contractor: give its name"):
+        plugins.build(network, ["hc4", 5])  # type: ignore[list-item]
+
+
+def test_repeat_repeats_while_it_pays() -> None:
+    net = ConstraintNetwork()
+    x, y = net.variable("x", (), (0, 10)), net.variable("y", (), (0, 10))
+    net.add([2 * y == x, x == y])
+    once = HC4(net).contract(net.domain).box
+    many = Repeat(HC4(net)).contract(net.domain).box
+    assert once.width.max() > 1.0
+    assert many.width.max() < 1e-6
+    assert (0.0, 0.0) in many
+
+
+def test_repeat_stops_on_empty_and_refuses_a_senseless_ratio(network: ConstraintNetwork) -> None:
+    network.add(network.variables[0] >= 3)
+    assert Repeat(HC4(network)).contract(network.domain).box.is_empty
+    for ratio in (0.0, -1.0, 1.5):
+        with pytest.raises(ValueError, match="ratio"):
+            Repeat(HC4(network), ratio)
+
+
+def test_unknown_contractor_is_an_error_that_lists_those_found(network: ConstraintNetwork) -> None:
+    with pytest.raises(PluginError, match=r"hc4.*lifted.*cpcal\.contractors"):
+        plugins.build(network, ["hc5"])
+    with pytest.raises(PluginError, match="at least one"):
+        plugins.build(network, [])

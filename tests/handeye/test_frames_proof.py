@@ -1,0 +1,120 @@
+"""What is proved of simulated hand-eye studies holds of their truth; what is false is refused."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from cpcal.handeye.certify_hand_eye import Within, certify_hand_eye
+from cpcal.handeye.exact_errors import PlacedFrames, exact_errors, largest
+from cpcal.handeye.frame_equations import unknowns_of
+from cpcal.handeye.hand_eye_files import hand_eye_files
+from cpcal.handeye.hand_eye_result import LOWER, RANGES, load_hand_eye_result, save_hand_eye_result
+from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
+from cpcal.handeye.verify_hand_eye import verify_hand_eye
+
+NEAR = Within(50.0, 1.5)
+
+
+def small(**options):
+    return simulate_hand_eye(**({"images": 10, "corners": (4, 3), "pitch": 60.0} | options))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A run of a small study, and its truth."""
+    folder = tmp_path_factory.mktemp("handeye")
+    simulated = small(seed=5)
+    for name, content in hand_eye_files(simulated.study).items():
+        (folder / name).write_bytes(content)
+    result = certify_hand_eye(simulated.study, within=NEAR, certificates=folder)
+    save_hand_eye_result(result, folder)
+    return folder, simulated, result
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_truth_lies_in_the_guaranteed_ranges_of_its_pixel_error(setup, seed):
+    simulated = small(setup=setup, seed=seed)
+    result = certify_hand_eye(simulated.study, within=NEAR, tolerance=0.2)
+    x = unknowns_of(simulated.truth)
+    assert result.passes is True
+    assert not result.ranges.empty
+    assert (np.array(result.ranges.lo) <= x).all()
+    assert (x <= np.array(result.ranges.hi)).all()
+    worst = largest(exact_errors(simulated.study, PlacedFrames.of(simulated.truth)))
+    assert result.eps_lo <= worst <= 0.2 + 1e-9
+
+
+def test_the_bracket_closes_to_a_millionth(finished):
+    _, _, result = finished
+    assert result.complete
+    assert 0.0 < result.eps_lo <= result.eps_hi <= result.eps_lo * (1.0 + 1e-6)
+
+
+def test_a_tolerance_below_the_bracket_is_refuted():
+    simulated = small(seed=5)
+    result = certify_hand_eye(simulated.study, within=NEAR, tolerance=0.1)
+    assert result.passes is False
+    assert result.ranges.empty
+
+
+def test_a_run_is_verified(finished):
+    folder, _, _ = finished
+    found = verify_hand_eye(folder)
+    assert [accepted for accepted, _ in found] == [True] * 5
+    assert load_hand_eye_result(folder) == finished[2]
+
+
+def _edited(path, change):
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+
+
+FORGERIES = {
+    "a larger lower end": lambda d: d.update(eps_lo=d["eps_lo"] * (1 + 1e-9)),
+    "a smaller upper end": lambda d: d.update(eps_hi=d["eps_hi"] * (1 - 1e-9)),
+    "a narrower range": lambda d: d["ranges"]["low"].__setitem__(0, d["ranges"]["low"][0] + 1e-3),
+    "a narrower box of unknowns": lambda d: d["ranges"]["hi"].__setitem__(9, d["ranges"]["hi"][9] - 1e-3),
+    "a smaller tolerance of the ranges": lambda d: d["ranges"].update(eps=d["ranges"]["eps"] * 0.99),
+    "a wider search": lambda d: d["asked"].update(reach=200.0),
+    "any rotation": lambda d: d["asked"].update(angle=None),
+    "another point": lambda d: d["point"]["camera_position"].__setitem__(0, 0.0),
+    "a better classical answer": lambda d: d["classical"]["images"][0].update(largest=0.0),
+    "another support": lambda d: d["support"].pop(),
+}
+
+
+@pytest.mark.parametrize("name", FORGERIES)
+def test_an_edited_answer_is_refused(finished, tmp_path, name):
+    shutil.copytree(finished[0], tmp_path / "run")
+    _edited(tmp_path / "run" / "handeye.json", FORGERIES[name])
+    assert not all(accepted for accepted, _ in verify_hand_eye(tmp_path / "run"))
+
+
+@pytest.mark.parametrize("certificate", [LOWER, RANGES])
+def test_a_certificate_of_other_pixels_is_refused(finished, tmp_path, certificate):
+    shutil.copytree(finished[0], tmp_path / "run")
+    points = (tmp_path / "run" / "points.csv").read_text().splitlines()
+    points[1:] = [
+        ",".join([a, b, repr(float(u) + 1.0), *rest]) for a, b, u, *rest in (p.split(",") for p in points[1:])
+    ]
+    (tmp_path / "run" / "points.csv").write_text("\n".join(points) + "\n")
+    found = verify_hand_eye(tmp_path / "run")
+    assert [accepted for accepted, _ in found][1:4] == [False] * 3
+
+
+def test_a_certificate_with_a_forged_constraint_is_refused(finished, tmp_path):
+    shutil.copytree(finished[0], tmp_path / "run")
+    path = tmp_path / "run" / LOWER
+    lines = path.read_text().splitlines()
+    place = next(k for k, text in enumerate(lines) if '"name":"image' in text)
+    lines[place] = (
+        lines[place]
+        .replace('"at_most":[]', '"at_most":[[[],"0x1p-3"]]')
+        .replace('"at_most":null', '"at_most":[[[],"-0x1p+3"]]')
+    )
+    path.write_text("\n".join(lines) + "\n")
+    assert not verify_hand_eye(tmp_path / "run")[1][0]
