@@ -1,9 +1,9 @@
 """Systems with a solution that was put there: no search may lose it. `python -m benchmarks.planted_solutions`
 
 Random polynomial and elementary equations in two to four unknowns, whose constants are enclosures of the values at a
-random point. The search runs with each list of contractors, in both arithmetics, deciding 1 and 64 boxes at a time; the
-point must lie in a box that is left, and batches of either size must leave the same boxes. Exits with status 1 and names
-the seed where not.
+random point. The search runs with each list of contractors, in both arithmetics, deciding 1 and 64 boxes at a time;
+the point must lie in a box that is left, and batches of either size must leave the same boxes. Exits with status 1 and
+names the seed where not.
 """
 
 from __future__ import annotations

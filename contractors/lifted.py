@@ -21,8 +21,9 @@ from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.network.monotone import DecisiveReadings
+from cpcal.solver.network.polynomial_rows import PolynomialForms
 from cpcal.solver.network.restrict import restricted
-from cpcal.solver.network.rewrite import PolynomialForms, ReadingSets
+from cpcal.solver.network.rewrite import ReadingSets
 from cpcal.solver.network.rows import Rows
 
 Carriers = tuple[tuple[tuple[int, int], ...], StepWeights | None]
