@@ -22,7 +22,6 @@ LONG = {
     "cpcal/solver/interval/functions.py",
     "cpcal/solver/linear/simplex.py",
     "cpcal/solver/network/expression.py",
-    "tests/checker/valid/test_rule.py",
 }
 
 
