@@ -17,8 +17,9 @@ from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.problem import Problem, Unknowns
 from cpcal.checker.rule import Weights
 from cpcal.solver.certificate.readings import failing, holding, row_of, stretching
-from tests.checker.valid.leg_mathematics import (
+from tests.checker.valid.exact_legs import (
     REACH,
+    SIDES,
     Vector,
     center,
     coordinates,
@@ -36,7 +37,6 @@ from tests.checker.valid.leg_mathematics import (
     within,
 )
 
-SIDES = ("upper", "lower")
 EXAMPLES = int(os.environ.get("CPCAL_EXAMPLES", "25"))  # of a model, in each property
 
 

@@ -1,4 +1,4 @@
-"""What a leg says, independently of the checker: in fractions, through products of quaternions, at given readings."""
+"""Legs of one measurement in exact fractions, their equation by itself, and points and readings of them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from cpcal.checker.problem import Problem, Unknowns
 from cpcal.solver.certificate.statement import free
 
 Vector = list[F]
+SIDES = ("upper", "lower")
 REACH = {"plain": (), "gain": (0.5,), "lateral": (900.0,), "linear": (0.5, 0.5, 0.5, 0.5, 20.0, 20.0, 20.0)}
 
 
