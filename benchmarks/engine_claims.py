@@ -18,10 +18,10 @@ from statistics import median
 import numpy as np
 
 import cpcal
+from contractors import Lifted
 from cpcal.checker import Accepted, check
 from cpcal.files.campaign_json import NAME, save_campaign_json
 from cpcal.legs import fit_model, leg_box, leg_model, leg_network, leg_statement
-from cpcal.solver import plugins
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.contract import Limits
 from cpcal.solver.interval import get_arithmetic
@@ -42,7 +42,7 @@ def certified(campaign: cpcal.Campaign, leg: int, model: str, engine: str, folde
     longest = float(np.nextafter(np.min(campaign.length[:, leg - 1]) + box.hi[6], np.inf))
     began = time.process_time()
     network = leg_network(campaign, leg, box, engine=arithmetic, eps=(0.0, longest), model=known)
-    lifted = plugins.load("lifted")(network, objective="eps", engine=ENGINES[engine])  # type: ignore[call-arg]
+    lifted = Lifted(network, objective="eps", engine=ENGINES[engine])
     with Recording(leg_statement(campaign, leg, model=model), network.domain) as recording:
         states = minimize(
             network, "eps", [("lifted", lifted)], engine=arithmetic, limits=Limits(gap=GAP, nodes=50),
