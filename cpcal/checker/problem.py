@@ -134,6 +134,11 @@ def end_of(sign: str, radius: F, way: int) -> tuple[F, F]:
     return (way or 1) * end * radius, F(0) if way else factor * radius
 
 
+def _exact(k: int) -> tuple[F, ...]:
+    """Of constraints without readings."""
+    return ()
+
+
 @dataclass(frozen=True)
 class Problem:
     """Constraints in some unknowns; `chosen`: the ascending numbers of those that count, of `count`."""
@@ -143,7 +148,7 @@ class Problem:
     count: int
     chosen: tuple[int, ...]
     constraint: Callable[[int, Unknowns, str, int], OnBox]  # k on a box with signs of a reading, and its `way`
-    radii: Callable[[int], tuple[F, ...]] = lambda k: ()  # of readings m: |m_j| <= radii_j
+    radii: Callable[[int], tuple[F, ...]] = _exact  # of readings m: |m_j| <= radii_j
     sides: tuple[str, ...] = SIDES
     conditions: tuple[str, ...] = SIDES  # sides that are at most zero at a solution
     model: str | None = None  # of a leg; None: the certificate states the constraints

@@ -13,6 +13,7 @@ from cpcal.cli.progress import bar
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
+from cpcal.execution.stopping import heard
 from cpcal.files.study_writer import table_bytes
 from cpcal.vision.batch.detect import Detections, ImageFolder, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table
@@ -51,6 +52,10 @@ def detect_poses(
         typer.Option("--overlay", metavar="DIR", help="Pictures of what was found, and why not."),
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes [default: one a core]")] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler of a cluster, instead; its workers read IMAGES."),
+    ] = None,
     calibrate: Annotated[
         bool, typer.Option("--calibrate", help="The camera from IMAGES, instead of poses; FILE is a camera.toml.")
     ] = False,
@@ -72,27 +77,34 @@ def detect_poses(
         _calibrate(images, load_target(target), output, refine_dots, talk)
         return
     plate, lens_file, known = _loaded(target, camera, readings)
-    lens = lens_file.camera
-    size = (lens.width, lens.height)
-    source = VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
     made(output.absolute().parent)
-    with bar("images", quiet=talk.quiet) as progress:
+    with heard(terminate=True), bar("images", quiet=talk.quiet) as progress:
         found = detect(
-            source,
+            _source(images, lens_file, every),
             plate,
-            lens,
+            lens_file.camera,
             lens_file.covariance,
             journal=output.with_name(f"{output.name}.journal"),
             workers=workers,
+            scheduler=scheduler,
             progress=progress,
             overlays=overlays,
         )
     write_file(output, detections_bytes(found.rows))
     show_detections(found, output, talk)
     if known is not None and table is not None:
-        made(table.absolute().parent)
-        write_file(table, table_bytes(study_table(found.rows, known)))
-        talk.say(f"Table of a study: {table}")
+        _write_table(found, known, table, talk)
+
+
+def _source(images: Path, lens: CameraRecord, every: int) -> VideoFrames | ImageFolder:
+    size = (lens.camera.width, lens.camera.height)
+    return VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
+
+
+def _write_table(found: Detections, known: Readings, table: Path, talk: Talk) -> None:
+    made(table.absolute().parent)
+    write_file(table, table_bytes(study_table(found.rows, known)))
+    talk.say(f"Table of a study: {table}")
 
 
 def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, CameraRecord, Readings | None]:
