@@ -219,9 +219,7 @@ class Network(ConstraintNetwork):
         if certificate is None:
             with heard():
                 return bracketed(None, None)
-        if not Contracting(named).gives_weights:
-            given = ", ".join(called for called, _ in named)
-            raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
+        _check_weights(named)
         with heard(), Recording(network_statement(stated, name), network.domain) as recording:
             found = bracketed(recording.prover, recording.event)
             recording.write(certificate, claims_of(found, network.domain, name))
@@ -243,3 +241,10 @@ class Network(ConstraintNetwork):
         bounds = [box[component] for component in self.names if component != objective and not box.is_empty]
         if not all(one.is_bounded for one in bounds):
             raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
+
+
+def _check_weights(named: list[tuple[str, Contractor]]) -> None:
+    """Raises ModelError where no certificate could come of it."""
+    if not Contracting(named).gives_weights:
+        given = ", ".join(called for called, _ in named)
+        raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")

@@ -15,10 +15,8 @@ class Bisected(Composable):
 
     monotone_tolerance = np.inf  # halves of a part are no parts of the halves
 
-    def __init__(
-        self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64"
-    ) -> None:
-        self._inner = HC4(network, objective=objective, arithmetic=arithmetic)
+    def __init__(self, network: ConstraintNetwork, arithmetic: str) -> None:
+        self._inner = HC4(network, arithmetic=arithmetic)
 
     def contract(self, box: Box) -> Contraction:
         left = box
