@@ -76,7 +76,8 @@ class Lifted(Composable):
         structure = self._structure or self._structure_on(box)
         if not structure.positions:
             return Contraction(box)
-        return tightened(_Programs(structure, self._arithmetic, self._engine(), box), box, self._objective)
+        programs = _Programs(structure, self._arithmetic, self._engine(), box)
+        return tightened(programs, box, self._objective, self.deadline)
 
     def support_function(self, box: Box, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`, for `directions` (m, n).
