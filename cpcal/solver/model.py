@@ -212,7 +212,7 @@ class Network(ConstraintNetwork):
                     place=None if isinstance(place[0], Here) else place,
                 )
                 found = run(states, progress)
-            status = found.status + (f" Equations were relaxed to within {relax:g}." if relax else "")
+            status = found.status + (f" Equations were relaxed to within {stated(relax)}." if relax else "")
             method = f"{', '.join(called for called, _ in named)}: {why}"
             return replace(found, status=status, relax=float(relax), names=network.names, method=method)
 
