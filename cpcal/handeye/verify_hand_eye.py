@@ -21,12 +21,14 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.handeye.exact_errors import above, exact_errors, exact_rotation, largest
 from cpcal.handeye.exact_rows import ExactRows, row_meaning, row_number, stated_line
 from cpcal.handeye.frame_equations import EQUATIONS, R_F, R_X, SIZE, T_F, T_X, UNKNOWNS
+from cpcal.handeye.frames_proof import box_of
 from cpcal.handeye.hand_eye_files import load_hand_eye
-from cpcal.handeye.hand_eye_result import LOWER, RANGES, HandEyeResult, load_hand_eye_result
+from cpcal.handeye.hand_eye_result import HandEyeResult, load_hand_eye_result
 from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.handeye.parameter_ranges import parameter_ranges
 from cpcal.solver.certificate.statement import number
 from cpcal.solver.certificate.writer import line
+from cpcal.solver.interval import Box
 
 _WORK = 500_000_000  # what the check of one certificate may cost, in multiplications
 
@@ -76,11 +78,11 @@ def _the_box(run: Path, study: HandEyeStudy, result: HandEyeResult) -> str:
 
 
 def _the_lower_end(run: Path, study: HandEyeStudy, result: HandEyeResult) -> str:
-    if result.lower is None:
+    if not result.lower:
         if result.eps_lo > 0.0 or result.support:
             raise _Wrong("eps_lo is stated, and no certificate is there")
         return "lower end: NOT CERTIFIED, eps >= 0"
-    accepted, last = _certificate(run / LOWER, study, result, result.eps_lo)
+    accepted, last = _certificates(run, result.lower, study, result, result.eps_lo)
     if not accepted.claims.infeasible:
         raise _Wrong("the certificate does not claim that there are no frames")
     if set(result.support) != last:
@@ -97,9 +99,9 @@ def _the_point(run: Path, study: HandEyeStudy, result: HandEyeResult) -> str:
 
 def _the_ranges(run: Path, study: HandEyeStudy, result: HandEyeResult) -> str:
     ranges = result.ranges
-    if ranges.certificate is None:
+    if not ranges.certificates:
         return "ranges: NOT CERTIFIED, no certificate was written"
-    accepted, _ = _certificate(run / RANGES, study, result, ranges.eps)
+    accepted, _ = _certificates(run, ranges.certificates, study, result, ranges.eps)
     if ranges.empty:
         if not accepted.claims.infeasible:
             raise _Wrong("the certificate does not claim that there are no frames")
@@ -129,21 +131,39 @@ def _the_classical_answer(run: Path, study: HandEyeStudy, result: HandEyeResult)
     return f"classical answer: PROVED, over {result.ranges.eps!r} px in {failing} of {len(study.images)} images"
 
 
-def _certificate(
-    path: Path, study: HandEyeStudy, result: HandEyeResult, eps: float
+def _certificates(
+    run: Path, names: tuple[str, ...], study: HandEyeStudy, result: HandEyeResult, eps: float
 ) -> tuple[Accepted, set[tuple[str, str]]]:
-    """What a certificate proves, once its constraints are found to be those of the study at eps, and its box the run's.
+    """What the last of some certificates proves, each of which begins with the box that the one before leaves."""
+    box = box_of(result.asked.lo, result.asked.hi)
+    for k, name in enumerate(names):
+        if Path(name).name != name:
+            raise _Wrong(f"{name} is no name of a certificate")
+        accepted, last = _certificate(run / name, study, box, eps)
+        hull = accepted.claims.enclosure
+        if k + 1 < len(names):
+            if hull is None:
+                raise _Wrong(f"{name} does not claim where the next certificate begins")
+            lo, hi = ([float(v) for v in side] for side in hull)
+            if (tuple(map(F, lo)), tuple(map(F, hi))) != hull:
+                raise _Wrong(f"{name} claims a box that float64 does not hold")
+            box = box_of(lo, hi)
+    return accepted, last
+
+
+def _certificate(path: Path, study: HandEyeStudy, domain: Box, eps: float) -> tuple[Accepted, set[tuple[str, str]]]:
+    """What a certificate proves, once its constraints are found to be those of the study at eps, and its box `domain`.
 
     And image and point of the constraints that its last step speaks of. Raises Refused, Unusable, _Wrong.
     """
     accepted = check(path, work=_WORK)
-    box = tuple(number(v) for v in result.asked.lo), tuple(number(v) for v in result.asked.hi)
+    box = tuple(number(v) for v in domain.lo), tuple(number(v) for v in domain.hi)
     if tuple(tuple(number(v) for v in side) for side in (accepted.lo, accepted.hi)) != box:
         raise _Wrong(f"{path.name} speaks of another box")
     if accepted.unknowns != UNKNOWNS:
         raise _Wrong(f"{path.name} speaks of other unknowns")
     known = _numbers(study)
-    rows, stated = ExactRows(study, eps), []
+    rows, stated = ExactRows(study, eps, domain), []
     with path.open(encoding="utf-8") as lines:
         next(lines)
         for text, _ in zip(lines, range(accepted.count), strict=False):
