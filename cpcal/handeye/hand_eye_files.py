@@ -34,7 +34,8 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
 
     handeye.toml states the setup and names the camera file; poses.csv has the hand in the base frame, in mm, with a
     unit quaternion, scalar first, and perhaps half-widths; points.csv has pixels as measured, the target's points in mm
-    and perhaps half-widths du of the pixels. Points of images without a pose, or too close to the camera's horizon, are problems.
+    and perhaps half-widths du of the pixels. Points of images without a pose, or too close to the camera's horizon, are
+    problems.
 
     Raises one InputError that lists every problem of the four files.
     """
@@ -52,6 +53,15 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
     problems.raise_any(_SEE)
     assert study is not None
     return study
+
+
+def load_hand_poses(path: str | os.PathLike[str]) -> dict[str, tuple[float, ...]]:
+    """By image x, y, z, qw, qx, qy, qz of a table like poses.csv. Raises InputError with every problem."""
+    problems = Problems()
+    table = _table(Path(path), POSE_COLUMNS, list(POSE_WIDTHS), problems)
+    problems.raise_any(_SEE)
+    rows = _columns(table, *POSE_COLUMNS[1:]).tolist()
+    return {name: tuple(row) for name, row in zip(table.image, rows, strict=True)}
 
 
 def _settings(folder: Path, problems: Problems) -> tuple[Setup | None, Camera | None]:
