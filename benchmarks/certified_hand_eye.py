@@ -30,6 +30,7 @@ from cpcal.handeye.minimax_fit import minimax_fit
 from cpcal.handeye.pixel_model import PixelModel
 from cpcal.handeye.simulate_hand_eye import SimulatedHandEye, simulate_hand_eye
 from cpcal.handeye.verify_hand_eye import verify_hand_eye
+from cpcal.vision.opencv import opencv
 
 _PIXEL = 0.2
 _METHODS = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
@@ -83,8 +84,7 @@ def certified(seed: int, asked: argparse.Namespace) -> dict[str, Any]:
 
 def closed_forms(study: HandEyeStudy) -> dict[str, HandEyeFrames]:
     """The answers of OpenCV, eye in hand, from the poses of single images; F is then the mean over the images."""
-    import cv2
-
+    cv2 = opencv()
     _, seen = image_poses(study)
     turn, shift = study.motions  # base in hand
     r_seen, t_seen = seen.rotation, seen.position
@@ -147,9 +147,9 @@ def main() -> None:
     asked = parser.parse_args()
     seeds = range(asked.first, asked.first + asked.seeds)
     if asked.opencv:
-        rows = [compared(seed, asked) for seed in seeds]
-        for k, (name, *_) in enumerate(rows[0]):
-            mm, degrees, pixel = (np.median([row[k][c] for row in rows]) for c in (1, 2, 3))
+        answers = [compared(seed, asked) for seed in seeds]
+        for k, (name, *_) in enumerate(answers[0]):
+            mm, degrees, pixel = (np.median([row[k][c] for row in answers]) for c in (1, 2, 3))
             print(f"{name:20} camera off {mm:8.4f} mm {degrees:8.5f} deg   largest error {pixel:8.4f} px (medians)")
         return
     rows = []

@@ -131,7 +131,7 @@ def certify_hand_eye(
         raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
     tell(f"some frames explain every pixel to {eps_hi:.6f} px")
     at = _BEYOND * eps_hi if tolerance is None else tolerance
-    wide = prove_in_turns(study, at, domain, about=_about(study, at), time_limit=time_limit, tell=tell)
+    wide = prove_in_turns(study, at, domain, about=about_study(study, at), time_limit=time_limit, tell=tell)
     eps_lo, lower = _lower(study, wide, eps_hi, gap, time_limit, tell)
     written = tuple(_written(proofs, name, certificates) for proofs, name in ((lower, LOWER), (wide, RANGES)))
     return HandEyeResult(
@@ -169,7 +169,8 @@ def domain_holds(domain: Box, x: Floats) -> bool:
     return bool(((domain.lo <= x + 1e-9) & (x - 1e-9 <= domain.hi)).all())
 
 
-def _about(study: HandEyeStudy, eps: float) -> str:
+def about_study(study: HandEyeStudy, eps: float) -> str:
+    """What certificates say of themselves."""
     return (
         f"cpcal hand-eye, {study.setup}: X camera in {'hand' if study.setup == 'eye-in-hand' else 'base'}, "
         f"F target in {'base' if study.setup == 'eye-in-hand' else 'hand'}, mm; every pixel within eps = {eps.hex()} px"
@@ -191,7 +192,7 @@ def _lower(
             break
         tell(f"is there anything below {eps:.6f} px?")
         tried = prove_in_turns(
-            study, eps, known.domain, about=_about(study, eps), replayed=known if known.eps >= eps else None,
+            study, eps, known.domain, about=about_study(study, eps), replayed=known if known.eps >= eps else None,
             time_limit=limit, tell=tell,
         )  # fmt: skip
         if tried[-1].refuted:
