@@ -8,8 +8,9 @@ BIN := .venv/bin
 demo: .venv/.installed
 	$(BIN)/cpcal demo -o demo
 
+# a file's tests stay with one worker, which makes what they share once; files in their order, the long ones early
 test: .venv/.installed-dev
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 check: .venv/.installed-dev
 	$(BIN)/ruff check .

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from cpcal.accuracy.certified_boxes import certified_boxes
 from cpcal.accuracy.certified_set import CertifiedSet, certified_set
 from cpcal.accuracy.estimates import distances, expanded_uncertainty, true_poses
 from cpcal.accuracy.findings import (
@@ -66,6 +69,7 @@ def certify_accuracy(
     gap: float = 0.2,
     cells: int = 600,
     truth: Truth | None = None,
+    certificates: str | os.PathLike[str] | None = None,
     tell: Told | None = None,
 ) -> Accuracy:
     """For each pose that the controller commands, and for all of a workspace: how far off the platform can be.
@@ -79,7 +83,8 @@ def certify_accuracy(
     `controller` is what computes readings from poses: "nominal" (the drawing), "fit" (least squares) or "proved" (the
     points of the result). `gap` and `cells`: the search for the worst of the workspace ends when the bound of all cells
     is within the gap of what a pose attains, or at so many cells. `truth`: gives the true poses of a simulated robot
-    (default: of what `cpcal simulate` wrote).
+    (default: of what `cpcal simulate` wrote). `certificates`: a folder for `set-legN.cert.jsonl`, which prove for each
+    leg that its parameters lie in a box; the bounds of poses are proved in interval arithmetic, without certificates.
 
     Raises InputError for a run that this cannot be asked of: of another campaign or model, without all six legs.
     """
@@ -91,6 +96,9 @@ def certify_accuracy(
     known = _controller(campaign, result, controller)
     robot = Robot.from_parameters("controller", known)
     assumed = _assumed(campaign, result, validation, model_error, say)
+    if certificates is not None:
+        say("certificates of the sets of parameters")
+    boxes = () if certificates is None else certified_boxes(campaign, result, assumed, Path(certificates))
     sets, refuted = _certified_sets(campaign, result, known, assumed, say)
     at: tuple[PoseAccuracy, ...] = ()
     over = None
@@ -110,6 +118,7 @@ def certify_accuracy(
         controller=controller,
         parameters=tuple(tuple(map(float, row)) for row in known),
         assumed=tuple(assumed),
+        boxes=boxes,
         refuted=tuple(refuted),
         poses=at,
         workspace=over,

@@ -14,7 +14,7 @@ from pathlib import Path
 from cpcal.files.codec import load, save
 from cpcal.results import CampaignNote
 
-FORMAT = "cpcal-accuracy/1"
+FORMAT = "cpcal-accuracy/2"
 ACCURACY_NAME = "accuracy.json"
 
 
@@ -33,6 +33,18 @@ class AssumedError:
     refuted_below: float
     poses: tuple[int, ...]
     growth: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class CertifiedBox:
+    """PROVED, by the `certificate` where there is one: all parameters (a, b, l) of the leg with a model error up to
+    `eps` lie from `lo` to `hi`, mm; both are empty where there are none."""
+
+    leg: int
+    eps: float
+    lo: tuple[float, ...]
+    hi: tuple[float, ...]
+    certificate: str | None
 
 
 @dataclass(frozen=True)
@@ -137,6 +149,7 @@ class Accuracy:
     controller: str
     parameters: tuple[tuple[float, ...], ...]
     assumed: tuple[AssumedError, ...]
+    boxes: tuple[CertifiedBox, ...]  # around the sets of parameters; none where no certificates were asked for
     refuted: tuple[int, ...]  # legs for which the campaign refutes what is assumed: nothing else is said then
     poses: tuple[PoseAccuracy, ...]
     workspace: WorkspaceAccuracy | None

@@ -74,9 +74,15 @@ class Contribution:
 
 @dataclass(frozen=True)
 class Budget:
-    """Contributions, and what they come to: combined standard uncertainties u_c; U = 2 u_c."""
+    """Contributions, and what they come to: combined standard uncertainties u_c; U = 2 u_c.
 
+    inputs     what was stated
+    expanded   (n, 7) mm: U of each parameter in its own frame
+    """
+
+    inputs: Inputs
     contributions: tuple[Contribution, ...]
+    expanded: tuple[tuple[float, ...], ...]
     rms: float
     largest: float
 
@@ -102,7 +108,8 @@ def budget(found: StudyCalibration, inputs: Inputs) -> Budget:
         columns.append((source, uncertainty, size(found, uncertainty)))
     total = np.sqrt(sum((values**2 for _, _, values in columns), np.zeros_like(statistical)))
     rows = tuple(Contribution(name, u, _rms(values), float(values.max())) for name, u, values in columns)
-    return Budget(rows, _rms(total), float(total.max()))
+    expanded = tuple(tuple(row) for row in (2.0 * total).tolist())
+    return Budget(inputs, rows, expanded, _rms(total), float(total.max()))
 
 
 @dataclass(frozen=True)

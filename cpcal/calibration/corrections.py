@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.calibration.estimate import chances
 from cpcal.calibration.leg_equations import LegEquations
+from cpcal.calibration.reliability import chances
 from cpcal.calibration.weights import Noise, whitening
 from cpcal.common.arrays import Floats
 from cpcal.robot import Campaign

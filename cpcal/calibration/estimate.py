@@ -21,7 +21,7 @@ from scipy import special
 
 from cpcal.calibration.leg_equations import Form, LegEquations, weighted_jacobian
 from cpcal.calibration.losses import Loss, pseudo_residuals
-from cpcal.calibration.reliability import noise_share
+from cpcal.calibration.reliability import chances, noise_share
 from cpcal.calibration.weights import Noise, Weights
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
@@ -293,11 +293,3 @@ class Fit:
     def doubted(self) -> bool:
         """Whether the residuals decided against the noise."""
         return self.chosen and self.source == "residuals" and self.noise is not None
-
-
-def chances(square: float, freedom: float, known: float) -> tuple[float, float]:
-    """Of so small, and so large, a sum of squares in standard deviations known with so many degrees of freedom."""
-    if np.isinf(known):
-        return float(special.chdtr(freedom, square)), float(special.chdtrc(freedom, square))
-    ratio = square / freedom
-    return float(special.fdtr(freedom, known, ratio)), float(special.fdtrc(freedom, known, ratio))

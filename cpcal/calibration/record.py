@@ -7,14 +7,18 @@ beside the record has them. Nothing of it is proved.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.calibration.budget import Budget, MonteCarlo
 from cpcal.calibration.diagnosis import Diagnosis
 from cpcal.calibration.distribution import ChannelStatistics
+from cpcal.calibration.pose_performance import PosePerformance
 from cpcal.calibration.repeat_tests import RepeatTests
+from cpcal.calibration.reversal import Reversal
 from cpcal.calibration.validation import NoiseFloor, PoseErrors, Validation
 from cpcal.robot import Pose, transformed
 
@@ -180,6 +184,9 @@ class CalibrationRecord:
     equation_sigma   (n,) mm: scatter of g between repeats
     robot_sigma      (n,) mm: scatter of the legs themselves, seen by camera and sensors alike; 0 where none is seen
     validation_all   that of x_c with the validation's outliers; None where there are none
+    reversal         of the legs (ISO 230-2); none where the direction of approach is not noted
+    performance      AP and RP of the validation poses (ISO 9283); None where some have one run only
+    budget, monte_carlo    uncertainty budget (GUM) and its check, where they were asked for
     """
 
     robot: str
@@ -207,6 +214,10 @@ class CalibrationRecord:
     validation: Errors
     validation_sigma: Errors
     validation_all: Errors | None
+    reversal: tuple[Reversal, ...]
+    performance: PosePerformance | None
+    budget: Budget | None
+    monte_carlo: MonteCarlo | None
 
     def __post_init__(self) -> None:
         """Raises ValueError when the parts are not of the same number of legs."""
@@ -245,6 +256,7 @@ class CalibrationRecord:
             f"Validation of x_c: {self.validation.validation.sentence}",
             f"Validation of x_c_sigma: {self.validation_sigma.validation.sentence}",
             *self._with_outliers(),
+            *self._standards(),
             self.diagnosis.sentence,
         )
 
@@ -262,6 +274,19 @@ class CalibrationRecord:
         if self.validation_all is None:
             return ()
         return (f"Validation of x_c with the outliers: {self.validation_all.validation.sentence}",)
+
+    def _standards(self) -> Iterator[str]:
+        """What the standards of the trade ask for."""
+        if self.performance is not None:
+            yield self.performance.sentence
+        if self.reversal:
+            targets = max(one.targets for one in self.reversal)
+            each = "; ".join(one.sentence for one in self.reversal)
+            yield (
+                f"Reversal values of the legs (formulas of ISO 230-2) over {targets} targets, noise of camera and "
+                f"sensors included: {each}."
+            )
+        yield from (part.sentence for part in (self.budget, self.monte_carlo) if part is not None)
 
 
 def _pose_errors(position: Numbers, orientation: Numbers) -> PoseErrors:

@@ -12,6 +12,7 @@ is near 0 for good data, where first-order propagation holds, and near 1 where s
 from __future__ import annotations
 
 import numpy as np
+from scipy import special
 
 from cpcal.calibration.leg_equations import LegEquations, weighted_jacobian
 from cpcal.calibration.weights import Noise
@@ -48,3 +49,11 @@ def _directions(noise: Noise) -> list[tuple[Floats, Floats, Floats]]:
 def _moved(equations: LegEquations, move: Floats, turn: Floats, longer: Floats) -> LegEquations:
     rotation = rotation_matrix(quaternion_from_rotation_vector(turn)) @ equations.rotation
     return LegEquations(equations.position + move, rotation, equations.length + longer, equations.form)
+
+
+def chances(square: float, freedom: float, known: float) -> tuple[float, float]:
+    """Of so small, and so large, a sum of squares in standard deviations known with so many degrees of freedom."""
+    if np.isinf(known):
+        return float(special.chdtr(freedom, square)), float(special.chdtrc(freedom, square))
+    ratio = square / freedom
+    return float(special.fdtr(freedom, known, ratio)), float(special.fdtrc(freedom, known, ratio))

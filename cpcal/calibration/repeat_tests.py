@@ -6,7 +6,8 @@ them in a hundred at level 0.01:
     runs         analysis of variance: do runs have means of their own, over all configurations? (drift, warming up)
     variances    Bartlett's test: do configurations scatter alike? (play that only some loads take up)
     modes        Hartigan's dip (play that is taken up from either side)
-    normality    D'Agostino and Pearson's and Shapiro and Wilk's
+    reversal     do runs that come from the other side differ? (backlash, hysteresis; where the direction is noted)
+    normality    Shapiro and Wilk's
 
 Channels are the readings themselves and, leg by leg, g between repeats (`Repeatability.equations`) in standard
 deviations that camera and sensors explain. There the robot's own scatter is no disturbance, and play is plain, which
@@ -24,12 +25,14 @@ import numpy as np
 from cpcal.calibration.dip import dip, dip_p_value
 from cpcal.calibration.distribution import ChannelStatistics
 from cpcal.calibration.repeatability import Repeatability
+from cpcal.calibration.reversal import reversals
 from cpcal.calibration.statistics import Deviations
 from cpcal.common.arrays import Floats, Ints
+from cpcal.robot import POSITIVE
 
 LEVEL = 0.01  # probability of a word in capitals for a study in which all is well
 
-RUNS, VARIANCES, MODES = "runs", "variances", "modes"
+RUNS, VARIANCES, MODES, REVERSAL = "runs", "variances", "modes", "reversal"
 _DIP_MIN = 10  # readings
 _RESTLESS = 1e-3  # probability of so large a scatter by noise from which a configuration counts as restless
 _RESTLESS_MIN = 4  # configurations
@@ -40,8 +43,8 @@ _OWN_SCALE = (
 
 @dataclass(frozen=True)
 class RepeatTest:
-    """One test of one channel: `statistic` F of "runs", chi-square over its degrees of freedom of "variances", the dip
-    of "modes"; `p` as it is, and `corrected` for the number of tests."""
+    """One test of one channel: `statistic` F of "runs" and of "reversal", chi-square over its degrees of freedom of
+    "variances", the dip of "modes"; `p` as it is, and `corrected` for the number of tests."""
 
     kind: str
     channel: str
@@ -74,6 +77,12 @@ class RepeatTests:
             (RUNS, "RUNS DIFFER", "Runs do not differ", "drift, or something changed between them"),
             (VARIANCES, "CONFIGURATIONS SCATTER DIFFERENTLY", "Configurations scatter alike", "play or stick-slip"),
             (MODES, "MORE THAN ONE MODE between repeats", "One mode between repeats", "backlash or hysteresis"),
+            (
+                REVERSAL,
+                "THE DIRECTION OF APPROACH MATTERS",
+                "Either direction leads to the same",
+                "backlash or hysteresis",
+            ),
         )
         return tuple(self._said(*words) for words in said if any(test.kind == words[0] for test in self.tests))
 
@@ -88,33 +97,44 @@ class RepeatTests:
 
 
 def repeat_tests(
-    found: Repeatability, runs: Sequence[str], statistics: Sequence[ChannelStatistics]
+    found: Repeatability,
+    runs: Sequence[str],
+    statistics: Sequence[ChannelStatistics],
+    approach: Sequence[str] | None = None,
 ) -> tuple[RepeatTests, tuple[ChannelStatistics, ...]]:
     """The tests, and the channels' statistics with their p-values corrected for the number of all tests.
 
     runs   the run of each of the rows that `found` is of
+    approach   from which side each of them came, where that is known
     """
     spread = found.spread
     legs = tuple(f"g of leg {k}" for k in range(1, found.equations.shape[1] + 1))
     safe = np.where(found.expected > 0.0, found.expected, 1.0)
     scaled = found.equations / safe
-    made = _runs((*spread.channels, *legs), np.concatenate([spread.values, scaled], axis=1), spread.group, runs)
+    every = np.concatenate([spread.values, scaled], axis=1)
+    made = _runs((*spread.channels, *legs), every, _same_direction(spread.group, approach), runs)
     made += _variances(legs, scaled, spread)
     made += _modes(legs, scaled, spread)
-    shapes = sum(not math.isnan(p) for one in statistics for p in (one.dagostino, one.shapiro, one.dip))
+    made += [
+        RepeatTest(REVERSAL, f"g of leg {one.leg}", one.statistic, one.p, one.p)
+        for one in reversals(found, approach)
+        if math.isfinite(one.p)
+    ]
+    shapes = sum(not math.isnan(p) for one in statistics for p in (one.shapiro, one.dip))
     count = len(made) + shapes
     tests = tuple(replace(test, corrected=min(1.0, count * test.p)) for test in made)
     return RepeatTests(tests, count), tuple(replace(one, tests=count) for one in statistics)
 
 
 def _runs(channels: Sequence[str], values: Floats, group: Ints, runs: Sequence[str]) -> list[RepeatTest]:
-    """Of two-way tables without interaction: what runs explain beside configurations."""
+    """Of two-way tables without interaction: what runs explain beside configurations (and directions)."""
     from scipy import stats  # here: it takes half a second to load, which certification need not wait for
 
     names = {name: k for k, name in enumerate(dict.fromkeys(runs))}
     number = np.array([names[name] for name in runs])
     if len(names) < 2:
         return []
+    values = values - _group_means(values, group)
     design = np.zeros((len(values), len(names) - 1))
     chosen = number < len(names) - 1
     design[np.flatnonzero(chosen), number[chosen]] = 1.0
@@ -133,6 +153,14 @@ def _runs(channels: Sequence[str], values: Floats, group: Ints, runs: Sequence[s
             p = float(stats.f.sf(f, between, rest))
             tests.append(RepeatTest(RUNS, name, f, p, p))
     return tests
+
+
+def _same_direction(group: Ints, approach: Sequence[str] | None) -> Ints:
+    """Groups of a configuration's runs that came from the same side: a run all of one side is no drift."""
+    if approach is None:
+        return group
+    sides = np.array(approach) == POSITIVE
+    return np.unique(2 * group + sides, return_inverse=True)[1].astype(np.int64)
 
 
 def _variances(legs: Sequence[str], scaled: Floats, spread: Deviations) -> list[RepeatTest]:

@@ -20,8 +20,10 @@ from cpcal.calibration.distribution import ChannelStatistics, describe
 from cpcal.calibration.estimate import Fit
 from cpcal.calibration.fit import fit
 from cpcal.calibration.frames import FrameCalibration, calibrate_frames, redefined
+from cpcal.calibration.pose_performance import PosePerformance, pose_performance
 from cpcal.calibration.repeat_tests import RepeatTests, repeat_tests
 from cpcal.calibration.repeatability import Repeatability, repeatability
+from cpcal.calibration.reversal import Reversal, reversals
 from cpcal.calibration.screening import Screening
 from cpcal.calibration.statistics import Deviations, campaign_deviations
 from cpcal.calibration.study_rows import StudyRows, study_rows
@@ -43,6 +45,7 @@ class StudyCalibration:
     statistics_all    the same with the outliers
     repeats       whose scatter that is: camera's, sensors', robot's
     tests         drift, play, modes
+    reversal      reversal values of the legs (ISO 230-2); none where the direction of approach is not noted
     diagnosis     which mechanism is named, of repeats and of the means of calibration and validation poses together
     frames        camera in base, target in mobile, from pairs of poses: where the fits start
     base_frame, mobile_frame    the same from the calibrated joint centres (of x_c_sigma) laid on the drawing's
@@ -52,6 +55,7 @@ class StudyCalibration:
     x_c_f         plain least squares of the paper's f
     validation, validation_sigma    pose errors with x_c and x_c_sigma, against the drawing's (table 6, figure 5)
     validation_all    that of x_c with the validation's outliers; None where there are none
+    performance   AP and RP of the validation poses (ISO 9283) with x_c_sigma; None where some have one run only
     """
 
     screening: Screening
@@ -61,6 +65,7 @@ class StudyCalibration:
     statistics_all: tuple[ChannelStatistics, ...]
     repeats: Repeatability
     tests: RepeatTests
+    reversal: tuple[Reversal, ...]
     diagnosis: Diagnosis
     frames: FrameCalibration
     base_frame: Alignment
@@ -73,6 +78,7 @@ class StudyCalibration:
     validation: Validation
     validation_sigma: Validation
     validation_all: Validation | None
+    performance: PosePerformance | None
 
 
 def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, of: Of = "mean") -> StudyCalibration:
@@ -91,7 +97,7 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
     repeats = repeatability(rows.runs)
     spreads = campaign_deviations(rows.good), repeats.spread
     statistics = _described(*spreads)
-    tests, statistics = repeat_tests(repeats, rows.run_names, statistics)
+    tests, statistics = repeat_tests(repeats, rows.run_names, statistics, rows.run_approach)
     sigma = repeats.noise_sigma if of == "mean" else rows.single_sigma(repeats)
     campaign = averaged(rows.runs, of=of, factor=factor, sigma=sigma)
     check = averaged(check_rows.runs, of=of, factor=factor, sigma=sigma)
@@ -109,6 +115,7 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
         else _described(*map(campaign_deviations, (rows.all, rows.all_runs))),
         repeats=repeats,
         tests=tests,
+        reversal=reversals(repeats, rows.run_approach),
         diagnosis=diagnosis(Poses.of((campaign, check), (noise, check_noise)), x_c_sigma.parameters, tests),
         frames=frames,
         base_frame=base,
@@ -121,6 +128,7 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
         validation=validate(check, x_c.parameters, forward, noise=check_noise),
         validation_sigma=validate(check, x_c_sigma.parameters, forward, noise=check_noise),
         validation_all=_with_outliers(check_rows, x_c, check_noise, repeats.noise_sigma),
+        performance=pose_performance(check_rows.runs, robot.parameters, x_c_sigma.parameters, forward),
     )
 
 

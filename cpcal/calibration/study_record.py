@@ -6,6 +6,7 @@ import numpy as np
 
 from cpcal.calibration.alignment import Alignment
 from cpcal.calibration.averaging import Of
+from cpcal.calibration.budget import Budget, MonteCarlo
 from cpcal.calibration.estimate import Fit
 from cpcal.calibration.own_frame import CONVENTIONS, Convention, in_own_frame, own_frame_covariance
 from cpcal.calibration.record import (
@@ -32,8 +33,16 @@ _BINS = 31  # of a histogram
 _REACH = 4.0  # standard deviations to each side; the outermost bins hold what is beyond
 
 
-def recorded(study: Study, found: StudyCalibration, *, factor: float, of: Of = "mean") -> CalibrationRecord:
-    """The record of what `calibrate_study` found with that factor, and sets of that width."""
+def recorded(
+    study: Study,
+    found: StudyCalibration,
+    *,
+    factor: float,
+    of: Of = "mean",
+    budget: Budget | None = None,
+    monte_carlo: MonteCarlo | None = None,
+) -> CalibrationRecord:
+    """The record of what `calibrate_study` found with that factor, and sets of that width; and of its budget."""
     check = found.check_screening
     return CalibrationRecord(
         robot=study.robot.name,
@@ -61,6 +70,10 @@ def recorded(study: Study, found: StudyCalibration, *, factor: float, of: Of = "
         validation=_errors(found.validation),
         validation_sigma=_errors(found.validation_sigma),
         validation_all=None if found.validation_all is None else _errors(found.validation_all),
+        reversal=found.reversal,
+        performance=found.performance,
+        budget=budget,
+        monte_carlo=monte_carlo,
     )
 
 

@@ -24,6 +24,7 @@ class StudyRows:
     runs        one measurement for each pose and run: means of the good rows' images. Where no pose has a second run,
                 images count as runs; all_runs: with the outliers
     run_names   the runs of those
+    run_approach    from which side they came; None where that is not known
     """
 
     all: Campaign
@@ -32,6 +33,7 @@ class StudyRows:
     runs: Campaign
     all_runs: Campaign
     run_names: tuple[str, ...]
+    run_approach: tuple[str, ...] | None
 
     @property
     def screened(self) -> Screening:
@@ -65,7 +67,14 @@ def study_rows(table: PoseTable, robot: Robot) -> StudyRows:
     runs = np.array(table.run if _has_runs(table) else rows.run)
     means, names = _run_means(good, tuple(runs[keep].tolist()))
     every = means if keep.all() else _run_means(rows, tuple(runs.tolist()))[0]
-    return StudyRows(rows, found, good, means, every, names)
+    return StudyRows(rows, found, good, means, every, names, _approaches(table, means, names))
+
+
+def _approaches(table: PoseTable, runs: Campaign, names: tuple[str, ...]) -> tuple[str, ...] | None:
+    if table.approach is None or not _has_runs(table):
+        return None
+    known = dict(zip(zip(table.pose, table.run, strict=True), table.approach, strict=True))
+    return tuple(known[key] for key in zip(runs.pose, names, strict=True))
 
 
 def _screened(rows: Campaign, table: PoseTable) -> Screening | None:

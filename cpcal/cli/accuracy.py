@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.findings import Accuracy, save_accuracy
 from cpcal.accuracy.workspace import Workspace
 from cpcal.checker import Refused, Unusable, check_run
 from cpcal.cli.folders import check_target, output_path
-from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
+from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.files import load_campaign, load_campaign_json
 from cpcal.files.poses_reader import load_poses
@@ -30,6 +31,7 @@ class Controller(StrEnum):
     PROVED = "proved"
 
 
+@talking
 def accuracy_of(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder that certify wrote, with all six legs.")],
     folder: Annotated[
@@ -39,7 +41,7 @@ def accuracy_of(
             "-o",
             metavar="DIR",
             parser=output_path,
-            help="Folder for accuracy.json, accuracy.html and campaign.json; replaced there.",
+            help="Folder for accuracy.json, accuracy.html, campaign.json and certificates; replaced there.",
         ),
     ],
     workspace: Annotated[
@@ -59,6 +61,8 @@ def accuracy_of(
     ] = None,
     gap: Annotated[float, typer.Option(help="Relative width at which the worst of the workspace is settled.")] = 0.2,
     cells: Annotated[int, typer.Option(help="Of the workspace, at most.")] = 600,
+    *,
+    talk: Talk,
 ) -> None:
     """How far off can the platform of a certified RUN be, at given poses or anywhere in a workspace?
 
@@ -71,24 +75,27 @@ def accuracy_of(
     named = None if poses is None else NamedPoses(*load_poses(poses))
     check_target(folder, ACCURACY)
     _check(run)
-    campaign, errors = load_campaign_json(run), terminal(stderr=True)
-    found = certify_accuracy(
-        campaign,
-        load_result(run),
-        poses=named,
-        workspace=space,
-        model_error=None if model_error is None else _numbers(model_error),
-        controller=controller.value,
-        validation=None if validation is None else load_campaign(validation),
-        gap=gap,
-        cells=cells,
-        tell=(lambda text: errors.print(text)) if errors.is_terminal else None,
-    )
+    campaign = load_campaign_json(run)
+    error = None if model_error is None else _numbers(model_error)
+    known = None if validation is None else load_campaign(validation)
     with answers_into(folder, ACCURACY, campaign) as draft:
+        found = certify_accuracy(
+            campaign,
+            load_result(run),
+            poses=named,
+            workspace=space,
+            model_error=error,
+            controller=controller.value,
+            validation=known,
+            gap=gap,
+            cells=cells,
+            certificates=draft,
+            tell=talk.progress(),
+        )
         save_accuracy(found, draft)
         write_accuracy(found, draft)
-    _show(found)
-    terminal().print(f"Page: {folder / ACCURACY_PAGE}", soft_wrap=True)
+    _show(talk.out, found)
+    talk.say(f"Page: {folder / ACCURACY_PAGE}")
     raise typer.Exit(_status(found))
 
 
@@ -113,8 +120,7 @@ def _numbers(text: str) -> float | tuple[float, ...]:
     return values[0] if len(values) == 1 else values
 
 
-def _show(found: Accuracy) -> None:
-    console = terminal()
+def _show(console: Console, found: Accuracy) -> None:
     for text in (assumption(found), *sentences(found)):
         console.print(text, soft_wrap=not console.is_terminal)
 

@@ -13,9 +13,11 @@ from rich.table import Table
 from rich.text import Text
 
 from cpcal.calibration import RECORD_NAME, CalibrationRecord, StudyCalibration, calibrate_study, recorded, save_record
+from cpcal.cli.budget_flags import BudgetFlags
 from cpcal.cli.folders import CAMPAIGN, VALIDATION, check_writable, unwritable
-from cpcal.cli.show import terminal
+from cpcal.cli.grouped import grouped
 from cpcal.cli.suspected import warn
+from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import load_study, save_campaign
 from cpcal.report import study_tables
@@ -38,6 +40,8 @@ class FrameName(StrEnum):
     MINIMAL = "minimal"
 
 
+@talking
+@grouped(BudgetFlags)
 def calibrate(
     study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of study.toml and two tables of poses.")],
     output: Annotated[
@@ -67,6 +71,9 @@ def calibrate(
             "own: centroid (the paper's tables 4 and 5), minimal (its Omega_a and Omega_b)."
         ),
     ] = FrameName.CENTROID,
+    *,
+    options: BudgetFlags,
+    talk: Talk,
 ) -> None:
     """Calibrate a STUDY as is usual: statistics, frames, least squares x_c and x_c_sigma, validation. Proves nothing.
 
@@ -75,14 +82,16 @@ def calibrate(
     """
     if not 0.0 < factor < float("inf"):
         raise InputError([Problem("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")])
+    inputs = options.checked()
     check_writable(output)
     measured = load_study(study)
     found = calibrate_study(measured, method=method.value, factor=factor, of=of.value)
-    record = recorded(measured, found, factor=factor, of=of.value)
+    made, simulated = options.made(found, inputs)
+    record = recorded(measured, found, factor=factor, of=of.value, budget=made, monte_carlo=simulated)
     warn(found.campaign)
     write_calibration(found, record, output)
-    show_record(terminal(), record, frame.value)
-    typer.echo(printable(f"Campaign to certify: {output / CAMPAIGN}. Everything above: {output / RECORD_NAME}"))
+    show_record(talk.out, record, frame.value)
+    talk.say(f"Campaign to certify: {output / CAMPAIGN}. Everything above: {output / RECORD_NAME}")
 
 
 def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder: Path) -> None:
@@ -111,6 +120,7 @@ def show_record(console: Console, record: CalibrationRecord, frame: str = FrameN
         ("Standard deviations in the calibration equations [mm]", study_tables.equations(record)),
         *((f"{name} [mm, frame: {frame}]", study_tables.parameters(record, fit, frame)) for name, fit in fits.items()),
         ("Errors of the validation poses", study_tables.validation(record)),
+        *study_tables.standards(record),
     )
     for heading, content in tables:
         console.print(Text(heading, style="bold"))

@@ -15,7 +15,7 @@ from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.projections import with_projections
 from cpcal.certify.question import Progress, Question
 from cpcal.cli.progress import watch
-from cpcal.cli.show import show_result, terminal
+from cpcal.cli.show import show_result
 from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record
 from cpcal.common.errors import InputError
@@ -41,7 +41,7 @@ def certified_into(
     `checker`: the page checks the certificates itself.
     What is printed is never lost to a disk that is full: the InputError comes afterwards.
     """
-    talk = talk or Talk()
+    talk = replace(talk or Talk(), quiet=True) if as_json else talk or Talk()
     options, model = checked_options(campaign, **given)
     record("certify", robot=campaign.robot.name, measurements=len(campaign), options=options)
     question = Question(campaign=campaign, options=options, model=model)
@@ -49,7 +49,7 @@ def certified_into(
     failure: InputError | None = None
     try:
         with answers_into(run, RUN, campaign) as draft:
-            result = _watched(question, draft, quiet=as_json or talk.quiet)
+            result = _watched(question, draft, talk)
             save_result(result, draft)
             write_report(campaign, result, draft, checker=checker)
     except InputError as error:
@@ -60,20 +60,19 @@ def certified_into(
     if as_json:
         typer.echo(result_text(result), nl=False)
     elif not talk.quiet:
-        console = terminal()
-        show_result(console, campaign, result, model, verbose=talk.verbose)
+        show_result(talk.out, campaign, result, model, verbose=talk.verbose)
         if failure is None:
-            console.print(f"Report: {run / REPORT_NAME}", soft_wrap=True)
+            talk.say(f"Report: {run / REPORT_NAME}")
     if failure is not None:
         raise failure
     record("written", folder=str(run))
     return result
 
 
-def _watched(question: Question, draft: Path, *, quiet: bool) -> Result:
-    """The answers, with ranges and what the report draws. Progress goes to stderr unless `quiet`."""
+def _watched(question: Question, draft: Path, talk: Talk) -> Result:
+    """The answers, with ranges and what the report draws. Progress goes to stderr unless `talk` is quiet."""
     legs = list(question.options.legs or range(1, question.campaign.legs + 1))
-    watching = nullcontext() if quiet else watch(legs, question.options.gap, terminal(stderr=True))
+    watching = nullcontext() if talk.quiet else watch(legs, question.options.gap, talk.errors)
     with watching as progress:
         result = answered(replace(question, certificates=draft, progress=_recorded(progress)))
         result = with_ranges(question.campaign, result, certificates=draft, model=question.model)

@@ -13,7 +13,7 @@ from cpcal.cli.certified_run import certified_into, status_of
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
 from cpcal.cli.suspected import read_campaign
-from cpcal.cli.talk import Talk, logging_to
+from cpcal.cli.talk import Talk, talking
 from cpcal.files.run_folder import RUN
 
 
@@ -40,8 +40,8 @@ class Support(StrEnum):
 
 
 @dataclass(frozen=True)
-class CertifyFlags(Talk):
-    """The options of the command line: those of `cpcal.certify`, and how much is said."""
+class CertifyFlags:
+    """The options of the command line: those of `cpcal.certify`."""
 
     legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None
     delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0
@@ -90,6 +90,7 @@ class CertifyFlags(Talk):
         }
 
 
+@talking
 @grouped(CertifyFlags)
 def certify(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
@@ -107,6 +108,7 @@ def certify(
     no_checker: Annotated[bool, typer.Option("--no-checker", help="A page that does not check itself.")] = False,
     *,
     options: CertifyFlags,
+    talk: Talk,
 ) -> None:
     """Bracket, leg by leg, the smallest model error eps of a CAMPAIGN, by proofs from both sides.
 
@@ -116,10 +118,7 @@ def certify(
     """
     given = options.given()
     check_target(run, RUN, campaign)
-    with logging_to(options.log):
-        result = certified_into(
-            run, read_campaign(campaign), given, as_json=as_json, talk=options, checker=not no_checker
-        )
+    result = certified_into(run, read_campaign(campaign), given, as_json=as_json, talk=talk, checker=not no_checker)
     raise typer.Exit(status_of(result))
 
 

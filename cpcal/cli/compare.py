@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 from rich import box
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -16,10 +17,10 @@ from cpcal.certify.compare import compared, comparison_question
 from cpcal.cli.certify import Engine, names_of, numbers_of
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
-from cpcal.cli.show import STYLES, terminal
+from cpcal.cli.show import STYLES
 from cpcal.cli.status import Status
 from cpcal.cli.suspected import read_campaign
-from cpcal.cli.talk import Talk, logging_to, record
+from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, printable
 from cpcal.common.numbers import nearest
 from cpcal.files.run_folder import COMPARED as FOLDER
@@ -39,8 +40,8 @@ from cpcal.robot import Campaign
 
 
 @dataclass(frozen=True)
-class CompareFlags(Talk):
-    """The options of the command line: those of `cpcal.compare`, and how much is said."""
+class CompareFlags:
+    """The options of the command line: those of `cpcal.compare`."""
 
     models: Annotated[str, typer.Option(metavar="A,B", help="Leg models.")] = ",".join(COMPARED)
     tolerance: Annotated[float | None, typer.Option(metavar="MM", help="Say which models are refuted at it.")] = None
@@ -51,6 +52,7 @@ class CompareFlags(Talk):
     arithmetic: Annotated[Engine, typer.Option(help="Rigorous arithmetic.")] = Engine.FLOAT64
 
 
+@talking
 @grouped(CompareFlags)
 def compare_models(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
@@ -67,6 +69,7 @@ def compare_models(
     as_json: Annotated[bool, typer.Option("--json", help="Print compare.json and nothing else.")] = False,
     *,
     options: CompareFlags,
+    talk: Talk,
 ) -> None:
     """Bracket the smallest model error eps of every leg of a CAMPAIGN under each of several leg models.
 
@@ -75,21 +78,20 @@ def compare_models(
     """
     legs = None if options.legs is None else numbers_of(options.legs)
     check_target(folder, FOLDER, campaign)
-    with logging_to(options.log):
-        found, failure = _written(read_campaign(campaign), options, legs, folder, quiet=as_json or options.quiet)
-        if as_json:
-            typer.echo(comparison_text(found), nl=False)
-        elif not options.quiet:
-            _show(found, verbose=options.verbose)
-        if failure is not None:
-            raise failure
-    if not (as_json or options.quiet):
-        terminal().print(f"Page: {folder / COMPARISON_PAGE}", soft_wrap=True)
+    if as_json:
+        talk = replace(talk, quiet=True)
+    found, failure = _written(read_campaign(campaign), options, legs, folder, talk)
+    if as_json:
+        typer.echo(comparison_text(found), nl=False)
+    _show(talk.out, found, verbose=talk.verbose)
+    if failure is not None:
+        raise failure
+    talk.say(f"Page: {folder / COMPARISON_PAGE}")
     raise typer.Exit(_status(found))
 
 
 def _written(
-    campaign: Campaign, options: CompareFlags, legs: tuple[int, ...] | None, folder: Path, *, quiet: bool
+    campaign: Campaign, options: CompareFlags, legs: tuple[int, ...] | None, folder: Path, talk: Talk
 ) -> tuple[Comparison, InputError | None]:
     """What was found, and why it could not be written."""
     question, models = comparison_question(
@@ -102,12 +104,11 @@ def _written(
         time_limit=options.time_limit,
         arithmetic=options.arithmetic.value,
     )
-    errors = terminal(stderr=True)
+    errors = talk.errors
 
     def tell(entry: Entry) -> None:
         record("entry", subject=entry.subject, model=entry.model, eps_lo=entry.eps_lo, eps_hi=entry.eps_hi)
-        if not quiet:
-            errors.print(f"{entry.subject}, {entry.model}: {nearest(entry.seconds, 1)} s", soft_wrap=True)
+        errors.print(f"{entry.subject}, {entry.model}: {nearest(entry.seconds, 1)} s", soft_wrap=True)
 
     found: Comparison | None = None
     try:
@@ -122,8 +123,7 @@ def _written(
     return found, None
 
 
-def _show(found: Comparison, *, verbose: bool) -> None:
-    console = terminal()
+def _show(console: Console, found: Comparison, *, verbose: bool) -> None:
     wrapped = not console.is_terminal
     if not verbose:
         for line in comparison_lines(found):

@@ -10,8 +10,9 @@ import typer
 
 from cpcal.cli.folders import check_writable, made
 from cpcal.cli.progress import bar
+from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.atomic import write_file
-from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.errors import InputError, Problem
 from cpcal.files.study_writer import table_bytes
 from cpcal.vision.batch.detect import Detections, ImageFolder, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table
@@ -26,6 +27,7 @@ from cpcal.vision.target import Target
 _NAMED = 3  # files for each reason
 
 
+@talking
 def detect_poses(
     images: Annotated[
         Path, typer.Argument(metavar="IMAGES", help="Folder of PNG, JPEG or TIFF files, and below; or a video file.")
@@ -55,6 +57,8 @@ def detect_poses(
     refine_dots: Annotated[
         bool, typer.Option("--refine-dots", help="With --calibrate: the places of the dots on the plate, too.")
     ] = False,
+    *,
+    talk: Talk,
 ) -> None:
     """Poses of a target in IMAGES. An image that shows none is a row with the reason, and stops no other.
 
@@ -65,30 +69,30 @@ def detect_poses(
     for file in (output, *([table] if table else [])):
         check_writable(file.absolute().parent)
     if camera is None:
-        _calibrate(images, load_target(target), output, refine_dots)
+        _calibrate(images, load_target(target), output, refine_dots, talk)
         return
-    plate, record, known = _loaded(target, camera, readings)
-    lens = record.camera
+    plate, lens_file, known = _loaded(target, camera, readings)
+    lens = lens_file.camera
     size = (lens.width, lens.height)
     source = VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
     made(output.absolute().parent)
-    with bar("images") as progress:
+    with bar("images", quiet=talk.quiet) as progress:
         found = detect(
             source,
             plate,
             lens,
-            record.covariance,
+            lens_file.covariance,
             journal=output.with_name(f"{output.name}.journal"),
             workers=workers,
             progress=progress,
             overlays=overlays,
         )
     write_file(output, detections_bytes(found.rows))
-    show_detections(found, output)
+    show_detections(found, output, talk)
     if known is not None and table is not None:
         made(table.absolute().parent)
         write_file(table, table_bytes(study_table(found.rows, known)))
-        typer.echo(f"Table of a study: {printable(table)}")
+        talk.say(f"Table of a study: {table}")
 
 
 def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, CameraRecord, Readings | None]:
@@ -102,25 +106,25 @@ def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, 
             problems += error.problems
     if problems:
         raise InputError(problems)
-    plate, record, known = found
-    return plate, record, known
+    plate, lens_file, known = found
+    return plate, lens_file, known
 
 
-def show_detections(found: Detections, where: Path) -> None:
-    """Counts, and each reason with some files."""
+def show_detections(found: Detections, where: Path, talk: Talk) -> None:
+    """Counts, and each reason with some files, or with all."""
     poses = sum(row.found for row in found.rows)
+    record("images", images=len(found.rows), poses=poses, measured=found.measured)
     work = sum(seconds for stage, seconds in found.seconds.items() if stage != RenderedImages.stage)
     pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
-    typer.echo(
-        f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {printable(where)}"
-    )
+    talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {where}")
     doubtful = [row for row in found.rows if row.doubt]
     if doubtful:
         worst = max(doubtful, key=lambda row: row.values[SCALE])
-        typer.echo(f"  {len(doubtful):,} of the poses are doubtful; {printable(worst.file)}: {printable(worst.doubt)}")
+        talk.say(f"  {len(doubtful):,} of the poses are doubtful; {worst.file}: {worst.doubt}")
     for reason, files in by_reason(found.rows).items():
-        more = f" and {len(files) - _NAMED:,} more" if len(files) > _NAMED else ""
-        typer.echo(f"  {len(files):,} x {printable(reason)}: {', '.join(map(printable, files[:_NAMED]))}{more}")
+        named = len(files) if talk.verbose else _NAMED
+        more = f" and {len(files) - named:,} more" if len(files) > named else ""
+        talk.say(f"  {len(files):,} x {reason}: {', '.join(files[:named])}{more}")
 
 
 def by_reason(rows: Sequence[Detection]) -> dict[str, list[str]]:
@@ -132,21 +136,21 @@ def by_reason(rows: Sequence[Detection]) -> dict[str, list[str]]:
     return dict(sorted(found.items(), key=lambda item: -len(item[1])))
 
 
-def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool) -> None:
+def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool, talk: Talk) -> None:
     """The camera; with refined dots also the target that was found, beside it."""
     files = [images / name for name in ImageFolder(images).names]
     found = calibrate_from_images(files, plate, refine_dots=refine_dots)
     save_camera(found.record(), output)
     for line in str(found).split("\n"):
-        typer.echo(printable(line))
+        talk.say(line)
     for view in found.views:
         if not view.reason:
-            typer.echo(f"  {printable(view.name)}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")
-    typer.echo(f"Camera: {printable(output)}")
+            talk.say(f"  {view.name}: {view.used.sum()} dots, RMS {view.rms:.4f} px per axis")
+    talk.say(f"Camera: {output}")
     if refine_dots:
         refined = output.with_name("refined-target.toml")
         save_target(found.target, refined)
-        typer.echo(f"Target as it was seen: {printable(refined)}")
+        talk.say(f"Target as it was seen: {refined}")
 
 
 def _is_video(images: Path) -> bool:

@@ -11,12 +11,13 @@ from typing import Any, TypeVar, get_type_hints
 T = TypeVar("T")
 
 
-def grouped(options: type[Any]) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """A command whose last parameter is such a dataclass takes its fields as options of the command line."""
+def grouped(options: type[Any], parameter: str = "options") -> Callable[[Callable[..., T]], Callable[..., T]]:
+    """A command with a parameter that is such a dataclass takes its fields as options of the command line."""
 
     def decorate(command: Callable[..., T]) -> Callable[..., T]:
         hints = get_type_hints(options, include_extras=True)
-        own = list(inspect.signature(command, eval_str=True).parameters.values())[:-1]
+        known = inspect.signature(command, eval_str=True).parameters.values()
+        own = [one for one in known if one.name != parameter]
         names = [field.name for field in fields(options)]
         added = [
             inspect.Parameter(
@@ -31,7 +32,7 @@ def grouped(options: type[Any]) -> Callable[[Callable[..., T]], Callable[..., T]
         @wraps(command)
         def run(**given: Any) -> T:
             chosen = options(**{name: given.pop(name) for name in names})
-            return command(**given, options=chosen)
+            return command(**given, **{parameter: chosen})
 
         del run.__wrapped__  # or its signature would count
         run.__signature__ = inspect.Signature([*own, *added])  # type: ignore[attr-defined]

@@ -8,11 +8,12 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich import box
+from rich.console import Console
 from rich.table import Table
 
 from cpcal.cli.folders import check_writable, output_path
-from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
+from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import rounded_down, rounded_up
 from cpcal.files.run_folder import HANDEYE, answers_into, check_replaceable
@@ -25,6 +26,7 @@ from cpcal.handeye.verify_hand_eye import verify_hand_eye
 from cpcal.report.hand_eye_page import HAND_EYE_PAGE, write_hand_eye
 
 
+@talking
 def hand_eye(
     study: Annotated[
         Path, typer.Argument(metavar="STUDY", help="Folder of handeye.toml, a camera file, poses.csv, points.csv.")
@@ -45,6 +47,8 @@ def hand_eye(
     ] = None,
     gap: Annotated[float, typer.Option(help="Relative width of the bracket that is asked for.")] = GAP,
     time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds for each proof, at most.")] = None,
+    *,
+    talk: Talk,
 ) -> None:
     """How well can any camera and target frames explain the pixels of a STUDY, and how well are the frames known?
 
@@ -54,7 +58,6 @@ def hand_eye(
     check_writable(folder)
     check_replaceable(folder, HANDEYE)
     loaded = _chosen(load_hand_eye(study), images)
-    errors = terminal(stderr=True)
     with answers_into(folder, HANDEYE) as draft:
         for name, content in hand_eye_files(loaded).items():
             (draft / name).write_bytes(content)
@@ -65,12 +68,12 @@ def hand_eye(
             gap=gap,
             certificates=draft,
             time_limit=np.inf if time_limit is None else time_limit,
-            tell=(lambda text: errors.print(text)) if errors.is_terminal else lambda text: None,
+            tell=talk.progress(),
         )
         save_hand_eye_result(found, draft)
         write_hand_eye(found, draft)
-    _show(found)
-    terminal().print(f"Page: {folder / HAND_EYE_PAGE}", soft_wrap=True)
+    _show(talk.out, found)
+    talk.say(f"Page: {folder / HAND_EYE_PAGE}")
     raise typer.Exit(_status(found))
 
 
@@ -85,8 +88,7 @@ def _chosen(study: HandEyeStudy, images: str | None) -> HandEyeStudy:
     return study.part(np.array([study.images.index(name) for name in names], dtype=np.intp))
 
 
-def _show(found: HandEyeResult) -> None:
-    console = terminal()
+def _show(console: Console, found: HandEyeResult) -> None:
     for text in sentences(found):
         console.print(printable(text), soft_wrap=not console.is_terminal)
     if found.ranges.empty:
@@ -106,9 +108,9 @@ def _status(found: HandEyeResult) -> Status:
     return Status.ANSWERED if found.complete else Status.UNKNOWN
 
 
-def hand_eye_verified(folder: Path) -> bool:
+def hand_eye_verified(folder: Path, talk: Talk) -> bool:
     """Check a run and say what is proved. Raises InputError where there is nothing to check."""
     found = verify_hand_eye(folder)
     for _, sentence in found:
-        typer.echo(printable(sentence))
+        talk.say(sentence)
     return all(accepted for accepted, _ in found)

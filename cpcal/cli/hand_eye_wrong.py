@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 
 from cpcal.cli.folders import check_writable, output_path
-from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
-from cpcal.common.errors import printable
+from cpcal.cli.talk import Talk, talking
 from cpcal.common.numbers import at_least, at_most
 from cpcal.files.run_folder import HANDEYE_WRONG, answers_into, check_replaceable
 from cpcal.handeye.certify_hand_eye import Within
@@ -19,6 +18,7 @@ from cpcal.handeye.verify_wrong_images import verify_wrong_images
 from cpcal.handeye.wrong_images import WrongImages, find_wrong_images, save_wrong_images
 
 
+@talking
 def wrong_images(
     study: Annotated[
         Path, typer.Argument(metavar="STUDY", help="Folder of handeye.toml, a camera file, poses.csv, points.csv.")
@@ -35,6 +35,8 @@ def wrong_images(
     tolerance: Annotated[
         float | None, typer.Option(metavar="PX", help="Largest error of right images.", show_default="1.1 eps*")
     ] = None,
+    *,
+    talk: Talk,
 ) -> None:
     """Bracket the least largest error of a STUDY when some images may be wrong, and prove which ones are.
 
@@ -42,7 +44,7 @@ def wrong_images(
     """
     check_writable(folder)
     check_replaceable(folder, HANDEYE_WRONG)
-    loaded, errors = load_hand_eye(study), terminal(stderr=True)
+    loaded = load_hand_eye(study)
     with answers_into(folder, HANDEYE_WRONG) as draft:
         for name, content in hand_eye_files(loaded).items():
             (draft / name).write_bytes(content)
@@ -52,11 +54,11 @@ def wrong_images(
             draft,
             within=Within.parsed(within),
             tolerance=tolerance,
-            tell=(lambda text: errors.print(text)) if errors.is_terminal else lambda text: None,
+            tell=talk.progress(),
         )
         save_wrong_images(found, draft)
     for text in _sentences(found):
-        typer.echo(printable(text))
+        talk.say(text)
     raise typer.Exit(Status.ANSWERED if found.eps_lo > 0.0 else Status.UNKNOWN)
 
 
@@ -76,9 +78,9 @@ def _sentences(found: WrongImages) -> list[str]:
     return said
 
 
-def wrong_images_verified(folder: Path) -> bool:
+def wrong_images_verified(folder: Path, talk: Talk) -> bool:
     """Check a run and say what is proved. Raises InputError where there is nothing to check."""
     found = verify_wrong_images(folder)
     for _, sentence in found:
-        typer.echo(printable(sentence))
+        talk.say(sentence)
     return all(accepted for accepted, _ in found)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from rich import box
 from rich.table import Table
 
-from cpcal.cli.show import terminal
+from cpcal.cli.terminal import terminal
 from cpcal.common.errors import CpcalError, printable
 from cpcal.legs import known, leg_model
 from cpcal.solver import plugins as registry

@@ -146,10 +146,10 @@ def watch(legs: Sequence[int], gap: float, console: Console) -> Generator[Callab
 
 
 @contextmanager
-def bar(what: str) -> Generator[Callable[[int, int], None] | None, None, None]:
+def bar(what: str, *, quiet: bool = False) -> Generator[Callable[[int, int], None] | None, None, None]:
     """A callback for how many are done, and of how many, that draws a bar on stderr; None where that is no terminal."""
     console = Console(stderr=True)
-    if not console.is_terminal:
+    if quiet or not console.is_terminal:
         yield None
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

@@ -10,9 +10,9 @@ import typer
 from cpcal.certify.recomputed import stated_otherwise
 from cpcal.cli.checked import checked_legs
 from cpcal.cli.folders import FITS, PIXEL_RUN, RUN, check_writable, output_path
-from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import holds_study, study_found
+from cpcal.cli.terminal import terminal
 from cpcal.cli.verify import other_fits
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable

@@ -7,21 +7,23 @@ from typing import Annotated
 
 import typer
 from rich import box
+from rich.console import Console
 from rich.table import Table
 
 from cpcal.certify.certify_robust import certify_robust
 from cpcal.checker import ROBUST_NAME, Refused, Unusable, check_robust
-from cpcal.cli.certify import numbers_of
+from cpcal.cli.certify import Center, numbers_of
 from cpcal.cli.folders import check_target, output_path
-from cpcal.cli.show import terminal
 from cpcal.cli.status import Status
 from cpcal.cli.suspected import read_campaign
-from cpcal.common.errors import InputError, Problem, printable
+from cpcal.cli.talk import Talk, record, talking
+from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_least, at_most, bracket_text
 from cpcal.files.run_folder import ROBUST
 from cpcal.results.robust import RobustResult
 
 
+@talking
 def robust_brackets(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
     folder: Annotated[
@@ -34,16 +36,20 @@ def robust_brackets(
             help="Folder for robust.json, campaign.json and certificates; replaced there.",
         ),
     ],
-    outliers: Annotated[
-        int, typer.Option("--outliers", "-q", help="Measurements of a leg that may be wrong, at most.")
-    ],
+    outliers: Annotated[int, typer.Option(help="Measurements of a leg that may be wrong, at most.")],
     legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None,
     delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0,
+    center: Annotated[
+        Center,
+        typer.Option(help="Middle of that box: a least-squares fit, which gross errors move, or nominal."),
+    ] = Center.FIT,
     time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg, at most.")] = None,
     model: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),
     ] = None,
+    *,
+    talk: Talk,
 ) -> None:
     """Bracket the smallest model error of a CAMPAIGN's legs when some measurements may be wrong, nobody knows which.
 
@@ -51,23 +57,24 @@ def robust_brackets(
     but those that are named.
     """
     check_target(folder, ROBUST, campaign)
-    errors = terminal(stderr=True)
     found = certify_robust(
         read_campaign(campaign),
         outliers=outliers,
         legs=None if legs is None else numbers_of(legs),
         delta=delta,
+        center=center.value,
         time_limit=time_limit,
         model=model,
         certificates=folder,
-        tell=(lambda text: errors.print(text)) if errors.is_terminal else None,
+        tell=talk.progress(),
     )
-    _show(found)
+    for leg in found.legs:
+        record("leg", leg=leg.leg, eps_lo=leg.eps_lo, eps_hi=leg.eps_hi, left_out=leg.left_out, seconds=leg.seconds)
+    _show(talk.out, found)
     raise typer.Exit(Status.ANSWERED if all(leg.complete for leg in found.legs) else Status.UNKNOWN)
 
 
-def _show(found: RobustResult) -> None:
-    console = terminal()
+def _show(console: Console, found: RobustResult) -> None:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
     for name in ("leg", "eps_lo [mm]", "eps_hi [mm]", "left out", "proofs"):
         table.add_column(name, justify="right" if name.startswith("eps") else "left", overflow="fold")
@@ -81,14 +88,14 @@ def _show(found: RobustResult) -> None:
     console.print(f"{said} better than eps_lo; some explain all but those left out to within eps_hi.", soft_wrap=True)
 
 
-def robust_verified(folder: Path) -> bool:
+def robust_verified(folder: Path, talk: Talk) -> bool:
     """Check the folder and say what is proved. Raises InputError where there is nothing to check."""
     try:
         legs = check_robust(folder)
     except Unusable as reason:
         raise InputError([Problem(str(folder), str(reason), "name a folder that cpcal robust wrote")]) from None
     except Refused as reason:
-        typer.echo(printable(f"{ROBUST_NAME}: REFUSED, {reason}"))
+        talk.say(f"{ROBUST_NAME}: REFUSED, {reason}")
         return False
     for leg in legs:
         if leg.refused is not None:
@@ -102,5 +109,5 @@ def robust_verified(folder: Path) -> bool:
             if leg.hi is not None:
                 without = ", ".join(leg.left_out) or "none"
                 said += f"; eps <= {at_most(leg.hi, 7)} mm, leaving out {without}"
-        typer.echo(printable(f"leg {leg.leg}, at most {leg.outliers} wrong: {said}"))
+        talk.say(f"leg {leg.leg}, at most {leg.outliers} wrong: {said}")
     return all(leg.refused is None for leg in legs)

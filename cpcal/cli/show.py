@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -26,24 +24,8 @@ STYLES = {  # by the kind of a verdict
     "undecided": "bold yellow",
     "undetermined": "bold magenta",
 }
-_WIDE = 120  # where there is no terminal to fit
 _MOST_LEGS = 6  # of which each has a line
 _DECIMALS = 4  # of parameters, mm
-
-
-class _Terminal(Console):
-    """Reads no markup in what it prints, and shows hidden characters as escapes: names forge no line."""
-
-    def render_str(self, text: str, **options: Any) -> Text:
-        return super().render_str(printable(text), **options)
-
-
-def terminal(*, stderr: bool = False) -> Console:
-    """A console that prints text as it is, but for hidden characters."""
-    console = _Terminal(stderr=stderr, markup=False, emoji=False, highlight=False)
-    if not console.is_terminal:
-        console.width = _WIDE
-    return console
 
 
 def show_result(

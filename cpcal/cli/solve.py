@@ -9,8 +9,9 @@ import typer
 
 from cpcal.cli.folders import check_writable
 from cpcal.cli.status import Status
+from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.atomic import write_file
-from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import about, nearest
 from cpcal.problems.answer import Answer, answer
 from cpcal.problems.problem_files import load_problem
@@ -21,6 +22,7 @@ from cpcal.solver.contract import Limits, Verdict
 _SHOWN = 20  # solutions in the terminal
 
 
+@talking
 def solve(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="A problem: Minibex (.bch, .mbx) or AMPL (.nl).")],
     output: Annotated[
@@ -36,6 +38,8 @@ def solve(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.svg", help="Of all solutions in the first two unknowns.")
     ] = None,
+    *,
+    talk: Talk,
 ) -> None:
     """All solutions of a system, each box proved to hold exactly one where that can be; or the smallest value."""
     _check(output, picture)
@@ -50,7 +54,8 @@ def solve(
     if picture is not None and found.paving is not None and found.paving.solutions:
         names = problem.network.names
         write_file(picture, paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).encode())
-    _show(found, output)
+    record("answer", status=str(found.status), nodes=found.nodes, seconds=found.seconds)
+    _show(found, output, talk)
     if found.verdict is Verdict.UNKNOWN:
         raise typer.Exit(Status.UNKNOWN)
 
@@ -65,15 +70,16 @@ def _check(output: Path, picture: Path | None) -> None:
         raise InputError(problems)
 
 
-def _show(found: Answer, output: Path) -> None:
-    typer.echo(printable(found.status))
+def _show(found: Answer, output: Path, talk: Talk) -> None:
+    talk.say(str(found.status))
     solutions = () if found.paving is None else found.paving.solutions
-    for k, solution in enumerate(solutions[:_SHOWN]):
+    shown = len(solutions) if talk.verbose else _SHOWN
+    for k, solution in enumerate(solutions[:shown]):
         word = "exactly one" if solution.verdict is Verdict.PROVED else "perhaps some"
         inside = ", ".join(f"{n} {about(solution.box[n].mid, 9)}" for n in found.problem.network.names)
-        typer.echo(f"  {k + 1:3}  {word:12}  {inside}")
-    if len(solutions) > _SHOWN:
-        typer.echo(f"  and {len(solutions) - _SHOWN:,} more")
+        talk.say(f"  {k + 1:3}  {word:12}  {inside}")
+    if len(solutions) > shown:
+        talk.say(f"  and {len(solutions) - shown:,} more")
     if found.point is not None:
-        typer.echo("  at " + ", ".join(f"{name} = {about(value, 9)}" for name, value in found.point.items()))
-    typer.echo(f"{found.nodes:,} nodes, {nearest(found.seconds, 2)} s: {printable(output)}")
+        talk.say("  at " + ", ".join(f"{name} = {about(value, 9)}" for name, value in found.point.items()))
+    talk.say(f"{found.nodes:,} nodes, {nearest(found.seconds, 2)} s: {output}")

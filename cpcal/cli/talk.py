@@ -1,20 +1,27 @@
-"""How much a verb says, and where it keeps a record: options that long-running verbs share."""
+"""How much a verb says, and where it keeps a record: the options of every verb that can take long."""
 
 from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
+from rich.console import Console
 
 from cpcal.cli.folders import output_path, unwritable
+from cpcal.cli.grouped import grouped
+from cpcal.cli.terminal import terminal
+from cpcal.common.version import __version__
 from cpcal.files.codec import encoded
+
+T = TypeVar("T")
 
 _PANEL = "What is said"
 _LOGGER = logging.getLogger("cpcal")
@@ -22,7 +29,7 @@ _LOGGER = logging.getLogger("cpcal")
 
 @dataclass(frozen=True)
 class Talk:
-    """Options of the command line; a dataclass of a verb's options inherits them."""
+    """Options of the command line, and the consoles that follow them."""
 
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.", rich_help_panel=_PANEL)] = (
         False
@@ -40,6 +47,42 @@ class Talk:
         ),
     ] = None
 
+    @property
+    def out(self) -> Console:
+        """Where answers go."""
+        return terminal(quiet=self.quiet)
+
+    @property
+    def errors(self) -> Console:
+        """Where progress goes; errors are raised."""
+        return terminal(stderr=True, quiet=self.quiet)
+
+    def say(self, text: str) -> None:
+        """A line of the answer."""
+        self.out.print(text, soft_wrap=True)
+
+    def progress(self) -> Callable[[str], None]:
+        """A callback for lines of progress: to the record, and to a terminal where there is one."""
+        errors = self.errors
+
+        def tell(text: str) -> None:
+            record("progress", text=text)
+            if errors.is_terminal:
+                errors.print(text)
+
+        return tell
+
+
+def talking(command: Callable[..., T]) -> Callable[..., T]:
+    """A verb with a parameter `talk: Talk` takes --quiet, --verbose and --log, and keeps the record while it runs."""
+
+    @wraps(command)
+    def run(**given: Any) -> T:
+        with logging_to(given["talk"].log, command.__name__):
+            return command(**given)
+
+    return grouped(Talk, "talk")(run)
+
 
 def record(event: str, **fields: Any) -> None:
     """Log an event with its fields; a line of the file of --log."""
@@ -47,8 +90,11 @@ def record(event: str, **fields: Any) -> None:
 
 
 @contextmanager
-def logging_to(file: Path | None) -> Iterator[None]:
-    """Records go to the file while in the block. Raises InputError when it cannot be written."""
+def logging_to(file: Path | None, command: str) -> Iterator[None]:
+    """Records of a command go to the file while in the block: how it began, what it told, how it ended.
+
+    Raises InputError when the file cannot be written.
+    """
     if file is None:
         yield
         return
@@ -61,7 +107,12 @@ def logging_to(file: Path | None) -> Iterator[None]:
     _LOGGER.addHandler(handler)
     _LOGGER.setLevel(logging.INFO)
     try:
+        record("began", command=command, version=__version__)
         yield
+        record("ended", status=0)
+    except typer.Exit as left:
+        record("ended", status=int(left.exit_code))
+        raise
     except BaseException as error:
         _LOGGER.error("failed", extra={"fields": {"kind": type(error).__name__, "message": str(error)}})
         raise

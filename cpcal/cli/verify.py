@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
 from cpcal.certify.fits import FITS_NAME, load_fits
 from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check
@@ -17,7 +18,8 @@ from cpcal.cli.claims import sentences
 from cpcal.cli.hand_eye import hand_eye_verified
 from cpcal.cli.hand_eye_wrong import wrong_images_verified
 from cpcal.cli.robust import robust_verified
-from cpcal.common.errors import InputError, Problem, printable
+from cpcal.cli.talk import Talk, record, talking
+from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import nearest
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, unfinished
@@ -26,12 +28,15 @@ from cpcal.report import REPORT_NAME
 from cpcal.results import COMPARISON_NAME, INFORMATION, RESULT_NAME, information, load_comparison, load_result
 
 
+@talking
 def verify(
     target: Annotated[Path, typer.Argument(metavar="RUN|CERTIFICATE", help="A run, or one certificate in it.")],
     campaign: Annotated[
         Path | None,
         typer.Option(metavar="CAMPAIGN", help="Folder of the original campaign, to compare the run's with."),
     ] = None,
+    *,
+    talk: Talk,
 ) -> None:
     """Check a RUN, or one CERTIFICATE, against the campaign.json beside the certificates.
 
@@ -42,66 +47,67 @@ def verify(
     numbers, or from the constraints that the certificate states, in exact rational arithmetic; it uses no solver and no
     rounding. docs/certificate-format.md says what a certificate claims and when it is accepted.
     """
-    same = campaign is None or _same_campaign(target, campaign)
+    same = campaign is None or _same_campaign(target, campaign, talk)
     if not target.is_dir():
-        accepted = _certificate(target)
+        accepted = _certificate(target, talk)
     elif (target / HANDEYE.head).exists():
-        accepted = hand_eye_verified(target)
+        accepted = hand_eye_verified(target, talk)
     elif (target / HANDEYE_WRONG.head).exists():
-        accepted = wrong_images_verified(target)
+        accepted = wrong_images_verified(target, talk)
     elif (target / ROBUST_NAME).exists():
-        accepted = robust_verified(target)
+        accepted = robust_verified(target, talk)
     elif (target / RESULT_NAME).exists():
-        accepted = _run(target)
+        accepted = _run(target, talk)
     else:
-        found = [_certificate(path) for path in _certificates(target)]
-        accepted = all(found) and _as_stated(target)
+        found = [_certificate(path, talk) for path in _certificates(target)]
+        accepted = all(found) and _as_stated(target, talk)
+    record("verified", target=str(target), accepted=bool(accepted and same))
     raise typer.Exit(0 if accepted and same else 1)
 
 
-def _same_campaign(target: Path, campaign: Path) -> bool:
+def _same_campaign(target: Path, campaign: Path, talk: Talk) -> bool:
     """Whether the run's campaign, or hand-eye study, is the one in the folder. Raises InputError."""
     if any((target / kind.head).exists() for kind in (HANDEYE, HANDEYE_WRONG)):
         if load_hand_eye(target) == load_hand_eye(campaign):
             return True
-        typer.echo("study: REFUSED, the hand-eye study is another one")
+        talk.say("study: REFUSED, the hand-eye study is another one")
         return False
     kept = load_campaign_json(target if target.is_dir() else target.parent)
     if campaign_sha256(kept) == campaign_sha256(load_campaign(campaign)):
         return True
-    typer.echo("campaign.json: REFUSED, the campaign is another one: its SHA-256 differs")
+    talk.say("campaign.json: REFUSED, the campaign is another one: its SHA-256 differs")
     return False
 
 
-def _run(run: Path) -> bool:
+def _run(run: Path, talk: Talk) -> bool:
     """All legs of a run. Raises InputError where there is nothing to check."""
     result = load_result(run)
     if unfinished(run):
-        typer.echo("Another run into this folder is at work, or was killed: these are the answers before it.")
+        talk.say("Another run into this folder is at work, or was killed: these are the answers before it.")
     legs = checked_legs(run)
     if isinstance(legs, str):
-        typer.echo(printable(f"{RESULT_NAME}: REFUSED, {legs}"))
+        talk.say(f"{RESULT_NAME}: REFUSED, {legs}")
         return False
     wrong = list(stated_otherwise(load_campaign_json(run), result))
     for sentence in wrong:
-        typer.echo(printable(f"{RESULT_NAME}: REFUSED, {sentence}"))
+        talk.say(f"{RESULT_NAME}: REFUSED, {sentence}")
     if result.interrupted:
-        typer.echo("The run was interrupted: legs may be missing.")
+        talk.say("The run was interrupted: legs may be missing.")
     for leg, found in zip(legs, result.legs, strict=True):
         if leg.refused is not None:
-            typer.echo(printable(f"leg {leg.leg}: REFUSED, {leg.refused}"))
+            talk.say(f"leg {leg.leg}: REFUSED, {leg.refused}")
         elif leg.accepted is None:
-            typer.echo(printable(f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}"))
+            talk.say(f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}")
         ranges = None if found.ranges is None else found.ranges.certificate
         support = f"leg{leg.leg}.support.cert.jsonl"
         for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges)):
             if accepted is not None and name is not None:
-                _tell(name, accepted)
+                _tell(talk, name, accepted)
         for sentence in information(result.options, found):
-            typer.echo(printable(f"leg {leg.leg}: {sentence}"))
-    typer.echo(INFORMATION)
+            talk.say(f"leg {leg.leg}: {sentence}")
+    talk.say(INFORMATION)
     if (run / REPORT_NAME).exists():
-        typer.echo(f"{REPORT_NAME} is not read here: `cpcal report` checks a run and writes its page again.")
+        talk.say(f"{REPORT_NAME} is not read here: `cpcal report` checks a run and writes its page again.")
     if not any(leg.accepted or leg.refused for leg in legs):
         what = "holds no leg that is certified"
         raise InputError([Problem(str(run), what, "certify again, without a time limit that ends it too early")])
@@ -120,37 +126,40 @@ def _certificates(folder: Path) -> list[Path]:
     return found
 
 
-def _certificate(path: Path) -> bool:
+def _certificate(path: Path, talk: Talk) -> bool:
     """One certificate by itself. Raises InputError where it cannot be read."""
     began = time.monotonic()
     accepted = checked_certificate(path)
     if isinstance(accepted, str):
-        typer.echo(printable(f"{path.name}: REFUSED, {accepted}"))
+        talk.say(f"{path.name}: REFUSED, {accepted}")
         return False
-    _tell(path.name, accepted, time.monotonic() - began)
+    _tell(talk, path.name, accepted, time.monotonic() - began)
     return True
 
 
-def _tell(name: str, accepted: Accepted, seconds: float | None = None) -> None:
+def _tell(talk: Talk, name: str, accepted: Accepted, seconds: float | None = None) -> None:
     work = f"{accepted.steps} steps" + ("" if seconds is None else f", {nearest(seconds, 1)} s")
     for sentence in sentences(accepted):
-        typer.echo(printable(f"{name}: {sentence}: PROVED, {work}"))
+        talk.say(f"{name}: {sentence}: PROVED, {work}")
 
 
-def _as_stated(folder: Path) -> bool:
-    """Whether the accepted certificates claim what the folder's compare.json or fits.json states. Raises InputError."""
-    wrong = [*_other_comparison(folder), *other_fits(folder)]
+def _as_stated(folder: Path, talk: Talk) -> bool:
+    """Whether the accepted certificates claim what the folder's compare.json, fits.json or accuracy.json states.
+
+    Raises InputError.
+    """
+    wrong = [*_other_comparison(folder, talk), *other_fits(folder), *_other_sets(folder, talk)]
     for line in wrong:
-        typer.echo(printable(f"{line}: REFUSED, states other numbers than are proved"))
+        talk.say(f"{line}: REFUSED, states other numbers than are proved")
     return not wrong
 
 
-def _other_comparison(folder: Path) -> Iterator[str]:
+def _other_comparison(folder: Path, talk: Talk) -> Iterator[str]:
     if not (folder / COMPARISON_NAME).exists():
         return
     for entry in load_comparison(folder).entries:
         if entry.certificate is None:
-            typer.echo(printable(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}"))
+            talk.say(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}")
             continue
         claims = _claimed(folder, entry.certificate).claims
         proved = (
@@ -159,6 +168,24 @@ def _other_comparison(folder: Path) -> Iterator[str]:
         )
         if (entry.eps_lo, entry.eps_hi) != proved:
             yield f"{entry.subject}, {entry.model}"
+
+
+def _other_sets(folder: Path, talk: Talk) -> Iterator[str]:
+    """Of the sets of parameters on which the bounds of an accuracy run rest."""
+    if not (folder / ACCURACY_NAME).exists():
+        return
+    for box in load_accuracy(folder).boxes:
+        if box.certificate is None:
+            talk.say(f"set of leg {box.leg}: NOT CERTIFIED")
+            continue
+        accepted = _claimed(folder, box.certificate)
+        claims = accepted.claims
+        lo, hi = (tuple(map(float, side[:-1])) for side in claims.enclosure or ((None,), (None,)))
+        proved = (accepted.leg, None if claims.cap is None else float(claims.cap), lo, hi)
+        if claims.infeasible != (not box.lo) or proved != (box.leg, box.eps, box.lo, box.hi):
+            yield f"set of leg {box.leg}"
+    said = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
+    talk.say(f"{ACCURACY_NAME}: {said}")
 
 
 def other_fits(folder: Path) -> Iterator[str]:

@@ -21,8 +21,8 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     """The study in the folder `path`.
 
     study.toml states the nominal robot and, of a simulated study, the truth; calibration.csv and validation.csv have
-    the columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and perhaps image: the target frame in the camera
-    frame (mm, unit quaternion) and the readings (mm).
+    the columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and perhaps image and approach: the target frame in the
+    camera frame (mm, unit quaternion) and the readings (mm).
 
     Raises one InputError that lists every problem of the three files.
     """
@@ -47,7 +47,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
 def _table(path: Path, legs: int | None, problems: Problems) -> Table:
     try:
         with open_regular(path) as file:
-            return read_table(file, str(path), legs, problems, lambda _: None, optional=lambda _: ["image"])
+            return read_table(file, str(path), legs, problems, lambda _: None, optional=lambda _: ["image", "approach"])
     except OSError as error:
         problems.add(unreadable(path, error, _ABSENT))
         return Table()
@@ -64,4 +64,5 @@ def _pose_table(table: Table, legs: int) -> PoseTable:
         columns("qw", "qx", "qy", "qz"),
         columns(*(f"L{i}" for i in range(1, legs + 1))),
         tuple(table.image) or None,
+        tuple(table.approach) or None,
     )

@@ -66,10 +66,11 @@ def _pose_lines(pose: Pose) -> list[str]:
 
 
 def table_bytes(table: PoseTable) -> bytes:
-    """The canonical CSV of a table; the column `image` is there only where the table has images."""
-    names = [table.pose, table.run] if table.image is None else [table.pose, table.run, table.image]
+    """The canonical CSV of a table; the columns `image` and `approach` are there only where the table has them."""
+    optional = {"image": table.image, "approach": table.approach}
+    extra = {name: column for name, column in optional.items() if column is not None}
+    names = [table.pose, table.run, *extra.values()]
     header = reading_columns(table.legs)
-    if table.image is not None:
-        header.insert(2, "image")
+    header[2:2] = extra
     values = np.concatenate([table.position, table.quaternion, table.length], axis=1).tolist()
     return csv_table(header, zip(zip(*names, strict=True), values, strict=True))

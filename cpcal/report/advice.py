@@ -12,6 +12,7 @@ from itertools import product
 
 import numpy as np
 
+from cpcal.calibration.averaging import kept
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about
@@ -25,6 +26,7 @@ FEW = 20  # a larger support points at nothing
 _OTHER_MODELS = ("gain", "lateral", "linear")  # the simplest first
 _HELPS = 0.6  # another model is named when its largest residual is below this share of the model's own
 _FORCED = 0.5  # measurements are to be taken again when without them the largest residual is below this share
+_ENOUGH = 500  # measurements, for the fits of other models
 _NEARLY = 1.3  # times the best: a simpler model is as good
 
 
@@ -136,10 +138,11 @@ def _another_model(
     if model.name != PLAIN.name or len(campaign) < 2 * len(PLAIN.parameters):
         return None
     largest: dict[str, float] = {}
+    some = _some(campaign)
     for name in _OTHER_MODELS:
         other = leg_model(name)
         try:
-            x = fit_model(campaign, leg.leg, other)
+            x = fit_model(some, leg.leg, other)
             largest[name] = float(np.max(np.abs(model_residuals(campaign, leg.leg, x, other))))
         except (CpcalError, ValueError, np.linalg.LinAlgError):  # a fit that does not exist helps nobody
             continue
@@ -152,6 +155,12 @@ def _another_model(
         f"{about(own.largest)} mm. cpcal compare proves which models hold."
     )
     return NextStep.MODEL, f"model “{name}”", sentence
+
+
+def _some(campaign: Campaign) -> Campaign:
+    """Of a large campaign some measurements, evenly spread: enough for the fit of an estimate."""
+    step = -(-len(campaign) // _ENOUGH)
+    return campaign if step == 1 else kept(campaign, np.arange(len(campaign)) % step == 0)
 
 
 def _without(campaign: Campaign, own: Fitted, first: tuple[int, ...]) -> tuple[NextStep, str, str] | None:

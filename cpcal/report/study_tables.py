@@ -10,9 +10,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from cpcal.calibration import CalibrationRecord, ErrorSummary
+from cpcal.calibration.budget import Budget
 from cpcal.calibration.own_frame import CONVENTIONS
+from cpcal.calibration.pose_performance import PosePerformance
 from cpcal.calibration.record import Channel, Parameters, Rows
+from cpcal.calibration.reversal import Reversal
 from cpcal.common.numbers import about, nearest
 from cpcal.report import paper
 
@@ -128,6 +133,71 @@ def validation(record: CalibrationRecord, *, paper_too: bool = False) -> TextTab
             unit = "mm" if name == "position" else "°"
             rows.append((f"{name}, mean by noise alone [{unit}]", "", mean, mean, *("" for _ in columns[3:])))
     return TextTable(tuple(head), tuple(rows))
+
+
+def standards(record: CalibrationRecord) -> tuple[tuple[str, TextTable], ...]:
+    """What the standards of the trade ask for, as far as the study has it: headings and tables."""
+    found: list[tuple[str, TextTable]] = []
+    if record.performance is not None:
+        found.append(("Pose accuracy AP and repeatability RP (formulas of ISO 9283)", _performance(record.performance)))
+    if record.reversal:
+        found.append(("Reversal values of the legs (formulas of ISO 230-2) [mm]", _reversal(record.reversal)))
+    if record.budget is not None:
+        found.append(("Uncertainty budget (GUM), parameters in their own frames [mm]", _budget(record.budget)))
+        found.append(
+            (f"{EXPANDED} of each parameter by the budget, frame: {CONVENTIONS[0]} [mm]", _expanded(record.budget))
+        )
+    return tuple(found)
+
+
+def _performance(found: PosePerformance) -> TextTable:
+    """Means and largest over the poses; of angles, of all three axes."""
+    rows = []
+    degrees = [np.degrees(np.array(part)).ravel() for part in (found.angle_before, found.angle_after)]
+    again = np.degrees(np.array(found.angle_repeatability)).ravel()
+    positions = [np.array(part) for part in (found.accuracy_before, found.accuracy_after, found.repeatability)]
+    for unit, values in (("mm", positions), ("°", [*degrees, again])):
+        axis = "" if unit == "mm" else "a,b,c"
+        for name, column in zip(
+            (f"AP{axis}, drawing [{unit}]", f"AP{axis}, {WITH_X_C_SIGMA[5:]} [{unit}]", f"RP{axis} [{unit}]"),
+            values,
+            strict=True,
+        ):
+            good = column[np.isfinite(column)]
+            figures = (float(good.mean()), float(good.max())) if len(good) else (math.nan, math.nan)
+            rows.append((name, *map(_significant, figures)))
+    return TextTable((f"{len(found.names)} poses", "mean", "largest"), tuple(rows))
+
+
+def _reversal(found: tuple[Reversal, ...]) -> TextTable:
+    rows = (
+        ("B, largest", *(_significant(one.largest) for one in found)),
+        ("B, mean", *(_significant(one.mean) for one in found)),
+        ("its " + EXPANDED, *(_significant(2.0 * one.error) for one in found)),
+        ("R+", *(_significant(one.forward) for one in found)),
+        ("R-", *(_significant(one.backward) for one in found)),
+        ("R", *(_significant(one.both) for one in found)),
+    )
+    return TextTable(("leg", *(str(one.leg) for one in found)), rows)
+
+
+def _budget(found: Budget) -> TextTable:
+    rows = [
+        (
+            one.source.replace("_", " "),
+            "" if math.isnan(one.uncertainty) else _significant(one.uncertainty) if one.uncertainty else "not stated",
+            *(_significant(value) if one.uncertainty else "—" for value in (one.rms, one.largest)),
+        )
+        for one in found.contributions
+    ]
+    rows.append(("combined, u_c", "", _significant(found.rms), _significant(found.largest)))
+    rows.append((EXPANDED, "", _significant(2.0 * found.rms), _significant(2.0 * found.largest)))
+    return TextTable(("source", "stated", "on average (rms)", "largest"), tuple(rows))
+
+
+def _expanded(found: Budget) -> TextTable:
+    lines = [(str(leg), *(nearest(value, 4) for value in row)) for leg, row in enumerate(found.expanded, 1)]
+    return TextTable(("leg", *SYMBOLS), tuple(lines))
 
 
 _FIGURES: tuple[tuple[str, Callable[[ErrorSummary], float]], ...] = (

@@ -48,6 +48,8 @@ from .rotation import (
     small_rotation,
 )
 from .study import (
+    NEGATIVE,
+    POSITIVE,
     PoseTable,
     Study,
     Truth,
@@ -60,6 +62,8 @@ from .uncertainty import (
 __all__ = [
     "DELTALAB",
     "EXACT_OR_NOT",
+    "NEGATIVE",
+    "POSITIVE",
     "ROBOTS",
     "Campaign",
     "ForwardPoses",

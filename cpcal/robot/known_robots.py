@@ -146,6 +146,7 @@ ROBOTS: dict[str, KnownRobot] = {
         _rubin(),
         "Joint centres: CAMERA HEXAPOD STRUT FLEXURE COORDINATES.xlsx in the folder doc of github.com/lsst-ts/"
         "ts_mthexapod (received 2020-02-13, as constants.py there says); actuator limits of 14.1 mm: constants.py. "
+        "Made by Moog CSA Engineering (Sneed and others: Final design of the LSST hexapods and rotator, 2014). "
         "Readings are changes of length from rest, as its controller gives them; the mobile frame lies in the plane "
         "of the upper joints.",
         (-14.1, 14.1),

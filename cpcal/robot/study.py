@@ -25,6 +25,7 @@ from cpcal.robot.motion import compose, inverse
 from cpcal.robot.robot import LARGEST, Robot, good_numbers
 
 _ARRAYS = ("position", "quaternion", "length")
+POSITIVE, NEGATIVE = "positive", "negative"  # directions of approach
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,7 @@ class PoseTable(Value):
     position    (N, 3) mm; quaternion (N, 4) unit, scalar first: `x_camera = P + R(q) x_target`
     length      (N, n) mm, the readings L
     image       N names, or None where there is one row for each pose and run; the names of a row are unique
+    approach    N times "positive" or "negative": from which side the run came to its pose; None where nobody noted it
 
     Raises InputError, with every problem found, when the values make no table.
     """
@@ -45,11 +47,12 @@ class PoseTable(Value):
     quaternion: Floats
     length: Floats
     image: tuple[str, ...] | None = None
+    approach: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
-        for name in ("pose", "run", "image"):
+        for name in ("pose", "run", "image", "approach"):
             names = getattr(self, name)
             object.__setattr__(self, name, None if names is None else tuple(names))
         problems = Problems()
@@ -158,7 +161,7 @@ def _shape_problems(table: PoseTable) -> Iterator[Problem]:
     remedy = f"give one row for each of the {count} measurements"
     if count == 0:
         yield Problem("table", "holds no measurements", "give at least one")
-    for name in ("run", "image"):
+    for name in ("run", "image", "approach"):
         names = getattr(table, name)
         if names is not None and len(names) != count:
             yield Problem(f"table {name}", f"has {len(names)} names", remedy)
@@ -167,6 +170,17 @@ def _shape_problems(table: PoseTable) -> Iterator[Problem]:
         shape = getattr(table, name).shape
         if shape != (count, width):
             yield Problem(f"table {name}", f"has the shape {shape}, not {(count, width)}", remedy)
+
+
+def _approach_problems(table: PoseTable, keys: list[str]) -> Iterator[Problem]:
+    """A direction is one of two, and the same for all images of a run."""
+    first: dict[tuple[str, str], str] = {}
+    for key, pose, run, side in zip(keys, table.pose, table.run, table.approach or (), strict=bool(table.approach)):
+        if side not in (POSITIVE, NEGATIVE):
+            yield Problem(f"row {key}", f"its approach is {shown(side)}", f"write {POSITIVE} or {NEGATIVE}")
+        elif first.setdefault((pose, run), side) != side:
+            what = f"its approach is {side}, and that of another image of the run is not"
+            yield Problem(f"row {key}", what, "give all images of a run the same")
 
 
 def _value_problems(table: PoseTable) -> Iterator[Problem]:
@@ -178,6 +192,7 @@ def _value_problems(table: PoseTable) -> Iterator[Problem]:
     if nameless:
         return  # what follows could not say which row it means
     keys = table.row_ids
+    yield from _approach_problems(table, keys)
     for key, times in Counter(keys).items():
         if times > 1:
             yield Problem(f"row {key}", f"is given {times} times", "give each pose, run and image once")

@@ -13,6 +13,8 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.robot import (
+    NEGATIVE,
+    POSITIVE,
     Pose,
     PoseTable,
     Study,
@@ -39,6 +41,18 @@ def with_robot_scatter(study: Study, sigma: float, *, seed: int = 0) -> Study:
         return replace(table, position=seen.position, quaternion=seen.quaternion, length=table.length + longer)
 
     return _each(study, moved, seed)
+
+
+def with_reversal(study: Study, size: float) -> Study:
+    """Every second run comes from the other side, and each leg is then `size` mm longer than its sensor says."""
+
+    def reversed_(table: PoseTable, _: np.random.Generator) -> PoseTable:
+        runs = {name: k for k, name in enumerate(dict.fromkeys(table.run))}
+        forward = np.array([runs[name] % 2 == 0 for name in table.run])
+        sides = tuple(POSITIVE if one else NEGATIVE for one in forward)
+        return replace(table, length=table.length - size * forward[:, None], approach=sides)
+
+    return _each(study, reversed_, 0)
 
 
 def with_pose_noise(study: Study, root: Floats, *, seed: int = 0) -> Study:

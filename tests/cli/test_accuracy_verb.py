@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 from typer.testing import CliRunner
 
 import cpcal
+from cpcal.accuracy.findings import load_accuracy, save_accuracy
 from cpcal.cli.app import app
 from cpcal.simulate import simulate
 
@@ -37,6 +40,23 @@ def test_the_first_line_is_what_is_assumed_and_the_truth_is_within_what_is_prove
     assert "truth is inside" in done.output
     page = (folder / "out" / "accuracy.html").read_text()
     assert "Next poses" in page
+
+
+def test_its_certificates_prove_the_sets_of_parameters_and_another_box_is_refused(folder):
+    done = run(folder, "--poses", str(folder / "poses.csv"), "--model-error", str(ERROR))
+    assert done.exit_code == 0, done.output
+    out = folder / "out"
+    assert len(list(out.glob("set-leg*.cert.jsonl"))) == 6
+    checked = CliRunner().invoke(app, ["verify", str(out)])
+    assert checked.exit_code == 0, checked.output
+    assert "no certificate holds the bounds of poses and cells" in checked.output
+    found = load_accuracy(out)
+    box = found.boxes[1]
+    narrower = dataclasses.replace(box, hi=(box.lo[0], *box.hi[1:]))
+    save_accuracy(dataclasses.replace(found, boxes=(found.boxes[0], narrower, *found.boxes[2:])), out)
+    checked = CliRunner().invoke(app, ["verify", str(out)])
+    assert checked.exit_code == 1
+    assert "set of leg 2: REFUSED" in checked.output
 
 
 def test_a_question_about_nothing_and_a_run_that_is_not_one_are_refused(folder, tmp_path):

@@ -62,3 +62,21 @@ def test_no_study(tmp_path):
     outcome = run("calibrate", tmp_path / "absent", "-o", tmp_path / "c")
     assert outcome.exit_code == 2
     assert "does not exist" in outcome.stderr
+
+
+def test_a_budget_is_printed_with_what_was_stated_and_kept_in_the_record(study, tmp_path):
+    stated = ("--camera-scale", "1e-4", "--lens", "0.01", "--sensor-scale", "1e-5", "--temperature", "2")
+    outcome = run("calibrate", study, "-o", tmp_path, *stated)
+    assert outcome.exit_code == 0, outcome.stderr
+    for text in ("Uncertainty budget (GUM)", "camera scale", "U (k = 2)", "nothing was stated: target_scale"):
+        assert text in outcome.stdout
+    record = load_record(tmp_path)
+    assert record.budget is not None
+    assert (record.budget.inputs.camera_scale, record.budget.inputs.temperature) == (1e-4, 2.0)
+    assert max(max(row) for row in record.budget.expanded) == pytest.approx(2.0 * record.budget.largest)
+    assert record.monte_carlo is None
+
+
+@pytest.mark.parametrize("arguments", [("--lens", "-1"), ("--trials", "50"), ("--lens", "0.1", "--trials", "3")])
+def test_a_budget_without_a_meaning_is_refused(study, tmp_path, arguments):
+    assert run("calibrate", study, "-o", tmp_path / "c", *arguments).exit_code == 2

@@ -42,6 +42,14 @@ def run(*arguments):
     return runner.invoke(app, [str(argument) for argument in arguments], prog_name="cpcal")
 
 
+@pytest.fixture(scope="module", autouse=True)
+def one_process():
+    """The tests of this machine's cores are elsewhere; to start processes costs more here than they save."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("multiprocessing.cpu_count", lambda: 1)
+        yield
+
+
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo") / "demo"

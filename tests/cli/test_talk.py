@@ -35,7 +35,8 @@ def test_a_run_of_six_legs_ends_with_at_most_twelve_lines_of_eighty_characters(c
     assert all(len(line) <= 100 for line in lines if not line.startswith("Report"))
     assert "tolerance 0.55 mm: FAIL" in lines[0]
     records = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text(encoding="utf-8").splitlines()]
-    assert {"certify", "bracket", "leg", "written"} == {record["event"] for record in records}
+    assert {"began", "certify", "bracket", "leg", "written", "ended"} == {record["event"] for record in records}
+    assert (records[0]["command"], records[-1]["status"]) == ("certify", 1)
     assert [record["leg"] for record in records if record["event"] == "leg"] == [1, 2, 3, 4, 5, 6]
     assert all(record["time"].endswith("+00:00") and record["level"] == "info" for record in records)
 
@@ -56,6 +57,37 @@ def test_a_log_holds_what_went_wrong(campaign, tmp_path):
     last = json.loads(log.read_text(encoding="utf-8").splitlines()[-1])
     assert (last["event"], last["kind"]) == ("failed", "InputError")
     assert run("certify", campaign, "-o", tmp_path / "r", "--log", tmp_path).exit_code == 2  # a folder
+
+
+LONG = ("certify", "accuracy", "compare", "solve", "detect", "calibrate", "demo", "robust", "verify", "handeye")
+
+
+@pytest.mark.parametrize("verb", LONG)
+def test_every_verb_that_can_take_long_says_less_or_more_and_keeps_a_record(verb):
+    text = run(verb, "--help").stdout
+    assert all(option in text for option in ("--quiet", "-q", "--verbose", "-v", "--log"))
+
+
+def test_a_quiet_verb_prints_nothing_and_its_record_says_how_it_ended(campaign, tmp_path):
+    folder, log = tmp_path / "r", tmp_path / "log.jsonl"
+    asked = (
+        ("certify", campaign, "-o", folder, "--legs", "1", "--support", "none"),
+        ("verify", folder),
+        ("verify", folder, "--campaign", folder),  # no folder of a campaign: unusable
+    )
+    ended = []
+    for arguments in asked:
+        outcome = run(*arguments, "-q", "--log", log)
+        assert outcome.stdout == ""
+        ended.append(outcome.exit_code)
+    records = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+    assert [one["command"] for one in records if one["event"] == "began"] == ["certify", "verify", "verify"]
+    assert [one.get("status", one.get("kind")) for one in records if one["event"] in ("ended", "failed")] == [
+        0,
+        0,
+        "InputError",
+    ]
+    assert ended == [0, 0, 2]
 
 
 @pytest.mark.parametrize("verb", VERBS)

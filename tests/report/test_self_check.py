@@ -5,6 +5,7 @@ import hashlib
 import json
 import re
 import zlib
+from decimal import Decimal
 from html.parser import HTMLParser
 from importlib.resources import files
 
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
+from cpcal.common.numbers import plain_gap
 from cpcal.files import save_campaign_json
 from cpcal.report.page import render
 
@@ -25,6 +27,7 @@ function told(campaign, certificates, shown) {
   return {faults: found.faults, refused: found.proofs.map(p => p.refused)};
 }
 """
+FREE = ("box", "count")  # need no certificate: half-width as printed, measurements of the campaign in the page
 ASKED = {"mid": {}, "pass": {"tolerance": 5.0}, "fail": {"tolerance": 0.01}, "yes": {"eps": 5.0}, "no": {"eps": 0.01}}
 
 
@@ -123,8 +126,8 @@ def test_every_number_edited_is_found(engine, runs, campaign):
     page = Page(render(campaign, result, run=folder))
     numbers = [k for k, number in enumerate(page.shown) if re.search(r"\d", number["text"])]
     claims = {page.shown[k]["claim"] for k in numbers}
-    sides = {f"{name}.{side}" for name in ("ranges", "enclosure") for side in ("lo", "hi")}
-    assert claims == {"verdict", "eps_lo", "eps_hi", "ranges.eps", "point", "campaign", "box"} | sides
+    sides = {f"{name}.{side}" for name in ("ranges", "enclosure") for side in ("lo", "hi", "width")}
+    assert claims == {"verdict", "eps_lo", "eps_hi", "ranges.eps", "point", "campaign", "box", "count"} | sides
     edited = []
     for number in (page.shown[k] for k in numbers):
         text = number["text"]
@@ -153,14 +156,65 @@ def test_a_verdict_turned_round_is_found(engine, runs, campaign, name, other):
     assert judged(engine, page, shown=turned)["faults"] == [f"a {other} is not proved"] * len(words)
 
 
+@pytest.mark.parametrize(
+    ("name", "claim", "text", "fault"),
+    [
+        ("pass", "overall", "FAIL", "a fail is not proved"),
+        ("fail", "overall", "PASS", "a fail is proved"),
+        ("fail", "overall", "UNDECIDED", "a fail is proved"),
+        ("pass", "overall", "EXCELLENT", "it is no verdict"),
+        ("pass", "summary", "Leg 1: fail.", "a fail is not proved"),
+        ("fail", "summary", "Leg 1: pass.", "a pass is not proved"),
+        ("pass", "summary", "Leg 1, 2: pass.", "it does not name each leg once"),
+        ("pass", "summary", "All is well.", "it does not name each leg once"),
+        ("pass", "count", "13", "the campaign in this page has 12 measurements"),
+        ("pass", "tolerance", "4", "4 is not the number that is proved"),
+    ],
+)
+def test_badge_and_headline_say_what_is_proved_of_all_legs(engine, runs, campaign, name, claim, text, fault):
+    page = Page(render(campaign, runs[name][1], run=runs[name][0]))
+    (number,) = texts(page, claim)
+    verdicts = texts(page, "verdict")
+    assert judged(engine, page, shown=[number, *verdicts])["faults"][0] == ""
+    assert judged(engine, page, shown=[{**number, "text": text}, *verdicts])["faults"][0] == fault
+
+
+def test_a_tolerance_changed_in_the_headline_alone_is_found(engine, runs, campaign):
+    page = Page(render(campaign, runs["fail"][1], run=runs["fail"][0]))
+    (number,) = texts(page, "tolerance")
+    changed = {**number, "text": "9", "value": (9.0).hex()}
+    faults = judged(engine, page, shown=[changed, *texts(page, "verdict")])["faults"]
+    assert faults[0] == "another tolerance stands elsewhere"
+
+
 def test_another_campaign_or_certificate_is_refused(engine, runs, campaign):
     folder, result = runs["mid"]
     page = Page(render(campaign, result, run=folder))
     content = (folder / "campaign.json").read_text(encoding="utf-8")
     found = judged(engine, page, campaign=content.replace('"', ' "', 1))
     assert all(found["refused"])
-    assert all(fault for fault, number in zip(found["faults"], page.shown, strict=True) if number["claim"] != "box")
+    about = [fault for fault, number in zip(found["faults"], page.shown, strict=True) if number["claim"] not in FREE]
+    assert all(about)
     assert set(judged(engine, page, certificates=[])["faults"]) <= {None, ""}  # no certificate: nothing is refused
+
+
+def test_a_width_is_printed_with_two_digits_and_never_less_than_it_is(engine):
+    script = "((text, hex) => misprint(text, hexNumber(hex), 1, true))"
+    for lo, hi in (
+        (0.0, 167.8),
+        (0.0, 100.0),
+        (-3.0, 9.34e5),
+        (0.0, 1.5e-7),
+        (0.25, 0.2500001),
+        (1.0, 1.0),
+        (0.0, 99.1),
+    ):
+        text, exact = plain_gap(lo, hi), (hi - lo).hex()
+        assert engine.call(script, text, exact) == ""
+        if hi > lo:
+            one = Decimal(1).scaleb(Decimal(text).adjusted() - 1)
+            for other in (Decimal(text) + one, Decimal(text) - one):
+                assert engine.call(script, f"{other:f}", exact) != ""
 
 
 def test_sha256(engine):

@@ -8,12 +8,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from rich.console import Console
-
 from cpcal.cli.detect import show_detections
 from cpcal.cli.folders import made
 from cpcal.cli.progress import bar
 from cpcal.cli.shots import IMAGES, TABLES, shot_study, write_shots
+from cpcal.cli.talk import Talk
 from cpcal.common.atomic import write_file
 from cpcal.robot import DELTALAB, Study
 from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect
@@ -37,14 +36,14 @@ class ImageStudy:
 
 
 def image_study(
-    folder: Path, seed: int, imperfect: Mapping[str, float], console: Console, *, size: Mapping[str, int], keep: bool
+    folder: Path, seed: int, imperfect: Mapping[str, float], talk: Talk, *, size: Mapping[str, int], keep: bool
 ) -> ImageStudy:
     """Render and detect. Images are files below `folder` if they are to be kept; else each is rendered when measured,
     since all of the paper's would take six gigabytes."""
     options: dict[str, Any] = {"seed": seed, **imperfect, **size}
     exact, shots = shot_study(DELTALAB, options)
     count = sum(len(images.names) for images in shots.values())
-    console.print(f"Images: {count:,}, rendered{f' in {folder / IMAGES}' if keep else ''}", soft_wrap=True)
+    talk.say(f"Images: {count:,}, rendered{f' in {folder / IMAGES}' if keep else ''}")
     made(folder)
     start = perf_counter()
     if keep:
@@ -55,10 +54,10 @@ def image_study(
         source: ImageSource = ImageFolder(folder / IMAGES / name) if keep else shots[name]
         output = folder / f"poses-{name}.csv"
         journal = output.with_name(f"{output.name}.journal")
-        with bar(f"{name} images") as progress:
+        with bar(f"{name} images", quiet=talk.quiet) as progress:
             found[name] = detect(source, shots[name].target, shots[name].camera, journal=journal, progress=progress)
         write_file(output, detections_bytes(found[name].rows))
-        show_detections(found[name], output)
+        show_detections(found[name], output, talk)
         tables.append(study_table(found[name].rows, readings_of(true)))
     study = Study(exact.robot, tables[0], tables[1], exact.truth, {**exact.provenance, "poses": "from rendered images"})
     return ImageStudy(study, exact, shots, found, rendering)

@@ -11,6 +11,7 @@ import numpy as np
 from cpcal.cli.certified_run import certified_into
 from cpcal.cli.demo.image_study import ImageStudy
 from cpcal.cli.folders import PIXEL_CAMPAIGN, PIXEL_RUN, PIXEL_SETS
+from cpcal.cli.talk import Talk
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.files import save_campaign
@@ -59,7 +60,9 @@ class PixelRun:
     result: Result
 
 
-def certify_pixels(done: ImageStudy, campaign: Campaign, legs: Sequence[int] | None, folder: Path) -> PixelRun:
+def certify_pixels(
+    done: ImageStudy, campaign: Campaign, legs: Sequence[int] | None, folder: Path, talk: Talk
+) -> PixelRun:
     """One image of each configuration of `campaign`, whose legs' reading sets are kept. Raises InputError."""
     images, found = done.shots["calibration"], done.found["calibration"]
     first: dict[str, str] = {}
@@ -85,7 +88,7 @@ def certify_pixels(done: ImageStudy, campaign: Campaign, legs: Sequence[int] | N
         },
     )
     save_campaign(pixel, folder / PIXEL_CAMPAIGN)
-    result = certified_into(folder / PIXEL_RUN, pixel, {"legs": legs}, as_json=False)
+    result = certified_into(folder / PIXEL_RUN, pixel, {"legs": legs}, talk=talk)
     return PixelRun(sets, pixel, result)
 
 

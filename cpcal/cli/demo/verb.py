@@ -21,9 +21,10 @@ from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.demo.pixel_sets import HALF_WIDTH, certify_pixels, with_sets
 from cpcal.cli.folders import CAMPAIGN, FITS, RUN, STUDY, TIMEOUT, check_new, is_earlier_demo, unwritable
 from cpcal.cli.progress import watch
-from cpcal.cli.show import show_result, terminal
+from cpcal.cli.show import show_result
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import study_found
+from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import stated
 from cpcal.files import load_campaign, load_study, save_study
@@ -54,6 +55,7 @@ class DemoPlan:
 PLAN = DemoPlan()
 
 
+@talking
 def demo(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the study and all that follows from it.")
@@ -66,6 +68,8 @@ def demo(
         bool, typer.Option("--full", help="With --images: all 14,784 of the paper, not kept, instead of some hundred.")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not empty.")] = False,
+    *,
+    talk: Talk,
 ) -> None:
     """The paper's whole study on a simulated robot: calibrate, certify, check the proofs, write the report.
 
@@ -80,21 +84,21 @@ def demo(
     check_new(output, force=force or is_earlier_demo(output))
     for name in (REPORT_NAME, IMAGES_NAME):  # what is older must not stand beside newer results
         (output / name).unlink(missing_ok=True)
-    console = terminal()
-    photos = _photos(output, seed, full, console) if images else None
+    console = talk.out
+    photos = _photos(output, seed, full, talk) if images else None
     study = photos.study if photos else simulate_study(seed=seed, **PLAN.size, **PLAN.imperfect)  # type: ignore[arg-type]
     save_study(study, output / STUDY)
     record = _calibrated(output, seed, console)
     campaign = load_campaign(output / CAMPAIGN)
     _fits(campaign, record, output / FITS, console)
-    result = certified_into(output / RUN, campaign, {"legs": PLAN.legs})
+    result = certified_into(output / RUN, campaign, {"legs": PLAN.legs}, talk=talk)
     if result.interrupted:
         raise typer.Exit(Status.INTERRUPTED)
-    timeout = _timeout(campaign, output / TIMEOUT, console)
+    timeout = _timeout(campaign, output / TIMEOUT, talk)
     if timeout.interrupted:
         raise typer.Exit(Status.INTERRUPTED)
     if photos is not None:
-        _pixels(photos, campaign, result, output, console)
+        _pixels(photos, campaign, result, output, talk)
     accepted, found = study_found(output)
     console.print(found.checked, soft_wrap=True)
     page = write_study_page(found, output / REPORT_NAME, run=output / RUN)
@@ -102,9 +106,9 @@ def demo(
     raise typer.Exit(status_of(result) if accepted else Status.UNKNOWN)
 
 
-def _photos(output: Path, seed: int, full: bool, console: Console) -> ImageStudy:
+def _photos(output: Path, seed: int, full: bool, talk: Talk) -> ImageStudy:
     size, keep = (WHOLE, False) if full else (PLAN.photographs or SUBSET, True)
-    return image_study(output, seed, PLAN.imperfect, console, size=size, keep=keep)
+    return image_study(output, seed, PLAN.imperfect, talk, size=size, keep=keep)
 
 
 def _calibrated(output: Path, seed: int, console: Console) -> CalibrationRecord:
@@ -127,10 +131,10 @@ def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, console: 
             console.print(f"Leg {fit.leg}: {fit.verified.sentence(name)}", soft_wrap=True)
 
 
-def _pixels(photos: ImageStudy, campaign: Campaign, result: Result, output: Path, console: Console) -> None:
+def _pixels(photos: ImageStudy, campaign: Campaign, result: Result, output: Path, talk: Talk) -> None:
     """Reading sets from pixels, certified, and what the page says of the images."""
-    console.print(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
-    run = certify_pixels(photos, campaign, PLAN.legs, output)
+    talk.say(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
+    run = certify_pixels(photos, campaign, PLAN.legs, output, talk)
     if run.result.interrupted:
         raise typer.Exit(Status.INTERRUPTED)
     try:
@@ -139,11 +143,12 @@ def _pixels(photos: ImageStudy, campaign: Campaign, result: Result, output: Path
         raise unwritable(output, error) from None
 
 
-def _timeout(campaign: Campaign, folder: Path, console: Console) -> Result:
+def _timeout(campaign: Campaign, folder: Path, talk: Talk) -> Result:
     """eps by the paper's timeout method, a few seconds a leg."""
     legs = list(PLAN.legs or range(1, campaign.legs + 1))
+    console = talk.out
     console.print(f"The paper's timeout method (section 5.2.1), {stated(PLAN.timeout_seconds)} s a leg:")
-    with watch(legs, PLAN.script_gap, terminal(stderr=True)) as progress:
+    with watch(legs, PLAN.script_gap, talk.errors) as progress:
         timeout = certify(
             campaign,
             legs=legs,

@@ -75,10 +75,12 @@ function claimed(proof, claim, parameter) {
 }
 
 // Why a decimal text is no print of the number: "" where it is. side -1: rounded down; 1: up; 0: to the nearest.
-function misprint(text, value, side) {
+// wide: of a width, which has two digits.
+function misprint(text, value, side, wide = false) {
   const found = /^(-?)([0-9]{1,400})(?:\.([0-9]{0,400}))?(?:e([+-]?[0-9]{1,3}))?$/.exec(text);
   if (!found) return `${text} is no number`;
   const [, sign, whole, part = "", power = "0"] = found, places = Number(power) - part.length;
+  const coarse = wide && !part && whole.length > 2 && /0$/.test(whole) ? 10n ** BigInt(whole.length - 2) : 1n;  // two digits of it count
   if (!cmp(floatNumber(Number(text)), value)) return "";
   const ten = 10n ** BigInt(Math.abs(places)), two = 1n << BigInt(Math.abs(value.e));
   let printed = BigInt(whole + part) * (sign ? -1n : 1n), unit = 1n, exact = value.m;  // all times the same
@@ -86,7 +88,7 @@ function misprint(text, value, side) {
   if (value.e >= 0) exact *= two; else { printed *= two; unit *= two; }
   const over = (printed - exact) * (side < 0 ? -1n : 1n), size = over < 0n ? -over : over;
   if (side && over < 0n) return `${text} is not rounded to the side that is proved`;
-  return (side ? size < unit : 2n * size <= unit) ? "" : `${text} is not the number that is proved`;
+  return (side ? size < unit * coarse : 2n * size <= unit) ? "" : `${text} is not the number that is proved`;
 }
 
 // Why a sentence says more than the certificate proves, or something else.
@@ -102,9 +104,29 @@ function misstated(text, tolerance, proof) {
   return wrong.find(Boolean) || "";
 }
 
+// Why the verdict on all legs together is not proved: the badge, and the sentence beside it.
+function misjudged(claim, text, tolerance, proofs, legs) {
+  const proofOn = leg => proofs[`${leg} bracket`], known = legs.filter(proofOn), refused = known.find(leg => proofOn(leg).refused);
+  if (refused) return proofOn(refused).refused;
+  const wrong = (word, leg) => misstated(word, tolerance, proofOn(leg));
+  if (claim === "summary") {
+    const said = [...text.matchAll(/Leg ([0-9, ]+): (pass|fail|undecided|undetermined)\./g)].flatMap(([, some, word]) => some.split(", ").map(leg => [leg, word]));
+    if (said.map(([leg]) => leg).sort().join() !== [...legs].sort().join()) return "it does not name each leg once";
+    return said.map(([leg, word]) => proofOn(leg) ? wrong(word, leg) : "").find(Boolean) || (known.length < legs.length ? null : "");
+  }
+  const fails = known.some(leg => !wrong("fail", leg));
+  if (text === "FAIL") return fails ? "" : known.length < legs.length ? null : "a fail is not proved";
+  if (fails) return "a fail is proved";
+  if (text !== "PASS") return text === "UNDECIDED" ? "" : "it is no verdict";
+  return known.map(leg => wrong("pass", leg)).find(Boolean) || (known.length < legs.length ? null : "");
+}
+
 // Why a number shown is not proved: "" where it is, null where no certificate speaks of it.
-function fault({leg, claim, parameter, value, text}, proofs, digest) {
+function fault({leg, claim, parameter, value, text}, proofs, {digest, count, legs, tolerances}) {
   if (claim === "campaign") return text === digest ? "" : "the campaign in this page has another SHA-256";
+  if (claim === "count") return text.replace(/,/g, "") === String(count) ? "" : `the campaign in this page has ${count} measurements`;
+  if (claim === "tolerance") return tolerances.some(other => other !== value) ? "another tolerance stands elsewhere" : misprint(text, hexNumber(value), 0);
+  if (claim === "overall" || claim === "summary") return misjudged(claim, text, value, proofs, legs);
   if (claim === "box") {
     const width = mul(D(2), hexNumber(value)), narrow = Object.values(proofs).some(({lo, hi}) => lo && PARAMETERS.some((_, i) => cmp(sub(hi[i], lo[i]), width) < 0));
     return narrow ? "a certificate is about a smaller box" : misprint(text, hexNumber(value), 0);
@@ -117,6 +139,11 @@ function fault({leg, claim, parameter, value, text}, proofs, digest) {
   if (value === "inf" || value === "-inf") {  // states nothing, but for eps_lo
     if (text !== value.replace("inf", "∞")) return `${text} is not what is proved`;
     return claim === "eps_lo" ? proof.claims.infeasible ? null : "no certificate claims it" : (value === "inf") === (side > 0) ? "" : "no certificate claims it";
+  }
+  if (claim.endsWith(".width")) {
+    const [lo, hi] = ["lo", "hi"].map(end => claimed(proof, claim.replace("width", end), parameter));
+    if (lo && hi) return misprint(text, sub(hi, lo), 1, true);
+    return text === "∞" ? "" : "no certificate claims both ends";
   }
   const stated = hexNumber(value), proved = claimed(proof, claim, parameter);
   if (proved === null) return "no certificate claims it";
@@ -135,8 +162,11 @@ function judged(campaignBytes, certificates, shown, tell = () => {}) {
     proofs[`${leg} ${kind}`] = proof;
     told.push({leg, name, refused: proof.refused || "", seconds: (Date.now() - began) / 1000});
   });
+  const verdicts = shown.filter(({claim}) => claim === "verdict"), about = {
+    digest, count: campaign instanceof Refused ? 0 : campaign.rows.length,
+    legs: [...new Set(verdicts.map(({leg}) => leg))], tolerances: verdicts.map(({value}) => value).filter(Boolean)};
   const faults = shown.map(number => {
-    try { return fault(number, proofs, digest); } catch (error) { if (error instanceof Refused) return error.message; throw error; }
+    try { return fault(number, proofs, about); } catch (error) { if (error instanceof Refused) return error.message; throw error; }
   });
   return {faults, proofs: told};
 }
@@ -167,7 +197,7 @@ function begin(source) {
     }
     const bad = faults.filter(Boolean).length + proofs.filter(p => p.refused).length, held = faults.filter(f => f === "").length;
     if (bad) say(get("proof-status"), `REFUSED: this page is not what its certificates prove, in ${bad} place${bad > 1 ? "s" : ""}, marked red.`, "refuted");
-    else say(get("proof-status"), `${proofs.length} certificates checked in this browser, ${seconds(proofs)}; ${held} statements of this page are what they prove.`, "held");
+    else say(get("proof-status"), `${proofs.length} certificate${proofs.length > 1 ? "s" : ""} checked in this browser, ${seconds(proofs)}; ${held} statements of this page are what they prove.`, "held");
     button.disabled = false;
   }
   function run() {
