@@ -56,6 +56,7 @@ from cpcal.solver.linear import LinearStatus
 REACH = 2000.0  # mm: the box around the classical positions
 GAP = 1e-6
 _BEYOND = 1.1  # of eps_hi: the tolerance of the ranges
+_HOPELESS = 1e-2  # of eps_hi: a lower end that is not worth the search
 _SHORT = (1.0, 1e-3, 0.03)  # of what is left below a bound that linear programs promise, given away for a proof
 
 Tell = Callable[[str], None]
@@ -187,8 +188,10 @@ def _lower(
     if wide[-1].refuted:
         return wide[-1].eps, wide
     eps, known = eps_hi * (1.0 - 0.9 * gap), wide[0]
+    if study.pose_half_width.any():  # what poses may move is lost to the lower end, so it is not near the upper one
+        eps = promised(study, wide[-1].left, eps) * (1.0 - _SHORT[1])
     for shortened in _SHORT:
-        if not eps > 0.0:
+        if not eps > _HOPELESS * eps_hi:
             break
         tell(f"is there anything below {eps:.6f} px?")
         tried = prove_in_turns(
