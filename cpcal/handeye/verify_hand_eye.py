@@ -67,8 +67,8 @@ def check_box(asked: AskedBox) -> str:
     placed = ((R_X, T_X, center.camera_quaternion, center.camera_position),
               (R_F, T_F, center.target_quaternion, center.target_position))  # fmt: skip
     reach = F(asked.reach)
-    # 2 sin(angle / 2), from below: what the box must hold at least
-    span = F(2) if asked.angle is None else F(2.0 * np.sin(np.radians(asked.angle) / 2.0) * (1.0 - 1e-14))
+    # 2 sin(angle / 2), from above: what the box must hold
+    span = F(2) if asked.angle is None else F(2.0 * np.sin(np.radians(asked.angle) / 2.0) * (1.0 + 1e-14))
     for turn, shift, quaternion, position in placed:
         entries = [value for row in exact_rotation(quaternion) for value in row]
         for i, value in zip(turn, entries, strict=True):
