@@ -16,14 +16,7 @@ FILES = sorted(file for folder in FOLDERS for file in (ROOT / folder).rglob("*.p
 NAMELESS = {"__init__.py", "__main__.py", "conftest.py"}
 # the checker is copied alone, and a page and a verb stand for what they show: their names are those of the rooms below
 APART = ("cpcal.checker", "cpcal.cli", "cpcal.report")
-# longer than they should be: each is worked on where it is, and is split there
-LONG = {
-    "cpcal/solver/contract.py",
-    "cpcal/solver/interval/functions.py",
-    "cpcal/solver/linear/simplex.py",
-    "cpcal/solver/network/expression.py",
-    "tests/checker/valid/test_rule.py",
-}
+LONG = {"cpcal/solver/contract.py"}  # whoever writes a contractor finds the whole contract on one page
 
 
 def place(file: Path) -> str:

@@ -159,8 +159,12 @@ def _problems(
     if result.model.name != PLAIN.name:
         what = f"has the leg model {result.model.name!r}"
         found.append(Problem("run", what, "certify with the plain model: others have no accuracy certificate yet"))
-    if [leg.leg for leg in result.legs] != list(range(1, LEGS + 1)) or campaign.legs != LEGS:
-        found.append(Problem("run", f"does not hold legs 1 to {LEGS}", "certify all legs of a robot that has six"))
+    if campaign.legs != LEGS:
+        remedy = "a pose has six unknowns, and its bounds are proved from as many legs: other robots have none yet"
+        found.append(Problem("robot", f"has {campaign.legs} legs", remedy))
+    elif [leg.leg for leg in result.legs] != list(range(1, LEGS + 1)):
+        held = ", ".join(str(leg.leg) for leg in result.legs) or "none"
+        found.append(Problem("run", f"holds these legs only: {held}", "certify all six"))
     if controller not in CONTROLLERS:
         found.append(Problem("controller", f"{controller!r} is not known", f"use one of {', '.join(CONTROLLERS)}"))
     elif controller == "proved" and any(leg.point is None for leg in result.legs):

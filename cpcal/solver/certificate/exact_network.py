@@ -18,7 +18,8 @@ from cpcal.solver.certificate.statement import HIGHEST_POWER, LONGEST, Given, Ne
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import Constraint as NetworkConstraint
-from cpcal.solver.network.expression import Expr, as_expr, sqr
+from cpcal.solver.network.expression import Expr, as_expr
+from cpcal.solver.network.mathematics import sqr
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.rewrite import terms
 

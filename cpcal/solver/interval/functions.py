@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.directed import quotient_above, quotient_below
 from cpcal.solver.interval.elementary import (
@@ -281,23 +279,3 @@ def atan2(y_lo: float, y_hi: float, x_lo: float, x_hi: float) -> Bounds:
             return sub(PIO2_LO, PIO2_HI, low, high)
         return sub(-PIO2_HI, -PIO2_LO, low, high)
     return -PI_HI, PI_HI
-
-
-@compiled
-def floor(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    return float(np.floor(lo)), float(np.floor(hi))
-
-
-@compiled
-def ceil(lo: float, hi: float) -> Bounds:
-    low, high = floor(-hi, -lo)
-    return -high, -low
-
-
-@compiled
-def sign(lo: float, hi: float) -> Bounds:
-    if not lo <= hi:
-        return math.nan, math.nan
-    return (1.0 if lo > 0.0 else (0.0 if lo == 0.0 else -1.0)), (-1.0 if hi < 0.0 else (0.0 if hi == 0.0 else 1.0))

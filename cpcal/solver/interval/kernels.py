@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.directed import (
     nth_root_above,
@@ -217,3 +219,23 @@ def larger(a_lo: float, a_hi: float, b_lo: float, b_hi: float) -> Bounds:
     if not (a_lo <= a_hi and b_lo <= b_hi):
         return math.nan, math.nan
     return (a_lo if a_lo > b_lo else b_lo), (a_hi if a_hi > b_hi else b_hi)
+
+
+@compiled
+def floor(lo: float, hi: float) -> Bounds:
+    if not lo <= hi:
+        return math.nan, math.nan
+    return float(np.floor(lo)), float(np.floor(hi))
+
+
+@compiled
+def ceil(lo: float, hi: float) -> Bounds:
+    low, high = floor(-hi, -lo)
+    return -high, -low
+
+
+@compiled
+def sign(lo: float, hi: float) -> Bounds:
+    if not lo <= hi:
+        return math.nan, math.nan
+    return (1.0 if lo > 0.0 else (0.0 if lo == 0.0 else -1.0)), (-1.0 if hi < 0.0 else (0.0 if hi == 0.0 else 1.0))

@@ -7,8 +7,8 @@ import numpy as np
 from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.linear.engine import LinearSolution, LinearStatus
 from cpcal.solver.linear.glop import Glop
-from cpcal.solver.linear.simplex import FAILED, OPTIMAL, begin, exact_point, minimise
-from cpcal.solver.linear.vertex import Vertex, to_box
+from cpcal.solver.linear.simplex import FAILED, OPTIMAL, begin, minimise
+from cpcal.solver.linear.vertex import Vertex, exact_point, to_box
 
 _ALL = 640  # rows that are all looked at in every pivot
 _FIRST = 3  # of more rows, those that enter at the start, per column

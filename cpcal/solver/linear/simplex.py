@@ -21,7 +21,7 @@ from cpcal.solver.linear.vertex import (
     exchange,
     refactored,
     residual,
-    side,
+    spread,
     times_inverse,
     to_box,
 )
@@ -37,13 +37,6 @@ _ACCURATE = 1e-11  # error of a point
 _STALLED = 20  # steps of length zero in a row, after which Bland's rule takes over
 _MORE_ROWS = 24  # violated rows that enter at a time
 _ROUNDS = 40  # times that rows enter for one objective
-
-
-@compiled
-def spread(k: int) -> float:
-    """Numbers in [1, 2) that look like random ones."""
-    value = k * 0.6180339887498949 + 0.5
-    return float(1.0 + value - np.floor(value))
 
 
 @compiled
@@ -281,17 +274,6 @@ def _on_working_rows(v: Vertex, objective: Floats, limit: int) -> int:
         if not refactored(v):
             return FAILED
     return FAILED
-
-
-@compiled
-def exact_point(v: Vertex, rhs: Floats, out: Floats) -> None:
-    """Where the tight constraints meet, their right sides as they are."""
-    out[:] = 0.0
-    for k in range(out.size):
-        constraint = v.tight[k]
-        b = rhs[v.number[constraint]] if constraint >= 0 else side(v, constraint)
-        for j in range(out.size):
-            out[j] += b * v.inverse[j, k]
 
 
 @compiled

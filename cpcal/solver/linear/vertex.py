@@ -193,3 +193,21 @@ def residual(v: Vertex) -> float:
             total += row[j] * v.point[j]
         worst = max(worst, abs(total))
     return worst
+
+
+@compiled
+def exact_point(v: Vertex, rhs: Floats, out: Floats) -> None:
+    """Where the tight constraints meet, their right sides as they are."""
+    out[:] = 0.0
+    for k in range(out.size):
+        constraint = v.tight[k]
+        b = rhs[v.number[constraint]] if constraint >= 0 else side(v, constraint)
+        for j in range(out.size):
+            out[j] += b * v.inverse[j, k]
+
+
+@compiled
+def spread(k: int) -> float:
+    """Numbers in [1, 2) that look like random ones."""
+    value = k * 0.6180339887498949 + 0.5
+    return float(1.0 + value - np.floor(value))

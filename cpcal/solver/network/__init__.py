@@ -1,7 +1,8 @@
 """What must hold: expressions, constraints, networks, and their rewriting to polynomial form."""
 
-from cpcal.solver.network.expression import Constraint, Expr, maximum, minimum, norm, sqr, sqrt
+from cpcal.solver.network.expression import Constraint, Expr
 from cpcal.solver.network.forms import CentredForm, evaluate
+from cpcal.solver.network.mathematics import maximum, minimum, norm, sqr, sqrt
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.rewrite import PolynomialSystem, one_sided_rows, polynomial_form
 from cpcal.solver.network.tape import Tape

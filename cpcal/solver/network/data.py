@@ -61,3 +61,16 @@ def freeze(data: Data | None) -> None:
 
 def is_thick(data: object) -> bool:
     return isinstance(data, IntervalArray) and bool(np.any(data.lo != data.hi))
+
+
+def broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
+    """Whether an array of one shape can be repeated to fill the other."""
+    try:
+        return np.broadcast_shapes(shape, target) == target
+    except ValueError:
+        return False
+
+
+def positions(shape: tuple[int, ...]) -> npt.NDArray[np.int64]:
+    """The flat index of every element."""
+    return np.arange(int(np.prod(shape, dtype=np.int64))).reshape(shape)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Interval, IntervalArray
 from cpcal.solver.network.dag import topological
-from cpcal.solver.network.data import checked, enclosed, freeze, is_thick, own, pair
+from cpcal.solver.network.data import broadcasts, checked, enclosed, freeze, is_thick, own, pair, positions
 
 Operand = Union["Expr", float, int, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
 Shape = tuple[int, ...]
@@ -141,20 +141,20 @@ class Expr:
     @property
     def T(self) -> Expr:
         """Axes in reverse order."""
-        return self._gathered(_positions(self).T) if self.ndim > 1 else self
+        return self._gathered(positions(self.shape).T) if self.ndim > 1 else self
 
     def reshape(self, *shape: Any) -> Expr:
         """The same elements in another shape, in C order."""
         wanted = shape[0] if len(shape) == 1 else shape
         try:
-            return self._gathered(_positions(self).reshape(wanted))
+            return self._gathered(positions(self.shape).reshape(wanted))
         except ValueError:
             raise ModelError(f"an expression of shape {self.shape} can not be reshaped to {wanted}") from None
 
     def __getitem__(self, index: Any) -> Expr:
         """numpy's basic and advanced indexing."""
         try:
-            return self._gathered(_positions(self)[index])
+            return self._gathered(positions(self.shape)[index])
         except IndexError as error:
             raise ModelError(f"index {index!r} does not fit shape {self.shape}: {error}") from None
 
@@ -234,7 +234,7 @@ class Constraint:
 
     def __post_init__(self) -> None:
         for bound in (self.lower, self.upper):
-            if not _broadcasts(bound.shape, self.body.shape):
+            if not broadcasts(bound.shape, self.body.shape):
                 raise ModelError(f"bounds of shape {bound.shape} do not fit a body of shape {self.body.shape}")
         lower, upper = self.lower.data, self.upper.data
         if self.lower.op == self.upper.op == "constant":
@@ -278,18 +278,6 @@ def _constant(value: Operand) -> Expr:
     return Expr("constant", shape=values.shape, data=values)
 
 
-def _broadcasts(shape: Shape, target: Shape) -> bool:
-    """Whether an array of one shape can be repeated to fill the other."""
-    try:
-        return np.broadcast_shapes(shape, target) == target
-    except ValueError:
-        return False
-
-
-def _positions(expr: Expr) -> npt.NDArray[np.int64]:
-    return np.arange(int(np.prod(expr.shape, dtype=np.int64))).reshape(expr.shape)
-
-
 def binary(op: str, left: Operand, right: Operand) -> Expr:
     x, y = as_expr(left), as_expr(right)
     try:
@@ -308,28 +296,3 @@ def _matmul(x: Expr, y: Expr) -> Expr:
     if x.ndim == 1:
         return (x[:, None] * y).sum(-2)
     return (x[..., :, :, None] * y[..., None, :, :]).sum(-2)
-
-
-def sqr(x: Operand) -> Expr:
-    """Square (tighter than `x * x` over intervals)."""
-    arg = as_expr(x)
-    return Expr("sqr", (arg,), arg.shape)
-
-
-def sqrt(x: Operand) -> Expr:
-    """Square root, defined where the argument is not negative."""
-    arg = as_expr(x)
-    return Expr("sqrt", (arg,), arg.shape)
-
-
-def norm(x: Operand) -> Expr:
-    """Euclidean length along the last axis."""
-    return sqrt(sqr(x).sum(-1))
-
-
-def minimum(x: Operand, y: Operand) -> Expr:
-    return binary("min", x, y)
-
-
-def maximum(x: Operand, y: Operand) -> Expr:
-    return binary("max", x, y)

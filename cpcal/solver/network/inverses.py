@@ -6,13 +6,15 @@ import math
 
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.elementary import PI_HI, PIO2_HI
-from cpcal.solver.interval.functions import ceil, cos, exp, expm1, floor, log, log1p, sin, tan
+from cpcal.solver.interval.functions import cos, exp, expm1, log, log1p, sin, tan
 from cpcal.solver.interval.inverse_functions import acosh, asinh, atanh, of_cosine, of_sine, of_tangent
 from cpcal.solver.interval.kernels import (
     Bounds,
     add,
+    ceil,
     div,
     factor,
+    floor,
     hull,
     meet,
     mul,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cpcal.common.errors import ModelError
-from cpcal.solver.network.expression import Expr, Operand, as_expr, binary, sqr, sqrt
+from cpcal.solver.network.expression import Expr, Operand, as_expr, binary
 
 
 def _named(op: str, meaning: str) -> Callable[[Operand], Expr]:
@@ -20,6 +20,8 @@ def _named(op: str, meaning: str) -> Callable[[Operand], Expr]:
     return function
 
 
+sqr = _named("sqr", "Square (tighter than `x * x` over intervals).")
+sqrt = _named("sqrt", "Square root, defined where the argument is not negative.")
 exp = _named("exp", "e to the power of x.")
 expm1 = _named("expm1", "exp(x) - 1, exact to the last places near 0.")
 log = _named("log", "Natural logarithm, defined where x > 0.")
@@ -36,6 +38,21 @@ tanh = _named("tanh", "Hyperbolic tangent.")
 floor = _named("floor", "The greatest integer that is at most x.")
 ceil = _named("ceil", "The least integer that is at least x.")
 sign = _named("sign", "-1, 0 or 1.")
+
+
+def norm(x: Operand) -> Expr:
+    """Euclidean length along the last axis."""
+    return sqrt(sqr(x).sum(-1))
+
+
+def minimum(x: Operand, y: Operand) -> Expr:
+    """The smaller of two, element by element."""
+    return binary("min", x, y)
+
+
+def maximum(x: Operand, y: Operand) -> Expr:
+    """The larger of two, element by element."""
+    return binary("max", x, y)
 
 
 def atan2(y: Operand, x: Operand) -> Expr:

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.dag import topological
-from cpcal.solver.network.expression import Constraint, Expr, as_expr, sqr
+from cpcal.solver.network.expression import Constraint, Expr, as_expr
+from cpcal.solver.network.mathematics import sqr
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.polynomial import Expander, Monomial, NotPolynomial, PolynomialArray
 
