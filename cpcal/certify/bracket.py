@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from cpcal.certify.checkpoints import SearchKeeper
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
-from cpcal.solver.certificate.recording import Recording, claims_of
+from cpcal.common.errors import InputError
+from cpcal.execution.stopping import asked
+from cpcal.solver.certificate.recording import Claims, Recording, claims_of
+from cpcal.solver.certificate.statement import Statement
+from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
 from cpcal.solver.optimize import Bracket, Minimum, Trial, minimize, run
@@ -18,11 +25,15 @@ from cpcal.solver.search import Contracting, Event, StepProver
 
 @dataclass(frozen=True)
 class Answered:
-    """A leg's bracket, the name of its certificate, and the calls of the solver that led to it (method timeout)."""
+    """A leg's bracket, the name of its certificate, and the calls of the solver that led to it (method timeout).
+
+    `unwritten`: there would be a certificate, had there been a place to write it.
+    """
 
     minimum: Minimum
     certificate: str | None = None
     trials: tuple[Trial, ...] = ()
+    unwritten: bool = False
 
 
 def by_bound(
@@ -31,24 +42,39 @@ def by_bound(
     """Branch and bound, by all contractors asked for; with certificates, what weights prove of it is the answer."""
     named = question.named(network)
 
-    def solved(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
-        engine, limits = question.engine, question.limits
+    def solved(
+        prover: StepProver | None, observe: Callable[[Event], None] | None, recording: Recording | None
+    ) -> Minimum:
+        checkpoints = question.checkpoints
+        keeper = None if checkpoints is None else SearchKeeper(checkpoints, leg, recording)
         states = minimize(
-            network, "eps", named, engine=engine, limits=limits, start=start, prover=prover, observe=observe
+            network,
+            "eps",
+            named,
+            engine=question.engine,
+            limits=question.limits,
+            start=start,
+            prover=prover,
+            observe=observe,
+            resume=None if keeper is None else keeper.resumed(),
+            keep=keeper,
         )
-        return run(states, tell)
+        found = run(states, tell)
+        if keeper is not None and not _torn(found):
+            keeper.end(found)
+        return found
 
     wanted = question.certificates is not None and Contracting(named).gives_weights
     statement = question.statement(leg, network.domain) if wanted else None
     if statement is None:
-        return Answered(solved(None, None))
-    with Recording(statement, network.domain) as recording:
-        found = solved(recording.prover, recording.event)
-        if found.interrupted or (found.witness is None and found.lo <= network.domain["eps"].lo):
+        return Answered(solved(None, None, None))
+    with ProofFile(statement, network.domain) as proof:
+        found = solved(proof.recording.prover, proof.event, proof.recording)
+        if _torn(found) or (found.witness is None and found.lo <= network.domain["eps"].lo):
             return Answered(found)  # nothing is proved, or the last step may be half written
-        path = recording.write(question.certificate(leg), claims_of(found, network.domain, "eps"))
-        found = replace(found, contractors_used=recording.credited(found.contractors_used))
-        return Answered(found, path.name)
+        path = proof.write(question.certificate(leg), claims_of(found, network.domain, "eps"))
+        found = replace(found, contractors_used=proof.recording.credited(found.contractors_used))
+        return Answered(found, None if path is None else path.name, unwritten=path is None)
 
 
 def prove_support(
@@ -60,7 +86,7 @@ def prove_support(
     statement = question.statement(leg, network.domain, few)
     if not Contracting(named).gives_weights or statement is None:
         return
-    with Recording(statement, network.domain) as recording:
+    with ProofFile(statement, network.domain) as proof:
         found = run(
             minimize(
                 smaller,
@@ -70,11 +96,46 @@ def prove_support(
                 limits=limits,
                 start=start,
                 enclose=False,
-                prover=recording.prover,
-                observe=recording.event,
+                prover=proof.recording.prover,
+                observe=proof.event,
             ),
             None,
         )
         if not found.interrupted:
             claims = claims_of(found, network.domain, "eps", lower_only=True)
-            recording.write(question.certificate(leg, ".support"), claims)
+            proof.write(question.certificate(leg, ".support"), claims)
+
+
+class ProofFile:
+    """A recording that no full disk stops: what was found stays, without a certificate. Use it in a `with` block."""
+
+    def __init__(self, statement: Statement, domain: Box) -> None:
+        self.recording = Recording(statement, domain)
+        self._whole = True
+
+    def __enter__(self) -> ProofFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(OSError):
+            self.recording.close()
+
+    def event(self, event: Event) -> None:
+        """Take down what became of a node, as long as there is space."""
+        try:
+            if self._whole:
+                self.recording.event(event)
+        except OSError:
+            self._whole = False
+
+    def write(self, path: Path, claims: Claims) -> Path | None:
+        """The certificate, all or nothing; None where it cannot be written."""
+        try:
+            return self.recording.write(path, claims) if self._whole else None
+        except (OSError, InputError):
+            return None
+
+
+def _torn(found: Minimum) -> bool:
+    """Whether an exception broke the search off between any two lines, and no stop that it was asked for."""
+    return found.interrupted and not asked()

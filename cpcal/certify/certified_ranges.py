@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from cpcal.certify.bracket import by_bound
+from cpcal.certify.leg_tasks import HERE, Place, answers
 from cpcal.certify.question import Question
-from cpcal.common.atomic import unwritable
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError
 from cpcal.legs import LegModel
 from cpcal.results import LegResult, Options, Ranges, Result, model_of
 from cpcal.robot import Campaign
@@ -27,12 +30,13 @@ def with_ranges(
     *,
     certificates: str | os.PathLike[str] | None = None,
     model: LegModel | None = None,
+    place: Place = HERE,
 ) -> Result:
     """The result with `ranges` for every leg that has a tolerance to ask them at (`range_eps`).
 
     `certificates`: a folder for `ranges-legN.cert.jsonl`, which prove them. `model`: the leg model, where no installed
-    package provides it. Ctrl-C ends it with what is done. Raises InputError without the model, or where a certificate
-    cannot be written.
+    package provides it. `place`: where the work is done. Ctrl-C ends it with what is done. Raises InputError without
+    the model.
     """
     if result.interrupted:
         return result
@@ -44,18 +48,33 @@ def with_ranges(
         certificates=folder,
         prefix=PREFIX,
     )
-    legs, interrupted = list(result.legs), False
-    for k, leg in enumerate(legs):
-        try:
-            found, interrupted = _ranges(question, leg)
-        except KeyboardInterrupt:
-            interrupted = True
-        except OSError as error:
-            raise unwritable(folder or Path(), error) from None
-        if interrupted:
-            break
-        legs[k] = replace(leg, ranges=found)
-    return replace(result, legs=tuple(legs), interrupted=interrupted)
+    found: dict[int, LegResult] = {leg.leg: leg for leg in result.legs}
+    left = set(found)
+    interrupted = False
+    try:
+        for answer in answers(question, _ranges, result.legs, place):
+            ranges, stopped = answer.found
+            interrupted = interrupted or stopped
+            if stopped:
+                continue
+            leg = answer.asked
+            left.discard(leg.leg)
+            found[leg.leg] = replace(leg, ranges=_written(folder, answer.files, ranges))
+    except KeyboardInterrupt:
+        interrupted = True
+    legs = tuple(found[leg.leg] for leg in result.legs)
+    return replace(result, legs=legs, interrupted=interrupted or bool(left))
+
+
+def _written(folder: Path | None, files: Mapping[str, bytes], ranges: Ranges | None) -> Ranges | None:
+    """The ranges, with their certificate in the folder; without it where it cannot be written."""
+    try:
+        for name, content in files.items():
+            assert folder is not None
+            write_file(folder / name, content)
+    except InputError:
+        return None if ranges is None else replace(ranges, certificate=None)
+    return ranges
 
 
 def range_eps(options: Options, leg: LegResult) -> float | None:

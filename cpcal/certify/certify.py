@@ -4,22 +4,31 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cpcal.certify.asked_model import chosen_model
 from cpcal.certify.certify_leg import certify_leg
+from cpcal.certify.checkpoints import Checkpoints
+from cpcal.certify.leg_tasks import HERE, Place, answers
 from cpcal.certify.question import Progress, Question, absent_legs
-from cpcal.common.atomic import unwritable
+from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.version import __version__
+from cpcal.execution.executors import executor_for
+from cpcal.execution.stopping import heard, within_memory
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.legs import LegModel
-from cpcal.results import CampaignNote, LegResult, ModelNote, Options, Result
+from cpcal.results import CampaignNote, LegResult, ModelNote, Options, Result, Uncertified
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
+from cpcal.solver.optimize import Bracket
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 
 def certify(
@@ -30,6 +39,7 @@ def certify(
     center: str = "fit",
     gap: float = 1e-6,
     time_limit: float | None = None,
+    node_limit: int | None = None,
     contractors: Sequence[str] = ("lifted",),
     arithmetic: str = "float64",
     eps: float | None = None,
@@ -40,14 +50,19 @@ def certify(
     progress: Progress | None = None,
     model: str | LegModel | None = None,
     half_widths: Mapping[str, float] | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    executor: Executor | Client | None = None,
+    memory_limit: int | None = None,
+    resume: bool = False,
 ) -> Result:
     """For every leg the smallest eps for which some x satisfies all N equations, bracketed by proofs.
 
     "Satisfies" means: for every measurement THERE EXISTS a reading in its set with `|g(x, M_k)| <= eps`.
     x ranges over all parameters within `delta` mm of the center: "fit" (least squares), "plain" (of the plain model) or
-    "nominal". `legs` counts from 1 (default: all). `gap` is relative, `time_limit` in seconds per leg. With `eps` (mm)
-    the question is instead whether S(eps) is empty. `progress` is called with (leg, Bracket) as the brackets shrink.
-    `tolerance` (mm) is kept with the result: the error that the robot may have.
+    "nominal". `legs` counts from 1 (default: all). `gap` is relative; `time_limit` (seconds) and `node_limit` (boxes)
+    are of each leg. With `eps` (mm) the question is instead whether S(eps) is empty. `progress` is called with
+    (leg, Bracket) as the brackets shrink. `tolerance` (mm) is kept with the result: the error that the robot may have.
 
     `support` "irreducible" leaves out of each leg's support every measurement that the proof can do without; "few" does
     not try; with "none" no support is sought. `certificates` names a folder for `legN.cert.jsonl`, which prove the
@@ -63,7 +78,15 @@ def certify(
     or a `LegModel` (default: the campaign's, else plain). Its extra parameters range within `half_widths` of 0: those
     given by name, else its own.
 
-    Ctrl-C ends it with what is proved so far. Raises InputError, PluginError.
+    `workers` processes of this machine, the Dask cluster whose `scheduler` has that address, or an `executor` (any of
+    `concurrent.futures`, or a `distributed.Client`) do the legs; left out: this process does, one after the other. The
+    certificates are the same, byte for byte.
+
+    Ctrl-C ends it with what is proved so far, and certificates of that; so does a process (without its workers) that
+    takes more than `memory_limit` bytes. Until all is answered the folder keeps what is done in `checkpoint`; with
+    `resume` another call goes on from there, whatever its limits, to the same certificates.
+
+    Raises InputError, PluginError, LostWorkerError.
     """
     options, corrected = checked_options(
         campaign,
@@ -72,6 +95,7 @@ def certify(
         center=center,
         gap=gap,
         time_limit=time_limit,
+        node_limit=node_limit,
         contractors=contractors,
         arithmetic=arithmetic,
         eps=eps,
@@ -82,10 +106,15 @@ def certify(
         half_widths=half_widths or {},
     )
     question = Question(campaign=campaign, options=options, model=corrected, progress=progress)
-    if certificates is None:
-        return answered(question)
-    with answers_into(certificates, RUN, campaign) as draft:
-        return answered(replace(question, certificates=draft))
+    with heard(), within_memory(memory_limit), executor_for(workers, scheduler, executor) as place:
+        if certificates is None:
+            return answered(question, place)
+        with answers_into(certificates, RUN, campaign) as draft:
+            kept = Checkpoints.for_run(Path(certificates), campaign, options, corrected, resume=resume)
+            kept.begin()
+            result = answered(replace(question, certificates=draft, checkpoints=kept), place)
+    kept.end_after(result)
+    return result
 
 
 def checked_options(campaign: Campaign, others: Sequence[Problem] = (), **given: Any) -> tuple[Options, LegModel]:
@@ -107,27 +136,52 @@ def checked_options(campaign: Campaign, others: Sequence[Problem] = (), **given:
     return options, model
 
 
-def answered(question: Question) -> Result:
-    """The legs one after the other. Raises InputError when a certificate cannot be written."""
+def answered(question: Question, place: Place = HERE) -> Result:
+    """All legs. Raises LostWorkerError, and InputError for a question that cannot travel to where the work is done."""
     campaign, model = question.campaign, question.model
-    done: list[LegResult] = []
+    numbers = question.options.legs or tuple(range(1, campaign.legs + 1))
+    kept = question.checkpoints
+    done = {} if kept is None else _resumed(question, kept, numbers)
     interrupted = False
-    for leg in question.options.legs or range(1, campaign.legs + 1):
-        try:
-            found, interrupted = certify_leg(question, leg)
-        except KeyboardInterrupt:
-            interrupted = True
-            break
-        except OSError as error:
-            raise unwritable(question.certificates or Path(), error) from None
-        done.append(found)
-        if interrupted:
-            break
+    try:
+        for answer in answers(question, certify_leg, [leg for leg in numbers if leg not in done], place):
+            leg, stopped = answer.found
+            interrupted = interrupted or stopped
+            done[answer.asked] = _written(question, answer.files, leg)
+            if kept is not None and not (stopped or leg.pending or leg.not_certified is Uncertified.UNWRITTEN):
+                kept.keep_answer(leg, answer.files)
+            if question.progress is not None and place is not HERE:
+                question.progress(leg.leg, Bracket(leg.eps_lo, leg.eps_hi, leg.nodes, leg.programs, leg.seconds))
+            if stopped and place is HERE:
+                break
+    except KeyboardInterrupt:
+        interrupted = True
     return Result(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         options=question.options,
         model=ModelNote(model.name, model.summary, model.extra),
         version=__version__,
-        interrupted=interrupted,
-        legs=tuple(done),
+        interrupted=interrupted or len(done) < len(numbers),
+        legs=tuple(done[leg] for leg in numbers if leg in done),
     )
+
+
+def _resumed(question: Question, kept: Checkpoints, numbers: Sequence[int]) -> dict[int, LegResult]:
+    """The legs that an earlier run has answered, their certificates in the folder for them."""
+    done = {}
+    for number in numbers:
+        found = kept.answer(number)
+        if found is not None:
+            done[number] = _written(question, found[1], found[0])
+    return done
+
+
+def _written(question: Question, files: Mapping[str, bytes], leg: LegResult) -> LegResult:
+    """The leg, its certificates in the folder for them; where they cannot be written it stays, without them."""
+    try:
+        for name, content in files.items():
+            assert question.certificates is not None
+            write_file(question.certificates / name, content)
+    except InputError:
+        return replace(leg, certified=False, certificate=None, not_certified=Uncertified.UNWRITTEN)
+    return leg

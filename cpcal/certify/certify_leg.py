@@ -12,6 +12,7 @@ from cpcal.certify.question import Question
 from cpcal.certify.timeout_method import by_timeout
 from cpcal.certify.undetermined import determination
 from cpcal.common.arrays import Floats
+from cpcal.execution.stopping import asked
 from cpcal.legs import built_in, exactly_read
 from cpcal.results import Determination, LegResult, Uncertified, VerifiedPoint
 from cpcal.solver.contract import Verdict
@@ -36,7 +37,7 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
     answer = by_bound if question.options.method == "bound" else by_timeout
     found = answer(question, leg, network, start, tell)
     few = _support(question, leg, network, start, found.minimum)
-    return _leg_result(question, leg, center, found, few), found.minimum.interrupted
+    return _leg_result(question, leg, center, found, few), found.minimum.interrupted or asked() is not None
 
 
 def _support(
@@ -54,7 +55,7 @@ def _support(
     few = find_support(network, "eps", found, gap, alone)
     if question.options.support == "irreducible" and few:
         few = irreducible(network, found, few, gap, alone)
-        if question.certificates is not None:
+        if question.certificates is not None and not asked():
             best = start if found.witness is None else found.witness.point
             prove_support(question, leg, network, best, few)
     return few
@@ -115,6 +116,8 @@ def _not_certified(question: Question, leg: int, answer: Answered) -> Uncertifie
         return Uncertified.NOTHING
     if question.certificates is None:
         return Uncertified.NOT_ASKED
+    if answer.unwritten:
+        return Uncertified.UNWRITTEN
     if answer.minimum.interrupted:
         return Uncertified.INTERRUPTED
     if not built_in(question.model) and not exactly_read(question.campaign, leg):

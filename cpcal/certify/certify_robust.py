@@ -269,7 +269,10 @@ class _Search:
             prover=None if recording is None else recording.prover,
             observe=None if recording is None else recording.event,
         )
-        return run(states, None)
+        found = run(states, None)
+        if found.interrupted:  # its bracket is of no use to the next search
+            raise KeyboardInterrupt
+        return found
 
     def _fitted(self, without: frozenset[int], start: Floats) -> tuple[Floats, list[int]]:
         """A local minimiser of the others' eps, and the measurements that decide it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ from cpcal.certify.asked_model import chosen_model
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.question import Question
 from cpcal.common.errors import Problem
+from cpcal.execution.stopping import heard
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
@@ -59,9 +61,10 @@ def compare(
         contractors=contractors,
         arithmetic=arithmetic,
     )
-    if certificates is None:
-        return compared(question, chosen, progress)
-    with answers_into(certificates, FOLDER, campaign) as draft:
+    with heard(), ExitStack() as keep:
+        if certificates is None:
+            return compared(question, chosen, progress)
+        draft = keep.enter_context(answers_into(certificates, FOLDER, campaign))
         return compared(replace(question, certificates=draft), chosen, progress)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem
+from cpcal.execution.stopping import heard
 from cpcal.files.run_folder import COMPARED, answers_into
 from cpcal.results import Comparison, Entry
 from cpcal.solver.certificate.exact_network import NotStated
@@ -42,7 +43,7 @@ def compare_networks(
     form, have none: they stay unchecked. Raises InputError, and what `Network.minimize` raises.
     """
     _check(cases, tolerance)
-    with ExitStack() as keep:
+    with heard(), ExitStack() as keep:
         folder = None if certificates is None else keep.enter_context(answers_into(certificates, COMPARED))
         ask = partial(Network.minimize, contractors=contractors, arithmetic=arithmetic, limits=limits)
         entries, interrupted = _compared(cases, ask, folder, progress)

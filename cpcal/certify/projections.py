@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from cpcal.certify.certified_ranges import range_eps
+from cpcal.certify.leg_tasks import HERE, Place, answers
+from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
 from cpcal.legs import PARAMETERS, LegModel, ModelResiduals, leg_box, leg_network
 from cpcal.results import LegResult, Projection, Projections, Result, model_of
@@ -35,36 +38,38 @@ _SETTLED = 0.75  # another pass only while some width shrinks below this part of
 _DRAWN = (1e-9, 1e6)  # mm: a parameter known better, or worse, has no projection worth drawing
 
 
-def with_projections(campaign: Campaign, result: Result, model: LegModel | None = None) -> Result:
+def with_projections(campaign: Campaign, result: Result, model: LegModel | None = None, place: Place = HERE) -> Result:
     """The result with `projections` for every leg that has a tolerance to draw them at; Ctrl-C ends it early.
 
-    `model`: the leg model, where no installed package provides it. Raises InputError without it.
+    `model`: the leg model, where no installed package provides it. `place`: where the work is done. Raises InputError
+    without the model.
     """
     if result.interrupted:
         return result
-    legs, known = list(result.legs), model_of(result, model)
-    try:
-        for k, leg in enumerate(legs):
-            legs[k] = replace(leg, projections=projections(campaign, result, leg, known))
-    except KeyboardInterrupt:
-        return replace(result, legs=tuple(legs), interrupted=True)
-    return replace(result, legs=tuple(legs))
+    question = Question(campaign=campaign, options=result.options, model=model_of(result, model))
+    drawn: dict[int, Projections | None] = {}
+    with suppress(KeyboardInterrupt):
+        for answer in answers(question, projections, result.legs, place):
+            drawn[answer.asked.leg] = answer.found
+    legs = tuple(replace(leg, projections=drawn.get(leg.leg, leg.projections)) for leg in result.legs)
+    return replace(result, legs=legs, interrupted=len(drawn) < len(legs))
 
 
-def projections(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) -> Projections | None:
-    """Of all x within `result.options.delta` of the leg's center that satisfy its equations to within `range_eps`.
+def projections(question: Question, leg: LegResult) -> Projections | None:
+    """Of all x within `question.options.delta` of the leg's center that satisfy its equations to within `range_eps`.
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. None where there is no such tolerance or no x,
-    where none of the result's contractors has a `support_function`, or where all is known too well, or too badly, to be
+    where none of the contractors has a `support_function`, or where all is known too well, or too badly, to be
     drawn.
     """
-    eps = range_eps(result.options, leg)
+    campaign, options, model = question.campaign, question.options, question.model
+    eps = range_eps(options, leg)
     if eps is None:
         return None
     engine = get_arithmetic(ARITHMETIC)
-    box = leg_box(leg.center, result.options.delta, model)
+    box = leg_box(leg.center, options.delta, model)
     network = leg_network(campaign, leg.leg, box, engine=engine, eps=(eps, eps), model=model)
-    for name in result.options.contractors:
+    for name in options.contractors:
         contractor = plugins.load(name)(network, objective=None, arithmetic=ARITHMETIC)
         if isinstance(contractor, SupportFunction):
             known = _known(leg, eps)

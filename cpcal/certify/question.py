@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cpcal.certify.checkpoints import Checkpoints
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import Problem
 from cpcal.legs import PLAIN, LegModel, fit_model, leg_box, leg_network, model_statement
@@ -25,7 +26,10 @@ Progress = Callable[[int, Bracket], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """Options, and what they are asked of. `certificates`: the folder for them; `prefix`: of their names."""
+    """Options, and what they are asked of. `certificates`: the folder for them; `prefix`: of their names.
+
+    `checkpoints`: where what is done is kept meanwhile.
+    """
 
     campaign: Campaign
     options: Options
@@ -33,6 +37,7 @@ class Question:
     certificates: Path | None = None
     prefix: str = ""
     progress: Progress | None = None
+    checkpoints: Checkpoints | None = None
 
     @property
     def engine(self) -> Arithmetic:
@@ -40,7 +45,7 @@ class Question:
 
     @property
     def limits(self) -> Limits:
-        return Limits(seconds=self.options.time_limit, gap=self.options.gap)
+        return Limits(seconds=self.options.time_limit, nodes=self.options.node_limit, gap=self.options.gap)
 
     def named(self, network: ConstraintNetwork) -> list[tuple[str, Contractor]]:
         """The contractors asked for, with their names."""

@@ -13,6 +13,7 @@ import numpy as np
 from cpcal.certify.bracket import Answered
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
+from cpcal.execution.stopping import asked
 from cpcal.results.leg_sentence import calls_sentence
 from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Limits, Verdict
@@ -38,6 +39,9 @@ def by_timeout(
             for trial in timeout(solver, lo=0.0, hi=solver.highest, limits=question.limits):
                 trials.append(trial)
                 tell(Bracket(trial.lo, trial.hi, len(trials), _programs(trials), time.monotonic() - began))
+                if asked():
+                    interrupted = True
+                    break
         except KeyboardInterrupt:
             interrupted = True
         found = _minimum(network, solver, trials, question.limits, time.monotonic() - began)

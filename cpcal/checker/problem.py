@@ -117,6 +117,11 @@ class Constraint:
         return body.times(-1) if side == "body" and factor is not None else body.times(0)
 
 
+def _exact(k: int) -> tuple[F, ...]:
+    """Of constraints without readings."""
+    return ()
+
+
 @dataclass(frozen=True)
 class Problem:
     """Constraints in some unknowns; `chosen`: the ascending numbers of those that count, of `count`."""
@@ -126,7 +131,7 @@ class Problem:
     count: int
     chosen: tuple[int, ...]
     constraint: Callable[[int, Kept], Constraint]  # with what is put for each monomial in x and readings
-    radii: Callable[[int], tuple[F, ...]] = lambda k: ()  # of readings m: |m_j| <= radii_j
+    radii: Callable[[int], tuple[F, ...]] = _exact  # of readings m: |m_j| <= radii_j
     sides: tuple[str, ...] = SIDES
     model: str | None = None  # of a leg; None: the certificate states the constraints
 

@@ -17,7 +17,7 @@ from .readers import finite, shown
 from .refusal import Refused, Unusable
 
 RESULT_NAME = "result.json"
-RESULT_FORMAT = "cpcal-result/4"
+RESULT_FORMAT = "cpcal-result/5"
 SUPPORT = "support.cert.jsonl"
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints

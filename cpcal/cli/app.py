@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import wraps
 from importlib import import_module
 from typing import Annotated, Any, NamedTuple
 
@@ -17,6 +18,7 @@ from cpcal.cli.status import (
     VERIFY_STATUS_HELP,
 )
 from cpcal.common.version import __version__
+from cpcal.execution.stopping import raising
 
 
 class Verb(NamedTuple):
@@ -79,6 +81,7 @@ class _Verbs(TyperGroup):
         alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
         alone.command(cmd_name, epilog=verb.epilog)(getattr(import_module(verb.module), verb.function))
         command = typer.main.get_command(alone)
+        command.callback = _interruptible(command.callback)
         for parameter in command.get_params(ctx):
             if getattr(parameter, "is_flag", False):
                 parameter.metavar = " "  # a flag takes no value, and so has no type to show
@@ -92,6 +95,17 @@ class _Verbs(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         with leaving():
             return super().invoke(ctx)
+
+
+def _interruptible(callback: Any) -> Any:
+    """A verb that tidies up when it is stopped."""
+
+    @wraps(callback)
+    def run(*given: Any, **named: Any) -> Any:
+        with raising():
+            return callback(*given, **named)
+
+    return run
 
 
 app = typer.Typer(

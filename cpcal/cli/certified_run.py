@@ -12,13 +12,16 @@ import typer
 
 from cpcal.certify.certified_ranges import with_ranges
 from cpcal.certify.certify import answered, checked_options
+from cpcal.certify.checkpoints import Checkpoints
+from cpcal.certify.leg_tasks import HERE, Place
 from cpcal.certify.projections import with_projections
 from cpcal.certify.question import Progress, Question
 from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result
 from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record
-from cpcal.common.errors import InputError
+from cpcal.common.errors import InputError, printable
+from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.report import REPORT_NAME, write_report
 from cpcal.results import Explained, LegResult, Result, result_text, save_result, verdict_of
@@ -35,21 +38,28 @@ def certified_into(
     as_json: bool = False,
     talk: Talk | None = None,
     checker: bool = True,
+    place: Place = HERE,
+    resume: bool = False,
 ) -> Result:
     """Certify with the keyword arguments `given` of `cpcal.certify`; write the run, print the answer.
 
-    `checker`: the page checks the certificates itself.
+    `checker`: the page checks the certificates itself. `place`: where the work is done. `resume`: go on from the
+    checkpoint of an earlier run. Stopped before any leg has an answer, it raises Stopped, and what was there before
+    stays.
     What is printed is never lost to a disk that is full: the InputError comes afterwards.
     """
     talk = replace(talk or Talk(), quiet=True) if as_json else talk or Talk()
     options, model = checked_options(campaign, **given)
     record("certify", robot=campaign.robot.name, measurements=len(campaign), options=options)
-    question = Question(campaign=campaign, options=options, model=model)
+    kept = Checkpoints.for_run(run, campaign, options, model, resume=resume)
+    question = Question(campaign=campaign, options=options, model=model, checkpoints=kept)
     result: Result | None = None
     failure: InputError | None = None
     try:
         with answers_into(run, RUN, campaign) as draft:
-            result = _watched(question, draft, talk)
+            kept.begin()
+            result = _watched(question, draft, place, talk)
+            _check_something(result)
             save_result(result, draft)
             write_report(campaign, result, draft, checker=checker)
     except InputError as error:
@@ -64,19 +74,29 @@ def certified_into(
         if failure is None:
             talk.say(f"Report: {run / REPORT_NAME}")
     if failure is not None:
+        if kept.folder.is_dir():
+            said = f"cpcal: what is answered is kept in {kept.folder}: --resume writes it, once there is room"
+            typer.echo(printable(said), err=True)
         raise failure
+    kept.end_after(result)
     record("written", folder=str(run))
     return result
 
 
-def _watched(question: Question, draft: Path, talk: Talk) -> Result:
+def _watched(question: Question, draft: Path, place: Place, talk: Talk) -> Result:
     """The answers, with ranges and what the report draws. Progress goes to stderr unless `talk` is quiet."""
     legs = list(question.options.legs or range(1, question.campaign.legs + 1))
     watching = nullcontext() if talk.quiet else watch(legs, question.options.gap, talk.errors)
     with watching as progress:
-        result = answered(replace(question, certificates=draft, progress=_recorded(progress)))
-        result = with_ranges(question.campaign, result, certificates=draft, model=question.model)
-    return with_projections(question.campaign, result, question.model)
+        result = answered(replace(question, certificates=draft, progress=_recorded(progress)), place)
+        result = with_ranges(question.campaign, result, certificates=draft, model=question.model, place=place)
+    return with_projections(question.campaign, result, question.model, place)
+
+
+def _check_something(result: Result) -> None:
+    """Raises Stopped for a run that was stopped before there was any answer."""
+    if result.interrupted and not result.legs:
+        raise Stopped(asked() or Reason.INTERRUPTED)
 
 
 def _recorded(progress: Progress | None) -> Progress:
@@ -98,9 +118,9 @@ def _record(result: Result) -> None:
 
 
 def status_of(result: Result) -> Status:
-    """The exit status that tells of a result."""
+    """The exit status that tells of a result; what stopped it counts while that is heard."""
     if result.interrupted:
-        return Status.INTERRUPTED
+        return Status(asked() or Reason.INTERRUPTED)
     return Status.ANSWERED if all(_good(result, leg) for leg in result.legs) else Status.UNKNOWN
 
 

@@ -10,10 +10,13 @@ from typing import Annotated
 import typer
 
 from cpcal.cli.certified_run import certified_into, status_of
-from cpcal.cli.folders import check_target, output_path
+from cpcal.cli.folders import check_target, check_writable, output_path
 from cpcal.cli.grouped import grouped
+from cpcal.cli.many_campaigns import CampaignWork, certified_all
+from cpcal.cli.running import Running
 from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, talking
+from cpcal.common.errors import InputError, Problem
 from cpcal.files.run_folder import RUN
 
 
@@ -40,14 +43,15 @@ class Support(StrEnum):
 
 
 @dataclass(frozen=True)
-class CertifyFlags:
-    """The options of the command line: those of `cpcal.certify`."""
+class CertifyFlags(Running):
+    """The options of the command line: those of `cpcal.certify`, and where it runs."""
 
     legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None
     delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0
     center: Annotated[Center, typer.Option(help="Middle of that box: a least-squares fit, or nominal.")] = Center.FIT
     gap: Annotated[float, typer.Option(help="Relative width at which the bracket counts as closed.")] = 1e-6
     time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg, at most.")] = None
+    node_limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Boxes a leg, at most.")] = None
     contractors: Annotated[str, typer.Option(metavar="A,B", help="See `cpcal plugins`.")] = "lifted"
     arithmetic: Annotated[Engine, typer.Option(help="Rigorous arithmetic.")] = Engine.FLOAT64
     eps: Annotated[
@@ -79,6 +83,7 @@ class CertifyFlags:
             "center": self.center.value,
             "gap": self.gap,
             "time_limit": self.time_limit,
+            "node_limit": self.node_limit,
             "contractors": names_of(self.contractors),
             "arithmetic": self.arithmetic.value,
             "eps": self.eps,
@@ -93,7 +98,9 @@ class CertifyFlags:
 @talking
 @grouped(CertifyFlags)
 def certify(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
+    campaigns: Annotated[
+        list[Path], typer.Argument(metavar="CAMPAIGN...", help="Folders of campaign.toml, measurements.csv.")
+    ],
     run: Annotated[
         Path,
         typer.Option(
@@ -101,7 +108,8 @@ def certify(
             "-o",
             metavar="RUN",
             parser=output_path,
-            help="Folder for result.json, campaign.json, report.html and certificates; replaced there.",
+            help="Folder for result.json, campaign.json, report.html and certificates; replaced there. Of several "
+            "campaigns each has a folder in it.",
         ),
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json and nothing else.")] = False,
@@ -110,16 +118,38 @@ def certify(
     options: CertifyFlags,
     talk: Talk,
 ) -> None:
-    """Bracket, leg by leg, the smallest model error eps of a CAMPAIGN, by proofs from both sides.
+    """Bracket, leg by leg, the smallest model error eps of each CAMPAIGN, by proofs from both sides.
 
     A leg's parameters reach eps when for every measurement THERE EXISTS a reading in its set at which the leg
     equation is off by at most eps (mm). With --eps the question is whether any parameters in the box do.
     With --tolerance the exit status is 0 if every leg passes, else 1: one fails, or is undecided.
+
+    Ctrl-C, SIGTERM and limits end it with what is proved until then, and certificates of that.
     """
     given = options.given()
+    if len(campaigns) > 1:
+        if as_json:
+            raise InputError([Problem("option --json", "prints one result", "read summary.csv, or name one campaign")])
+        check_writable(run)
+        work = CampaignWork(given, checker=not no_checker)
+        with options.place() as place:
+            status = certified_all(campaigns, run, work, place, resume=options.resume, talk=talk)
+        raise typer.Exit(status)
+    (campaign,) = campaigns
     check_target(run, RUN, campaign)
-    result = certified_into(run, read_campaign(campaign), given, as_json=as_json, talk=talk, checker=not no_checker)
-    raise typer.Exit(status_of(result))
+    with options.place() as place:
+        result = certified_into(
+            run,
+            read_campaign(campaign),
+            given,
+            as_json=as_json,
+            talk=talk,
+            checker=not no_checker,
+            place=place,
+            resume=options.resume,
+        )
+        status = status_of(result)
+    raise typer.Exit(status)
 
 
 def names_of(text: str) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, printable
 from cpcal.common.numbers import nearest
+from cpcal.execution.stopping import Reason, asked, heard
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
 from cpcal.report.comparison_page import (
@@ -80,14 +81,16 @@ def compare_models(
     check_target(folder, FOLDER, campaign)
     if as_json:
         talk = replace(talk, quiet=True)
-    found, failure = _written(read_campaign(campaign), options, legs, folder, talk)
+    with heard(terminate=True):
+        found, failure = _written(read_campaign(campaign), options, legs, folder, talk)
+        status = _status(found)
     if as_json:
         typer.echo(comparison_text(found), nl=False)
     _show(talk.out, found, verbose=talk.verbose)
     if failure is not None:
         raise failure
     talk.say(f"Page: {folder / COMPARISON_PAGE}")
-    raise typer.Exit(_status(found))
+    raise typer.Exit(status)
 
 
 def _written(
@@ -154,7 +157,7 @@ def _table(found: Comparison) -> Table:
 def _status(found: Comparison) -> Status:
     """Without a tolerance every bracket is an answer; with one, each leg needs a model that passes."""
     if found.interrupted:
-        return Status.INTERRUPTED
+        return Status(asked() or Reason.INTERRUPTED)
     at, subjects = found.tolerance, {entry.subject for entry in found.entries}
     if at is None:
         return Status.ANSWERED

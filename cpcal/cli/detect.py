@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from cpcal.cli.folders import check_writable, made
@@ -13,12 +14,13 @@ from cpcal.cli.progress import bar
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
+from cpcal.execution.stopping import heard
 from cpcal.files.study_writer import table_bytes
 from cpcal.vision.batch.detect import Detections, ImageFolder, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.calibration import calibrate_from_images
 from cpcal.vision.files.camera_file import CameraRecord, load_camera, save_camera
-from cpcal.vision.files.detection import SCALE, Detection, detections_bytes
+from cpcal.vision.files.detection import SCALE, SHARED, Detection, detections_bytes, values_of
 from cpcal.vision.files.leg_readings import Readings, load_readings
 from cpcal.vision.files.target_file import load_target, save_target
 from cpcal.vision.files.video_file import SUFFIXES, VideoFrames
@@ -51,6 +53,10 @@ def detect_poses(
         typer.Option("--overlay", metavar="DIR", help="Pictures of what was found, and why not."),
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes [default: one a core]")] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler of a cluster, instead; its workers read IMAGES."),
+    ] = None,
     calibrate: Annotated[
         bool, typer.Option("--calibrate", help="The camera from IMAGES, instead of poses; FILE is a camera.toml.")
     ] = False,
@@ -72,27 +78,34 @@ def detect_poses(
         _calibrate(images, load_target(target), output, refine_dots, talk)
         return
     plate, lens_file, known = _loaded(target, camera, readings)
-    lens = lens_file.camera
-    size = (lens.width, lens.height)
-    source = VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
     made(output.absolute().parent)
-    with bar("images", quiet=talk.quiet) as progress:
+    with heard(terminate=True), bar("images", quiet=talk.quiet) as progress:
         found = detect(
-            source,
+            _source(images, lens_file, every),
             plate,
-            lens,
+            lens_file.camera,
             lens_file.covariance,
             journal=output.with_name(f"{output.name}.journal"),
             workers=workers,
+            scheduler=scheduler,
             progress=progress,
             overlays=overlays,
         )
     write_file(output, detections_bytes(found.rows))
     show_detections(found, output, talk)
     if known is not None and table is not None:
-        made(table.absolute().parent)
-        write_file(table, table_bytes(study_table(found.rows, known)))
-        talk.say(f"Table of a study: {table}")
+        _write_table(found, known, table, talk)
+
+
+def _source(images: Path, lens: CameraRecord, every: int) -> VideoFrames | ImageFolder:
+    size = (lens.camera.width, lens.camera.height)
+    return VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
+
+
+def _write_table(found: Detections, known: Readings, table: Path, talk: Talk) -> None:
+    made(table.absolute().parent)
+    write_file(table, table_bytes(study_table(found.rows, known)))
+    talk.say(f"Table of a study: {table}")
 
 
 def _loaded(target: Path, camera: Path, readings: Path | None) -> tuple[Target, CameraRecord, Readings | None]:
@@ -117,6 +130,7 @@ def show_detections(found: Detections, where: Path, talk: Talk) -> None:
     work = sum(seconds for stage, seconds in found.seconds.items() if stage != RenderedImages.stage)
     pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
     talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {where}")
+    _say_shared(found.rows, talk)
     doubtful = [row for row in found.rows if row.doubt]
     if doubtful:
         worst = max(doubtful, key=lambda row: row.values[SCALE])
@@ -125,6 +139,17 @@ def show_detections(found: Detections, where: Path, talk: Talk) -> None:
         named = len(files) if talk.verbose else _NAMED
         more = f" and {len(files) - named:,} more" if len(files) > named else ""
         talk.say(f"  {len(files):,} x {reason}: {', '.join(files[:named])}{more}")
+
+
+def _say_shared(rows: Sequence[Detection], talk: Talk) -> None:
+    """What the camera's and the plate's errors make, where they are stated: no mean over images lessens it."""
+    shared = values_of(rows)[:, SHARED]
+    if len(shared) and shared.any():
+        position, turn = (float(np.median(shared[:, part].max(axis=1))) for part in (slice(0, 3), slice(3, 6)))
+        talk.say(
+            f"  errors that all images share (camera, plate): standard deviations of {position:.4f} mm and "
+            f"{turn:.6f} rad (medians); no mean lessens them"
+        )
 
 
 def by_reason(rows: Sequence[Detection]) -> dict[str, list[str]]:

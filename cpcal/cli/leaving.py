@@ -16,6 +16,7 @@ import typer
 
 from cpcal.cli.status import Status
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
+from cpcal.execution.stopping import Reason, Stopped
 
 # typer's own way out; its ClickException has no public name: UsageError's base, which is BadParameter's
 _TYPER: tuple[type[BaseException], ...] = (typer.Exit, typer.Abort, typer.BadParameter.__mro__[2])
@@ -31,8 +32,9 @@ def leaving() -> Iterator[None]:
         raise
     except CpcalError as error:
         _leave(Status.UNUSABLE, "\n".join(map(printable, str(error).split("\n"))))
-    except KeyboardInterrupt:
-        _leave(Status.INTERRUPTED, "interrupted")
+    except KeyboardInterrupt as stop:
+        reason = stop.reason if isinstance(stop, Stopped) else Reason.INTERRUPTED
+        _leave(Status(reason), reason.sentence)
     except OSError as error:
         if error.errno == errno.EPIPE:
             raise  # nobody reads on: click leaves without a word

@@ -145,12 +145,36 @@ def watch(legs: Sequence[int], gap: float, console: Console) -> Generator[Callab
         yield Watch(display, legs, gap)
 
 
+class Counted:
+    """A callback for how many are done, and of how many, where no terminal is: a line every ten seconds."""
+
+    def __init__(self, what: str, console: Console, clock: Callable[[], float] = time.monotonic) -> None:
+        self._what, self._console, self._clock = what, console, clock
+        self._began = self._last = clock()
+        self._first: int | None = None  # that were done before
+
+    def __call__(self, done: int, count: int) -> None:
+        now = self._clock()
+        if self._first is None:
+            self._first = done
+        if now - self._last < _EVERY:
+            return
+        self._last = now
+        rate = (done - self._first) / (now - self._began)
+        left = f", {nearest((count - done) / rate, 0)} s left" if rate > 0.0 else ""
+        said = f"{self._what}: {done:,} of {count:,}, {nearest(rate, 2)} a second{left}"
+        self._console.print(said, soft_wrap=True)
+
+
 @contextmanager
 def bar(what: str, *, quiet: bool = False) -> Generator[Callable[[int, int], None] | None, None, None]:
-    """A callback for how many are done, and of how many, that draws a bar on stderr; None where that is no terminal."""
+    """A callback for how many are done, and of how many: a bar on stderr, or lines where that is no terminal."""
     console = Console(stderr=True)
-    if quiet or not console.is_terminal:
+    if quiet:
         yield None
+        return
+    if not console.is_terminal:
+        yield Counted(what, console)
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as display:

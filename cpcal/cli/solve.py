@@ -13,6 +13,7 @@ from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import about, nearest
+from cpcal.execution.stopping import asked, heard
 from cpcal.problems.answer import Answer, answer
 from cpcal.problems.problem_files import load_problem
 from cpcal.problems.sol_writer import sol_bytes
@@ -48,7 +49,9 @@ def solve(
             check_writable(file.absolute().parent)
     problem = load_problem(source)
     limits = Limits(seconds=time_limit, nodes=node_limit, gap=gap)
-    found = answer(problem, width=width, limits=limits, certificate=certificate)
+    with heard(terminate=True):
+        found = answer(problem, width=width, limits=limits, certificate=certificate)
+        reason = asked()
     rows = len(problem.network.constraints)
     write_file(output, sol_bytes(found, rows) if output.suffix == ".sol" else found.to_json())
     if picture is not None and found.paving is not None and found.paving.solutions:
@@ -56,6 +59,8 @@ def solve(
         write_file(picture, paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).encode())
     record("answer", status=str(found.status), nodes=found.nodes, seconds=found.seconds)
     _show(found, output, talk)
+    if reason is not None and found.verdict is Verdict.UNKNOWN:
+        raise typer.Exit(Status(reason))
     if found.verdict is Verdict.UNKNOWN:
         raise typer.Exit(Status.UNKNOWN)
 

@@ -11,19 +11,20 @@ class Status(IntEnum):
     UNUSABLE = 2
     INTERNAL = 3
     INTERRUPTED = 130
+    TERMINATED = 143
 
 
 STATUS_HELP = (
     "Exit status: **0** every leg answered, or with --tolerance every leg passes, **1** some leg undecided (a limit "
     "came first, or the search ended at the second-order effect of the readings, or where contractors end), or "
     "with --tolerance some leg that does not pass, **2** unusable input (one message lists every problem), **3** an "
-    "internal error (please report it), **130** interrupted by Ctrl-C, with what was proved until then written and "
-    "printed."
+    "internal error (please report it), **130** interrupted by Ctrl-C or **143** terminated by SIGTERM, with what was "
+    "proved until then written and printed."
 )
 
 SOLVE_STATUS_HELP = (
     "Exit status: **0** complete (that there is no solution is an answer too), **1** a limit came first, **2** "
-    "unusable input, **3** an internal error, **130** interrupted."
+    "unusable input, **3** an internal error, **130** interrupted, **143** terminated."
 )
 
 VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."

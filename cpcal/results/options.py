@@ -28,6 +28,7 @@ class Options:
     center: str = "fit"
     gap: float = 1e-6
     time_limit: float | None = None
+    node_limit: int | None = None
     contractors: tuple[str, ...] = ("lifted",)
     arithmetic: str = "float64"
     eps: float | None = None
@@ -48,6 +49,7 @@ class Options:
         yield from self._set("contractors", _names)
         for name in ("delta", "gap", "time_limit", "eps", "tolerance"):
             yield from self._set(name, _number)
+        yield from self._set("node_limit", _whole)
         yield from self._set("half_widths", _numbers)
 
     def _set(self, name: str, kind: Any) -> Iterator[Problem]:
@@ -70,6 +72,8 @@ class Options:
             yield Problem("gap", f"{self.gap} is no relative gap", "give a number from 0 to below 1, such as 1e-6")
         if self.time_limit is not None and not self.time_limit > 0.0:
             yield Problem("time_limit", f"{self.time_limit} is no time", "give a positive number of seconds")
+        if self.node_limit is not None and self.node_limit < 1:
+            yield Problem("node_limit", f"{self.node_limit} is no number of boxes", "give a whole number, 1 or more")
         for name in ("eps", "tolerance"):
             value = getattr(self, name)
             if value is not None and not _nonnegative(value):
@@ -98,7 +102,7 @@ class Options:
             out += ["--model", self.model]
         for name, width in self.half_widths.items():
             out += ["--half-width", f"{name}={width!r}"]
-        for name in ("eps", "tolerance", "time_limit"):
+        for name in ("eps", "tolerance", "time_limit", "node_limit"):
             value = getattr(self, name)
             out += [] if value is None else [f"--{name.replace('_', '-')}", repr(value)]
         for name, usual in (("method", "bound"), ("support", "few")):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from cpcal.robot import Campaign
 
-FORMAT = "cpcal-result/4"
+FORMAT = "cpcal-result/5"
 RESULT_NAME = "result.json"
 
 
@@ -68,6 +68,7 @@ class Uncertified(StrEnum):
     NOTHING = ""  # it has one
     NOT_ASKED = "no certificate was asked for"
     INTERRUPTED = "the search was interrupted"
+    UNWRITTEN = "the certificate could not be written"
     MODEL = "with uncertain readings a user-defined model has no certificate"
     NOTHING_PROVED = "nothing was proved that a certificate could claim"
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from copy import copy
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
+from cpcal.execution.executors import Here, executor_for
+from cpcal.execution.stopping import asked, heard
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
@@ -31,9 +35,13 @@ from cpcal.solver.search import (
     Priority,
     Search,
     Solution,
+    Spread,
     StepProver,
     conclusion,
 )
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 __all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
 
@@ -77,6 +85,9 @@ class Network(ConstraintNetwork):
         strategy: str | Strategy = "largest",
         order: str = "depth",
         inner: bool = False,
+        workers: int | None = None,
+        scheduler: str | None = None,
+        executor: Executor | Client | None = None,
     ) -> Paving:
         """Boxes, of components no wider than `width`, that hold all solutions. Ctrl-C ends it early, cleanly.
 
@@ -85,6 +96,9 @@ class Network(ConstraintNetwork):
         "lp" (or an object); `order` which boxes are next, up to 64 abreast: "depth", "breadth" or "best". `inner=True`
         looks for boxes that hold nothing but solutions, which are not divided, and lists what was proved to hold none:
         see `Paving`.
+
+        `workers` processes, a Dask `scheduler` or an `executor` (see `cpcal.certify`) decide the boxes of each round;
+        the answer is the same. It pays where a box takes a millisecond or more.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
@@ -96,18 +110,20 @@ class Network(ConstraintNetwork):
             _strategy(network, strategy, _width(width), arithmetic),
             inside=Inside(network, engine) if inner else None,
         )
-        search = Search([network.domain], process, _order(network, order), outside=inner, abreast=_ABREAST)
         nodes = 0
-        try:
-            for event in search:
-                nodes += 1
-                if progress is not None:
-                    progress(event)
-                if clock.over(nodes):
-                    break
-        except KeyboardInterrupt:
-            pass
-        return conclusion(search, UniquenessProver(network, engine), clock, nodes)
+        with heard(), executor_for(workers, scheduler, executor) as place:
+            spread = process if isinstance(place[0], Here) else Spread(process, place)
+            search = Search([network.domain], spread, _order(network, order), outside=inner, abreast=_ABREAST)
+            try:
+                for event in search:
+                    nodes += 1
+                    if progress is not None:
+                        progress(event)
+                    if clock.over(nodes) or asked():
+                        break
+            except KeyboardInterrupt:
+                pass
+            return conclusion(search, UniquenessProver(network, engine), clock, nodes)
 
     def minimize(
         self,
@@ -119,6 +135,9 @@ class Network(ConstraintNetwork):
         start: npt.ArrayLike | None = None,
         progress: Callable[[Bracket], None] | None = None,
         certificate: str | os.PathLike[str] | None = None,
+        workers: int | None = None,
+        scheduler: str | None = None,
+        executor: Executor | Client | None = None,
     ) -> Minimum:
         """The smallest value of `objective`, a scalar expression over this network, bracketed by proofs.
 
@@ -128,11 +147,12 @@ class Network(ConstraintNetwork):
 
         `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
-        it is in `found`. Constraints with readings or without polynomial form raise ModelError.
+        it is in `found`. `workers`, `scheduler` and `executor` are as in `solve`; certificates are the same, byte for
+        byte. Constraints with readings or without polynomial form raise ModelError.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         """
-        asked, (network, name) = _limits(limits), _with_objective(self._as_asked(), objective)
+        limit, (network, name) = _limits(limits), _with_objective(self._as_asked(), objective)
         network._check_bounded(name, contractors)
         engine = get_arithmetic(arithmetic)
         exact = certificate is not None
@@ -142,17 +162,27 @@ class Network(ConstraintNetwork):
         first = None if start is None else _start(network, start, len(self.names))
 
         def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
-            states = minimize(
-                network, name, named, engine=engine, limits=asked, start=first, prover=prover, observe=observe
-            )
-            return run(states, progress)
+            with executor_for(workers, scheduler, executor) as place:
+                states = minimize(
+                    network,
+                    name,
+                    named,
+                    engine=engine,
+                    limits=limit,
+                    start=first,
+                    prover=prover,
+                    observe=observe,
+                    place=None if isinstance(place[0], Here) else place,
+                )
+                return run(states, progress)
 
         if certificate is None:
-            return bracketed(None, None)
+            with heard():
+                return bracketed(None, None)
         if not Contracting(named).gives_weights:
             given = ", ".join(called for called, _ in named)
             raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
-        with Recording(network_statement(stated, name), network.domain) as recording:
+        with heard(), Recording(network_statement(stated, name), network.domain) as recording:
             found = bracketed(recording.prover, recording.event)
             recording.write(certificate, claims_of(found, network.domain, name))
         return replace(found, contractors_used=recording.credited(found.contractors_used))

@@ -9,6 +9,7 @@ import pytest
 
 import cpcal
 from cpcal.accuracy.accuracy import certify_accuracy
+from cpcal.legs import PARAMETERS
 from cpcal.robot import ROBOTS
 from tests.report.made import made_leg, made_result
 
@@ -18,7 +19,7 @@ def asked(name, legs, model=None):
     known = ROBOTS[name]
     where = {"stroke": known.stroke} if known.workspace is None else {"workspace": known.workspace}
     campaign = cpcal.simulate(known.robot, seed=1, extremal=False, random_poses=4, factor=0.0, **where)
-    box = cpcal.Box(cpcal.legs.PARAMETERS, np.zeros(7), np.ones(7))
+    box = cpcal.Box(PARAMETERS, np.zeros(7), np.ones(7))
     numbers = (0.0, 0.0, (0.0,) * 7, (0.0,) * 7, box, 0.0, (), 1, 1, 0.1)
     result = made_result(campaign, *(made_leg(leg, *numbers) for leg in legs))
     if model is not None:

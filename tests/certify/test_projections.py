@@ -12,7 +12,8 @@ from scipy.optimize import linprog
 import cpcal
 from cpcal.certify.certified_ranges import MARGIN, range_eps
 from cpcal.certify.projections import projections, with_projections
-from cpcal.legs import PARAMETERS, PLAIN, residuals
+from cpcal.certify.question import Question
+from cpcal.legs import PARAMETERS, residuals
 from cpcal.simulate import true_robot
 
 
@@ -115,10 +116,14 @@ def test_the_tolerance_fits_the_question(exact):
 def test_where_there_is_nothing_to_draw(exact):
     campaign, result = exact
     leg = result.legs[0]
-    assert projections(campaign, with_options(result, contractors=("hc4",)), leg, PLAIN) is None
-    assert projections(campaign, with_options(result, delta=0.0), leg, PLAIN) is None
-    assert projections(campaign, with_options(result, delta=1e100), leg, PLAIN) is None
-    assert projections(campaign, with_options(result, eps=0.01), leg, PLAIN) is None  # S(0.01) is empty
+
+    def drawn(**changes):
+        return projections(Question(campaign=campaign, options=with_options(result, **changes).options), leg)
+
+    assert drawn(contractors=("hc4",)) is None
+    assert drawn(delta=0.0) is None
+    assert drawn(delta=1e100) is None
+    assert drawn(eps=0.01) is None  # S(0.01) is empty
     bare = dataclasses.replace(result, legs=(dataclasses.replace(leg, projections=None),), interrupted=True)
     assert with_projections(campaign, bare) is bare
 

@@ -16,8 +16,8 @@ from cpcal.cli.show import show_result
 from cpcal.legs import PLAIN
 from cpcal.solver.optimize import Bracket
 
-# A real SIGINT, sent when leg 2 reports its first bracket. Runners may start us with SIGINT ignored.
-_INTERRUPTED = """
+# A real signal, sent when leg 2 reports its first bracket. Runners may start us with SIGINT ignored.
+_SIGNALLED = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from contextlib import contextmanager
@@ -27,7 +27,7 @@ import cpcal.cli.certified_run
 def stop(legs, gap, console):
     def progress(leg, bracket):
         if leg == 2:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.NAME)
     yield progress
 
 cpcal.cli.certified_run.watch = stop
@@ -58,19 +58,24 @@ def test_module_entry_point_and_status_of_bad_input(tmp_path):
     assert "Traceback" not in outcome.stderr
 
 
-def test_ctrl_c_leaves_what_is_proved(campaign, tmp_path):
-    outcome = process("-c", _INTERRUPTED, "certify", campaign, "-o", tmp_path, "--legs", "1,2,3")
-    assert outcome.returncode == 130, outcome.stderr
+@pytest.mark.parametrize(("name", "status"), [("SIGINT", 130), ("SIGTERM", 143)])
+def test_a_signal_leaves_what_is_proved(campaign, tmp_path, name, status):
+    code = _SIGNALLED.replace("NAME", name)
+    outcome = process("-c", code, "certify", campaign, "-o", tmp_path, "--legs", "1,2,3")
+    assert outcome.returncode == status, outcome.stderr
     assert "Leg 1: fits to within" in outcome.stdout
     assert "Interrupted" in outcome.stdout
     assert "Traceback" not in outcome.stderr
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert data["interrupted"] is True
     assert [leg["leg"] for leg in data["legs"]] == [1, 2]
-    assert [leg["certificate"] for leg in data["legs"]] == ["leg1.cert.jsonl", None]
+    assert "REFUSED" not in process("-m", "cpcal", "verify", tmp_path).stdout
+    assert [leg["certificate"] for leg in data["legs"]] == ["leg1.cert.jsonl", "leg2.cert.jsonl"]
     assert sorted(p.name for p in tmp_path.iterdir()) == [
         "campaign.json",
+        "checkpoint",
         "leg1.cert.jsonl",
+        "leg2.cert.jsonl",
         "report.html",
         "result.json",
     ]

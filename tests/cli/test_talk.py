@@ -35,7 +35,7 @@ def test_a_run_of_six_legs_ends_with_at_most_twelve_lines_of_eighty_characters(c
     assert all(len(line) <= 100 for line in lines if not line.startswith("Report"))
     assert "tolerance 0.55 mm: FAIL" in lines[0]
     records = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text(encoding="utf-8").splitlines()]
-    assert {"began", "certify", "bracket", "leg", "written", "ended"} == {record["event"] for record in records}
+    assert {"began", "certify", "bracket", "kept", "leg", "written", "ended"} == {record["event"] for record in records}
     assert (records[0]["command"], records[-1]["status"]) == ("certify", 1)
     assert [record["leg"] for record in records if record["event"] == "leg"] == [1, 2, 3, 4, 5, 6]
     assert all(record["time"].endswith("+00:00") and record["level"] == "info" for record in records)

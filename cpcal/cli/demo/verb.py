@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -27,6 +27,7 @@ from cpcal.cli.study_page import study_found
 from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import stated
+from cpcal.execution.stopping import heard
 from cpcal.files import load_campaign, load_study, save_study
 from cpcal.legs import PLAIN
 from cpcal.report import REPORT_NAME
@@ -91,12 +92,8 @@ def demo(
     record = _calibrated(output, seed, console)
     campaign = load_campaign(output / CAMPAIGN)
     _fits(campaign, record, output / FITS, console)
-    result = certified_into(output / RUN, campaign, {"legs": PLAN.legs}, talk=talk)
-    if result.interrupted:
-        raise typer.Exit(Status.INTERRUPTED)
-    timeout = _timeout(campaign, output / TIMEOUT, talk)
-    if timeout.interrupted:
-        raise typer.Exit(Status.INTERRUPTED)
+    result = _unless_stopped(lambda: certified_into(output / RUN, campaign, {"legs": PLAN.legs}, talk=talk))
+    _unless_stopped(lambda: _timeout(campaign, output / TIMEOUT, talk))
     if photos is not None:
         _pixels(photos, campaign, result, output, talk)
     accepted, found = study_found(output)
@@ -104,6 +101,15 @@ def demo(
     page = write_study_page(found, output / REPORT_NAME, run=output / RUN)
     console.print(f"The whole study: {page}", soft_wrap=True)
     raise typer.Exit(status_of(result) if accepted else Status.UNKNOWN)
+
+
+def _unless_stopped(certified: Callable[[], Result]) -> Result:
+    """The result of long work; the demo ends with it where a signal stopped it."""
+    with heard(terminate=True):
+        result = certified()
+        if result.interrupted:
+            raise typer.Exit(status_of(result))
+        return result
 
 
 def _photos(output: Path, seed: int, full: bool, talk: Talk) -> ImageStudy:
@@ -134,9 +140,10 @@ def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, console: 
 def _pixels(photos: ImageStudy, campaign: Campaign, result: Result, output: Path, talk: Talk) -> None:
     """Reading sets from pixels, certified, and what the page says of the images."""
     talk.say(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
-    run = certify_pixels(photos, campaign, PLAN.legs, output, talk)
-    if run.result.interrupted:
-        raise typer.Exit(Status.INTERRUPTED)
+    with heard(terminate=True):
+        run = certify_pixels(photos, campaign, PLAN.legs, output, talk)
+        if run.result.interrupted:
+            raise typer.Exit(status_of(run.result))
     try:
         save_images(with_sets(images_found(photos), photos, run, campaign, result), output)
     except OSError as error:

@@ -6,13 +6,15 @@ root with a constant factor. Readings, enclosures of constants and other operati
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction as F
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.checker.problem import Problem
+from cpcal.checker.problem import Constraint, Problem
 from cpcal.common.errors import ModelError
 from cpcal.solver.certificate.statement import HIGHEST_POWER, LONGEST, Given, NetworkStatement, Stated
 from cpcal.solver.interval import IntervalArray
@@ -46,8 +48,13 @@ def network_statement(network: ConstraintNetwork, objective: str | None, about: 
     goal = None if objective is None else network.names.index(objective)
     constraints = [item.constraint() for item in items]
     chosen = tuple(range(len(items)))
-    problem = Problem(network.names, goal, len(items), chosen, lambda k, images: constraints[k].on(images))
+    problem = Problem(network.names, goal, len(items), chosen, partial(_on, constraints))
     return NetworkStatement(problem, tuple(items), about, sides, start)
+
+
+def _on(constraints: Sequence[Constraint], k: int, images: Any) -> Constraint:
+    """With what is put for each monomial. Of the module, so that a statement travels."""
+    return constraints[k].on(images)
 
 
 def _stated(name: str, constraint: NetworkConstraint, exact: _Exact) -> tuple[list[Stated], list[str]]:

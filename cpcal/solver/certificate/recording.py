@@ -70,6 +70,21 @@ class Recording:
             self._names[first.serial], self._names[second.serial] = into
             self._fresh += 2
 
+    def saved(self) -> Iterator[dict[str, Any]]:
+        """All that was taken down, as lines of JSON, for `restore`."""
+        yield {"names": sorted(self._names.items()), "fresh": self._fresh}
+        self._steps.seek(0)
+        yield from ({"step": text} for text in self._steps)
+
+    def restore(self, lines: Iterable[dict[str, Any]]) -> None:
+        """Stand where another recording of the same search stood. Raises KeyError, TypeError, ValueError."""
+        head, *steps = lines
+        self._names = {int(serial): int(name) for serial, name in head["names"]}
+        self._fresh = int(head["fresh"])
+        self._steps.seek(0)
+        self._steps.truncate()
+        self._steps.writelines(str(step["step"]) for step in steps)
+
     def credited(self, uses: Iterable[ContractorUse]) -> tuple[ContractorUse, ...]:
         """With the number of steps that the certificate written last holds of each."""
         return tuple(replace(use, certified_steps=self._written[use.name]) for use in uses)
@@ -77,6 +92,7 @@ class Recording:
     def _put(self, box: Box, step: dict[str, Any], contractor: str = "") -> None:
         """Keep a step with the least objective of its box, for one that turns out worse than the claim is left out."""
         lowest = None if self._objective is None else float(box.lo[self._objective])
+        self._steps.seek(0, os.SEEK_END)  # `saved` may have read
         self._steps.write(line([lowest, contractor, step]))
 
     def _useful_steps(self, cap: float | None) -> Iterator[dict[str, Any]]:

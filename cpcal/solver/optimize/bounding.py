@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Executor
+from copy import copy
 from dataclasses import dataclass, replace
 
+from cpcal.execution.shared import Shared
+from cpcal.execution.stopping import Stopped, asked
 from cpcal.solver.contract import Contraction, Step, Strategy, shrunk
 from cpcal.solver.interval import Box
-from cpcal.solver.optimize.incumbent import Incumbent
+from cpcal.solver.optimize.incumbent import Incumbent, Known
 from cpcal.solver.search import Contracting, Decision, EventKind, Node, Piece, bisect, divided
 
 Row = tuple[int, int]  # constraint, element
@@ -38,11 +42,57 @@ class Bounding:
     goes on until both are settled; boxes are divided where `strategy` divides what was found, as long as that is open.
     """
 
-    def __init__(self, incumbent: Incumbent, contracting: Contracting, strategy: Strategy, enclose: bool) -> None:
+    def __init__(
+        self,
+        incumbent: Incumbent,
+        contracting: Contracting,
+        strategy: Strategy,
+        enclose: bool,
+        place: tuple[Executor, int] | None = None,
+    ) -> None:
         self._incumbent, self._contracting, self._strategy, self._enclose = incumbent, contracting, strategy, enclose
+        self._place = place  # where rounds of several nodes are decided; None: here
+        self._travels: Shared[Bounding] | None = None
 
     def __call__(self, node: Node) -> Decision:
-        known, branch = self._incumbent, node.state
+        (decision,) = self.all([node])
+        return decision
+
+    def all(self, nodes: Sequence[Node]) -> list[Decision]:
+        """The decisions of a round: each from the incumbent as it is at its beginning, so that their order, and where
+        they are made, change nothing. What they find counts from its end. Raises Stopped between two nodes.
+        """
+        before = self._incumbent.state
+        if self._place is None or len(nodes) == 1:
+            made = list(self._made(nodes, before))
+        else:
+            made = self._shared().mapped(self._place, _made, [(node, before) for node in nodes])
+        for _, known in made:
+            self._incumbent.learn(known, before)
+        return [decision for decision, _ in made]
+
+    def made(self, node: Node, before: Known) -> tuple[Decision, Known]:
+        """The decision with the incumbent in this state, and its state after it."""
+        known = self._incumbent.at(before)
+        return self._decision(node, known), known.state
+
+    def _made(self, nodes: Sequence[Node], before: Known) -> Iterator[tuple[Decision, Known]]:
+        for k, node in enumerate(nodes):
+            reason = asked() if k else None
+            if reason is not None:
+                raise Stopped(reason)
+            yield self.made(node, before)
+
+    def _shared(self) -> Shared[Bounding]:
+        """All but the point and the executor, for workers."""
+        if self._travels is None:
+            alone = copy(self)
+            alone._incumbent, alone._place = self._incumbent.at(Known(None, 0)), None
+            self._travels = Shared(alone)
+        return self._travels
+
+    def _decision(self, node: Node, known: Incumbent) -> Decision:
+        branch = node.state
         before = known.cut(node.box)
         if before.is_empty:
             return Decision(EventKind.PRUNED, Contraction(before))
@@ -59,7 +109,7 @@ class Bounding:
             branch = replace(branch, fresh=False)
         left = replace(step, box=known.cut(step.box))
         branch = replace(branch, found=known.cut(done.found))
-        kind, pieces = self._next(left.box, branch, pays, was_closed)
+        kind, pieces = self._next(left.box, branch, pays, was_closed, known)
         return Decision(kind, left, pieces, done.uses, done.proof)
 
     def raising(self, steps: Iterable[Step]) -> frozenset[Row]:
@@ -73,24 +123,30 @@ class Bounding:
         counts = before.width > _THIN * self._incumbent.domain.width
         return shrunk(before.width[counts], after.width[counts], _SETTLE if was_closed else _SHRINK)
 
-    def _next(self, box: Box, branch: Branch, pays: bool, was_closed: bool) -> tuple[EventKind, tuple[Piece, ...]]:
+    def _next(
+        self, box: Box, branch: Branch, pays: bool, was_closed: bool, known: Incumbent
+    ) -> tuple[EventKind, tuple[Piece, ...]]:
         """The box itself for another pass, or to be kept once it is settled, else its pieces by the strategy.
 
         Where that finds nothing to divide, the objective itself is halved.
         """
         if box.is_empty:
             return EventKind.PRUNED, ()
-        closed = self._incumbent.closed(box)
+        closed = known.closed(box)
         if pays and closed == was_closed and (self._enclose or not closed):
             return EventKind.CONTRACTED, (Piece(box, branch),)
-        pieces = () if self._incumbent.settled(box) else self._pieces(box, branch)
+        pieces = () if known.settled(box) else self._pieces(box, branch, known)
         return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (Piece(box, branch),))
 
-    def _pieces(self, box: Box, branch: Branch) -> tuple[Piece, ...]:
+    def _pieces(self, box: Box, branch: Branch, known: Incumbent) -> tuple[Piece, ...]:
         """Pieces of the node's box, cut where what was found is cut; a fit may begin in the first of them."""
-        found = box if self._incumbent.settled(branch.found) else branch.found
+        found = box if known.settled(branch.found) else branch.found
         cuts = divided(box, found, lambda part: self._strategy.split(part) or bisect(part, self._incumbent.objective))
         return tuple(
             Piece(piece, replace(branch, found=branch.found.intersect(piece), fresh=k == 0))
             for k, piece in enumerate(cuts)
         )
+
+
+def _made(bounding: Bounding, item: tuple[Node, Known]) -> tuple[Decision, Known]:
+    return bounding.made(*item)

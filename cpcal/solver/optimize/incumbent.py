@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import dataclass
+
 import numpy as np
 
 from cpcal.common.arrays import Floats
@@ -16,6 +19,14 @@ from cpcal.solver.optimize.local_search import LocalSearch
 from cpcal.solver.optimize.witness import Witness, WitnessProver
 
 
+@dataclass(frozen=True)
+class Known:
+    """The best point that is proved, and how often points were proposed."""
+
+    witness: Witness | None
+    calls: int
+
+
 class Incumbent:
     """Proves points that local fits propose, and says what a box can still improve. It only ever gets better."""
 
@@ -25,7 +36,7 @@ class Incumbent:
         self._prover = WitnessProver(network, objective, engine)
         self._local = LocalSearch(network, objective, self._prover.equations)
         self._minimax = all(self._enters(c) for c in network.constraints)
-        self._calls = 0  # of `propose`
+        self.calls = 0  # of `propose`
         self.witness: Witness | None = None
 
     def _enters(self, constraint: Constraint) -> bool:
@@ -48,18 +59,35 @@ class Incumbent:
         """The second-order effect of the readings at it (0 without one)."""
         return 0.0 if self.witness is None else self._rows.second_order(self.witness.point)
 
+    @property
+    def state(self) -> Known:
+        """What decisions depend on."""
+        return Known(self.witness, self.calls)
+
+    def at(self, state: Known) -> Incumbent:
+        """Another one of the same problem, in that state."""
+        other = copy(self)
+        other.witness, other.calls = state.witness, state.calls
+        return other
+
+    def learn(self, state: Known, since: Known) -> None:
+        """Keep what another one has found from the state `since` on, if it is better."""
+        self.calls += state.calls - since.calls
+        if state.witness is not None and state.witness.value < self.hi:
+            self.witness = state.witness
+
     def propose(self, start: Floats) -> bool:
         """Fit from a point and keep what is proved, if it is better; whether it is.
 
         Where every constraint bounds the objective, the sequence of linear programs ends in the optimum, a vertex.
         Other problems have a local search that takes longer: it runs at the first proposals, then ever less often.
         """
-        self._calls += 1
+        self.calls += 1
         better = False
         if self._minimax or not self._local.applies:
             better = self._keep(fit_of_many(self._network, self._rows, self.objective, start, Dense()))
         better = better or self._keep(start)
-        if self._local.applies and not (self._minimax and better) and _due(self._calls):
+        if self._local.applies and not (self._minimax and better) and _due(self.calls):
             for point in self._local.proposals(start):
                 kept = self._keep(point)
                 better = better or kept

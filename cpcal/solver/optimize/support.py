@@ -23,8 +23,8 @@ def support(network: ConstraintNetwork, objective: str, found: Minimum, gap: flo
     """Elements (along the constraints' leading axis) that alone prove `found.lo` up to the relative `gap`.
 
     It begins with those that decided the leaves; while they alone allow a smaller optimum, those join that this optimum
-    violates most. Where that does not end soon: all that had a weight in some step. () when there is nothing to
-    prove.
+    violates most. Where that does not end soon, or is interrupted: all that had a weight in some step. () when there is
+    nothing to prove.
     """
     if not found.lo > network.domain[objective].lo or found.interrupted:
         return ()
@@ -32,6 +32,8 @@ def support(network: ConstraintNetwork, objective: str, found: Minimum, gap: flo
     chosen = np.array(sorted({k for _, k in found.decisive_rows}), dtype=np.intp)
     for _ in range(_ROUNDS if chosen.size else 0):
         alone = solve(restricted(network, [chosen] * len(network.constraints)))
+        if alone.interrupted:
+            break
         if _as_good(alone.lo, found, gap):
             return tuple(int(k) for k in chosen)
         if alone.witness is None:
@@ -57,6 +59,8 @@ def irreducible(
         others = np.array([k for k in kept if k != element], dtype=np.intp)
         if others.size:
             alone = solve(restricted(network, [others] * len(network.constraints)))
+            if alone.interrupted:
+                break
             if _as_good(alone.lo, found, gap):
                 kept.remove(element)
     return tuple(kept)

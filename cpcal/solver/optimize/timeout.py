@@ -15,6 +15,7 @@ from enum import Enum
 
 import numpy as np
 
+from cpcal.execution.stopping import asked
 from cpcal.solver.contract import Limits, Strategy
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.witness import Witness, WitnessProver
@@ -129,7 +130,7 @@ def ask(
         witness = _valid(prover, event, highest)
         if witness is not None:
             return TimeoutOutcome(TimeoutAnswer.FOUND, witness, nodes, programs, uses=uses)
-        if clock.over():
+        if clock.over() or asked():
             break
     leaves: list[Node | Piece] = [*search.pending, *search.kept]
     # a small box that was kept may hold a point or not: nothing is known

@@ -7,6 +7,7 @@ from cpcal.solver.search.passes import Contracting, ContractorUse, Pass, Proof, 
 from cpcal.solver.search.paving import Paving, Solution
 from cpcal.solver.search.regions import clusters, difference, hull, volume
 from cpcal.solver.search.search import Decision, Event, EventKind, Piece, Process, Search
+from cpcal.solver.search.spread import Spread
 from cpcal.solver.search.strategies import STRATEGIES, LargestFirst, RoundRobin, Smear, bisect
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "Search",
     "Smear",
     "Solution",
+    "Spread",
     "StepProver",
     "bisect",
     "breadth_first",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cpcal.execution.stopping import asked
 from cpcal.solver.contract import Clock, Verdict
 from cpcal.solver.existence import Unique, UniquenessProver
 from cpcal.solver.interval import Box
@@ -50,7 +51,7 @@ def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tupl
             for k in members if len(members) <= _SEVERAL else []:
                 if len(members) > 1:
                     _try(prover, clock, kept[k], found)
-                if not clock.over() and not _covered(kept[k], found):
+                if not (clock.over() or asked() or _covered(kept[k], found)):
                     left[k] = prover.narrowed(kept[k])
     except KeyboardInterrupt:
         pass
@@ -63,7 +64,7 @@ def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tupl
 
 def _try(prover: UniquenessProver, clock: Clock, box: Box, found: list[Unique]) -> None:
     """Add what can be proved about a box to what was found."""
-    if not clock.over() and not _covered(box, found):
+    if not (clock.over() or asked() or _covered(box, found)):
         proof = prover.prove(box)
         if proof is not None:
             found.append(proof)

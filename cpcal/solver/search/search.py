@@ -81,9 +81,9 @@ class Event:
 class Search(Iterator[Event]):
     """Process the most urgent node, then the next one. Lower priority goes first, then age.
 
-    With `abreast` the most urgent so many nodes are taken as one round, one after the other, before any that came of
-    them; `process.all(nodes)`, if there is one, decides `batch` of them at a time. The size of batches changes nothing
-    else. Of a round that is not over, the rest is pending.
+    With `abreast` the most urgent so many nodes (or as many as it says for a number of pending ones) are taken as one
+    round, one after the other, before any that came of them; `process.all(nodes)`, if there is one, decides `batch` of
+    them at a time. The size of batches changes nothing else. Of a round that is not over, the rest is pending.
 
     `kept` holds the pieces that were fine enough and `inside` the boxes that hold nothing but solutions; `outside`, if
     wanted, what was proved to hold none. At every moment these three and `pending` cover the roots.
@@ -96,7 +96,7 @@ class Search(Iterator[Event]):
         priority: Priority = depth_first,
         *,
         outside: bool = False,
-        abreast: int = 1,
+        abreast: int | Callable[[int], int] = 1,
         batch: int = 64,
     ) -> None:
         self._process, self._priority, self.wants_outside = process, priority, outside
@@ -112,6 +112,23 @@ class Search(Iterator[Event]):
             self._push(root if isinstance(root, Piece) else Piece(root), 0)
 
     @property
+    def within_round(self) -> bool:
+        """Whether nodes of a round that has begun are still to come."""
+        return bool(self._round)
+
+    @property
+    def created(self) -> int:
+        """How many nodes were ever made."""
+        return self._created
+
+    def restore(self, pending: Iterable[Node], kept: Iterable[Piece], created: int) -> None:
+        """Stand where another search of the same process and priority stood between two nodes."""
+        self._heap = [(self._priority(node), node.serial, node) for node in pending]
+        heapq.heapify(self._heap)
+        self._round, self._decided = [], {}
+        self.kept, self._created = list(kept), created
+
+    @property
     def pending(self) -> tuple[Node, ...]:
         """The undecided nodes, most urgent first."""
         queued = tuple(node for _, _, node in sorted(self._heap, key=lambda entry: entry[:2]))
@@ -123,7 +140,8 @@ class Search(Iterator[Event]):
         if not self._round:
             if not self._heap:
                 raise StopIteration
-            chosen = heapq.nsmallest(self._abreast, self._heap) if self._abreast > 1 else self._heap[:1]
+            abreast = self._abreast if isinstance(self._abreast, int) else self._abreast(len(self._heap))
+            chosen = heapq.nsmallest(abreast, self._heap) if abreast > 1 else self._heap[:1]
             self._round = [node for _, _, node in reversed(chosen)]
             for _ in chosen:
                 heapq.heappop(self._heap)

@@ -18,6 +18,7 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError
+from cpcal.execution.stopping import heard
 from cpcal.vision.batch.journal import Journal
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera
@@ -95,6 +96,7 @@ def detect(
     journal: Path | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
+    scheduler: str | None = None,
     progress: Progress | None = None,
     overlays: Path | None = None,
 ) -> Detections:
@@ -104,16 +106,17 @@ def detect(
     journal   file that keeps what is done: the next call with the same target and camera does none of it again
     workers   processes; left out: one a core. 1: none, the work is done here
     executor  any `concurrent.futures.Executor` to use instead; it is not shut down
+    scheduler address of a Dask scheduler to use instead, whose workers can read the images
     progress  called with the numbers of images done and of all
     overlays  folder for a picture NAME.jpg of each image, with what was found in it and what was not; an image without
               its picture is measured again
 
-    KeyboardInterrupt leaves with what is done in the journal. Raises MissingExtraError, InputError (the journal is no
-    journal).
+    Ctrl-C leaves by a KeyboardInterrupt, with what is done in the journal. Raises MissingExtraError, LostWorkerError,
+    InputError (the journal is no journal).
     """
     opencv()
     names = list(source.names)
-    with Journal.opened(journal, target, camera, camera_covariance) as kept:
+    with heard(), Journal.opened(journal, target, camera, camera_covariance) as kept:
         work = _Work(source, target, camera, camera_covariance, overlays)
         known = {name: row for name in names if (row := kept.get(name, source.stamp(name))) is not None}
         done = {name: row for name, row in known.items() if work.pictured(name)}
@@ -121,7 +124,7 @@ def detect(
         seconds: dict[str, float] = {}
         if progress is not None:
             progress(len(done), len(names))
-        for rows, spent in in_parallel(work, todo, workers, executor):
+        for rows, spent in in_parallel(work, todo, workers, executor, scheduler):
             for row in rows:
                 if not row.reason.startswith(_UNEXPECTED):  # that is tried again
                     kept.add(row, source.stamp(row.file))

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import multiprocessing
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from cpcal.execution.executors import executor_for
+from cpcal.execution.outcomes import outcomes
+from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.vision.batch.thread_limits import one_thread
 
 T = TypeVar("T")
 
 _CHUNK = 8  # images that a worker is given at a time
-_WAITING = 3  # chunks a worker
-_WAITING_ELSEWHERE = 16  # chunks in an executor whose workers are not known
 
 
 def in_parallel(
@@ -23,44 +23,26 @@ def in_parallel(
     names: Sequence[str],
     workers: int | None = None,
     executor: Executor | None = None,
+    scheduler: str | None = None,
 ) -> Iterator[T]:
     """`work` on all names, a few at a time, each on one thread, in the order in which it is done.
 
-    workers   processes; left out: one a core. 1: none, the work is done here
-    executor  any executor to use instead; it is not shut down
+    workers    processes; left out: one a core. 1: none, the work is done here
+    executor   any executor to use instead; it is not shut down
+    scheduler  address of a Dask scheduler to use instead
+
+    Raises what the work raises, LostWorkerError, and Stopped after the last answer when the process is asked to stop.
     """
-    quiet = _OnOneThread(work)
-    chunks = iter([names[k : k + _CHUNK] for k in range(0, len(names), _CHUNK)])
-    with one_thread():  # for as long as any worker of this process may be at work
-        if executor is not None:
-            yield from _through(executor, quiet, chunks, _WAITING_ELSEWHERE)
-            return
-        count = workers or multiprocessing.cpu_count()
-        if count == 1 or len(names) <= _CHUNK:
-            yield from map(work, chunks)
-            return
-        context = multiprocessing.get_context("spawn")  # the same everywhere, and safe beside threads
-        with ProcessPoolExecutor(count, mp_context=context, initializer=_prepare) as pool:
-            yield from _through(pool, quiet, chunks, _WAITING * count)
-
-
-def _through(
-    executor: Executor, work: Callable[[Sequence[str]], T], chunks: Iterator[Sequence[str]], most: int
-) -> Iterator[T]:
-    """At most so many chunks wait, so that an interruption is heard soon and memory stays bounded."""
-    waiting: set[Future[T]] = set()
-    try:
-        while True:
-            while len(waiting) < most and (chunk := next(chunks, None)) is not None:
-                waiting.add(executor.submit(work, chunk))
-            if not waiting:
-                return
-            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield future.result()
-    finally:
-        for future in waiting:
-            future.cancel()
+    chunks = [names[k : k + _CHUNK] for k in range(0, len(names), _CHUNK)]
+    if executor is None and scheduler is None:
+        workers = 1 if len(chunks) <= 1 else workers or multiprocessing.cpu_count()
+    done = 0
+    with one_thread(), executor_for(workers, scheduler, executor) as (place, most):
+        for outcome in outcomes(place, most, _OnOneThread(work), chunks):
+            done += 1
+            yield outcome.value
+    if done < len(chunks):
+        raise Stopped(asked() or Reason.INTERRUPTED)
 
 
 @dataclass(frozen=True)
@@ -72,8 +54,3 @@ class _OnOneThread(Generic[T]):
     def __call__(self, names: Sequence[str]) -> T:
         with one_thread():
             return self.work(names)
-
-
-def _prepare() -> None:
-    """In each worker: Ctrl-C is for the main process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -9,10 +9,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from functools import cache
-from typing import Any
 
-from cpcal.vision.opencv import MissingExtraError, opencv
+from cpcal.execution.threads import linear_algebra_on_one_thread
+from cpcal.vision.opencv import opencv
 
 _lock = threading.Lock()
 _users = 0
@@ -36,10 +35,10 @@ def _enter() -> None:
     global _users
     with _lock:
         if not _users:
-            cv2, libraries = opencv(), _libraries()
+            cv2 = opencv()
             _restore.callback(cv2.setNumThreads, cv2.getNumThreads())
             cv2.setNumThreads(1)
-            _restore.enter_context(libraries.limit(limits=1))
+            _restore.enter_context(linear_algebra_on_one_thread())
         _users += 1
 
 
@@ -49,13 +48,3 @@ def _leave() -> None:
         _users -= 1
         if not _users:
             _restore.close()
-
-
-@cache
-def _libraries() -> Any:
-    """Of linear algebra, in this process. Raises MissingExtraError."""
-    try:
-        from threadpoolctl import ThreadpoolController
-    except ImportError as error:
-        raise MissingExtraError(f"images need threadpoolctl: pip install 'cpcal[vision]' ({error})") from error
-    return ThreadpoolController()

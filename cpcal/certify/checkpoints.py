@@ -1,0 +1,182 @@
+"""What a run of `certify` keeps on disk while it works, so that another one can go on from there.
+
+Two files a leg, in the folder `checkpoint` of the run: `legN.answer` once the leg is answered, with its certificates;
+before that `legN.search`, where its branch and bound stands. Whoever works on the leg writes them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from cpcal.common.errors import CpcalError, InputError, Problem
+from cpcal.common.version import __version__
+from cpcal.execution.checkpoint_file import Line, read_checkpoint, write_checkpoint
+from cpcal.files import campaign_sha256
+from cpcal.files.codec import decoded, encoded
+from cpcal.legs import LegModel
+from cpcal.results import LegResult, Options, Result
+from cpcal.robot import Campaign
+from cpcal.solver.certificate.recording import Recording
+from cpcal.solver.optimize import Minimum
+from cpcal.solver.optimize.saved import Saved
+
+FOLDER = "checkpoint"
+_EVERY = 5.0  # seconds between two checkpoints of a search
+_LONG = 1.0  # seconds: a search that is not done twice
+_SHARE = 20.0  # and at least so many times as long as the last one took
+_LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket
+_LOGGER = logging.getLogger("cpcal")
+
+Files = Mapping[str, bytes]
+
+
+@dataclass(frozen=True)
+class Checkpoints:
+    """The folder, and what its files are of: they are refused for anything else. `resume`: what is there counts."""
+
+    folder: Path
+    of: Mapping[str, str]
+    resume: bool = False
+
+    @classmethod
+    def for_run(cls, run: Path, campaign: Campaign, options: Options, model: LegModel, *, resume: bool) -> Checkpoints:
+        """Those in the folder of a run. Limits may change between a run and the one that goes on with it."""
+        asked = replace(options, **_LIMITS) if options.method == "bound" else options  # type: ignore[arg-type]
+        text = json.dumps(encoded(asked), sort_keys=True)
+        model_text = json.dumps(encoded((model.name, model.summary, model.extra)), sort_keys=True)
+        of = {
+            "version": __version__,
+            "campaign": campaign_sha256(campaign),
+            "options": hashlib.sha256(text.encode()).hexdigest(),
+            "model": hashlib.sha256(model_text.encode()).hexdigest(),
+        }
+        return cls(run / FOLDER, of, resume)
+
+    def begin(self) -> None:
+        """Forget what is there, unless it is to be resumed. Raises InputError when a file there is refused."""
+        if not self.resume:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            return
+        for path in sorted(self.folder.glob("leg*")) if self.folder.is_dir() else []:
+            read_checkpoint(path, self._of(path.name))
+
+    def end_after(self, result: Result) -> None:
+        """The result is in its place: what was kept goes, unless a stop or a limit left something to go on with."""
+        if not result.interrupted and not any(self.folder.glob("*.search")):
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    def answer(self, leg: int) -> tuple[LegResult, dict[str, bytes]] | None:
+        """The leg, if it is answered already, and its certificates. Raises InputError."""
+        path = self._path(leg, "answer")
+        if not (self.resume and path.exists()):
+            return None
+        first, *rest = read_checkpoint(path, self._of(path.name))
+        try:
+            files = {str(line["file"]): str(line["text"]).encode() for line in rest}
+            return decoded(LegResult, first["leg"]), files
+        except (KeyError, ValueError, CpcalError) as error:
+            raise _garbled(path, error) from None
+
+    def keep_answer(self, leg: LegResult, files: Files) -> None:
+        """The leg is answered: that is kept, and where its search stood no longer matters."""
+        path = self._path(leg.leg, "answer")
+        lines = [{"leg": encoded(leg)}, *({"file": name, "text": text.decode()} for name, text in files.items())]
+        if _kept(path, self._of(path.name), lines):
+            self._path(leg.leg, "search").unlink(missing_ok=True)
+            _LOGGER.info("kept", extra={"fields": {"leg": leg.leg, "eps_lo": leg.eps_lo, "eps_hi": leg.eps_hi}})
+
+    def search(self, leg: int) -> list[Line] | None:
+        """Where the search for a leg stood. Raises InputError."""
+        path = self._path(leg, "search")
+        return read_checkpoint(path, self._of(path.name)) if self.resume and path.exists() else None
+
+    def keep_search(self, leg: int, lines: Iterator[Line]) -> None:
+        path = self._path(leg, "search")
+        _kept(path, self._of(path.name), lines)
+
+    def _path(self, leg: int, kind: str) -> Path:
+        return self.folder / f"leg{leg}.{kind}"
+
+    def _of(self, name: str) -> dict[str, str]:
+        return {**self.of, "part": name}
+
+
+class SearchKeeper:
+    """Keeps where one leg's search stands, every few seconds and at the end, if boxes are left then."""
+
+    def __init__(self, checkpoints: Checkpoints, leg: int, recording: Recording | None) -> None:
+        self._checkpoints, self._leg, self._recording = checkpoints, leg, recording
+        self._saved: Callable[[], Saved] | None = None
+        self._next = time.monotonic() + _EVERY
+
+    def resumed(self) -> Saved | None:
+        """Where to go on, the recording brought there; None to begin. Raises InputError."""
+        lines = self._checkpoints.search(self._leg)
+        if lines is None:
+            return None
+        try:
+            found = Saved.from_lines([line["search"] for line in lines if "search" in line])
+            steps = [line for line in lines if "search" not in line]
+            if (self._recording is None) != (not steps):
+                raise ValueError("it was kept with certificates, or without, and this run is not")
+            if self._recording is not None:
+                self._recording.restore(steps)
+            return found
+        except (KeyError, ValueError, TypeError, CpcalError) as error:
+            raise _garbled(self._checkpoints.folder / f"leg{self._leg}.search", error) from None
+
+    def __call__(self, saved: Callable[[], Saved]) -> None:
+        """After every node: `saved` says where the search stands."""
+        self._saved = saved
+        if time.monotonic() >= self._next:
+            self.keep()
+
+    def end(self, found: Minimum) -> None:
+        """At the end: where boxes are left; or it took long, for its support may be interrupted."""
+        if found.pending or found.seconds > _LONG:
+            self.keep()
+
+    def keep(self) -> None:
+        """Now."""
+        if self._saved is None:
+            return
+        began = time.monotonic()
+        self._checkpoints.keep_search(self._leg, self._lines(self._saved()))
+        now = time.monotonic()
+        self._next = now + max(_EVERY, _SHARE * (now - began))
+
+    def _lines(self, saved: Saved) -> Iterator[Line]:
+        for line in saved.lines():
+            yield {"search": line}
+        if self._recording is not None:
+            yield from self._recording.saved()
+
+
+def _kept(path: Path, of: Mapping[str, str], lines: Any) -> bool:
+    """Write, or say in the log that it could not be: no checkpoint is worth the run."""
+    try:
+        write_checkpoint(path, of, lines)
+    except InputError as error:
+        _say_once(str(error.problems[0]))
+        return False
+    return True
+
+
+@cache
+def _say_once(problem: str) -> None:
+    """On stderr, or in the log where there is one."""
+    _LOGGER.warning("cpcal: warning: a checkpoint is missing: %s", problem)
+
+
+def _garbled(path: Path, error: Exception) -> InputError:
+    what = f"lacks or garbles something ({error})"
+    return InputError([Problem(str(path), what, "run again without --resume, which begins anew")])

@@ -1,0 +1,89 @@
+"""A question asked of each leg as a task of its own, here or wherever an executor does it.
+
+What travels is the question and the answer, with the files that prove it: a worker needs no folder of ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from pickle import PicklingError
+from tempfile import TemporaryDirectory
+from typing import Generic, TypeVar
+
+from cpcal.certify.question import Question
+from cpcal.common.errors import InputError, Problem
+from cpcal.execution.executors import Here, Processes
+from cpcal.execution.outcomes import LostWorkerError, outcomes
+from cpcal.execution.stopping import Stopped, asked
+from cpcal.execution.threads import linear_algebra_on_one_thread
+
+A = TypeVar("A")
+T = TypeVar("T")
+
+Place = tuple[Executor, int]  # and how many tasks it is given at a time
+
+HERE: Place = (Here(), 1)
+
+
+@dataclass(frozen=True)
+class TaskAnswer(Generic[A, T]):
+    """What was found about one leg (or whatever was asked about), and the files that prove it, by name."""
+
+    asked: A
+    found: T
+    files: Mapping[str, bytes]
+
+
+def answers(
+    question: Question, work: Callable[[Question, A], T], of: Sequence[A], place: Place = HERE
+) -> Iterator[TaskAnswer[A, T]]:
+    """`work(question, leg)` for each of `of`, as they are done; certificates are written aside and come as bytes.
+
+    Progress is told by work that is done here. When the process is asked to stop, those not begun are missing.
+    Raises what the work raises, and InputError for a question that cannot travel.
+    """
+    executor, most = place
+    if not isinstance(executor, Here):
+        question = replace(question, progress=None)
+    if not isinstance(executor, Here | Processes):  # perhaps of another machine, without our folders
+        question = replace(question, checkpoints=None)
+    task = _Aside(work, question)
+    for outcome in outcomes(executor, most, task, of):
+        error = outcome.error
+        if isinstance(error, PicklingError | AttributeError) and "pickle" in str(error).lower():
+            remedy = "define it in a module that workers can import, or work here: leave out workers"
+            raise InputError([Problem("model", f"cannot be sent to other processes ({error})", remedy)])
+        if isinstance(error, LostWorkerError):
+            about = getattr(outcome.task, "leg", outcome.task)
+            said = (
+                f"leg {about}: {error}; go on with --resume, which keeps what is answered, perhaps with fewer workers"
+            )
+            raise LostWorkerError(said)
+        yield outcome.value
+
+
+@dataclass(frozen=True)
+class _Aside(Generic[A, T]):
+    """The work, with a folder of its own for certificates."""
+
+    work: Callable[[Question, A], T]
+    question: Question
+
+    def __call__(self, asked_about: A) -> TaskAnswer[A, T]:
+        reason = asked()
+        if reason is not None:
+            raise Stopped(reason)
+        with linear_algebra_on_one_thread():
+            return self._answer(asked_about)
+
+    def _answer(self, asked_about: A) -> TaskAnswer[A, T]:
+        if self.question.certificates is None:
+            return TaskAnswer(asked_about, self.work(self.question, asked_about), {})
+        with TemporaryDirectory(prefix="cpcal-", ignore_cleanup_errors=True) as name:
+            folder = Path(name)
+            found = self.work(replace(self.question, certificates=folder), asked_about)
+            files = {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+        return TaskAnswer(asked_about, found, files)

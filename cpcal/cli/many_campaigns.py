@@ -1,0 +1,176 @@
+"""Many campaigns as one run: each is certified into a folder of its own, and a summary says which are worst."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import typer
+
+from cpcal.certify.certified_ranges import with_ranges
+from cpcal.certify.certify import answered, checked_options
+from cpcal.certify.leg_tasks import Place
+from cpcal.certify.projections import with_projections
+from cpcal.certify.question import Question
+from cpcal.cli.certified_run import status_of
+from cpcal.cli.progress import bar
+from cpcal.cli.status import Status
+from cpcal.cli.talk import Talk, record
+from cpcal.common.errors import CpcalError, InputError, Problem, printable
+from cpcal.common.version import __version__
+from cpcal.execution.outcomes import outcomes
+from cpcal.execution.stopping import Reason, Stopped, asked
+from cpcal.execution.threads import linear_algebra_on_one_thread
+from cpcal.files import campaign_sha256, load_campaign
+from cpcal.files.run_folder import RUN, answers_into
+from cpcal.report import write_report
+from cpcal.report.campaigns_page import CampaignRow, row_of, write_campaigns
+from cpcal.results import Result, load_result, save_result
+from cpcal.robot import Campaign
+
+
+@dataclass(frozen=True)
+class CampaignTask:
+    """A campaign to be certified; a pure value."""
+
+    name: str
+    campaign: Campaign
+
+
+@dataclass(frozen=True)
+class CertifiedCampaign:
+    """What was found, and the files of its run."""
+
+    result: Result
+    files: Mapping[str, bytes]
+
+
+@dataclass(frozen=True)
+class CampaignWork:
+    """What is asked of each campaign."""
+
+    given: Mapping[str, Any]
+    checker: bool
+
+    def __call__(self, task: CampaignTask) -> CertifiedCampaign:
+        """Raises InputError for a campaign that cannot be asked it."""
+        campaign = task.campaign
+        options, model = checked_options(campaign, **self.given)
+        with linear_algebra_on_one_thread(), TemporaryDirectory(prefix="cpcal-", ignore_cleanup_errors=True) as name:
+            folder = Path(name)
+            question = Question(campaign=campaign, options=options, model=model, certificates=folder)
+            result = answered(question)
+            if result.interrupted and not result.legs:
+                raise Stopped(asked() or Reason.INTERRUPTED)
+            result = with_ranges(campaign, result, certificates=folder, model=model)
+            result = with_projections(campaign, result, model)
+            save_result(result, folder)
+            write_report(campaign, result, folder, checker=self.checker)
+            return CertifiedCampaign(result, {path.name: path.read_bytes() for path in sorted(folder.iterdir())})
+
+
+def certified_all(
+    folders: Sequence[Path], runs: Path, work: CampaignWork, place: Place, *, resume: bool, talk: Talk
+) -> Status:
+    """Certify each campaign into a folder of `runs` that is called as its own; say which are worst; the exit status.
+
+    One that cannot be used stops no other. With `resume` those that are answered already stay as they are.
+    """
+    names = _names(folders)
+    rows: list[CampaignRow] = []
+    failed: list[str] = []
+    count = len(folders)
+
+    def tasks() -> Iterator[CampaignTask]:
+        for name, folder in zip(names, folders, strict=True):
+            try:
+                campaign = load_campaign(folder)
+                earlier = _earlier(runs / name, campaign, work.given) if resume else None
+            except InputError as error:
+                _fail(failed, name, error)
+                continue
+            if earlier is None:
+                yield CampaignTask(name, campaign)
+            else:
+                rows.append(row_of(name, earlier))
+
+    began = time.monotonic()
+    with bar("campaigns", quiet=talk.quiet) as progress:
+        executor, most = place
+        for outcome in outcomes(executor, most, work, tasks()):
+            try:
+                found = outcome.value
+                put(runs / outcome.task.name, outcome.task.campaign, found)
+            except (CpcalError, OSError) as error:
+                _fail(failed, outcome.task.name, error)
+            else:
+                rows.append(row_of(outcome.task.name, found.result))
+                _record(rows[-1], len(rows) + len(failed), count, began)
+            if progress is not None:
+                progress(len(rows) + len(failed), count)
+    return _ended(rows, failed, count, runs, talk)
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """Of the runs. Raises InputError for two of one name."""
+    names = [folder.resolve().name for folder in folders]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        remedy = "give their folders different names, or certify them into different folders"
+        raise InputError([Problem(name, "is the name of two campaigns", remedy) for name in twice])
+    return names
+
+
+def _earlier(run: Path, campaign: Campaign, given: Mapping[str, Any]) -> Result | None:
+    """What an earlier run has found, if it was asked the same of the same campaign by this version, and ended."""
+    options, _ = checked_options(campaign, **given)
+    try:
+        found = load_result(run)
+    except InputError:
+        return None
+    same = (found.options, found.version, found.campaign_sha256) == (options, __version__, campaign_sha256(campaign))
+    return found if same and not found.interrupted else None
+
+
+def put(run: Path, campaign: Campaign, found: CertifiedCampaign) -> None:
+    """Write a run, all or nothing. Raises InputError where it cannot be written."""
+    with answers_into(run, RUN, campaign) as draft:
+        for name, content in found.files.items():
+            (draft / name).write_bytes(content)
+
+
+def _fail(failed: list[str], name: str, error: Exception) -> None:
+    lines = error.problems if isinstance(error, InputError) else [error]
+    what = "; ".join(map(str, lines[:3])) if lines else str(error)
+    failed.append(f"{name}: {what}")
+    record("failed", campaign=name, kind=type(error).__name__, message=str(error))
+    typer.echo(printable(f"cpcal: {failed[-1]}"), err=True)
+
+
+def _record(row: CampaignRow, done: int, count: int, began: float) -> None:
+    spent = time.monotonic() - began
+    rate = done / spent if spent > 0.0 else 0.0
+    left = (count - done) / rate if rate > 0.0 else None
+    bounds = {"eps_lo": row.worst.eps_lo, "eps_hi": row.worst.eps_hi, "leg": row.worst.leg}
+    record("campaign", campaign=row.name, **bounds, seconds=row.seconds, done=done, of=count, rate=rate, left=left)
+
+
+def _ended(rows: list[CampaignRow], failed: list[str], count: int, runs: Path, talk: Talk) -> Status:
+    """Write the summary, print it, and the status of all."""
+    reason = asked()
+    missing = count - len(rows) - len(failed)
+    interrupted = reason is not None and (missing > 0 or any(row.result.interrupted for row in rows))
+    page = write_campaigns(rows, failed, missing, runs)
+    if not talk.quiet:
+        for line in page.lines:
+            typer.echo(printable(line))
+        typer.echo(printable(f"Summary: {page.path}"))
+    if interrupted:
+        return Status(reason or Reason.INTERRUPTED)
+    if failed:
+        return Status.UNUSABLE
+    return Status.ANSWERED if all(status_of(row.result) is Status.ANSWERED for row in rows) else Status.UNKNOWN

@@ -1,0 +1,160 @@
+"""Where tasks are done: here, in processes of this machine, or in any `concurrent.futures.Executor`.
+
+Dask goes through the same door: a `distributed.Client` lends an executor. Tasks are functions that a module names, and
+their arguments pure values, so that both travel.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from cpcal.common.errors import InputError, Problem
+from cpcal.execution import stopping
+from cpcal.execution.stopping import Reason
+
+T = TypeVar("T")
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_ELSEWHERE = 64  # workers that an executor is taken to have that does not tell
+
+
+def at_a_time(workers: int) -> int:
+    """How many tasks so many workers are given: two each, so that none is idle while its answer travels."""
+    return 2 * workers
+
+
+class Here(Executor):
+    """Does a task in the moment in which it is submitted."""
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Processes(Executor):
+    """Processes of this machine. They end with this one however it ends, and hear of a stop from it alone.
+
+    A pool in which a process was killed is broken; `renew` makes another.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._context = multiprocessing.get_context("spawn")  # the same everywhere, and safe beside threads
+        self._stop = self._context.Event()
+        self._pool = self._new()
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        with _without_signals():  # which a new process inherits: Ctrl-C is for this one
+            return self._pool.submit(fn, *args, **kwargs)
+
+    def ask_to_stop(self) -> None:
+        """Tasks that are at work see it by `stopping.asked`."""
+        self._stop.set()
+
+    def renew(self) -> None:
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool = self._new()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+    def _new(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(self.count, mp_context=self._context, initializer=_begin, initargs=(self._stop,))
+
+
+@contextmanager
+def executor_for(
+    workers: int | None = None, scheduler: str | None = None, executor: Any = None
+) -> Iterator[tuple[Executor, int]]:
+    """The executor asked for, and how many tasks it is given at a time; none asked for: the work is done here.
+
+    workers    processes of this machine; 1: none
+    scheduler  address of a Dask scheduler, such as "tls://10.0.0.1:8786"
+    executor   any executor, or a `distributed.Client`; it is not shut down
+
+    Raises InputError for more than one of them, or for a scheduler that does not answer.
+    """
+    if sum(choice is not None for choice in (workers, scheduler, executor)) > 1:
+        remedy = "give one of workers, scheduler and executor"
+        raise InputError([Problem("workers", "and another place to work are both given", remedy)])
+    if executor is not None:
+        if hasattr(executor, "get_executor"):
+            yield _through(executor)
+        else:
+            yield executor, at_a_time(_ELSEWHERE)
+    elif scheduler is not None:
+        with _cluster(scheduler) as client:
+            yield _through(client)
+    elif workers is None or workers == 1:
+        yield Here(), 1
+    else:
+        pool = Processes(workers)
+        try:
+            yield pool, at_a_time(workers)
+        except BaseException:
+            pool.ask_to_stop()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Any]:
+    try:
+        from distributed import Client
+    except ImportError:
+        remedy = "install it: pip install 'cpcal[distributed]'"
+        raise InputError([Problem("scheduler", "a cluster needs dask.distributed", remedy)]) from None
+    try:
+        client = Client(address)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        remedy = "start `dask scheduler`, and give the address that it prints"
+        what = f"no Dask scheduler answers there ({str(error)[:200]})"
+        raise InputError([Problem(f"scheduler {address}", what, remedy)]) from None
+    with client:
+        yield client
+
+
+def _through(client: Any) -> tuple[Executor, int]:
+    """Of a Dask client."""
+    return client.get_executor(pure=False), at_a_time(max(_ELSEWHERE, sum(client.ncores().values())))
+
+
+def _begin(stop: Any) -> None:
+    """In each process of a pool: the coordinator tells it to stop, and its end ends it."""
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    stopping.from_now_on_asked_by(lambda: Reason.INTERRUPTED if stop.is_set() else None)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextmanager
+def _without_signals() -> Iterator[None]:
+    """Signals wait until the end of the block."""
+    mask = getattr(signal, "pthread_sigmask", None)  # of POSIX only
+    if mask is None:
+        yield
+        return
+    before = mask(signal.SIG_BLOCK, _SIGNALS)
+    try:
+        yield
+    finally:
+        mask(signal.SIG_SETMASK, before)

@@ -1,0 +1,141 @@
+"""Many tasks through an executor: few at a time, in the order in which they are done, and none lost with its worker."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from cpcal.common.errors import CpcalError
+from cpcal.execution.executors import Processes
+from cpcal.execution.stopping import Stopped, asked
+
+A = TypeVar("A")
+T = TypeVar("T")
+
+_LOOK = 0.2  # seconds between looks at whether to stop
+_TRIES = 3  # times that a task is begun whose worker ends
+_KILLED = (
+    "its process was killed, had no memory left, or could not begin (a script that begins workers does so after "
+    "`if __name__ == '__main__':`)"
+)
+
+
+class LostWorkerError(CpcalError):
+    """Who did a task is gone: it was killed, had no memory left, or cannot be reached."""
+
+
+@dataclass(frozen=True)
+class TaskOutcome(Generic[A, T]):
+    """What became of a task: its value, or the exception that it raised."""
+
+    task: A
+    future: Future[T]
+
+    @property
+    def value(self) -> T:
+        """Raises what the task raised."""
+        return self.future.result()
+
+    @property
+    def error(self) -> BaseException | None:
+        """What the task raised, or None."""
+        return self.future.exception()
+
+
+def outcomes(executor: Executor, most: int, work: Callable[[A], T], tasks: Iterable[A]) -> Iterator[TaskOutcome[A, T]]:
+    """`work(task)` for all tasks, `most` of them given out at a time, in the order in which they are done.
+
+    A task whose worker is killed is begun again, three times at most, the last time alone, so that it harms no other;
+    then its outcome is a LostWorkerError. When the process is asked to stop, no task is begun any more; those at work
+    in processes of ours are told, and what they answer still comes.
+    """
+    road = _Road(executor, work, iter(tasks), most)
+    try:
+        while True:
+            road.fill()
+            if not road.running:
+                return
+            yield from road.done()
+    finally:
+        road.cancel()
+
+
+class _Road(Generic[A, T]):
+    """Tasks on their way."""
+
+    def __init__(self, executor: Executor, work: Callable[[A], T], tasks: Iterator[A], most: int) -> None:
+        self._executor, self._work, self._tasks, self._most = executor, work, tasks, most
+        self._again: deque[tuple[A, int]] = deque()
+        self._stopping = False
+        self.running: dict[Future[T], tuple[A, int]] = {}  # and how often it was begun
+
+    def fill(self) -> None:
+        """Give out tasks, as many as may run; one that lost its worker twice runs alone."""
+        while len(self.running) < self._most and not asked() and not self._alone():
+            if self._again and (self._again[0][1] + 1 < _TRIES or not self.running):
+                task, begun = self._again.popleft()
+            elif self._again:
+                return
+            else:
+                try:
+                    task, begun = next(self._tasks), 0
+                except StopIteration:
+                    return
+            try:
+                self.running[self._executor.submit(self._work, task)] = task, begun + 1
+            except BrokenExecutor:
+                self._again.append((task, begun))
+                self._renew()
+
+    def _alone(self) -> bool:
+        return any(begun >= _TRIES for _, begun in self.running.values())
+
+    def done(self) -> Iterator[TaskOutcome[A, T]]:
+        """Wait for some task to be done, or for a moment."""
+        finished, _ = wait(self.running, _LOOK, FIRST_COMPLETED)
+        for future in finished:
+            task, begun = self.running.pop(future)
+            if future.cancelled():
+                yield _lost(task, "it was cancelled: the scheduler is gone, or was started again")
+            elif isinstance(future.exception(), Stopped):
+                continue
+            elif not isinstance(future.exception(), BrokenExecutor):
+                yield TaskOutcome(task, future)
+            elif begun < _TRIES and isinstance(self._executor, Processes):
+                self._again.append((task, begun))
+            else:
+                yield _lost(task, _KILLED)
+        if self._again and not self.running:
+            self._renew()
+        if asked() and not self._stopping:
+            self._stop()
+
+    def _renew(self) -> None:
+        if not isinstance(self._executor, Processes):
+            raise LostWorkerError("the executor takes no more tasks")
+        self._executor.renew()
+
+    def _stop(self) -> None:
+        """What is at work elsewhere than in processes of ours cannot be told: it is given up."""
+        self._stopping = True
+        if isinstance(self._executor, Processes):
+            self._executor.ask_to_stop()
+            for future in list(self.running):
+                if future.cancel():
+                    del self.running[future]
+        else:
+            self.cancel()
+
+    def cancel(self) -> None:
+        for future in self.running:
+            future.cancel()
+        self.running.clear()
+
+
+def _lost(task: A, why: str) -> TaskOutcome[A, T]:
+    future: Future[T] = Future()
+    future.set_exception(LostWorkerError(why))
+    return TaskOutcome(task, future)

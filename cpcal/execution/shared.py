@@ -1,0 +1,72 @@
+"""A large value that many small tasks need: it travels to a worker once, not with every task."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from cpcal.execution.outcomes import outcomes
+from cpcal.execution.stopping import Reason, Stopped, asked
+
+A = TypeVar("A")
+T = TypeVar("T")
+V = TypeVar("V")
+
+_KEPT = 4  # values that a worker keeps
+_here: dict[str, Any] = {}  # of this process, by digest
+
+
+class Shared(Generic[V]):
+    """A value, and what it is as bytes; nothing may change it."""
+
+    def __init__(self, value: V) -> None:
+        self._bytes = pickle.dumps(value)
+        self._digest = hashlib.sha256(self._bytes).hexdigest()
+
+    def mapped(self, place: tuple[Executor, int], work: Callable[[V, A], T], items: Sequence[A]) -> list[T]:
+        """`work(value, item)` for every item, in their order, wherever the executor is.
+
+        The value goes with as many tasks as may be at work, or where a worker asks for it. Raises what the work raises,
+        and Stopped when the process is asked to stop.
+        """
+        executor, most = place
+        found: dict[int, T] = {}
+        left = list(range(len(items)))
+        content = None
+        while left:
+            tasks = [_Task(work, self._digest, content, items[k], k) for k in left]
+            for outcome in outcomes(executor, most, _done, tasks):
+                if not isinstance(outcome.error, _MissingError):
+                    found[outcome.task.place] = outcome.value
+            again = [k for k in left if k not in found]
+            if asked() and again:
+                raise Stopped(asked() or Reason.INTERRUPTED)
+            left, content = again, self._bytes
+        return [found[k] for k in range(len(items))]
+
+
+class _MissingError(Exception):
+    """This worker has never seen the value."""
+
+
+@dataclass(frozen=True)
+class _Task(Generic[V, A, T]):
+    work: Callable[[V, A], T]
+    digest: str
+    content: bytes | None
+    item: A
+    place: int
+
+
+def _done(task: _Task[V, A, T]) -> T:
+    if task.digest not in _here:
+        if task.content is None:
+            raise _MissingError(task.digest)
+        while len(_here) >= _KEPT:
+            del _here[next(iter(_here))]
+        _here[task.digest] = pickle.loads(task.content)
+    return task.work(_here[task.digest], task.item)

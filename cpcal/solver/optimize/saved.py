@@ -1,0 +1,115 @@
+"""Where a branch and bound stands between two nodes, as pure values, and as lines of JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cpcal.solver.interval import Box
+from cpcal.solver.optimize.bounding import Branch, Row
+from cpcal.solver.optimize.incumbent import Known
+from cpcal.solver.optimize.witness import Witness
+from cpcal.solver.search import ContractorUse, Node, Piece
+
+
+@dataclass(frozen=True)
+class Saved:
+    """Everything that the rest of a minimisation depends on.
+
+    pending, kept, created   of the search: undecided nodes, pieces that are fine enough, nodes that were ever made
+    known                    of the incumbent
+    nodes ... uses           what was counted
+    seconds                  that it took until then
+    """
+
+    pending: tuple[Node, ...]
+    kept: tuple[Piece, ...]
+    created: int
+    known: Known
+    nodes: int
+    programs: int
+    used: frozenset[Row]
+    decisive: frozenset[Row]
+    uses: tuple[ContractorUse, ...]
+    seconds: float
+
+    def lines(self) -> Iterator[dict[str, Any]]:
+        """A head, then a line a box; infinite numbers are texts."""
+        names = (self.pending or self.kept)[0].box.names if self.pending or self.kept else ()
+        witness = self.known.witness
+        yield {
+            "names": list(names),
+            "witness": None if witness is None else {"point": witness.point.tolist(), "value": witness.value},
+            "calls": self.known.calls,
+            "created": self.created,
+            "nodes": self.nodes,
+            "programs": self.programs,
+            "used": sorted(self.used),
+            "decisive": sorted(self.decisive),
+            "uses": [[use.name, use.calls, use.steps] for use in self.uses],
+            "seconds": self.seconds,
+        }
+        for node in self.pending:
+            yield {"depth": node.depth, "serial": node.serial, **_branch(node.box, node.state)}
+        for piece in self.kept:
+            yield _branch(piece.box, piece.state)
+
+    @classmethod
+    def from_lines(cls, lines: Sequence[Mapping[str, Any]]) -> Saved:
+        """What `lines` gave. Raises KeyError, TypeError, ValueError."""
+        head, *boxes = lines
+        names = tuple(map(str, head["names"]))
+        read = [(line, *_read_branch(names, line)) for line in boxes]
+        witness = head["witness"]
+        if witness is not None:
+            witness = Witness(np.array(witness["point"], np.float64), float(witness["value"]))
+        return cls(
+            pending=tuple(
+                Node(box, int(line["depth"]), int(line["serial"]), branch)
+                for line, box, branch in read
+                if "serial" in line
+            ),
+            kept=tuple(Piece(box, branch) for line, box, branch in read if "serial" not in line),
+            created=int(head["created"]),
+            known=Known(witness, int(head["calls"])),
+            nodes=int(head["nodes"]),
+            programs=int(head["programs"]),
+            used=_rows(head["used"]),
+            decisive=_rows(head["decisive"]),
+            uses=tuple(ContractorUse(str(name), int(calls), int(steps)) for name, calls, steps in head["uses"]),
+            seconds=float(head["seconds"]),
+        )
+
+
+def _branch(box: Box, branch: Branch) -> dict[str, Any]:
+    line: dict[str, Any] = {"box": _bounds(box), "fresh": branch.fresh, "rows": sorted(branch.rows)}
+    return line if branch.found == box else line | {"found": _bounds(branch.found)}
+
+
+def _read_branch(names: tuple[str, ...], line: Mapping[str, Any]) -> tuple[Box, Branch]:
+    box = _box(names, line["box"])
+    found = _box(names, line["found"]) if "found" in line else box
+    return box, Branch(found, bool(line["fresh"]), _rows(line["rows"]))
+
+
+def _bounds(box: Box) -> list[list[float | str]] | None:
+    if box.is_empty:
+        return None
+    return [[v if math.isfinite(v) else str(v) for v in side.tolist()] for side in (box.lo, box.hi)]
+
+
+def _box(names: tuple[str, ...], bounds: Any) -> Box:
+    if bounds is None:
+        return Box.empty(names)
+    lo, hi = (np.array([float(v) for v in side], np.float64) for side in bounds)
+    if not len(lo) == len(hi) == len(names) or not (lo <= hi).all():
+        raise ValueError("a box is none")
+    return Box(names, lo, hi)
+
+
+def _rows(rows: Any) -> frozenset[Row]:
+    return frozenset((int(c), int(e)) for c, e in rows)

@@ -1,0 +1,62 @@
+"""A disk that fills up costs what does not fit, and never an answer, a checkpoint or what was there before."""
+
+import resource
+import subprocess
+import sys
+
+import pytest
+
+import cpcal
+from cpcal.certify.checkpoints import FOLDER
+from cpcal.results import Uncertified
+from cpcal.solver.certificate.recording import Recording
+
+OPTIONS = ["--legs", "1,2", "--delta", "0.5"]
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("disk") / "campaign"
+    cpcal.save_campaign(cpcal.simulate(seed=1, joint_error=1.0, factor=0.0, extremal=False, random_poses=12), folder)
+    return folder
+
+
+def certified(campaign, run, *options, largest=None):
+    """`cpcal certify` in a process whose files have so many bytes at most."""
+
+    def limit():
+        if largest is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))
+
+    command = [sys.executable, "-m", "cpcal", "certify", str(campaign), "-o", str(run), *OPTIONS, *options]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, preexec_fn=limit)
+
+
+def test_answers_are_printed_and_kept_where_the_run_cannot_be_written(campaign, tmp_path):
+    assert certified(campaign, tmp_path).returncode == 0
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    full = certified(campaign, tmp_path, "--gap", "1e-2", largest=100_000)
+    assert full.returncode == 2
+    assert "Leg 2: fits to within" in full.stdout
+    assert "File too large" in full.stderr
+    assert "Traceback" not in full.stderr
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
+    assert sorted(path.name for path in (tmp_path / FOLDER).iterdir()) == ["leg1.answer", "leg2.answer"]
+    resumed = certified(campaign, tmp_path, "--gap", "1e-2", "--resume")
+    assert resumed.returncode == 0, resumed.stderr
+    assert not (tmp_path / FOLDER).exists()
+
+
+@pytest.mark.parametrize("method", ["event", "write"])
+def test_a_certificate_that_cannot_be_written_costs_no_answer(campaign, tmp_path, monkeypatch, method):
+    measured = cpcal.load_campaign(campaign)
+    whole = cpcal.certify(measured, legs=[2], delta=0.5, certificates=tmp_path / "whole").legs[0]
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Recording, method, full)
+    leg = cpcal.certify(measured, legs=[2], delta=0.5, certificates=tmp_path / "full").legs[0]
+    assert (leg.eps_lo, leg.eps_hi, leg.point) == (whole.eps_lo, whole.eps_hi, whole.point)
+    assert leg.not_certified is Uncertified.UNWRITTEN
+    assert not leg.certified

@@ -1,0 +1,141 @@
+"""Tasks wherever they are done: each has one outcome, none is lost with its worker, and workers end with us."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from cpcal.common.errors import InputError
+from cpcal.execution.executors import Here, Processes, executor_for
+from cpcal.execution.outcomes import LostWorkerError, outcomes
+from cpcal.execution.stopping import Reason, also_asked_by, asked
+
+
+def squared(number):
+    return number * number
+
+
+def failing(number):
+    if number == 3:
+        raise ValueError("three")
+    return number
+
+
+def killed_once(path):
+    """Dies the first time; a file tells that it was here."""
+    if not path.exists():
+        path.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return path.name
+
+
+def deadly(number):
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def until_asked(number):
+    while not asked():
+        time.sleep(0.01)
+    return number
+
+
+def test_every_task_has_one_outcome_wherever_it_is_done():
+    for executor, most in ((Here(), 1), (ThreadPoolExecutor(2), 4)):
+        with executor:
+            done = {one.task: one.value for one in outcomes(executor, most, squared, range(20))}
+        assert done == {k: k * k for k in range(20)}
+
+
+def test_a_task_that_raises_stops_no_other():
+    found = list(outcomes(Here(), 1, failing, range(5)))
+    assert [one.task for one in found if one.error] == [3]
+    assert [one.value for one in found if not one.error] == [0, 1, 2, 4]
+
+
+def test_no_task_is_begun_after_a_stop():
+    done = []
+    with also_asked_by(lambda: Reason.INTERRUPTED if len(done) == 2 else None):
+        for one in outcomes(Here(), 1, squared, range(10)):
+            done.append(one.task)
+    assert done == [0, 1]
+
+
+def test_a_task_whose_worker_is_killed_is_begun_again(tmp_path):
+    paths = [tmp_path / str(k) for k in range(2)]
+    with executor_for(workers=2) as (pool, most):
+        assert sorted(one.value for one in outcomes(pool, most, killed_once, paths)) == ["0", "1"]
+
+
+def test_a_task_that_kills_its_worker_harms_no_other():
+    with executor_for(workers=2) as (pool, most):
+        found = {one.task: one for one in outcomes(pool, most, deadly, range(4))}
+    assert isinstance(found[1].error, LostWorkerError)
+    assert [found[k].value for k in (0, 2, 3)] == [0, 2, 3]
+
+
+def test_workers_hear_of_a_stop_and_what_they_answer_comes():
+    began = time.monotonic()
+    stop = lambda: Reason.INTERRUPTED if time.monotonic() - began > 3.0 else None  # noqa: E731 - they must be at work
+    with also_asked_by(stop), executor_for(workers=2) as (pool, most):
+        found = [one.value for one in outcomes(pool, most, until_asked, range(100))]
+    assert len(found) <= 2 + 2 + 1
+
+
+def test_two_places_are_refused():
+    with pytest.raises(InputError, match="both given"), executor_for(workers=2, scheduler="tcp://127.0.0.1:1"):
+        pass
+
+
+_ORPHANS = """
+import os, signal, sys, time
+from cpcal.execution.executors import Processes
+
+if __name__ == "__main__":
+    pool = Processes(2)
+    print(*{pool.submit(os.getpid).result() for _ in range(8)}, flush=True)
+    pool.submit(time.sleep, 600)
+    time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM"])
+def test_no_worker_outlives_the_process_that_began_it(tmp_path, name):
+    script = tmp_path / "orphans.py"
+    script.write_text(_ORPHANS, encoding="utf-8")
+    process = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert process.stdout is not None
+    workers = [int(text) for text in process.stdout.readline().split()]
+    assert workers
+    process.send_signal(getattr(signal, name))
+    process.wait(60)
+    process.stdout.close()
+    for _ in range(600):
+        if not any(map(alive, workers)):
+            return
+        time.sleep(0.05)
+    pytest.fail("workers are left")
+
+
+def alive(pid):
+    try:
+        with open(f"/proc/{pid}/stat", encoding="ascii") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_processes_are_not_signalled_with_us():
+    with executor_for(workers=1 + 1) as (pool, _):
+        assert isinstance(pool, Processes)
+        pid = pool.submit(os.getpid).result()
+        os.kill(pid, signal.SIGINT)
+        os.kill(pid, signal.SIGTERM)
+        assert pool.submit(squared, 3).result() == 9

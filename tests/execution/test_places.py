@@ -1,0 +1,78 @@
+"""The same certificates, byte for byte, wherever the work is done."""
+
+import sys
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+import cpcal
+from cpcal.common.errors import InputError
+from cpcal.execution.executors import executor_for
+
+OPTIONS = {"legs": [2, 3, 5], "delta": 200.0, "support": "none"}
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return cpcal.simulate(seed=1, joint_error=40.0, factor=0.0, extremal=False, random_poses=10)
+
+
+@pytest.fixture(scope="module")
+def here(campaign, tmp_path_factory):
+    return certified(campaign, tmp_path_factory.mktemp("here"))
+
+
+def certified(campaign, run, **place):
+    result = cpcal.certify(campaign, certificates=run, **OPTIONS, **place)
+    brackets = [(leg.leg, leg.eps_lo, leg.eps_hi, leg.support, leg.nodes, leg.certificate) for leg in result.legs]
+    return brackets, {path.name: path.read_bytes() for path in sorted(run.glob("*.cert.jsonl"))}
+
+
+@pytest.mark.parametrize("workers", [2, 4])
+def test_processes_give_the_same_certificates(campaign, here, tmp_path, workers):
+    assert certified(campaign, tmp_path, workers=workers) == here
+
+
+def test_any_executor_gives_the_same_certificates(campaign, here, tmp_path):
+    with ThreadPoolExecutor(2) as threads:
+        assert certified(campaign, tmp_path, executor=threads) == here
+
+
+def test_a_dask_cluster_gives_the_same_certificates(campaign, here, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        cluster = distributed.LocalCluster(
+            n_workers=3, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, protocol="tcp://"
+        )
+        with cluster, distributed.Client(cluster) as client:
+            assert certified(campaign, tmp_path / "client", executor=client) == here
+            assert certified(campaign, tmp_path / "address", scheduler=cluster.scheduler_address) == here
+            pids = list(
+                client.run(_pid_and_end_soon, workers=[next(iter(client.scheduler_info()["workers"]))]).values()
+            )
+            assert pids
+            assert certified(campaign, tmp_path / "killed", executor=client) == here
+
+
+def _pid_and_end_soon():
+    """A worker that kills itself while the others work; its nanny begins another."""
+    import os
+    import signal
+    import threading
+
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    return os.getpid()
+
+
+def test_a_cluster_that_is_not_there_is_an_error_that_says_what_to_start(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'cpcal\[distributed\]'"), executor_for(scheduler="tcp://x:1"):
+        pass
+
+
+def test_a_model_that_cannot_travel_is_refused_before_the_work(campaign):
+    model = cpcal.LegModel("mine", "L + l + 0 x", (cpcal.Parameter("x", "mm", 1.0),), lambda measured, x: 0.0 * x["x"])
+    with pytest.raises(InputError, match="cannot be sent to other processes"):
+        cpcal.certify(campaign, model=model, workers=2, **OPTIONS)

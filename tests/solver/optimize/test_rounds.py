@@ -1,0 +1,62 @@
+"""Rounds of a search, decided by others: the same answer, certificate and order as here, whoever does the work."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+import cpcal
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """A minimum among many, so that more than sixteen boxes wait."""
+    net = cpcal.Network()
+    x, t = net.variable("x", shape=5, domain=(-2, 2)), net.variable("t", domain=(-50, 50))
+    twisted = sum((x[k] * x[k + 1] - 0.3 * k) * (x[k] * x[k + 1] - 0.3 * k) + 0.1 * x[k] for k in range(4))
+    net.add(twisted + x[4] * x[0] <= t)
+    return net, t
+
+
+@pytest.fixture(scope="module")
+def paved():
+    net = cpcal.Network()
+    y = net.variable("y", shape=2, domain=(-2, 2))
+    net.add((y[0] * y[0] + y[1] * y[1]).within((1, 2)))
+    net.add((y[0] * y[1]).within((0.1, 0.5)))
+    return net
+
+
+def minimised(problem, path, **place):
+    net, t = problem
+    seen, limits = [], cpcal.Limits(nodes=40)
+    found = net.minimize(
+        t,
+        limits=limits,
+        certificate=path,
+        progress=lambda b: seen.append((b.lo, b.hi, b.nodes)),
+        **place,
+    )
+    return (found.lo, found.hi, found.nodes, found.programs, found.pending), seen, path.read_bytes()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_minimum_is_the_same_with_workers(problem, tmp_path, workers):
+    here = minimised(problem, tmp_path / "here")
+    assert any(later[2] - earlier[2] > 1 for earlier, later in zip(here[1], here[1][1:], strict=False))  # rounds
+    assert minimised(problem, tmp_path / "there", workers=workers) == here
+
+
+def test_a_minimum_is_the_same_with_threads(problem, tmp_path):
+    with ThreadPoolExecutor(3) as threads:
+        assert minimised(problem, tmp_path / "there", executor=threads) == minimised(problem, tmp_path / "here")
+
+
+def test_a_paving_is_the_same_with_workers(paved):
+    def solved(**place):
+        found = paved.solve(width=0.2, inner=True, **place)
+        return found.nodes, found.inside, found.outside, [(s.verdict, s.box, s.cluster) for s in found.solutions]
+
+    here = solved()
+    assert solved(workers=2) == here
+    with ThreadPoolExecutor(3) as threads:
+        assert solved(executor=threads) == here
