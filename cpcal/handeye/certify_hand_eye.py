@@ -17,6 +17,7 @@ import numpy as np
 
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import at_least, at_most
 from cpcal.common.version import __version__
 from cpcal.handeye.classical_answer import ClassicalAnswer, classical_answer
 from cpcal.handeye.exact_errors import PlacedFrames, above, exact_errors, largest
@@ -130,7 +131,7 @@ def certify_hand_eye(
     domain = Box(UNKNOWNS, asked.lo, asked.hi)
     if not domain_holds(domain, unknowns_of(frames)):
         raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
-    tell(f"some frames explain every pixel to {eps_hi:.6f} px")
+    tell(f"some frames explain every pixel to {at_most(eps_hi, 7)} px")
     at = _BEYOND * eps_hi if tolerance is None else tolerance
     wide = prove_in_turns(study, at, domain, about=about_study(study, at), time_limit=time_limit, tell=tell)
     eps_lo, lower = _lower(study, wide, eps_hi, gap, time_limit, tell)
@@ -193,7 +194,7 @@ def _lower(
     for shortened in _SHORT:
         if not eps > _HOPELESS * eps_hi:
             break
-        tell(f"is there anything below {eps:.6f} px?")
+        tell(f"is there anything below {at_least(eps, 7)} px?")
         tried = prove_in_turns(
             study, eps, known.domain, about=about_study(study, eps), replayed=known if known.eps >= eps else None,
             time_limit=limit, tell=tell,

@@ -16,6 +16,7 @@ import numpy as np
 
 from cpcal.common.arrays import Bools, Floats
 from cpcal.common.atomic import replacing
+from cpcal.common.numbers import at_most
 from cpcal.handeye.exact_rows import ExactRows, HandEyeStatement, row_meaning, row_number
 from cpcal.handeye.frame_equations import (
     EQUATIONS,
@@ -189,7 +190,11 @@ class _Proving:
         self.steps.append(proved.record)
         self.proposals.append(proposal)
         self.box = proved.box
-        wide = "none are left" if self.box.is_empty else f"rotations +-{self.box.rad[: SIZE // 2][:9].max():.2g}"
+        wide = (
+            "none are left"
+            if self.box.is_empty
+            else f"rotations +-{at_most(float(self.box.rad[: SIZE // 2][:9].max()), 2)}"
+        )
         self.tell(f"step {len(self.steps)}: {wide}")
         return True
 

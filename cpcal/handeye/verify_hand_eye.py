@@ -18,6 +18,7 @@ import numpy as np
 
 from cpcal.checker import Accepted, Refused, Unusable, check
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import stated
 from cpcal.handeye.exact_errors import above, exact_errors, exact_rotation, largest
 from cpcal.handeye.exact_rows import ExactRows, row_meaning, row_number, stated_line
 from cpcal.handeye.frame_equations import EQUATIONS, R_F, R_X, SIZE, T_F, T_X, UNKNOWNS
@@ -77,8 +78,8 @@ def check_box(asked: AskedBox) -> str:
         for i, at in zip(shift, position, strict=True):
             if F(asked.lo[i]) > F(at) - reach or F(asked.hi[i]) < F(at) + reach:
                 raise NotAsStated(f"{UNKNOWNS[i]} leaves out positions that it should hold")
-    turned = "any rotation" if asked.angle is None else f"rotations within {asked.angle:g} degrees"
-    return f"box: {turned}, positions within {asked.reach:g} mm of the classical answer"
+    turned = "any rotation" if asked.angle is None else f"rotations within {stated(asked.angle)} degrees"
+    return f"box: {turned}, positions within {stated(asked.reach)} mm of the classical answer"
 
 
 def _the_lower_end(run: Path, study: HandEyeStudy, result: HandEyeResult) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import at_most
 from cpcal.common.version import __version__
 from cpcal.files.codec import load, save
 from cpcal.handeye.certify_hand_eye import Within, about_study
@@ -113,7 +114,7 @@ def find_wrong_images(
     worst = largest(exact_errors(part, point))
     assert worst is not None  # the fit keeps all points in front of the camera
     eps_hi = above(worst)
-    tell(f"all but {', '.join(study.images[k] for k in left)} are explained to {eps_hi:.4f} px")
+    tell(f"all but {', '.join(study.images[k] for k in left)} are explained to {at_most(eps_hi)} px")
     asked = (within or Within()).asked(PlacedFrames.of(frames), unknowns_of(frames))
     prover = _Groups(study, Box(UNKNOWNS, asked.lo, asked.hi), best, folder, tell)
     eps_lo, groups = prover.lower(_parted(list(range(len(study.images))), outliers + 1))
@@ -174,7 +175,7 @@ class _Groups:
         part = self.study.part(np.array(sorted(group)))
         if self.fitted(group) <= eps:
             return None
-        self.tell(f"{len(part.images)} images at {eps:.4f} px")
+        self.tell(f"{len(part.images)} images at {at_most(eps)} px")
         proofs = prove_in_turns(part, eps, self.domain, about=about_study(part, eps), tell=self.tell)
         if not proofs[-1].refuted:
             return None
