@@ -158,7 +158,7 @@ def certify_hand_eye(
 
 def _written(proofs: tuple[FramesProof, ...], name: str, folder: Path | None) -> tuple[str, ...]:
     """The names of the certificates, once they are written; none where there is no folder."""
-    names = tuple(name.format(k + 1) for k in range(len(proofs)))
+    names = tuple(f"{name}-{k + 1}.cert.jsonl" for k in range(len(proofs)))
     if folder is None:
         return ()
     for proof, file in zip(proofs, names, strict=True):

@@ -23,7 +23,6 @@ from cpcal.handeye.frame_equations import (
     PAIRS,
     R_F,
     R_X,
-    SIZE,
     UNKNOWNS,
     Quadratics,
     pixel_rows,
@@ -191,9 +190,7 @@ class _Proving:
         self.proposals.append(proposal)
         self.box = proved.box
         wide = (
-            "none are left"
-            if self.box.is_empty
-            else f"rotations +-{at_most(float(self.box.rad[: SIZE // 2][:9].max()), 2)}"
+            "none are left" if self.box.is_empty else f"rotations +-{at_most(float(self.box.rad[list(R_X)].max()), 2)}"
         )
         self.tell(f"step {len(self.steps)}: {wide}")
         return True

@@ -12,7 +12,7 @@ from cpcal.handeye.exact_errors import PlacedFrames
 
 RESULT_FORMAT = "cpcal-handeye-result/1"
 RESULT_NAME = "handeye.json"
-LOWER, RANGES = "lower-{}.cert.jsonl", "ranges-{}.cert.jsonl"
+LOWER, RANGES = "lower", "ranges"  # certificates are called lower-1.cert.jsonl, and so on
 
 PARAMETERS = tuple(f"{frame} {name}" for frame in ("camera", "target") for name in ("x", "y", "z", "rx", "ry", "rz"))
 
