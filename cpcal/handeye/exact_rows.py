@@ -13,7 +13,7 @@ from fractions import Fraction as F
 from typing import Any
 
 from cpcal.checker import FORMAT
-from cpcal.checker.problem import Constraint, Problem
+from cpcal.checker.problem import Constraint, Problem, Unknowns
 from cpcal.handeye.frame_equations import EQUATIONS, R_F, R_X, T_F, T_X, UNKNOWNS, Monomial
 from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.handeye.pose_slack import pose_slack
@@ -107,11 +107,11 @@ class HandEyeStatement:
     def __post_init__(self) -> None:
         kept: dict[int, Constraint] = {}
 
-        def constraint(k: int, images: Any) -> Constraint:
+        def constraint(k: int, x: Unknowns, *_: object) -> Constraint:
             if k not in kept:
                 self.used[k] = self.rows.stated(k)
                 kept[k] = self.used[k].constraint()
-            return kept[k].on(images)
+            return kept[k].on(x.images)
 
         count = len(self.rows)
         self.problem = Problem(UNKNOWNS, None, count, tuple(range(count)), constraint)
