@@ -160,6 +160,13 @@ def photograph_figures(image: Image) -> tuple[Dots, dict[str, Any]]:
     for degree in (5, 6, 7):
         residual = grid_residuals(found.centers, index, degree)
         figures[f"degree {degree}"] = [float(rms) for rms in np.sqrt((residual**2).mean(axis=0))]
+    stated = np.linalg.solve(np.linalg.cholesky(found.covariance), residual[..., None])[..., 0]
+    figures["beyond 4"] = int(np.count_nonzero(np.linalg.norm(stated, axis=1) > 4.0))
+    third = np.minimum((3.0 * found.centers / np.array(image.shape[1::-1])).astype(np.int64), 2)
+    for name, values in (("pixels", residual), ("stated", stated)):
+        figures[f"thirds, {name}"] = [
+            [float(np.sqrt((values[(third == [x, y]).all(axis=1)] ** 2).mean())) for x in range(3)] for y in range(3)
+        ]
     return found, figures
 
 
@@ -186,6 +193,12 @@ def main() -> None:
         for degree in (5, 6, 7):
             print(f"  to polynomials of degree {degree}: {figures[f'degree {degree}'][0]:.4f}", end=" ")
             print(f"{figures[f'degree {degree}'][1]:.4f}")
+        share = 100.0 * figures["beyond 4"] / figures["dots"]
+        print(
+            f"  beyond four stated deviations: {figures['beyond 4']} ({share:.2f} %); RMS by thirds, pixels and stated:"
+        )
+        for row, stated in zip(figures["thirds, pixels"], figures["thirds, stated"], strict=True):
+            print("   ", *(f"{rms:.4f}" for rms in row), "  ", *(f"{rms:.2f}" for rms in stated))
         result["photograph"] = figures
     if options.json:
         options.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")

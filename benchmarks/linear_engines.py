@@ -19,7 +19,8 @@ from benchmarks.problems import Leg
 from contractors import Lifted
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.linear import Dense, Glop, LinearEngine
+from cpcal.solver.linear import Dense, LinearEngine
+from cpcal.solver.linear.glop import Glop
 from cpcal.solver.optimize import Minimum, minimize, run
 
 ENGINES: dict[str, Callable[[], LinearEngine]] = {"dense": Dense, "glop": Glop}

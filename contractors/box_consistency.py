@@ -48,7 +48,7 @@ class BoxConsistency(Composable):
 
     def _round(self, box: Box) -> Contraction:
         for component in range(len(box)):
-            box = self._narrowed(box, component)
+            box = box if self.late else self._narrowed(box, component)
         return Contraction(box)
 
     def _narrowed(self, box: Box, component: int) -> Box:

@@ -53,6 +53,8 @@ class Cid(Composable):
         for _ in range(self._rounds):
             paying = []
             for component in active:
+                if self.late:
+                    return box
                 before, box = box, self._turn(box, component)
                 if box.is_empty:
                     return box

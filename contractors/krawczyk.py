@@ -61,7 +61,7 @@ class Krawczyk(Composable):
         if not origin.size:
             return Contraction(box)
         return PolyhedralPrograms(self.name, polyhedron, origin, box, self._arithmetic, self._engine()).run(
-            self._objective
+            self._objective, self.deadline
         )
 
     def _rows(self, box: Box) -> list[tuple[IntervalRows, Decomposition]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.network.monotone import DecisiveReadings
+from cpcal.solver.network.polynomial_rows import PolynomialForms
 from cpcal.solver.network.restrict import restricted
 from cpcal.solver.network.rewrite import ReadingSets
 from cpcal.solver.network.rows import Rows
@@ -53,13 +55,20 @@ class Lifted(Composable):
         self._engine = engine
         self._network = network
         self._many = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints) > _MANY
-        self._rows = Rows(network)
         # with readings boxes have rows of their own, the same ones where the same ends of the readings decide
         self._decisive = DecisiveReadings(network, self._arithmetic)
         fixed = not self._decisive.any
-        self._structure = Structure(polynomial_form(network, self._arithmetic)) if fixed else None
+        self._structure = Structure(self._forms.on()) if fixed else None
         self._last: tuple[bytes, Structure] | None = None
         self._objective = None if objective is None else network.names.index(objective)
+
+    @cached_property
+    def _rows(self) -> Rows:
+        return Rows(self._network)
+
+    @cached_property
+    def _forms(self) -> PolynomialForms:
+        return PolynomialForms(self._network, self._arithmetic)
 
     def contract(self, box: Box) -> Contraction:
         if box.is_empty or not box.is_bounded:
@@ -67,7 +76,8 @@ class Lifted(Composable):
         structure = self._structure or self._structure_on(box)
         if not structure.positions:
             return Contraction(box)
-        return tightened(_Programs(structure, self._arithmetic, self._engine(), box), box, self._objective)
+        programs = _Programs(structure, self._arithmetic, self._engine(), box)
+        return tightened(programs, box, self._objective, self.deadline)
 
     def support_function(self, box: Box, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`, for `directions` (m, n).
@@ -101,7 +111,7 @@ class Lifted(Composable):
         parts = [bound.tobytes() for own in sets for part in own.values() for bound in (part.lo, part.hi)]
         key = b"".join(parts)
         if self._last is None or self._last[0] != key:
-            self._last = key, Structure(polynomial_form(self._network, self._arithmetic, sets))
+            self._last = key, Structure(self._forms.on(sets))
         return self._last[1]
 
 

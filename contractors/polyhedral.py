@@ -28,9 +28,9 @@ class PolyhedralPrograms:
         self._name, self._origin, self._box, self._polyhedron = name, origin, box, polyhedron
         self._program = BoxProgram(polyhedron.matrix, polyhedron.rhs, box.array, arithmetic, engine)
 
-    def run(self, first: int | None) -> Contraction:
+    def run(self, first: int | None, deadline: float) -> Contraction:
         """Contract every bound, the lower one of variable `first` (the objective) before all others."""
-        return replace(tightened(self, self._box, first), polyhedron=self._polyhedron)
+        return replace(tightened(self, self._box, first, deadline), polyhedron=self._polyhedron)
 
     @property
     def variables(self) -> Collection[int]:

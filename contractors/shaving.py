@@ -54,7 +54,7 @@ class Shaving(Composable):
         share = np.full((len(box), _SIDES), self._fraction)
         for _ in range(self._most):
             ends = [] if box.is_empty else self._open_ends(box, share)
-            if not ends:
+            if not ends or self.late:
                 break
             slices = [_end(box, component, side, share[component, side]) for component, side in ends]
             results = contract_all(self._inner, slices, self._passes)

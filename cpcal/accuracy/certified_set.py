@@ -107,7 +107,7 @@ def certified_set(
     if (along.lo > along.hi).any():
         return None
     box = engine.sub(domain.array[_COLUMNS], IntervalArray.point(np.append(controller, np.zeros(SIZE - 7))))
-    return CertifiedSet(leg, eps, controller, box, basis, along, support)
+    return CertifiedSet(leg=leg, eps=eps, controller=controller, box=box, basis=basis, along=along, support=support)
 
 
 def _network(

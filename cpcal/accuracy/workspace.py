@@ -125,7 +125,14 @@ def cover(
             break
         open_ = open_.divided(np.array(divisible, dtype=np.intp), sets)
     return Covered(
-        open_.boxes, open_.proved, open_.position, open_.rotation, open_.share, open_.at, open_.at_position, complete
+        boxes=open_.boxes,
+        proved=open_.proved,
+        position=open_.position,
+        rotation=open_.rotation,
+        share=open_.share,
+        at=open_.at,
+        at_position=open_.at_position,
+        complete=complete,
     )
 
 

@@ -130,7 +130,17 @@ def repeatability(campaign: Campaign) -> Repeatability:
         camera, sensors, robot, _ = _taken_as_noise(spread)
     of_mean = np.einsum("kij,jl,kml->kim", middle, camera, middle) + sensors
     expected = np.sqrt(np.diagonal(of_mean, axis1=1, axis2=2))[spread.group]
-    return Repeatability(camera, sensors, robot, told, error, spread.sigma, legs, expected, spread)
+    return Repeatability(
+        camera=camera,
+        sensors=sensors,
+        robot=robot,
+        told=told,
+        robot_error=error,
+        total=spread.sigma,
+        equations=legs,
+        expected=expected,
+        spread=spread,
+    )
 
 
 def _middle(by_pose: Floats, spread: Deviations) -> Floats:

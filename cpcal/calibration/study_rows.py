@@ -67,7 +67,15 @@ def study_rows(table: PoseTable, robot: Robot) -> StudyRows:
     runs = np.array(table.run if _has_runs(table) else rows.run)
     means, names = _run_means(good, tuple(runs[keep].tolist()))
     every = means if keep.all() else _run_means(rows, tuple(runs.tolist()))[0]
-    return StudyRows(rows, found, good, means, every, names, _approaches(table, means, names))
+    return StudyRows(
+        all=rows,
+        screening=found,
+        good=good,
+        runs=means,
+        all_runs=every,
+        run_names=names,
+        run_approach=_approaches(table, means, names),
+    )
 
 
 def _approaches(table: PoseTable, runs: Campaign, names: tuple[str, ...]) -> tuple[str, ...] | None:

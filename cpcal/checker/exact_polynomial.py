@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction as F
+from functools import reduce
+from operator import or_
 
 from .refusal import Refused
 
@@ -16,6 +18,7 @@ READINGS = 7
 _MOST_TERMS = 100_000  # of one polynomial
 _MOST_SUMMED = 500_000  # of all polynomials that one sum holds in memory
 _MOST_KEPT = 100_000  # terms of all that are remembered of one kind
+_LONG = 1024  # bits behind the point
 _MOST_BITS = 4096  # of a coefficient over the common power of two
 Spend = Callable[[int], None]
 
@@ -103,6 +106,13 @@ def constant(value: F, spend: Spend) -> Polynomial:
     return Polynomial({0: value.numerator}, 1 - value.denominator.bit_length(), spend)
 
 
+def shortened(terms: dict[int, int], exponent: int, spend: Spend) -> Polynomial:
+    """The polynomial with those coefficients, without the power of two that long ones have in common."""
+    common = reduce(or_, terms.values(), 0) if exponent < -_LONG else 0
+    zeros = (common & -common).bit_length() - 1 if common else 0
+    return Polynomial({m: c >> zeros for m, c in terms.items()} if zeros else terms, exponent + zeros, spend)
+
+
 class Kept(dict[int, Polynomial]):
     """Polynomials that are formed when first used, and forgotten when they are too many."""
 
@@ -164,15 +174,23 @@ def _least(terms: dict[int, int], mask: int) -> int:
 
 def settled(p: Polynomial, signs: str, mask: int) -> Polynomial:
     """What is left of `p` without its readings: at their reference, less the penalties."""
+    p.spend(len(p.terms) // 4)
     kept: dict[int, int] = {0: 0}
-    low = (1 << FIELD * READINGS) - 1
-    parts: list[dict[int, int]] = [{} for _ in signs]
+    of_readings = (1 << FIELD * READINGS) - 1
+    divided = [0 if sign == "0" else 1 << FIELD * j for j, sign in enumerate(signs)]
+    lowest, first = [0] * len(signs), dict[int, int]()
     for monomial, c in p.terms.items():
-        reading = monomial & low
+        reading = monomial & of_readings
         if not reading:
             kept[monomial] = c
             continue
-        first = ((reading & -reading).bit_length() - 1) // FIELD
-        parts[first][monomial if signs[first] == "0" else monomial - (1 << FIELD * first)] = c
-    kept[0] += sum(min(0, _least(part, mask)) for part in parts)
+        if reading not in first:
+            first[reading] = ((reading & -reading).bit_length() - 1) // FIELD
+        j = first[reading]
+        rest = monomial - divided[j]
+        if rest & mask:
+            lowest[j] -= abs(c)
+        elif c < 0 or not rest:
+            lowest[j] += c
+    kept[0] += sum(low for low in lowest if low < 0)
     return Polynomial(kept, p.exponent, p.spend)

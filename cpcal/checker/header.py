@@ -92,7 +92,7 @@ def _stated(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
         low, high = (None if part is None else polynomial(part, lines.spend) for part in parts[1:])
         factor = constant(F(1), lines.spend) if rooted else None
         items.append(Constraint(polynomial(parts[0], lines.spend), low, high, factor))
-    return Problem(names, objective, count, tuple(range(count)), lambda k, images: items[k].on(images)), root
+    return Problem(names, objective, count, tuple(range(count)), lambda k, x, *_: items[k].on(x.images)), root
 
 
 def polynomial(given: tuple[tuple[tuple[int, ...], F], ...], spend: Spend) -> Polynomial:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction as F
-from functools import lru_cache
+from functools import cached_property
+from typing import Protocol
 
 from .exact_polynomial import (
     FIELD,
@@ -22,7 +23,6 @@ from .exact_polynomial import (
 )
 
 SIDES = ("upper", "lower", "sign", "body")
-_MOST_SETS = 8  # of products on one box, by the readings and their signs
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,10 @@ class Box:
 
 
 class Unknowns:
-    """The unknowns on a box: x_i = center_i + radius_i u_i, and readings, as polynomials in u and y."""
+    """The unknowns on a box: x_i = center_i + radius_i u_i."""
 
     def __init__(self, box: Box, spend: Spend) -> None:
         self.box, self.spend = box, spend
-        self.images = lru_cache(_MOST_SETS)(self._images)
 
     def __len__(self) -> int:
         return len(self.box.lo)
@@ -58,63 +57,81 @@ class Unknowns:
     def radius(self, i: int) -> F:
         return (self.box.hi[i] - self.box.lo[i]) / 2
 
+    @cached_property
+    def centers(self) -> list[F]:
+        """All of them, where the unknowns are few."""
+        return [self.center(i) for i in range(len(self))]
+
+    @cached_property
+    def radii(self) -> list[F]:
+        return [self.radius(i) for i in range(len(self))]
+
     def variable(self, field: int, middle: F, factor: F) -> Polynomial:
         """middle + factor * the variable in that field."""
         number, u = constant(middle, self.spend), Polynomial({1 << FIELD * field: 1}, 0, self.spend)
         return number + u * constant(factor, self.spend)
 
-    def _images(self, radii: tuple[F, ...], signs: str, way: int = 0) -> Kept:
-        """What is put for each monomial in x and readings.
-
-        A reading is radius y about 0, |y| <= 1, or from its end, 0 <= y <= 1. `way`: 1 for the reading that the signs
-        name itself, -1 for the opposite one.
-        """
+    @cached_property
+    def images(self) -> Kept:
+        """What is put for each monomial in x."""
 
         def image(field: int) -> Polynomial:
-            if field >= READINGS:
-                return self.variable(field, self.center(field - READINGS), self.radius(field - READINGS))
-            end, factor = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}[signs[field]]
-            return self.variable(field, (way or 1) * end * radii[field], F(0) if way else factor * radii[field])
+            return self.variable(field, self.center(field - READINGS), self.radius(field - READINGS))
 
         return products(image, self.spend)
+
+
+class OnBox(Protocol):
+    """A constraint in the coordinates of a box, and of its readings."""
+
+    def row(self, side: str, mask: int) -> Polynomial:
+        """At most zero at every solution; the zero polynomial where there is no such bound."""
+        ...
 
 
 @dataclass(frozen=True)
 class Constraint:
     """`at_least <= sqrt(body / factor) <= at_most` where there is a factor > 0; else `at_least <= body <= at_most`.
 
-    None: no bound. `sure`: at_least is not negative at any solution.
-    `also`: more polynomials that are at most zero, by their side.
+    None: no bound. There are no readings, and a factor is a number.
     """
 
     body: Polynomial
     at_least: Polynomial | None
     at_most: Polynomial | None
     factor: Polynomial | None = None
-    sure: bool = False
-    also: Mapping[str, Polynomial] = field(default_factory=dict)
 
     def on(self, images: Kept) -> Constraint:
-        """With what is put for each monomial; of one whose factor is a number."""
+        """With what is put for each monomial."""
         low, high = (None if p is None else substituted(p, images) for p in (self.at_least, self.at_most))
         return Constraint(substituted(self.body, images), low, high, self.factor)
 
     def row(self, side: str, mask: int) -> Polynomial:
-        """At most zero at every solution; the zero polynomial where there is no such bound."""
         body, low, high, factor = self.body, self.at_least, self.at_most, self.factor
-        if side in self.also:
-            return self.also[side]
         if side == "upper" and high is not None:
             return body - (high if factor is None else factor * (high * high))
         if side == "lower" and low is not None:
             if factor is None:
                 return low - body
-            beyond = F(0) if self.sure else min(F(0), least(low, mask))
-            penalty = -least(factor.times(-1), mask) * beyond**2 if beyond else F(0)
-            return factor * (low * low) - body - constant(penalty, body.spend)
+            return factor * (low * low) - body - constant(beyond(low, factor, mask), body.spend)
         if side == "sign" and high is not None and factor is not None:
             return high.times(-1)
         return body.times(-1) if side == "body" and factor is not None else body.times(0)
+
+
+def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
+    """The most that `factor at_least^2` can be where at_least is negative: what a "lower" row must give away."""
+    lowest = min(F(0), least(at_least, mask))
+    return -least(factor.times(-1), mask) * lowest**2 if lowest else F(0)
+
+
+def end_of(sign: str, radius: F, way: int) -> tuple[F, F]:
+    """A reading is the first number plus the second times y: |y| <= 1 about 0, or 0 <= y <= 1 from its end.
+
+    `way`: 1 for the reading that the signs name itself, -1 for the opposite one.
+    """
+    end, factor = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}[sign]
+    return (way or 1) * end * radius, F(0) if way else factor * radius
 
 
 def _exact(k: int) -> tuple[F, ...]:
@@ -130,20 +147,21 @@ class Problem:
     objective: int | None
     count: int
     chosen: tuple[int, ...]
-    constraint: Callable[[int, Kept], Constraint]  # with what is put for each monomial in x and readings
+    constraint: Callable[[int, Unknowns, str, int], OnBox]  # k on a box with signs of a reading, and its `way`
     radii: Callable[[int], tuple[F, ...]] = _exact  # of readings m: |m_j| <= radii_j
     sides: tuple[str, ...] = SIDES
+    conditions: tuple[str, ...] = SIDES  # sides that are at most zero at a solution
     model: str | None = None  # of a leg; None: the certificate states the constraints
 
     def row(self, x: Unknowns, side: str, k: int, signs: str) -> Polynomial:
         """In u, at most zero at every solution in the box: at the reference reading, less the penalties."""
         mask = signed(len(x), signs)
-        return settled(self.constraint(k, x.images(self.radii(k), signs)).row(side, mask), signs, mask)
+        return settled(self.constraint(k, x, signs, 0).row(side, mask), signs, mask)
 
     def holds(self, x: Unknowns, k: int, signs: str) -> bool:
         """Whether it is proved that the point, a box of width zero, satisfies k for some reading between two ends."""
-        long, short = (self.constraint(k, x.images(self.radii(k), signs, way)) for way in (1, -1))
-        sides = {side: short if side in ("upper", "sign") else long for side in (*SIDES, *long.also)}
+        long, short = (self.constraint(k, x, signs, way) for way in (1, -1))
+        sides = {side: short if side in ("upper", "sign") else long for side in self.conditions}
         return all(at.row(side, 0).constant <= 0 for side, at in sides.items())
 
     def fails(self, x: Unknowns, side: str, k: int, signs: str) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from cpcal.cli.folders import check_writable, made
@@ -19,7 +20,7 @@ from cpcal.vision.batch.detect import Detections, ImageFolder, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.calibration import calibrate_from_images
 from cpcal.vision.files.camera_file import CameraRecord, load_camera, save_camera
-from cpcal.vision.files.detection import SCALE, Detection, detections_bytes
+from cpcal.vision.files.detection import SCALE, SHARED, Detection, detections_bytes, values_of
 from cpcal.vision.files.leg_readings import Readings, load_readings
 from cpcal.vision.files.target_file import load_target, save_target
 from cpcal.vision.files.video_file import SUFFIXES, VideoFrames
@@ -129,6 +130,7 @@ def show_detections(found: Detections, where: Path, talk: Talk) -> None:
     work = sum(seconds for stage, seconds in found.seconds.items() if stage != RenderedImages.stage)
     pace = f"; {found.measured / work:.0f} images a second of work" if work > 0.0 else ""
     talk.say(f"{poses:,} poses in {len(found.rows):,} images ({found.measured:,} measured now{pace}): {where}")
+    _say_shared(found.rows, talk)
     doubtful = [row for row in found.rows if row.doubt]
     if doubtful:
         worst = max(doubtful, key=lambda row: row.values[SCALE])
@@ -137,6 +139,17 @@ def show_detections(found: Detections, where: Path, talk: Talk) -> None:
         named = len(files) if talk.verbose else _NAMED
         more = f" and {len(files) - named:,} more" if len(files) > named else ""
         talk.say(f"  {len(files):,} x {reason}: {', '.join(files[:named])}{more}")
+
+
+def _say_shared(rows: Sequence[Detection], talk: Talk) -> None:
+    """What the camera's and the plate's errors make, where they are stated: no mean over images lessens it."""
+    shared = values_of(rows)[:, SHARED]
+    if len(shared) and shared.any():
+        position, turn = (float(np.median(shared[:, part].max(axis=1))) for part in (slice(0, 3), slice(3, 6)))
+        talk.say(
+            f"  errors that all images share (camera, plate): standard deviations of {position:.4f} mm and "
+            f"{turn:.6f} rad (medians); no mean lessens them"
+        )
 
 
 def by_reason(rows: Sequence[Detection]) -> dict[str, list[str]]:

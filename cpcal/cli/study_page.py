@@ -25,4 +25,12 @@ def study_found(folder: Path) -> tuple[bool, StudyFound]:
     fits, result, timeout = load_fits(folder / FITS), load_result(folder / RUN), load_result(folder / TIMEOUT)
     parts = (FITS, RUN, PIXEL_SETS, PIXEL_RUN)
     accepted, said = check_all(path for part in parts for path in sorted((folder / part).glob("*.cert.jsonl")))
-    return accepted, StudyFound(campaign, record, fits, result, timeout, said, load_images(folder))
+    return accepted, StudyFound(
+        campaign=campaign,
+        record=record,
+        fits=fits,
+        result=result,
+        timeout=timeout,
+        checked=said,
+        images=load_images(folder),
+    )

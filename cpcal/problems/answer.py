@@ -82,8 +82,6 @@ def answer(
     certificate: str | os.PathLike[str] | None = None,
 ) -> Answer:
     """Solve, or minimise, the problem. Raises ModelError for what the solver cannot take."""
-    if problem.integer:
-        raise ModelError(f"{problem.integer[0]} takes whole numbers only, which the solver does not know yet")
     start, network = time.monotonic(), problem.network
     if problem.objective is None:
         if certificate is not None:
@@ -94,7 +92,7 @@ def answer(
         pending = 0 if found.complete else unknown
         return Answer(problem, verdict, found.status, found.nodes, time.monotonic() - start, pending, paving=found)
     objective = -problem.objective if problem.maximize else problem.objective
-    best = network.minimize(objective, contractors=("hc4", "lifted"), limits=limits, certificate=certificate)
+    best = network.minimize(objective, limits=limits, certificate=certificate)
     spent = time.monotonic() - start
     return Answer(problem, best.verdict, _sentence(problem, best), best.nodes, spent, best.pending, best=best)
 

@@ -90,12 +90,14 @@ class _Reader(NlLines):
         counts = [self.numbers(k) for k in range(1, _HEADER)]
         self.count, self.rows, self.objectives = (self.size(counts[0], k) for k in range(3))
         integer = self.integers(counts)
+        whole = np.zeros(self.count, bool)
+        whole[integer] = True
         lo, hi = self.bounds_ahead()
         network = Network("problem")
         self.at = 0
         if not self.count:
             raise self.wrong("has no variables", "give a problem with some")
-        self.variables = list(network.variable("x", shape=self.count, domain=(lo, hi)))
+        self.variables = list(network.variable("x", shape=self.count, domain=(lo, hi), integer=whole))
         self.at = _HEADER
         while self.at < len(self.lines):
             self.segment()

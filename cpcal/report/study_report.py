@@ -83,6 +83,7 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "table5": study_tables.parameters(record, record.x_c_sigma, _FRAME, paper.TABLE_5 if six else None),
         "equations": study_tables.equations(record),
         "table6": study_tables.validation(record, paper_too=True),
+        "standards": study_tables.standards(record),
         "table7": _table7(found),
         "fits_table": _fits_table(found.fits),
         "fits": [_fit_sentence(name, [fit.verified.verdict for fit in fits]) for name, fits in found.fits.both],

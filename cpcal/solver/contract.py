@@ -158,9 +158,15 @@ class Composable:
     gives_weights: bool = False
     idempotent: bool = False
     monotone_tolerance: float = ROUNDING
+    deadline: float = math.inf  # of time.monotonic(): a long contraction ends there, with what it has proved (`until`)
 
     def contract(self, box: Box) -> Contraction:
         raise NotImplementedError
+
+    @property
+    def late(self) -> bool:
+        """Whether the deadline is over."""
+        return time.monotonic() > self.deadline
 
     def __rshift__(self, other: Contractor) -> Then:
         return Then(self, other)
@@ -229,6 +235,13 @@ def elements(contractor: Contractor) -> tuple[Contractor, ...]:
         return elements(contractor.inner)
     parts = contractor.parts if isinstance(contractor, Then) else None
     return (contractor,) if parts is None else tuple(e for part in parts for e in elements(part))
+
+
+def until(contractor: Contractor, deadline: float) -> None:
+    """Tell the elements of a contractor when a search ends: those that can will not go on beyond."""
+    for element in elements(contractor):
+        if isinstance(element, Composable):
+            element.deadline = deadline
 
 
 def followed(one: Contraction, two: Contraction) -> Contraction:

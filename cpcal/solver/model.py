@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from copy import copy
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
@@ -18,25 +18,34 @@ from cpcal.execution.stopping import asked, heard
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
-from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy
+from cpcal.solver.choice import AS_ASKED, Choice, SearchMethod, choice_to_minimize, choice_to_solve
+from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy, Then, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.interval.number import float_bounds
-from cpcal.solver.network import ConstraintNetwork, Expr, evaluate
+from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.network.divisions import with_products
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
+from cpcal.solver.questions import (
+    checked_limits,
+    checked_width,
+    named_order,
+    named_strategy,
+    relaxed,
+    start_point,
+    with_objective,
+)
 from cpcal.solver.search import (
-    ORDERS,
-    STRATEGIES,
+    Contender,
     Contracting,
     Divide,
     Event,
     Paving,
-    Priority,
+    Race,
     Search,
     Solution,
     Spread,
     StepProver,
+    WholeNumbers,
     conclusion,
 )
 
@@ -78,11 +87,11 @@ class Network(ConstraintNetwork):
         self,
         *,
         width: float = 1e-6,
-        contractors: Sequence[str | Contractor] = DEFAULT_CONTRACTORS,
+        contractors: Sequence[str | Contractor] | None = None,
         arithmetic: str = "float64",
         limits: Limits | None = None,
         progress: Callable[[Event], None] | None = None,
-        strategy: str | Strategy = "largest",
+        strategy: str | Strategy | None = None,
         order: str = "depth",
         inner: bool = False,
         workers: int | None = None,
@@ -92,6 +101,8 @@ class Network(ConstraintNetwork):
         """Boxes, of components no wider than `width`, that hold all solutions. Ctrl-C ends it early, cleanly.
 
         Where there are as many equations as unknowns, boxes are proved to hold exactly one solution if they do.
+        Without `contractors` and `strategy` several combinations that suit the network's structure take turns, and the
+        first that ends is the answer; `Paving.method` says which and why.
         `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative", "smear-max" or
         "lp" (or an object); `order` which boxes are next, up to 64 abreast: "depth", "breadth" or "best". `inner=True`
         looks for boxes that hold nothing but solutions, which are not divided, and lists what was proved to hold none:
@@ -103,19 +114,28 @@ class Network(ConstraintNetwork):
         says that they hold here.
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
         """
-        network, clock = self._as_asked(), _limits(limits).clock()
-        engine = get_arithmetic(arithmetic)
-        process = Divide(
-            plugins.build(network, contractors, arithmetic=arithmetic),
-            _strategy(network, strategy, _width(width), arithmetic),
-            inside=Inside(network, engine) if inner else None,
-        )
+        network, clock = self._as_asked(), checked_limits(limits).clock()
+        engine, width = get_arithmetic(arithmetic), checked_width(width)
+        chooses = contractors is None and strategy is None
+        choice = choice_to_solve(network) if chooses else Choice(AS_ASKED, "as asked for")
+        priority, inside = named_order(network, order), Inside(network, engine) if inner else None
+
+        def search(method: SearchMethod, place: tuple[Executor, int]) -> Search:
+            names = method.contractors if chooses else contractors or DEFAULT_CONTRACTORS
+            contractor = plugins.build(network, names, arithmetic=arithmetic)
+            if network.whole.any():
+                contractor = Then(contractor, WholeNumbers(network.whole))
+            until(contractor, clock.deadline)
+            by = named_strategy(network, method.strategy if strategy is None else strategy, width, arithmetic)
+            process = Divide(contractor, by, inside=inside)
+            spread = process if isinstance(place[0], Here) else Spread(process, place)
+            return Search([network.domain], spread, priority, outside=inner, abreast=_ABREAST)
+
         nodes = 0
         with heard(), executor_for(workers, scheduler, executor) as place:
-            spread = process if isinstance(place[0], Here) else Spread(process, place)
-            search = Search([network.domain], spread, _order(network, order), outside=inner, abreast=_ABREAST)
+            race = Race([Contender(m.name, partial(search, m, place), m.slice, m.turns) for m in choice.methods])
             try:
-                for event in search:
+                for event in race:
                     nodes += 1
                     if progress is not None:
                         progress(event)
@@ -123,17 +143,20 @@ class Network(ConstraintNetwork):
                         break
             except KeyboardInterrupt:
                 pass
-            return conclusion(search, UniquenessProver(network, engine), clock, nodes)
+            found = race.leader.search or search(choice.methods[0], place)
+            paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
+        return replace(paving, method=f"{choice.why}: {race.sentence()}" if chooses else choice.why)
 
     def minimize(
         self,
         objective: Expr,
         *,
-        contractors: Sequence[str | Contractor] = ("lifted",),
+        contractors: Sequence[str | Contractor] | None = None,
         arithmetic: str = "float64",
         limits: Limits | None = None,
         start: npt.ArrayLike | None = None,
         progress: Callable[[Bracket], None] | None = None,
+        relax: float = 0.0,
         certificate: str | os.PathLike[str] | None = None,
         workers: int | None = None,
         scheduler: str | None = None,
@@ -145,6 +168,10 @@ class Network(ConstraintNetwork):
         expression, and its first bounds come from interval evaluation. `start` holds one value per component in the
         order of `names`. Raises ModelError for an objective without finite bounds.
 
+        `relax`: equations need hold to this only, as ibexopt has it (1e-8 there). The answer, and its status, are then
+        about the relaxed problem, whose lower bound is one of the problem itself too. 0 asks for exact equations: their
+        solutions are proved to exist.
+
         `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
         it is in `found`. `workers`, `scheduler` and `executor` are as in `solve`; certificates are the same, byte for
@@ -152,14 +179,24 @@ class Network(ConstraintNetwork):
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         """
-        limit, (network, name) = _limits(limits), _with_objective(self._as_asked(), objective)
-        network._check_bounded(name, contractors)
-        engine = get_arithmetic(arithmetic)
-        exact = certificate is not None
+        limit, network = checked_limits(limits), self._as_asked()
+        network, name = with_objective(relaxed(network, relax), objective)
+        clock = limit.clock()
+        engine, exact = get_arithmetic(arithmetic), certificate is not None
         stated = with_products(network, instead=exact)
+        why = "asked for"
+        if contractors is None:
+            contractors, why = (("lifted",), "it gives weights") if exact else choice_to_minimize(stated)
+        network._check_bounded(name, contractors, chosen=why != "asked for")
         parts = plugins.build_each(stated, contractors, objective=name, arithmetic=arithmetic)
+        for part in parts:
+            until(part, clock.deadline)
         named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
-        first = None if start is None else _start(network, start, len(self.names))
+        if network.whole.any() and exact:
+            raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
+        if network.whole.any():
+            named.append(("whole numbers", WholeNumbers(network.whole)))
+        first = None if start is None else start_point(network, start, len(self.names))
 
         def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
             with executor_for(workers, scheduler, executor) as place:
@@ -174,14 +211,15 @@ class Network(ConstraintNetwork):
                     observe=observe,
                     place=None if isinstance(place[0], Here) else place,
                 )
-                return run(states, progress)
+                found = run(states, progress)
+            status = found.status + (f" Equations were relaxed to within {relax:g}." if relax else "")
+            method = f"{', '.join(called for called, _ in named)}: {why}"
+            return replace(found, status=status, relax=float(relax), names=network.names, method=method)
 
         if certificate is None:
             with heard():
                 return bracketed(None, None)
-        if not Contracting(named).gives_weights:
-            given = ", ".join(called for called, _ in named)
-            raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
+        _check_weights(named)
         with heard(), Recording(network_statement(stated, name), network.domain) as recording:
             found = bracketed(recording.prover, recording.event)
             recording.write(certificate, claims_of(found, network.domain, name))
@@ -195,68 +233,18 @@ class Network(ConstraintNetwork):
             )
         return copy(self)
 
-    def _check_bounded(self, objective: str, contractors: Sequence[str | Contractor]) -> None:
-        others = [self.domain[component] for component in self.names if component != objective]
-        if not all(bounds.is_bounded for bounds in others) and "hc4" not in contractors:
+    def _check_bounded(self, objective: str, contractors: Sequence[str | Contractor], *, chosen: bool) -> None:
+        """That all domains are bounded, by the constraints at least; whoever names hc4 answers for that."""
+        if "hc4" in contractors and not chosen:
+            return
+        box = self.contract(contractors=["hc4"]).box if "hc4" in contractors else self.domain
+        bounds = [box[component] for component in self.names if component != objective and not box.is_empty]
+        if not all(one.is_bounded for one in bounds):
             raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
 
 
-def _with_objective(network: Network, objective: Expr) -> tuple[Network, str]:
-    """A network of whose components the objective is one, and the component's name."""
-    if not isinstance(objective, Expr) or objective.shape != () or objective.op in ("variable", "index"):
-        return network, network.component(objective)
-    network.check_owner(objective)
-    bounds = evaluate(network, objective, network.domain)
-    name = "objective"
-    while any(leaf.name == name for leaf in network.variables):
-        name += "_"
-    bound = network.variable(name, domain=(float(bounds.lo), float(bounds.hi)))
-    network.add(objective <= bound)
-    return network, name
-
-
-def _width(width: float) -> float:
-    """A width that some box can have. Raises ModelError."""
-    if not _is_number(width) or not width > 0:
-        raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
-    return float(width)
-
-
-def _limits(limits: Limits | None) -> Limits:
-    """Limits that a search can reach. Raises ModelError."""
-    if limits is None:
-        return Limits()
-    if not isinstance(limits, Limits):
-        raise ModelError(f"limits={limits!r} sets no limit: write cpcal.Limits(seconds=...) or cpcal.Limits(nodes=...)")
-    given = (limits.seconds, limits.nodes, limits.gap, limits.gap_absolute)
-    if not all(value is None or (_is_number(value) and value >= 0) for value in given):
-        raise ModelError(f"{limits!r}: seconds, nodes and gaps are numbers of at least 0")
-    return limits
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-
-
-def _start(network: ConstraintNetwork, start: npt.ArrayLike, count: int) -> npt.NDArray[np.float64]:
-    """A point to start from, one finite number for each of the first `count` components. Raises ModelError."""
-    point = float_bounds(start)[0]
-    if point.shape != (count,) or not np.isfinite(point).all():
-        raise ModelError(f"start={start!r} is no point: give {count} finite numbers, in the order of `names`")
-    return np.concatenate([point, network.domain.hi[count:]])
-
-
-def _strategy(network: ConstraintNetwork, strategy: str | Strategy, width: float, arithmetic: str) -> Strategy:
-    if not isinstance(strategy, str):
-        if not hasattr(strategy, "split"):
-            raise ModelError(f"strategy={strategy!r} divides no box: give a name or an object with split(box)")
-        return strategy
-    if strategy in STRATEGIES:
-        return STRATEGIES[strategy](network, width)
-    return plugins.load_strategy(strategy, STRATEGIES)(network, width, arithmetic=arithmetic)
-
-
-def _order(network: ConstraintNetwork, order: str) -> Priority:
-    if order not in ORDERS:
-        raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
-    return ORDERS[order](network)
+def _check_weights(named: list[tuple[str, Contractor]]) -> None:
+    """Raises ModelError where no certificate could come of it."""
+    if not Contracting(named).gives_weights:
+        given = ", ".join(called for called, _ in named)
+        raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")

@@ -108,17 +108,17 @@ def estimate_pose(
         raise NoPose(f"ambiguous: two poses fit about equally well, chi-square {rival:.1f} apart")
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
     return PoseEstimate(
-        Pose(final.pose.position, normalised(final.pose.quaternion)),
-        np.asarray(scale * np.linalg.inv(final.normal) + part, dtype=np.float64),
-        part,
-        residuals,
-        ~used,
-        rms,
-        chi_square,
-        degrees,
-        p_value,
-        scale,
-        rival,
+        pose=Pose(final.pose.position, normalised(final.pose.quaternion)),
+        covariance=np.asarray(scale * np.linalg.inv(final.normal) + part, dtype=np.float64),
+        shared_part=part,
+        residuals=residuals,
+        outliers=~used,
+        rms=rms,
+        chi_square=chi_square,
+        degrees=degrees,
+        p_value=p_value,
+        scale=scale,
+        rival=rival,
     )
 
 

@@ -19,7 +19,8 @@ from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Interval, get_arithmetic
-from cpcal.solver.linear import Dense, Glop
+from cpcal.solver.linear import Dense
+from cpcal.solver.linear.glop import Glop
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
 from cpcal.solver.network.polynomial import Monomial
 from cpcal.solver.optimize import minimize, run

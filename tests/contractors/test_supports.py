@@ -16,8 +16,8 @@ from cpcal.legs import leg_box, leg_network, residuals
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.contract import SupportFunction
 from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.linear import Glop
 from cpcal.solver.linear.engine import LinearSolution, LinearStatus
+from cpcal.solver.linear.glop import Glop
 from cpcal.solver.network import ConstraintNetwork
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -26,4 +26,5 @@ def test_every_dot_of_the_photograph_to_a_hundredth_of_a_pixel():
     assert figures["off the grid"] == 0
     for degree in (5, 6, 7):
         assert max(figures[f"degree {degree}"]) <= 0.012
+    assert figures["beyond 4"] < 0.005 * len(found)
     assert 0.8 < figures["stated"] / np.mean(figures["degree 7"]) < 1.7  # JPEG's noise is not white

@@ -187,3 +187,22 @@ def test_one_row_and_the_grid_are_enough_unless_the_mirror_image_is_like_it() ->
         assert len(checked(centers[three_left], three_left, DELTALAB_TARGET).found) == len(three_left)
         none_left = np.setdiff1d(np.arange(len(centers)), DELTALAB_TARGET.lines[1])
         assert reason(centers[none_left]) == "ambiguous: the target's mirror image fits as well or nearly so"
+
+
+def test_half_of_the_rows_hidden_is_enough_when_the_grid_is_seen():
+    rng = np.random.default_rng(5)
+    poses = facing_poses(rng, 12)
+    right = 0
+    for k in range(12):
+        centers, labels = found_dots(
+            rng, DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), noise=0.02, missing=6, on_rows=True
+        )
+        try:
+            found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
+        except Unidentified:
+            continue
+        assert np.array_equal(labels[found.found], found.numbers)
+        assert len(found.missing) == 6
+        assert found.margin >= 4
+        right += 1
+    assert right >= 9

@@ -79,3 +79,11 @@ def test_the_light_of_a_background_does_not_move_the_target(name):
     assert figures["found"] == 3
     assert figures["wrong"] == 0
     assert figures["NEES/6"] < 2.2  # 18 degrees of freedom: exceeded once in 400 if it is 1
+
+
+@pytest.mark.parametrize("name", ["shadow, 40 px soft", "shadow, 15 px soft", "motion, 3 px", "motion, 6 px"])
+def test_a_shadows_edge_and_motion_leave_poses_as_good_as_stated(name):
+    figures = measured(CONDITIONS[name], 3, 5, TRUE).row()
+    assert figures["found"] == 3
+    assert figures["doubtful"] == 0
+    assert 0.3 < figures["NEES/6"] < 2.2  # 18 degrees of freedom

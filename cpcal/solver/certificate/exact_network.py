@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.checker.problem import Constraint, Problem
+from cpcal.checker.problem import Constraint, Problem, Unknowns
 from cpcal.common.errors import ModelError
 from cpcal.solver.certificate.statement import HIGHEST_POWER, LONGEST, Given, NetworkStatement, Stated
 from cpcal.solver.interval import IntervalArray
@@ -52,9 +52,9 @@ def network_statement(network: ConstraintNetwork, objective: str | None, about: 
     return NetworkStatement(problem, tuple(items), about, sides, start)
 
 
-def _on(constraints: Sequence[Constraint], k: int, images: Any) -> Constraint:
-    """With what is put for each monomial. Of the module, so that a statement travels."""
-    return constraints[k].on(images)
+def _on(constraints: Sequence[Constraint], k: int, x: Unknowns, *_: object) -> Constraint:
+    """On a box; there are no readings. Of the module, so that a statement travels."""
+    return constraints[k].on(x.images)
 
 
 def _stated(name: str, constraint: NetworkConstraint, exact: _Exact) -> tuple[list[Stated], list[str]]:

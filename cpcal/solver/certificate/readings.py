@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction as F
 
-from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial, signed
+from cpcal.checker.leg import LegConstraint
 from cpcal.checker.problem import Box, Problem, Unknowns
 from cpcal.checker.rule import Row
+from cpcal.solver.certificate.float_rows import best_signs, linear_part
 from cpcal.solver.certificate.statement import free
 
 
@@ -18,29 +19,9 @@ def row_of(problem: Problem, x: Unknowns, side: str, k: int) -> Row:
     center = "0" * len(radii)
     if side == "length" or not any(radii):
         return side, k, center
-    q = problem.constraint(k, x.images(radii, center)).row(side, signed(len(x)))
-    return side, k, "".join(_best(*span) for span in _slopes(q))
-
-
-def _best(low: int, high: int) -> str:
-    """By the range of the derivative: at an end it costs what the row may fall from there, at the centre half of it."""
-    choices = ((max(-low, high), "0"), (2 * max(0, -low), "-"), (2 * max(0, high), "+"))
-    return min(choices, key=lambda choice: choice[0])[1]
-
-
-def _slopes(q: Polynomial) -> list[tuple[int, int]]:
-    """For each reading the range over the box of the derivative at the centre, in common units."""
-    low = (1 << FIELD * READINGS) - 1
-    middle, half = [0] * READINGS, [0] * READINGS
-    for monomial, c in q.terms.items():
-        reading = monomial & low
-        if reading and reading & (reading - 1) == 0 and (reading.bit_length() - 1) % FIELD == 0:
-            j = (reading.bit_length() - 1) // FIELD
-            if monomial == reading:
-                middle[j] += c
-            else:
-                half[j] += abs(c)
-    return [(m - h, m + h) for m, h in zip(middle, half, strict=True)]
+    leg = problem.constraint(k, x, center, 0)
+    assert isinstance(leg, LegConstraint)
+    return side, k, best_signs(leg, side)
 
 
 def stretching(problem: Problem, x: Unknowns, k: int) -> str:
@@ -49,25 +30,16 @@ def stretching(problem: Problem, x: Unknowns, k: int) -> str:
     center = "0" * len(radii)
     if not any(radii):
         return center
-    c = problem.constraint(k, x.images(radii, center))
-    assert c.factor is not None
-    assert c.at_least is not None
-    assert c.at_most is not None
-    (body, of_body), (factor, of_factor) = _linear(c.body), _linear(c.factor)
-    _, of_length = _linear((c.at_least + c.at_most).times(1, -1))
+    leg = problem.constraint(k, x, center, 0)
+    assert isinstance(leg, LegConstraint)
+    parts = (linear_part(leg, name) for name in ("under_root", "factor", "at_least", "at_most"))
+    (body, of_body), (factor, of_factor), (_, of_low), (_, of_high) = parts
     square = body / factor
     slopes = (
-        (b - square * f) / factor - 2.0 * math.sqrt(max(square, 0.0)) * u
-        for b, f, u in zip(of_body, of_factor, of_length, strict=True)
+        (b - square * f) / factor - math.sqrt(max(square, 0.0)) * (u + v)
+        for b, f, u, v in zip(of_body, of_factor, of_low, of_high, strict=True)
     )
     return "".join("+" if slope > 0.0 else "-" if slope < 0.0 else "0" for slope in slopes)
-
-
-def _linear(p: Polynomial) -> tuple[float, list[float]]:
-    """The constant of a polynomial in readings, and the coefficients of each alone."""
-    unit = F(2) ** p.exponent
-    values = [float(unit * p.terms.get(1 << FIELD * j, 0)) for j in range(READINGS)]
-    return float(p.constant), values
 
 
 def at_point(point: Sequence[float]) -> Unknowns:

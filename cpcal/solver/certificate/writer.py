@@ -18,6 +18,7 @@ import numpy as np
 from cpcal.checker import Refused
 from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.rule import Row, Rule, Weights
+from cpcal.solver.certificate.float_rule import FloatRule
 from cpcal.solver.certificate.readings import row_of
 from cpcal.solver.certificate.statement import Statement, free, number
 from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk
@@ -27,6 +28,7 @@ from cpcal.solver.search import Proof
 T = TypeVar("T")
 _BITS = (10, 14, 18, 24, 32, 53)  # of the largest weight: the first that prove nearly as much as was proposed
 _LOSS = 0.02  # of the width that was proposed, given away for shorter numbers
+_ROUNDING = 0.5  # of that loss: more may not be due to rounding
 _NEARLY = 0.9  # of a proved width: a proposed one below that was not proved
 
 
@@ -77,6 +79,7 @@ class _Table:
         self._rows: list[Row] = []
         self._places: dict[tuple[str, int], int] = {}
         self.rule = Rule(statement.problem, box, self._rows, free)
+        self.fast = FloatRule(self.rule, statement.problem, self._rows)
 
     def _place(self, constraint: int, part: int, element: int) -> int | None:
         """The number in the table of a polynomial row of the network; None where the statement has no such row."""
@@ -132,11 +135,9 @@ def _within_limits(tried: Callable[[], T]) -> T | None:
 
 
 def _excluding(table: _Table, proposed: StepWeights) -> Weights | None:
-    for bits in _BITS:
-        weights = table.exact(proposed, bits)
-        if table.rule.excludes(weights):
-            return weights
-    return None
+    tried = [table.exact(proposed, bits) for bits in _BITS]
+    found = next((weights for weights in tried if table.fast.lowest(weights)[0] > 0.0), None)
+    return found or next((weights for weights in tried if table.rule.excludes(weights)), None)
 
 
 def _bound(table: _Table, i: int, step: Step, loss: float) -> tuple[Weights, float]:
@@ -144,10 +145,23 @@ def _bound(table: _Table, i: int, step: Step, loss: float) -> tuple[Weights, flo
     assert step.weights is not None
     for bits in _BITS:
         weights = table.exact(step.weights, bits)
+        proved, rounding = table.fast.bound(i, step.side, weights)
+        if abs(proved - step.bound) <= loss:
+            return weights, brief(F(proved), step.side == "lo", loss)
+    if not rounding <= _ROUNDING * loss:  # what float64 arithmetic gives away may be all that is missing
+        weights, bound = _exact_bound(table, i, step, loss)
+        return weights, brief(bound, step.side == "lo", loss)
+    return weights, brief(F(proved), step.side == "lo", loss)
+
+
+def _exact_bound(table: _Table, i: int, step: Step, loss: float) -> tuple[Weights, F]:
+    assert step.weights is not None
+    for bits in _BITS:
+        weights = table.exact(step.weights, bits)
         proved = table.rule.bound(i, step.side, weights)
         if abs(proved - F(step.bound)) <= F(loss):
             break
-    return weights, brief(proved, step.side == "lo", loss)
+    return weights, proved
 
 
 def _complete(proved: Box, proposed: Box) -> bool:

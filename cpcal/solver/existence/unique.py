@@ -13,7 +13,7 @@ from cpcal.common.errors import ModelError
 from cpcal.solver.existence.equalities import Equalities
 from cpcal.solver.existence.inside import Inside
 from cpcal.solver.existence.operators import Operator, hansen_sengupta, image, inside, krawczyk
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 
 _POLISH = 12  # Newton steps in floating point before anything is proved
@@ -41,7 +41,8 @@ class UniquenessProver:
     """
 
     def __init__(self, network: ConstraintNetwork, engine: Arithmetic, operator: Operator = hansen_sengupta) -> None:
-        self._engine, self._operator = engine, operator
+        self._engine, self._operator, self._network = engine, operator, network
+        self._exactly: Inside | None = None
         self._domain = network.domain
         self._equalities = Equalities(network)
         self._rest = Inside(self._equalities.rest, engine)
@@ -146,9 +147,29 @@ class UniquenessProver:
         """The zero in `image` narrowed down, if the other constraints hold where it is."""
         narrow = self._narrowed(image)
         tight = self._domain.with_bounds(narrow.lo, narrow.hi)
-        if tight.is_empty or not tight.subset(self._domain) or not self._rest(tight):
+        if not tight.is_empty and not tight.subset(self._domain):
+            tight = self._at_the_end(tight)
+        if tight.is_empty or not self._rest(tight):
             return None
         return Unique(tight, self._domain.with_bounds(region.lo, region.hi))
+
+    def _at_the_end(self, tight: Box) -> Box:
+        """The zero where it lies exactly on the boundary of the domain, as a point; empty where it is not known to."""
+        lo, hi = self._domain.lo, self._domain.hi
+        point = np.where(tight.lo < lo, lo, np.where(tight.hi > hi, hi, np.clip(tight.mid, lo, hi)))
+        exact, tape = get_arithmetic("arb"), self._equalities.tape
+        slots = tape.forward(exact, IntervalArray.point(point[None]))
+        values = tape.values(slots)
+        zero = bool((values.lo == 0.0).all() and (values.hi == 0.0).all()) and tape.defined(exact, slots)
+        return tight.with_bounds(point, point) if zero and point in tight else Box.empty(tight.names)
+
+    def holds_at(self, box: Box) -> bool:
+        """Whether a box is a single point that satisfies all constraints exactly: as points of whole numbers do."""
+        if not self._network.whole.any() or box.is_empty or bool((box.lo != box.hi).any()) or self._equalities.reads:
+            return False
+        if self._exactly is None:
+            self._exactly = Inside(self._network, get_arithmetic("arb"))
+        return self._exactly(box)
 
     def _image(self, operator: Operator, region: IntervalArray, center: Floats) -> IntervalArray | None:
         """N(region); None where it is not defined or not bounded."""

@@ -110,4 +110,7 @@ class IntervalArray:
         return IntervalArray(self.lo.reshape(shape), self.hi.reshape(shape))
 
     def broadcast_to(self, shape: tuple[int, ...]) -> IntervalArray:
-        return IntervalArray(np.broadcast_to(self.lo, shape), np.broadcast_to(self.hi, shape))
+        if self.lo.shape == shape:
+            return self
+        lo = np.broadcast_to(self.lo, shape)
+        return IntervalArray(lo, lo if self.hi is self.lo else np.broadcast_to(self.hi, shape))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.common.arrays import Floats, Indices
-from cpcal.solver.linear.engine import LinearSolution, LinearStatus
-from cpcal.solver.linear.glop import Glop
+from cpcal.solver.linear.engine import LinearEngine, LinearSolution, LinearStatus
 from cpcal.solver.linear.simplex import FAILED, OPTIMAL, begin, minimise
 from cpcal.solver.linear.vertex import Vertex, exact_point, to_box
 
@@ -40,7 +39,7 @@ class Dense:
         )
         begin(self._vertex, self._columns, self._rhs, self._first(always, m, n))
         self._fresh = True
-        self._glop: Glop | None = None
+        self._glop: LinearEngine | None = None
 
     def _first(self, always: int, m: int, n: int) -> Indices:
         if m <= _ALL:
@@ -70,6 +69,8 @@ class Dense:
 
     def _by_glop(self, objective: Floats) -> LinearSolution:
         if self._glop is None:
+            from cpcal.solver.linear.glop import Glop  # here: it loads ortools
+
             self._glop = Glop()
             self._glop.load(self._columns.T, self._rhs, self._vertex.lower, self._vertex.upper)
         return self._glop.minimize(objective)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Collection
 from typing import Protocol
 
@@ -45,8 +47,10 @@ class Programs(Protocol):
         ...
 
 
-def tightened(programs: Programs, box: Box, first: int | None) -> Contraction:
+def tightened(programs: Programs, box: Box, first: int | None, deadline: float = math.inf) -> Contraction:
     """The box around the polyhedron, the lower bound of variable `first` (the objective) before all others.
+
+    After the `deadline` no program begins.
 
     `point` is the optimum of the first program. A bound that a vertex shows to move by next to nothing is left alone.
     """
@@ -57,6 +61,8 @@ def tightened(programs: Programs, box: Box, first: int | None) -> Contraction:
         sign = 1.0 if side == "lo" else -1.0
         if radius[variable] == 0.0 or met(variable, sign):
             continue
+        if time.monotonic() > deadline:
+            break
         solution = programs.minimize(variable, sign)
         proof = programs.empty(solution) if solution.status is LinearStatus.INFEASIBLE else None
         if proof is not None:

@@ -4,7 +4,8 @@ from cpcal.solver.network.expression import Constraint, Expr
 from cpcal.solver.network.forms import CentredForm, evaluate
 from cpcal.solver.network.mathematics import maximum, minimum, norm, sqr, sqrt
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.rewrite import PolynomialSystem, one_sided_rows, polynomial_form
+from cpcal.solver.network.polynomial_rows import PolynomialSystem, polynomial_form
+from cpcal.solver.network.rewrite import one_sided_rows
 from cpcal.solver.network.tape import Tape
 
 __all__ = [

@@ -7,9 +7,14 @@ reading `delta_j` in [-1, 1]. Without readings the shape is (1, *S).
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 
+from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray
+from cpcal.solver.network.coefficient_kernels import added, multiplied, summed
 
 # Factor that covers the rounding of the few dozen float64 operations below that are not interval operations.
 _ROUND_UP = 1.0 + 64 * np.finfo(np.float64).eps
@@ -34,14 +39,45 @@ def _same_slots(x: IntervalArray, y: IntervalArray) -> tuple[IntervalArray, Inte
 
 
 def add(e: Arithmetic, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-    return e.add(*_same_slots(x, y))
+    return _compiled(added, x, y) if e.name == "float64" else e.add(*_same_slots(x, y))
+
+
+Kernel = Callable[[Floats, Floats, Floats, Floats, int], tuple[Floats, Floats]]
+
+
+def _compiled(kernel: Kernel, x: IntervalArray, y: IntervalArray) -> IntervalArray:
+    """What a kernel makes of coefficients whose elements broadcast."""
+    shape = x.shape[1:] if x.shape[1:] == y.shape[1:] else np.broadcast_shapes(x.shape[1:], y.shape[1:])
+    count = math.prod(shape)
+    lo, hi = kernel(*_flat(x, shape, count), *_flat(y, shape, count), count)
+    return IntervalArray(lo, hi).reshape((len(lo), *shape))
+
+
+def total_over(e: Arithmetic, x: IntervalArray, axis: int) -> IntervalArray:
+    """The sum of the elements along one of their axes, counted from 0."""
+    if e.name != "float64":
+        return e.sum(x, axis + 1)
+    shape = x.shape
+    size = (math.prod(shape[: axis + 1]), shape[axis + 1], math.prod(shape[axis + 2 :]))
+    lo, hi = summed(np.ascontiguousarray(x.lo).reshape(size), np.ascontiguousarray(x.hi).reshape(size))
+    return IntervalArray(lo, hi).reshape((*shape[: axis + 1], *shape[axis + 2 :]))
+
+
+def _flat(x: IntervalArray, shape: tuple[int, ...], count: int) -> tuple[Floats, Floats]:
+    """Bounds (1 + J, count), or (1 + J, 1) where all elements are the same."""
+    slots = x.shape[0]
+    if x.shape[1:] != shape and math.prod(x.shape[1:]) > 1:
+        x = x.broadcast_to((slots, *shape))
+    size = (slots, count if x.shape[1:] == shape else 1)
+    lo = np.ascontiguousarray(x.lo.reshape(size))
+    return lo, lo if x.hi is x.lo else np.ascontiguousarray(x.hi.reshape(size))
 
 
 def mul(e: Arithmetic, x: IntervalArray, y: IntervalArray) -> IntervalArray:
     """Product: `x0 y0 + (x0 y_j + y0 x_j) delta_j` and the range of `(x_j delta_j)(y_j delta_j)`."""
-    if y.shape[0] == 1:
-        return e.mul(x, y)
-    if x.shape[0] == 1:
+    if e.name == "float64":
+        return _compiled(multiplied, x, y)
+    if x.shape[0] == 1 or y.shape[0] == 1:
         return e.mul(x, y)
     x, y = _same_slots(x, y)
     value = e.add(e.mul(x[:1], y[:1]), _second_order(e, x[1:], y[1:]))

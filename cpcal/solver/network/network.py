@@ -23,6 +23,7 @@ from cpcal.solver.interval.box import checked_name
 from cpcal.solver.network.dag import leaves, topological
 from cpcal.solver.network.data import enclosed, pair
 from cpcal.solver.network.expression import Constraint, Expr, Operand, Shape, as_expr
+from cpcal.solver.network.parameters import for_all
 from cpcal.solver.network.printing import network_text
 
 Domain = Interval | tuple[npt.ArrayLike, npt.ArrayLike]
@@ -39,9 +40,19 @@ class ConstraintNetwork:
         self._domains: dict[str, Box] = {}
         self._owner: dict[str, str] = {}  # of every component's name, the variable
         self._constraints: list[Constraint] = []
+        self._whole: frozenset[str] = frozenset()  # components that take whole numbers only
+        self._for_all: dict[bytes, Expr] = {}  # parameters, by digest
 
-    def variable(self, name: str, shape: int | Shape = (), domain: Domain = (-np.inf, np.inf)) -> Expr:
+    def variable(
+        self,
+        name: str,
+        shape: int | Shape = (),
+        domain: Domain = (-np.inf, np.inf),
+        integer: bool | npt.NDArray[np.bool_] = False,
+    ) -> Expr:
         """A new unknown; components of an array are called `name[0]`, `name[1,2]`, in boxes.
+
+        `integer`: whether it takes whole numbers only, or which of its components do.
 
         `domain` is an Interval or a pair of bounds that broadcast to `shape`. Raises ModelError for a name that is
         taken, a shape without elements and a domain without numbers.
@@ -52,10 +63,28 @@ class ConstraintNetwork:
         taken = [self._owner[part] for part in component_names(leaf) if part in self._owner]
         if taken:
             raise ModelError(f"components of {name!r} would be called like those of {taken[0]!r}: rename one of both")
-        self._domains[name] = _domain(leaf, domain)
+        whole = np.broadcast_to(np.asarray(integer, bool), leaf.shape).ravel()
+        self._domains[name] = _domain(leaf, domain, whole)
+        self._whole |= {part for part, is_whole in zip(component_names(leaf), whole, strict=True) if is_whole}
         self._variables[name] = leaf
         self._owner |= dict.fromkeys(component_names(leaf), name)
         return leaf
+
+    def parameter(self, domain: Domain, shape: int | Shape = (), *, forall: bool = True) -> Expr:
+        """A number that nobody chooses: each constraint that it enters must hold FOR ALL its values in `domain`.
+
+        Points are proved for all of them. Boxes are excluded by some of them: the constraint is added for the ends and
+        the middle as well. `forall=False`: for SOME value, as a reading. Raises ModelError for unbounded domains.
+        """
+        leaf = Expr("variable", shape=_shape("parameter", shape), name="parameter")
+        box = _domain(leaf, domain, np.zeros(int(np.prod(leaf.shape)), bool))
+        if not box.is_bounded:
+            raise ModelError("a parameter needs finite bounds")
+        values = IntervalArray(box.lo.reshape(leaf.shape), box.hi.reshape(leaf.shape))
+        out = Expr("constant" if forall else "reading", shape=leaf.shape, data=values)
+        if forall:
+            self._for_all = {**self._for_all, out.digest: out}
+        return out
 
     @staticmethod
     def constant(value: Operand) -> Expr:
@@ -86,7 +115,7 @@ class ConstraintNetwork:
             if not isinstance(item, Constraint):
                 raise ModelError(f"add() takes constraints, not {item!r}: use ==, <=, >= or .within()")
             self.check_owner(item.body, item.lower, item.upper)
-        self._constraints += items
+        self._constraints += [one for item in items for one in for_all(item, self._for_all)]
 
     def owns(self, leaf: Expr) -> bool:
         """Whether a leaf is a variable of this network (or of the one that this is a copy of)."""
@@ -112,7 +141,13 @@ class ConstraintNetwork:
         """A new network with the same variables and domains and no constraints yet."""
         other = ConstraintNetwork(self.name)
         other._variables, other._domains, other._owner = copy(self._variables), copy(self._domains), copy(self._owner)
+        other._whole, other._for_all = self._whole, self._for_all
         return other
+
+    @property
+    def whole(self) -> npt.NDArray[np.bool_]:
+        """Which components take whole numbers only."""
+        return np.array([name in self._whole for name in self.names], dtype=bool)
 
     @property
     def variables(self) -> tuple[Expr, ...]:
@@ -200,7 +235,7 @@ def _shape(name: str, shape: Any) -> Shape:
     return sizes
 
 
-def _domain(leaf: Expr, domain: Domain) -> Box:
+def _domain(leaf: Expr, domain: Domain, whole: npt.NDArray[np.bool_]) -> Box:
     """The box of one variable. Raises ModelError where it holds no number or does not fit the shape."""
     lower, upper = (domain.lo, domain.hi) if isinstance(domain, Interval) else pair(domain, "a domain")
     try:
@@ -208,6 +243,7 @@ def _domain(leaf: Expr, domain: Domain) -> Box:
         hi = np.broadcast_to(enclosed(upper).hi, leaf.shape).ravel()
     except ValueError:
         raise ModelError(f"the domain of {leaf.name!r} does not fit its shape {leaf.shape}") from None
+    lo, hi = np.where(whole, np.ceil(lo), lo), np.where(whole, np.floor(hi), hi)
     if not bool(np.all((lo <= hi) & (lo < np.inf) & (hi > -np.inf))):
         raise ModelError(f"the domain of {leaf.name!r} holds no number: give (lower, upper) with lower <= upper")
     return Box(component_names(leaf), lo, hi)

@@ -47,8 +47,14 @@ def _aligned(c: IntervalArray, rank: int) -> IntervalArray:
     return c if missing == 0 else c.reshape((c.shape[0],) + (1,) * missing + c.shape[1:])
 
 
+Found = PolynomialArray | NotPolynomial
+
+
 class Expander:
-    """Expands expressions of one network; every node once."""
+    """Expands expressions of one network; every node once.
+
+    `fixed` keeps what depends on no reading: one for all expanders of a network, whatever their `sets`.
+    """
 
     def __init__(
         self,
@@ -56,8 +62,10 @@ class Expander:
         engine: Arithmetic,
         roots: tuple[Expr, ...],
         sets: dict[bytes, IntervalArray] | None = None,
+        fixed: dict[bytes, Found] | None = None,
     ) -> None:
         self._engine = engine
+        self._fixed: dict[bytes, Found] = {} if fixed is None else fixed
         self._start: dict[bytes, int] = {}
         start = 0
         for leaf in network.variables:
@@ -65,20 +73,25 @@ class Expander:
             start += int(np.prod(leaf.shape))
         self._readings: dict[bytes, PolynomialArray] = {}
         self._allot([node for node in topological(roots) if node.op == "reading"], sets or {})
-        self._done: dict[bytes, PolynomialArray | NotPolynomial] = {}
+        self._done: dict[bytes, Found] = {}  # what depends on readings
 
     def expand(self, root: Expr) -> PolynomialArray:
         """The polynomial form of `root`. Raises NotPolynomial."""
         for node in topological((root,)):
-            if node.digest not in self._done:
+            if node.digest not in self._done and node.digest not in self._fixed:
+                reads = node.op == "reading" or any(arg.digest in self._done for arg in node.args)
+                known = self._done if reads else self._fixed
                 try:
-                    self._done[node.digest] = self._node(node)
+                    known[node.digest] = self._node(node)
                 except NotPolynomial as reason:
-                    self._done[node.digest] = reason
-        found = self._done[root.digest]
+                    known[node.digest] = reason
+        found = self._of(root)
         if isinstance(found, NotPolynomial):
             raise found
         return found
+
+    def _of(self, node: Expr) -> Found:
+        return self._done[node.digest] if node.digest in self._done else self._fixed[node.digest]
 
     def _node(self, node: Expr) -> PolynomialArray:
         if node.op == "variable":
@@ -90,7 +103,7 @@ class Expander:
             return self._readings[node.digest]
         args = []
         for arg in node.args:
-            found = self._done[arg.digest]
+            found = self._of(arg)
             if isinstance(found, NotPolynomial):
                 raise found
             args.append(found)
@@ -153,7 +166,7 @@ class Expander:
         if node.op == "neg":
             return self._engine.neg(full)
         if node.op == "sum":
-            return self._engine.sum(full, node.parameter + 1)
+            return coef.total_over(self._engine, full, node.parameter)
         assert isinstance(node.data, np.ndarray)
         return full.reshape((full.shape[0], -1))[:, node.data]
 

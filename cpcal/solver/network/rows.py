@@ -32,9 +32,13 @@ class Extremes:
 
     def __init__(self, network: ConstraintNetwork, *roots: Expr) -> None:
         self.tape = Tape(network, roots)
-        self.exclusive = exclusive(self.tape)
         self._sets = {leaf.digest: leaf.data for leaf in self.tape.readings if isinstance(leaf.data, IntervalArray)}
         self.centers = {digest: IntervalArray.point(values.mid) for digest, values in self._sets.items()}
+
+    @property
+    def exclusive(self) -> bool:
+        """Whether no component of a reading enters two elements."""
+        return exclusive(self.tape)
 
     def at(self, point: Floats) -> tuple[ReadingSets, ReadingSets]:
         """Values for every reading that make the elements smallest, and largest, at a point (n,).
@@ -57,8 +61,12 @@ class Extremes:
         slots = self.tape.forward(_ENGINE, IntervalArray.point(point[None]), readings)
         return _middle(self.tape.values(slots)[0])
 
+    def smallest(self, point: Floats) -> Floats:
+        """All elements (K,) at a point (n,), each at the readings that make it smallest."""
+        return self.values(point, self.at(point)[0] if self.tape.readings else self.centers)
+
     def linearize(self, point: Floats) -> RowValues:
-        """Values and derivatives at a point (n,), each element at the readings that make it smallest."""
+        """The same with derivatives."""
         tape = self.tape
         readings = self.at(point)[0] if tape.readings else self.centers
         slots = tape.forward(_ENGINE, IntervalArray.point(point[None]), readings)
@@ -113,13 +121,17 @@ class Rows:
         point of the box violates.
         """
         chosen: list[set[int]] = [set() for _ in range(self._constraints)]
-        rows = self.linearize(box.mid)
         with np.errstate(all="ignore"):
-            possible = rows.values + np.abs(rows.jacobian) @ box.rad > 0.0
+            if box.rad.any():
+                rows = self.linearize(box.mid)
+                values, possible = rows.values, rows.values + np.abs(rows.jacobian) @ box.rad > 0.0
+            else:
+                values = np.concatenate([np.zeros(0), *(part.smallest(box.mid) for part in self._parts)])
+                possible = values > 0.0
         start = 0
         for block in self._blocks:
             some = np.flatnonzero(possible[start : start + block.size])
-            worst = some[np.argsort(-rows.values[start + some], kind="stable")[:most]]
+            worst = some[np.argsort(-values[start + some], kind="stable")[:most]]
             chosen[block.constraint].update((worst // block.width).tolist())
             start += block.size
         return [np.array(sorted(elements), dtype=np.intp) for elements in chosen]

@@ -27,6 +27,7 @@ class Equations:
         plain = network.without_constraints()
         plain.add([c for c in network.constraints if not reads(c)])
         self._domain, self._equalities = network.domain, Equalities(plain)
+        self._whole = network.whole
         self.count, self.rest = self._equalities.count, self._equalities.rest
         reach = self._equalities.tape.reach.leaf
         self.enter = frozenset(reach[reach < len(network.names)].tolist())
@@ -56,7 +57,7 @@ class Equations:
         lo, hi = self._domain.lo, self._domain.hi
         near = _NEAR * np.maximum(np.abs(point), 1.0)
         low, high = point - lo <= near, hi - point <= near
-        return np.where(low, lo, np.where(high, hi, point)), ~(low | high)
+        return np.where(low, lo, np.where(high, hi, point)), ~(low | high | self._whole)
 
     def _open(self, point: Floats, free: Bools) -> Indices:
         """The equations that do not hold already, whatever the components are that are at no end: 0 times them, say."""

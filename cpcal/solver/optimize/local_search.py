@@ -36,6 +36,7 @@ class LocalSearch:
 
     def __init__(self, network: ConstraintNetwork, objective: int, equations: Equations) -> None:
         self._domain, self._objective, self._equations = network.domain, objective, equations
+        self._whole = network.whole
         self._rows = Rows(equations.rest) if equations.count else Rows(network)
         size = sum(int(np.prod(c.body.shape)) for c in network.constraints)
         self.applies = max(size, len(network.names)) <= _LARGEST and not any(map(reads, network.constraints))
@@ -44,6 +45,8 @@ class LocalSearch:
         """Points to prove, the best first: each with a larger margin than the one before."""
         scale = self._scale(start)
         point = self._slsqp(start, scale)
+        if point is not None and self._whole.any():
+            point = self._slsqp(np.where(self._whole, np.round(point), point), scale, fixed=True)
         if point is None:
             return
         for margin in MARGINS:
@@ -73,6 +76,7 @@ class LocalSearch:
         size = np.abs(equal).sum(axis=1) + 1e-300
         low = np.clip((self._domain.lo - point) / scale, -_REACH, 0.0) / _REACH
         high = np.clip((self._domain.hi - point) / scale, 0.0, _REACH) / _REACH
+        low, high = np.where(self._whole, 0.0, low), np.where(self._whole, 0.0, high)
         n = len(point)  # the step is p - q, of the least sum |p| + |q|: where it need not move, it does not
         found = _linprog(
             np.ones(2 * n),
@@ -96,9 +100,11 @@ class LocalSearch:
         usual = np.maximum(np.abs(start), 1.0)
         return np.where(np.isfinite(width) & (width < _WIDE) & (width > 0.0), width, usual)
 
-    def _slsqp(self, start: Floats, scale: Floats) -> Floats | None:
-        """A local minimum in scaled components, or wherever it stops."""
-        lo, hi = self._domain.lo / scale, self._domain.hi / scale
+    def _slsqp(self, start: Floats, scale: Floats, *, fixed: bool = False) -> Floats | None:
+        """A local minimum in scaled components, or wherever it stops; `fixed`: whole numbers stay as they are."""
+        stay = self._whole & fixed
+        lo = np.where(stay, start, self._domain.lo) / scale
+        hi = np.where(stay, start, self._domain.hi) / scale
         known = _Known(self._rows, self._equations, scale)
         constraints = [
             {"type": "ineq", "fun": lambda y: -known(y)[0], "jac": lambda y: -known(y)[1]},

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpcal.common.arrays import Floats
 from cpcal.common.numbers import at_least, gap_text
 from cpcal.solver.contract import Verdict
-from cpcal.solver.interval import Box
+from cpcal.solver.interval import Box, Interval
+from cpcal.solver.interval.box import Variable
 from cpcal.solver.optimize.incumbent import Incumbent
 from cpcal.solver.optimize.witness import Witness
 from cpcal.solver.search import ContractorUse
@@ -45,6 +47,19 @@ class Found:
 
 
 @dataclass(frozen=True)
+class Point:
+    """A point (n,) whose components have names."""
+
+    names: tuple[str, ...]
+    values: Floats
+
+    def __getitem__(self, name: str | Variable) -> float | Floats:
+        """A component by its name, or the value of a variable, of its shape."""
+        found = Box(self.names, self.values, self.values)[name]
+        return found.lo if isinstance(found, Interval) else np.array(found.lo)
+
+
+@dataclass(frozen=True)
 class Minimum:
     """The end of a minimisation over a box.
 
@@ -74,6 +89,14 @@ class Minimum:
     interrupted: bool = False
     contractors_used: tuple[ContractorUse, ...] = ()
     found: Found | None = None
+    names: tuple[str, ...] = ()  # of the components of points
+    relax: float = 0.0  # by how much equations may be missed
+    method: str = ""  # which contractors, and why these
+
+    @property
+    def solution(self) -> Point | None:
+        """The proved point by names and variables: `minimum.solution["x[0]"]`, `minimum.solution[x]`."""
+        return None if self.witness is None else Point(self.names, self.witness.point)
 
     @property
     def beyond(self) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cpcal.common.arrays import Floats
 from cpcal.solver.existence import ReadingConstraint, highest, reads
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import Constraint, ConstraintNetwork, Tape
 from cpcal.solver.network.dag import leaves
 from cpcal.solver.optimize.equations import Equations
@@ -40,7 +40,9 @@ class WitnessProver:
 
     def __init__(self, network: ConstraintNetwork, objective: int, engine: Arithmetic) -> None:
         self.objective, self._engine = objective, engine
-        self._domain = network.domain
+        self._domain, self._whole = network.domain, network.whole
+        if self._whole.any():  # their rows hold with equality, which outward rounding in float64 does not see
+            self._engine = engine = get_arithmetic("arb")
         self._plain = _Rows(network, [c for c in network.constraints if not reads(c)], objective)
         self._reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
         self.equations = Equations(network, engine)
@@ -53,6 +55,7 @@ class WitnessProver:
         The objective component of `point` is only where the search for it begins.
         """
         candidate = np.clip(point, self._domain.lo, self._domain.hi)
+        candidate = np.where(self._whole, np.round(candidate), candidate)
         if not np.isfinite(candidate).all():
             return None
         found = self._raised(self._plain, IntervalArray.point(candidate), candidate)

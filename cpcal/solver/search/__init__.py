@@ -5,15 +5,18 @@ from cpcal.solver.search.divide import DepthStrategy, Divide
 from cpcal.solver.search.orders import ORDERS, BestFirst, Node, Priority, breadth_first, depth_first
 from cpcal.solver.search.passes import Contracting, ContractorUse, Pass, Proof, StepProver, divided, total_use
 from cpcal.solver.search.paving import Paving, Solution
+from cpcal.solver.search.race import Contender, Race
 from cpcal.solver.search.regions import clusters, difference, hull, volume
 from cpcal.solver.search.search import Decision, Event, EventKind, Piece, Process, Search
 from cpcal.solver.search.spread import Spread
 from cpcal.solver.search.strategies import STRATEGIES, LargestFirst, RoundRobin, Smear, bisect
+from cpcal.solver.search.whole import WholeNumbers
 
 __all__ = [
     "ORDERS",
     "STRATEGIES",
     "BestFirst",
+    "Contender",
     "Contracting",
     "ContractorUse",
     "Decision",
@@ -29,12 +32,14 @@ __all__ = [
     "Priority",
     "Process",
     "Proof",
+    "Race",
     "RoundRobin",
     "Search",
     "Smear",
     "Solution",
     "Spread",
     "StepProver",
+    "WholeNumbers",
     "bisect",
     "breadth_first",
     "clusters",

@@ -39,8 +39,10 @@ def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tupl
     A zero on a face lies in several boxes, so that clusters are tried as a whole before their boxes one by one. A box
     inside a region of uniqueness holds no solution but that one.
     """
+    points = list({box.lo.tobytes(): box for box in kept if prover.holds_at(box)}.values())
+    kept = [box for box in kept if not any(box == point for point in points)]
     if not prover.applies:
-        return [], list(kept)
+        return points, list(kept)
     found: list[Unique] = []
     left = dict(enumerate(kept))
     labels = clusters(kept)
@@ -55,7 +57,7 @@ def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tupl
                     left[k] = prover.narrowed(kept[k])
     except KeyboardInterrupt:
         pass
-    boxes: list[Box] = []
+    boxes = points
     for k, proof in enumerate(found):
         if not _covered(proof.box, found[:k]):  # else it is a solution that is known already
             boxes.append(proof.box)

@@ -41,6 +41,7 @@ class Paving:
     nodes: int
     inside: tuple[Box, ...] = ()
     outside: tuple[Box, ...] = ()
+    method: str = ""  # contractors and strategy: what was chosen, and why
 
     @property
     def boundary(self) -> tuple[Box, ...]:

@@ -145,13 +145,13 @@ def calibrate_camera(
     errors = np.sqrt(np.diag(spread)[9:]).reshape(-1, 2)
     moved = fit.found.seen[:, None] & refine_dots
     return Calibration(
-        fit.state.camera,
-        spread[:9, :9],
-        _rms(fit.residuals()),
-        scale,
-        _results(named, fit, reasons),
-        replace(target, dots=fit.state.dots) if refine_dots else target,
-        np.where(moved, errors, np.nan),
+        camera=fit.state.camera,
+        covariance=spread[:9, :9],
+        rms=_rms(fit.residuals()),
+        scale=scale,
+        views=_results(named, fit, reasons),
+        target=replace(target, dots=fit.state.dots) if refine_dots else target,
+        dot_errors=np.where(moved, errors, np.nan),
     )
 
 
@@ -214,7 +214,15 @@ def _start(
     stacked = Pose(np.stack([p.position for p in poses]), np.stack([p.quaternion for p in poses]))
     rows = np.array(list(homographies), dtype=np.intp)
     found = _arranged([views[row] for row in rows], len(target.dots))
-    return CameraFit(rows, found, State(camera, stacked, target.dots), target.dots, target.radius, free, refine)
+    return CameraFit(
+        rows=rows,
+        found=found,
+        state=State(camera, stacked, target.dots),
+        dots=target.dots,
+        radius=target.radius,
+        free_camera=free,
+        refine=refine,
+    )
 
 
 def _arranged(views: list[TargetView], dots: int) -> Adjusted:

@@ -17,9 +17,10 @@ from scipy.spatial import cKDTree
 
 from cpcal.common.arrays import Floats
 from cpcal.common.values import frozen_array
-from cpcal.vision.dots.edge import OUTSIDE, Edges, fitted_edges
+from cpcal.vision.dots.edge import OUTSIDE, Edges
 from cpcal.vision.dots.grey import Grey, eight_bits, grey_levels, noise_level
 from cpcal.vision.dots.light import light_gradient
+from cpcal.vision.dots.own_light import fitted_under
 from cpcal.vision.dots.segmentation import Spots, spots, surveys
 from cpcal.vision.median import median
 from cpcal.vision.two_by_two import eigenvalues
@@ -35,11 +36,8 @@ _SLIMMEST = 0.25  # ratio of axes
 _SHARPEST = 0.12  # pixels of blur: a pixel's own square makes 0.29
 _NOISE = 8.0  # contrast that a dot's middle reaches at least, in standard deviations of the noise
 _CLEAR = 6.0  # blurs between the edge of a dot and the border: the whole edge and as much of the plate beside it
-_STRANGE = 1.5  # residuals, relative to the usual ones, that ask for light of the dot's own
-_BETTER = 0.95  # residuals with it relative to those without
 _SAME_LIGHT = 2e-5  # its growth per pixel: less than that moves a dot by less than 1e-4 pixels
 _ROOM = 0.6  # share of the gap to its neighbours that belongs to a dot
-_COMPARED = 100  # ordinary dots that are fitted both ways
 _LEAST_ROOM = 1.0  # pixels around a dot that do at least
 
 
@@ -111,7 +109,7 @@ def refitted(image: object, dots: Dots, members: npt.NDArray[Any]) -> Dots:
     change = np.abs(light - dots.light[members])
     if not len(members) or np.isnan(light).any() or (change < _SAME_LIGHT).all():
         return dots
-    edges = _fitted(grey, spots, gap, light)
+    edges = fitted_under(grey, spots, _room(gap), light)
     fine = members[~np.isnan(edges.noise)]
     edges = edges.kept(~np.isnan(edges.noise))
     centers, covariance = dots.centers.copy(), dots.covariance.copy()
@@ -128,7 +126,7 @@ def _observed(grey: Grey, found: Spots, usual: float) -> Dots:
         return _none(found.bright)
     gap = _gap(found)
     light = light_gradient(grey, found, gap)
-    edges = _fitted(grey, found, gap, light)
+    edges = fitted_under(grey, found, _room(gap), light)
     noise = noise_level(grey)
     quality = _quality(edges, noise)
     keep = np.flatnonzero(_dot_like(found, edges, quality, noise, grey.shape))
@@ -143,26 +141,9 @@ def _none(bright: bool) -> Dots:
     return Dots(pairs, matrices, numbers, pairs, bright, Spots(pairs, matrices, bright), numbers, pairs)
 
 
-def _fitted(grey: Grey, found: Spots, gap: Floats, light: Floats) -> Edges:
-    """The fits of spots under the light of all; where that leaves strange residuals (a smudge, a shadow), under light
-    of their own if that explains more."""
-    room = np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE)
-    edges = fitted_edges(grey, found.center, found.spread, room, light)
-    fitted = ~np.isnan(edges.noise)
-    if np.isnan(light).any() or not fitted.any():
-        return edges
-    strange = ~(edges.noise < _STRANGE * median(edges.noise[fitted]))
-    if not strange.any():
-        return edges
-    usual = np.flatnonzero(~strange)
-    again = np.concatenate([np.flatnonzero(strange), usual[:: max(1, len(usual) // _COMPARED)]])
-    own = fitted_edges(grey, found.center[again], found.spread[again], room[again], np.full((len(again), 2), np.nan))
-    # a lens's asymmetry passes for light, too, and moves a dot that has light of its own as far as it would any other
-    change = own.center - edges.center[again]
-    apart = np.isfinite(change).all(axis=1) & ~strange[again]
-    own.center[:] -= np.median(change[apart], axis=0) if apart.any() else 0.0
-    better = strange[again] & ~(own.noise > _BETTER * edges.noise[again])
-    return edges.replaced(again[better], own.kept(better))
+def _room(gap: Floats) -> Floats:
+    """How many pixels beyond its edge are a dot's own."""
+    return np.asarray(np.clip(_ROOM * gap, _LEAST_ROOM, OUTSIDE))
 
 
 def _gap(found: Spots) -> Floats:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from cpcal.files.cells import guarded
 
-POSITION, QUATERNION, SIGMA = slice(0, 3), slice(3, 7), slice(7, 13)
+POSITION, QUATERNION, SIGMA, SHARED = slice(0, 3), slice(3, 7), slice(7, 13), slice(13, 19)
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 NUMBERS = (
     *("x", "y", "z", "qw", "qx", "qy", "qz"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.special import bdtrc
 
 from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.vision.homography import fitted, mapped, orientation
-from cpcal.vision.identify import one_row
+from cpcal.vision.identify import lattice, one_row
 from cpcal.vision.identify.runs import RowMatches, collinear, match_rows
 from cpcal.vision.identify.symmetry import self_maps
 from cpcal.vision.identify.views import View
@@ -71,6 +71,19 @@ def _from_one_row(view: View, target: Target, rows: list[RowMatches]) -> Iterato
             fit = _grown(view, target, found, numbers) if len(found) >= _BEYOND else None
             if fit is not None:
                 yield fit, len(rows) * len(matches.count) * one_row.CHOICES**4
+
+
+def from_grid(view: View, target: Target) -> Iterator[tuple[Hypothesis, int]]:
+    """Fits to the regular part of the target, each laid in the near-symmetry that makes the fewest errors."""
+    for homography in lattice.grid_homographies(view, target):
+        rough = hypothesis_of(view, target, homography)
+        places = lattice.laid(homography, target)
+        best = int(np.argmin([_errors(view, target, rough, predicted) for predicted in places]))
+        found, numbers = pairs(view, places[best], view.reach)
+        fit = _grown(view, target, found, numbers) if len(found) >= _BEYOND else None
+        if fit is not None:
+            yield fit, lattice.TRIED
+            return
 
 
 def _crossing_pairs(
@@ -175,6 +188,15 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
     errors = np.array([_errors(view, target, fit, places) for places in predicted]) - fit.errors
     best = int(errors.argmin())
     return min(int(errors[best]), least), bool(maps.mirrored[close[best]])
+
+
+def apart(view: View, target: Target, fit: Hypothesis) -> int:
+    """How many errors the best near-symmetry that a camera could see (none of the mirrored) makes on dots that are all
+    where `fit` has them, and in view."""
+    perfect = replace(view, points=mapped(fit.homography, target.dots[fit.in_view]))
+    places = lattice.laid(fit.homography, target)[1:][~self_maps(target).mirrored]
+    exact = hypothesis_of(perfect, target, fit.homography)
+    return min((_errors(perfect, target, exact, predicted) for predicted in places), default=len(target.dots))
 
 
 def _errors(view: View, target: Target, fit: Hypothesis, predicted: Floats) -> int:

@@ -1,7 +1,8 @@
 """Which found dot is which dot of the target.
 
 Two rows of the target are recognised by cross-ratios along collinear runs (`runs`); together they give a
-homography, and every other dot is predicted and looked for. What is accepted has passed five tests:
+homography, and every other dot is predicted and looked for. Where too little of the rows is seen, the regular dots give
+one up to a symmetry, and all of these are tried (`lattice`). What is accepted has passed five tests:
 
 - chance: were the found dots strewn at random, each predicted dot would be hit with a probability p (the share of the
   area near found dots). The expected number of hypotheses as good by accident, hypotheses tried times the binomial tail
@@ -11,7 +12,8 @@ homography, and every other dot is predicted and looked for. What is accepted ha
   the found dots by one of its near-symmetries (`symmetry`) must make four errors more. If errors come
   singly, in one dot of thirty, that is a likelihood ratio near a million. It is also a guarantee: where a near-symmetry
   makes d errors on the perfect target, it makes at least d - e on one with e errors, so it can only win when
-  2 e >= d + 4. For the DeltaLab target d is 18 (its turns), so no ten errors, wherever they are, make it wrong;
+  2 e >= d + 4. For the DeltaLab target d is 18 (its turns), so no ten errors, wherever they are, make it wrong; where
+  its rows were not recognised, d must be 17 at least among the dots in view, which says the same;
 - alone: the dots that are left must not show the target once more, or mirrored;
 - orientation: a camera never sees a target mirrored, and mirrored near-symmetries are rivals like all others.
 """
@@ -26,7 +28,7 @@ import numpy.typing as npt
 from cpcal.common.arrays import Floats, Ints
 from cpcal.common.errors import CpcalError
 from cpcal.vision.camera import Camera
-from cpcal.vision.identify.hypotheses import Hypothesis, accidents, best_rival, hypotheses
+from cpcal.vision.identify.hypotheses import Hypothesis, accidents, apart, best_rival, from_grid, hypotheses
 from cpcal.vision.identify.views import View, guesses, seen_by
 from cpcal.vision.target import Target
 
@@ -37,6 +39,8 @@ _SHARE = 0.5
 _ANOTHER = 20  # dots that are not the target's and so may be another one's
 _MIRRORED = "the dots show the target's mirror image"
 _NEARLY = 0.1  # errors per dot with which no better guess of the distortion is looked for
+_APART = 2 * 10 - MARGIN + 1  # errors between two ways to lay the target, so that no ten errors exchange them
+_GRID_AFTER = 5  # the span after which the target's regular part is looked for
 _EFFORTS = ((8, 3), (8, 5), (10, 7), (24, 16))  # near neighbours that lines start from; span of compared dots
 
 
@@ -131,6 +135,8 @@ def _identified(seen: tuple[View, ...], target: Target) -> Identification:
         best: Identification | None = None
         for view in seen:
             answer = _in_view(view, target, neighbours, span)
+            if isinstance(answer, _Refusal) and not answer.final and len(seen) == 1 and span == _GRID_AFTER:
+                answer = _on_grid(view, target) or answer
             if isinstance(answer, _Refusal):
                 reason = answer.reason or reason
                 if answer.final and len(seen) == 1:
@@ -161,6 +167,14 @@ def _in_view(view: View, target: Target, neighbours: int, span: int) -> Identifi
             return answer
         refusal = answer if answer.reason else refusal
     return refusal
+
+
+def _on_grid(view: View, target: Target) -> Identification | None:
+    for hypothesis, candidates in from_grid(view, target):
+        answer = _judgement(view, target, hypothesis, candidates)
+        if isinstance(answer, Identification) and apart(view, target, hypothesis) >= _APART:
+            return answer
+    return None
 
 
 def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> Identification | _Refusal:

@@ -132,7 +132,17 @@ def _pose_set(found: Found, frames: Frames, outliers: int, refuted: tuple[int, .
         radii = frozen_array(found.position.mag), frozen_array(2.0 * found.half_turn.mag)
         return PoseSet(Verdict.PROVED, found.center, *radii, frames, outliers, refuted, "", seconds)
     verdict, reason = (Verdict.REFUTED, "") if found is None else (Verdict.UNKNOWN, found)
-    return PoseSet(verdict, None, None, None, frames, outliers, refuted, reason, seconds)
+    return PoseSet(
+        verdict=verdict,
+        pose=None,
+        position_radius=None,
+        rotation_radius=None,
+        frames=frames,
+        outliers=outliers,
+        refuted=refuted,
+        reason=reason,
+        seconds=seconds,
+    )
 
 
 def _check(boxes: PixelBoxes, target: Target, outliers: int, certified: bool) -> None:

@@ -18,7 +18,7 @@ import pytest
 import cpcal
 from cpcal.files.campaign_json import NAME
 
-SECONDS, BYTES = 15, 500 << 20  # ten seconds, and half as much again: processor time grows where others share a core
+SECONDS, BYTES = 10, 500 << 20
 ZERO, ONE = "0x0p+0", "0x1p+0"
 Line = dict[str, Any]
 

@@ -68,7 +68,7 @@ def inside(x: Unknowns, u: list[F]) -> list[F]:
 def test_values_substitutions_sums_products_and_bounds(seed: int) -> None:
     rng = random.Random(seed)
     p, q, x = some(rng), some(rng), Unknowns(box_of(rng), free)
-    one, two = (substituted(polynomial(tuple(given.items()), free), x.images((), "")) for given in (p, q))
+    one, two = (substituted(polynomial(tuple(given.items()), free), x.images) for given in (p, q))
     total, product = combined([(3, one), (-2, two), (0, two)], free), one * two
     for u in [unit(rng) for _ in range(12)]:
         at = inside(x, u)
@@ -107,7 +107,7 @@ def test_a_reading_at_an_end_is_never_negative() -> None:
 def test_degrees_do_not_run_into_each_other() -> None:
     """Of the highest degree that a row can have: a bound of degree 8, squared."""
     x = Unknowns(Box((F(-3),), (F(5),)), free)
-    p = substituted(polynomial((((0,) * 8, F(1)),), free), x.images((), ""))
+    p = substituted(polynomial((((0,) * 8, F(1)),), free), x.images)
     assert value(p * p, [F(1)]) == 5**16
     assert value(p * p, [F(-1)]) == 3**16
 
@@ -162,7 +162,7 @@ def test_rows_are_not_positive_at_solutions(seed: int, root: bool) -> None:
     parts = (None if given is None else tuple(given.items()) for given in (low, high))
     stated = Stated("c", root, tuple(p.items()), *parts)
     problem, x = (
-        Problem(("a", "b", "c", "d"), None, 1, (0,), lambda _, images: stated.constraint().on(images)),
+        Problem(("a", "b", "c", "d"), None, 1, (0,), lambda _, at, *__: stated.constraint().on(at.images)),
         Unknowns(box_of(rng), free),
     )
     for _ in range(25):

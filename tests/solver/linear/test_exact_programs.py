@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from cpcal.solver.linear import Dense, Glop, LinearEngine, dense
+from cpcal.solver.linear import Dense, LinearEngine, dense
+from cpcal.solver.linear.glop import Glop
 from tests.solver.linear.exact_programs import KINDS, contradictions, program
 
 COUNT = 210

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from cpcal.solver.interval import IntervalArray, get_arithmetic
-from cpcal.solver.linear import Dense, Glop, LinearEngine, LinearSolution, LinearStatus, lower_bound
+from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatus, lower_bound
+from cpcal.solver.linear.glop import Glop
 
 Floats = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)

@@ -1,0 +1,168 @@
+"""A formula that is applied many times, traced once: its multiplications and additions of whole numbers, in order.
+
+The rows of a leg have the same monomials for every measurement on every box; only their coefficients differ. So the
+formula runs once on `Traced` polynomials, which look like `Polynomial` but know places instead of coefficients and note
+what becomes of these: `v[k] += v[i] * v[j]`. Whoever runs the notes gets the coefficients, and looks up no monomial.
+
+Each number is whole over a power of two, 2 ** units[kind] for a number of that kind; a coefficient that is a product of
+d_0 numbers of kind 0 and d_1 of kind 1 is whole over 2 ** (d_0 units[0] + d_1 units[1]): d is its degree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from fractions import Fraction as F
+from typing import TypeVar
+
+from .exact_polynomial import Spend
+
+Degree = tuple[int, int]
+Parts = list[tuple[int, int, int]]
+T = TypeVar("T")
+
+
+class Program:
+    """Notes (k, i, j): v[k] += v[i] * v[j]. `kinds`: of the numbers that it is given, which stand in front."""
+
+    def __init__(self, kinds: Sequence[int]) -> None:
+        self.kinds = tuple(kinds)
+        self.notes: list[tuple[int, int, int]] = []
+        self.whole: dict[int, int] = {}  # fixed numbers by their places
+        self.ones: dict[int, Degree] = {}  # places of the number one in some degree
+        self.size = len(self.kinds)
+        self._known: dict[Hashable, int] = {}
+        self.unit = self._number(1)
+        self.highest: Degree = (0, 0)  # degree of what is asked for
+
+    def given(self) -> list[Traced]:
+        """The numbers that it is given, as polynomials without variables."""
+        return [Traced(self, {0: [(k, self.unit, 1)]}, (1 - kind, kind)) for k, kind in enumerate(self.kinds)]
+
+    def one(self) -> Traced:
+        return Traced(self, {0: [(self.unit, self.unit, 1)]}, (0, 0))
+
+    def settled(self, sums: dict[tuple[int, int], int]) -> tuple[int, int]:
+        """Place and factor of a sum of factor * v[i] * v[j]; it is noted if it is more than a multiple of one place."""
+        if len(sums) == 1:
+            ((i, j), factor), *_ = sums.items()
+            if self.unit in (i, j):
+                return (j if i == self.unit else i), factor
+        pairs = [(i if factor == 1 else self._times(i, self._number(factor)), j) for (i, j), factor in sums.items()]
+        k = self._fresh()
+        self.notes += [(k, i, j) for i, j in pairs]
+        return k, 1
+
+    def raised(self, i: int, degree: Degree) -> int:
+        """The place of v[i] with a degree raised by that."""
+        return self._times(i, self._place(degree, self.ones, degree)) if any(degree) else i
+
+    def _number(self, value: int) -> int:
+        return self._place(value, self.whole, value)
+
+    def _place(self, key: Hashable, table: dict[int, T], value: T) -> int:
+        if key not in self._known:
+            self._known[key] = self._fresh()
+            table[self._known[key]] = value
+        return self._known[key]
+
+    def _times(self, i: int, j: int) -> int:
+        key = ("times", i, j)
+        if key not in self._known:
+            self._known[key] = self._fresh()
+            self.notes.append((self._known[key], i, j))
+        return self._known[key]
+
+    def _fresh(self) -> int:
+        self.size += 1
+        return self.size - 1
+
+    def run(self, numbers: Sequence[F], spend: Spend) -> tuple[list[int], Degree]:
+        """All v, and the units, for these numbers."""
+        powers = [value.denominator.bit_length() - 1 for value in numbers]
+        units, bits, v = [0, 0], [0, 0], [0] * self.size
+        for kind, power in zip(self.kinds, powers, strict=True):
+            units[kind] = max(units[kind], power)
+        for k, (kind, value, power) in enumerate(zip(self.kinds, numbers, powers, strict=True)):
+            v[k] = value.numerator << units[kind] - power
+            bits[kind] = max(bits[kind], units[kind], v[k].bit_length())
+        longest = sum(d * b for d, b in zip(self.highest, bits, strict=True))
+        spend(len(self.kinds) + len(self.notes) // 2 * (1 + (longest >> 10) ** 2))
+        for k, number in self.whole.items():
+            v[k] = number
+        for k, degree in self.ones.items():
+            v[k] = 1 << sum(d * u for d, u in zip(degree, units, strict=True))
+        for k, i, j in self.notes:
+            v[k] += v[i] * v[j]
+        return v, (units[0], units[1])
+
+
+class Traced:
+    """A polynomial whose coefficients are sums of products of places: entries (i, j, whole factor)."""
+
+    __slots__ = ("degree", "program", "terms")
+
+    def __init__(self, program: Program, terms: dict[int, Parts], degree: Degree) -> None:
+        self.program, self.terms, self.degree = program, terms, degree
+
+    def __add__(self, other: Traced) -> Traced:
+        return self._summed(other, 1)
+
+    def __sub__(self, other: Traced) -> Traced:
+        return self._summed(other, -1)
+
+    def _summed(self, other: Traced, sign: int) -> Traced:
+        (a, b), (c, d) = self.degree, other.degree
+        degree = max(a, c), max(b, d)
+        terms: dict[int, Parts] = {}
+        for p, factor in ((self, 1), (other, sign)):
+            for m, parts in p._raised(degree).items():
+                terms[m] = terms.get(m, []) + [(i, j, factor * own) for i, j, own in parts]
+        return Traced(self.program, terms, degree)
+
+    def _raised(self, degree: Degree) -> dict[int, Parts]:
+        more = degree[0] - self.degree[0], degree[1] - self.degree[1]
+        if not any(more):
+            return self.terms
+        unit, raised = self.program.unit, self.program.raised
+        return {m: [(raised(i, more), unit, factor)] for m, (i, factor) in self.settled().items()}
+
+    def settled(self) -> dict[int, tuple[int, int]]:
+        """Place and factor of every coefficient."""
+        sums = {m: _collected(parts) for m, parts in self.terms.items()}
+        found = {m: self.program.settled(one) for m, one in sums.items() if one}
+        self.terms = {m: [(i, self.program.unit, factor)] for m, (i, factor) in found.items()}
+        return found
+
+    def __mul__(self, other: Traced) -> Traced:
+        terms: dict[int, Parts] = {}
+        ours, theirs = self.settled(), other.settled()
+        for m, (i, f) in ours.items():
+            for n, (j, g) in theirs.items():
+                terms.setdefault(m + n, []).append((i, j, f * g))
+        degree = self.degree[0] + other.degree[0], self.degree[1] + other.degree[1]
+        return Traced(self.program, terms, degree)
+
+    def places(self) -> dict[int, int]:
+        """The place of every coefficient itself."""
+        program = self.program
+        found = {m: (i if f == 1 else program._times(i, program._number(f))) for m, (i, f) in self.settled().items()}
+        self.terms = {m: [(i, program.unit, 1)] for m, i in found.items()}
+        return found
+
+    def times(self, factor: int) -> Traced:
+        """A whole multiple."""
+        terms = {m: [(i, j, factor * own) for i, j, own in parts] for m, parts in self.terms.items()}
+        return Traced(self.program, terms, self.degree)
+
+    def moved(self, monomial: int) -> Traced:
+        """Times a monomial."""
+        return Traced(self.program, {m + monomial: parts for m, parts in self.terms.items()}, self.degree)
+
+
+def _collected(parts: Parts) -> dict[tuple[int, int], int]:
+    """The factor of every product that does not vanish."""
+    sums: dict[tuple[int, int], int] = {}
+    for i, j, factor in parts:
+        pair = (i, j) if i <= j else (j, i)
+        sums[pair] = sums.get(pair, 0) + factor
+    return {pair: factor for pair, factor in sums.items() if factor}

@@ -1,0 +1,154 @@
+"""A network, and what is to be minimised, as Minibex text that `read_minibex` and ibex read.
+
+Every element of an array is written out. Numbers are the shortest decimals that read back as the same float64; numbers
+that no float64 equals are written as the interval around them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.common.errors import ModelError
+from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr
+from cpcal.solver.network.dag import topological
+
+Texts = npt.NDArray[np.object_]
+
+_SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+_CALLED = {"log": "ln", **{name: name for name in ("sqrt", "abs", "exp", "sin", "cos", "tan", "asin", "acos", "atan")}}
+_CALLED |= {name: name for name in ("sinh", "cosh", "tanh", "floor", "ceil", "sign", "min", "max", "atan2")}
+_LONGEST = 10_000_000  # characters
+
+
+def minibex_text(network: ConstraintNetwork, objective: Expr | None = None) -> str:
+    """The problem. Raises ModelError for whole numbers, for arrays of three axes, and for a reading used twice."""
+    if network.whole.any():
+        raise ModelError("Minibex has no whole numbers: leave integer=True out")
+    writer = _MinibexWriter(network)
+    lines = ["Variables"]
+    lines += [f"  {writer.declared(leaf)};" for leaf in network.variables]
+    if objective is not None:
+        lines += ["Minimize", f"  {writer.of(objective).item()};"]
+    lines.append("Constraints")
+    lines += [f"  {row};" for constraint in network.constraints for row in writer.rows(constraint)]
+    return "\n".join([*lines, "end", ""])
+
+
+class _MinibexWriter:
+    """Texts of all elements of each expression, once."""
+
+    def __init__(self, network: ConstraintNetwork) -> None:
+        self._network, self._domain, self._done = network, network.domain, dict[bytes, Texts]()
+        self._size = 0
+        for leaf in network.variables:
+            if len(leaf.shape) > 2:
+                raise ModelError(f"{leaf.name!r} has {len(leaf.shape)} axes: Minibex has vectors and matrices")
+            places = [",".join(str(k + 1) for k in index) for index in np.ndindex(leaf.shape)]
+            self._done[leaf.digest] = _texts([f"{leaf.name}({p})" if p else leaf.name for p in places], leaf.shape)
+        self._used: Counter[bytes] = Counter()
+
+    def declared(self, leaf: Expr) -> str:
+        """A variable with its dimensions and its domain."""
+        box: Box = self._domain
+        names = [name for name in box.names if self._network.leaf_of(name) is leaf]
+        bounds = [_interval(box[name].lo, box[name].hi) for name in names]
+        sides = "".join(f"[{side}]" for side in leaf.shape)
+        if not leaf.shape:
+            return f"{leaf.name} in {bounds[0]}"
+        if len(set(bounds)) == 1:
+            return f"{leaf.name}{sides} in {bounds[0]}"
+        width = leaf.shape[-1] if len(leaf.shape) == 2 else 1
+        rows = [bounds[k : k + width] for k in range(0, len(bounds), width)]
+        said = ";".join(f"({','.join(row)})" if width > 1 else row[0] for row in rows)
+        return f"{leaf.name}{sides} in ({said})"
+
+    def rows(self, constraint: Constraint) -> list[str]:
+        """The elements of a constraint; bounds that say nothing are left out."""
+        body, shape = self.of(constraint.body), constraint.body.shape
+        lower, upper = (np.broadcast_to(self.of(b), shape).ravel() for b in (constraint.lower, constraint.upper))
+        same = constraint.lower.digest == constraint.upper.digest
+        out = []
+        for text, low, high in zip(body.ravel(), lower, upper, strict=True):
+            if same or low == high:
+                out.append(f"{text} = {low}")
+                continue
+            out += [f"{text} >= {low}"] if low != "(-oo)" else []
+            out += [f"{text} <= {high}"] if high != "oo" else []
+        return out
+
+    def of(self, root: Expr) -> Texts:
+        for node in topological((root,)):
+            if node.digest not in self._done:
+                self._done[node.digest] = self._node(node, [self._done[arg.digest] for arg in node.args])
+                self._size += sum(map(len, self._done[node.digest].ravel()))
+                if self._size > _LONGEST:
+                    raise ModelError("the problem is too long written out: give common parts as variables")
+        return self._done[root.digest]
+
+    def _node(self, node: Expr, args: list[Texts]) -> Texts:
+        if not node.args:
+            return self._leaf(node)
+        if node.op == "index":
+            flat = args[0].ravel().tolist()
+            return _texts([flat[k] for k in np.ravel(node.data).tolist()], node.shape)  # type: ignore[arg-type]
+        if node.op == "sum":
+            moved = np.moveaxis(args[0], node.parameter, 0)
+            return _each(lambda *parts: f"({'+'.join(parts)})", node.shape, *moved)
+        if node.op in _SIGNS:
+            return _each(lambda a, b: f"({a}{_SIGNS[node.op]}{b})", node.shape, *args)
+        if node.op == "neg":
+            return _each(lambda a: f"(-{a})", node.shape, *args)
+        if node.op in ("sqr", "power"):
+            count = 2 if node.op == "sqr" else node.parameter
+            return _each(lambda a: f"({a}^{count})" if count >= 0 else f"(1/{a}^{-count})", node.shape, *args)
+        if node.op == "pow":
+            return _each(lambda a, b: f"exp({b}*ln({a}))", node.shape, *args)
+        if node.op in ("expm1", "log1p"):
+            text = "(exp({})-1)" if node.op == "expm1" else "ln(1+{})"
+            return _each(text.format, node.shape, *args)
+        if node.op not in _CALLED:
+            raise ModelError(f"Minibex has no {node.op!r}")
+        return _each(lambda *parts: f"{_CALLED[node.op]}({','.join(parts)})", node.shape, *args)
+
+    def _leaf(self, node: Expr) -> Texts:
+        data = node.data
+        assert isinstance(data, IntervalArray)
+        if node.op == "reading":
+            users = sum(arg.digest == node.digest for c in self._network.constraints for arg in _arguments(c))
+            if users > 1:
+                raise ModelError("a reading that is used twice has one value in both places: Minibex can not say that")
+        pairs = zip(data.lo.ravel().tolist(), data.hi.ravel().tolist(), strict=True)
+        return _texts([_number(lo) if lo == hi else _interval(lo, hi) for lo, hi in pairs], node.shape)
+
+
+def _arguments(constraint: Constraint) -> list[Expr]:
+    """The arguments of all nodes of a constraint."""
+    roots = (constraint.body, constraint.lower, constraint.upper)
+    return [arg for node in topological(roots) for arg in node.args] + list(roots)
+
+
+def _number(value: float) -> str:
+    if np.isinf(value):
+        return "oo" if value > 0 else "(-oo)"
+    return repr(value) if value >= 0.0 else f"({value!r})"
+
+
+def _interval(lo: float, hi: float) -> str:
+    low, high = ("-oo" if np.isinf(lo) else repr(float(lo))), ("oo" if np.isinf(hi) else repr(float(hi)))
+    return f"[{low},{high}]"
+
+
+def _texts(values: list[str], shape: tuple[int, ...]) -> Texts:
+    out = np.empty(len(values), dtype=object)
+    out[:] = values
+    return out.reshape(shape)
+
+
+def _each(function: Any, shape: tuple[int, ...], *args: Texts) -> Texts:
+    parts = [np.broadcast_to(arg, shape).ravel() for arg in args]
+    return _texts([function(*each) for each in zip(*parts, strict=True)], shape)

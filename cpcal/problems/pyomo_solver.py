@@ -1,0 +1,202 @@
+"""Pyomo's door: `from cpcal.problems import pyomo_solver` registers the solver "cpcal" in `pyomo.contrib.solver`.
+
+    solver = SolverFactory("cpcal")            # of pyomo.contrib.solver.common.factory
+    results = solver.solve(model, time_limit=60, rel_gap=1e-6, certificate="model.cert.jsonl")
+
+A model goes through Pyomo's own NL writer (presolve and scaling off) and through `read_nl`, so that the variable x[k]
+is the writer's k-th. `results.objective_bound` and `incumbent_objective` are proved, and so is `provenInfeasible`;
+without an objective all solutions are found, each a member of `results.solution_loader`'s pool.
+"""
+
+from __future__ import annotations
+
+import datetime
+import io
+import math
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from pyomo.common.config import ConfigValue, NonNegativeInt
+from pyomo.common.errors import InfeasibleConstraintException
+from pyomo.contrib.solver.common.base import Availability, SolverBase
+from pyomo.contrib.solver.common.config import BranchAndBoundConfig
+from pyomo.contrib.solver.common.factory import SolverFactory
+from pyomo.contrib.solver.common.results import Results, SolutionStatus, TerminationCondition
+from pyomo.contrib.solver.common.solution_loader import NoSolutionSolutionLoader, SolutionLoader
+from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
+from pyomo.core.base.objective import Objective
+from pyomo.core.staleflag import StaleFlagManager
+from pyomo.repn.plugins.nl_writer import NLWriter
+
+from cpcal.common.version import __version__
+from cpcal.problems.answer import Answer, answer
+from cpcal.problems.nl_reader import read_nl
+from cpcal.solver.contract import Limits, Verdict
+
+__all__ = ["CpcalConfig", "PooledSolutions", "PyomoCpcal", "SolverFactory"]
+
+_ABSOLUTE_GAP = Limits().gap_absolute
+
+
+class CpcalConfig(BranchAndBoundConfig):  # type: ignore[misc]  # Pyomo has no types
+    """Pyomo's options for branch and bound, and the solver's own."""
+
+    def __init__(self, *args: Any, **kwds: Any) -> None:
+        super().__init__(*args, **kwds)
+        text = "File for the proof of a minimisation, which `cpcal verify` checks."
+        self.certificate = self.declare("certificate", ConfigValue(domain=os.fspath, default=None, description=text))
+        self.width = self.declare(
+            "width", ConfigValue(domain=float, default=1e-6, description="Of boxes that are not divided further.")
+        )
+        self.node_limit = self.declare(
+            "node_limit", ConfigValue(domain=NonNegativeInt, default=None, description="Boxes at most.")
+        )
+
+
+class PooledSolutions(SolutionLoader):  # type: ignore[misc]
+    """Values of the model's variables in each solution, the best first."""
+
+    def __init__(self, model: Any, variables: Sequence[Any], points: Sequence[Mapping[int, float]]) -> None:
+        super().__init__()
+        self._pyomo_model, self._variables, self._points, self._chosen = model, list(variables), list(points), 0
+
+    def get_number_of_solutions(self) -> int:
+        return len(self._points)
+
+    def get_solution_ids(self) -> list[Any]:
+        return list(range(len(self._points)))
+
+    def _set_solution_id(self, solution_id: Any) -> Any:
+        before, self._chosen = self._chosen, 0 if solution_id is None else int(solution_id)
+        return before
+
+    def get_vars(self, vars_to_load: Sequence[Any] | None = None) -> Any:
+        from pyomo.common.collections import ComponentMap
+
+        wanted = None if vars_to_load is None else {id(v) for v in vars_to_load}
+        point = self._points[self._chosen]
+        pairs = [(v, point[k]) for k, v in enumerate(self._variables) if wanted is None or id(v) in wanted]
+        return ComponentMap(pairs)
+
+    def load_solution(self) -> None:
+        self.load_vars()
+
+
+@SolverFactory.register("cpcal", doc="Global optima and all solutions, proved by interval arithmetic")
+class PyomoCpcal(SolverBase):  # type: ignore[misc]
+    """A solver in the sense of `pyomo.contrib.solver`."""
+
+    CONFIG = CpcalConfig()
+    name = "cpcal"
+
+    def available(self) -> Availability:
+        return Availability.FullLicense
+
+    def version(self) -> tuple[int, ...]:
+        return tuple(int(part) for part in __version__.split(".")[:3] if part.isdigit())
+
+    def solve(self, model: Any, **kwds: Any) -> Results:
+        """Solve a model, and load what was found into it unless `load_solutions=False`."""
+        began, config = time.monotonic(), self.config(value=kwds, preserve_implicit=True)
+        StaleFlagManager.mark_all_as_stale()
+        results = Results()
+        results.timing_info.start_timestamp = datetime.datetime.now(datetime.UTC)
+        results.solver_name, results.solver_version, results.solver_config = self.name, self.version(), config
+        results.solution_loader = NoSolutionSolutionLoader(model, "no solution was found")
+        self._fill(results, model, config)
+        results.timing_info.wall_time = time.monotonic() - began
+        if config.raise_exception_on_nonoptimal_result and results.solution_status is not SolutionStatus.optimal:
+            raise NoOptimalSolutionError(str(results.extra_info.get("sentence", "")))
+        if config.load_solutions:
+            if results.solution_status is SolutionStatus.noSolution:
+                raise NoSolutionError(str(results.extra_info.get("sentence", "")))
+            results.solution_loader.load_solution()
+        return results
+
+    def _fill(self, results: Results, model: Any, config: CpcalConfig) -> None:
+        text = io.StringIO()
+        try:
+            info = _written(model, text)
+        except InfeasibleConstraintException as reason:  # of constants alone
+            results.termination_condition = TerminationCondition.provenInfeasible
+            results.extra_info.sentence = str(reason)
+            return
+        if not info.variables:
+            results.termination_condition = TerminationCondition.emptyModel
+            return
+        problem = read_nl(text.getvalue(), model.name)
+        if _is_system(model):
+            problem = replace(problem, objective=None)
+        limits = Limits(
+            seconds=config.time_limit,
+            nodes=config.node_limit,
+            gap=Limits().gap if config.rel_gap is None else config.rel_gap,
+            gap_absolute=_ABSOLUTE_GAP if config.abs_gap is None else config.abs_gap,
+        )
+        found = answer(problem, width=config.width, limits=limits, certificate=config.certificate)
+        _translated(found, results, config, model, info.variables)
+
+
+def _written(model: Any, text: io.StringIO) -> Any:
+    """The model in the .nl format, with nothing eliminated or scaled. A model without an objective is a system."""
+    none = _is_system(model)
+    if none:
+        model._cpcal_objective = Objective(expr=0.0)
+    try:
+        return NLWriter().write(model, text, linear_presolve=False, scale_model=False)
+    finally:
+        if none:
+            model.del_component("_cpcal_objective")
+
+
+def _is_system(model: Any) -> bool:
+    """Whether nothing is to be minimised."""
+    return next(iter(model.component_data_objects(Objective, active=True)), None) is None
+
+
+def _translated(found: Answer, results: Results, config: CpcalConfig, model: Any, variables: Sequence[Any]) -> None:
+    results.extra_info.sentence, results.extra_info.nodes = found.status, found.nodes
+    results.extra_info.certificate = config.certificate
+    if found.verdict is Verdict.REFUTED:
+        results.termination_condition = TerminationCondition.provenInfeasible
+        return
+    points = _points(found, len(variables))
+    results.termination_condition = (
+        TerminationCondition.convergenceCriteriaSatisfied
+        if found.verdict is Verdict.PROVED
+        else TerminationCondition.maxTimeLimit
+        if config.time_limit is not None
+        else TerminationCondition.iterationLimit
+        if config.node_limit is not None
+        else TerminationCondition.unknown
+    )
+    if found.objective is not None:
+        lo, hi = found.objective
+        results.objective_bound = hi if found.problem.maximize else lo
+        attained = lo if found.problem.maximize else hi
+        results.incumbent_objective = attained if math.isfinite(attained) else None
+    if points:
+        results.solution_loader = PooledSolutions(model, variables, points)
+        proved = found.verdict is Verdict.PROVED
+        system = found.best is None
+        feasible = not system or _first_is_proved(found)
+        results.solution_status = SolutionStatus.unknown
+        if feasible:
+            results.solution_status = SolutionStatus.optimal if proved else SolutionStatus.feasible
+
+
+def _first_is_proved(found: Answer) -> bool:
+    return found.paving is not None and found.paving.solutions[0].verdict is Verdict.PROVED
+
+
+def _points(found: Answer, count: int) -> list[dict[int, float]]:
+    """The best point, or the middles of all boxes, those with a proved solution first."""
+    if found.point is not None:
+        return [dict(enumerate(list(found.point.values())[:count]))]
+    if found.paving is None:
+        return []
+    boxes = sorted(found.paving.solutions, key=lambda s: s.verdict is not Verdict.PROVED)
+    return [dict(enumerate(s.box.mid[:count].tolist())) for s in boxes]

@@ -1,0 +1,197 @@
+"""Rows of a leg in float64: the checker's own formula, with a bound of all that is rounded on the way.
+
+The checker traces the formula once (`cpcal.checker.program`); its notes `v[k] += v[i] * v[j]` are swept here in
+float64, each v with a bound of its error. With unit roundoff u the product of two such numbers is wrong by at most
+|v_i| e_j + |v_j| e_i + e_i e_j + u |v_i v_j|, the sum by u of its size more. What is rounded in the bound itself is
+covered by a factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from cpcal.checker.exact_polynomial import FIELD, READINGS
+from cpcal.checker.leg import LegConstraint, leg_program
+from cpcal.common.arrays import Bools, Floats, Indices
+from cpcal.solver.compiled import compiled
+
+_UNIT = 2.0**-53
+_MORE = 1.0 + 2.0**-20  # covers the roundings of error bounds, of which there are some thousands at most
+_SMALLEST = 1e-280  # more than all that numbers lose that are too small
+
+
+class FloatRow(NamedTuple):
+    """Coefficients of monomials in u, the constant first, and a bound of the sum of their errors."""
+
+    monomials: tuple[int, ...]
+    values: Floats
+    error: float
+
+
+def float_row(leg: LegConstraint, side: str) -> FloatRow:
+    """`Problem.row`, nearly; of `sure` sides only, whose rows are all that their program says."""
+    plan = _plan(leg, side)
+    values, errors = plan.swept(leg)
+    signs = leg.signs if plan.reads else ""
+    ends = np.array([sign != "0" for sign in signs.ljust(READINGS, "0")])
+    centered = (1 << 62) - 1 - sum(1 << j for j, end in enumerate(ends) if end)
+    found, error = _settled(values, errors, plan.first, plan.odd, plan.alone, plan.kept, ends, centered)
+    return FloatRow(plan.monomials, found, error)
+
+
+def best_signs(leg: LegConstraint, side: str) -> str:
+    """The reference reading that costs least, by the range of the derivative: `leg` is at the centres of the sets."""
+    plan = _plan(leg, side)
+    values, _ = plan.swept(leg)
+    return "".join(map(cheapest, *_slopes(values, plan.linear, plan.alone)))
+
+
+def linear_part(leg: LegConstraint, name: str) -> tuple[float, list[float]]:
+    """Of a part of the constraint the value at the centres of the sets, and the derivative by each reading there."""
+    plan = _plan(leg, name)
+    values, _ = plan.swept(leg)
+    slopes, of_one = np.zeros(READINGS), plan.alone & (plan.linear >= 0)
+    slopes[plan.linear[of_one]] = values[of_one]
+    return float(values[plan.kept == 0].sum()), slopes.tolist()
+
+
+def cheapest(low: float, high: float) -> str:
+    """At an end it costs what the row may fall from there, at the centre half of it."""
+    choices = ((max(-low, high), "0"), (2 * max(0, -low), "-"), (2 * max(0, high), "+"))
+    return min(choices, key=lambda choice: choice[0])[1]
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """A program and its output as arrays. Of each coefficient (T,): its place, the first reading in its monomial (-1:
+    none), the odd exponents as bits, whether its monomial is that reading `alone`, the one reading that it is `linear`
+    in (-1: none), its number among `monomials` (-1: it has a reading)."""
+
+    reads: bool
+    notes: Indices
+    places: Indices
+    fixed: Indices
+    numbers: Floats
+    size: int
+    monomials: tuple[int, ...]
+    first: Indices
+    odd: Indices
+    alone: Bools
+    linear: Indices
+    kept: Indices
+
+    def swept(self, leg: LegConstraint) -> tuple[Floats, Floats]:
+        """Coefficients (T,) and their errors."""
+        given = np.array([float(value) for value in leg.numbers()])
+        v, e = _swept(self.notes, given, self.fixed, self.numbers, self.size)
+        return v[self.places], e[self.places]
+
+
+def _plan(leg: LegConstraint, side: str) -> _Plan:
+    return _planned(leg.model, any(leg.x.radii), any(leg.m.radii), side)
+
+
+@lru_cache(maxsize=64)
+def _planned(model: str, moves: bool, reads: bool, side: str) -> _Plan:
+    program, ((places, _),) = leg_program(model, moves, 2 * reads, (side,))
+    of_readings = (1 << FIELD * READINGS) - 1
+    kept = [0, *(m for m in places if m and not m & of_readings)]
+    number = {m: k for k, m in enumerate(kept)}
+    firsts = [_exponents(m & of_readings)[:1] for m in places]
+    return _Plan(
+        reads=reads,
+        notes=np.array(program.notes, dtype=np.intp).reshape(-1, 3),
+        places=np.array(list(places.values()), dtype=np.intp),
+        fixed=np.array([*program.whole, *program.ones], dtype=np.intp),
+        numbers=np.array([*program.whole.values(), *(1 for _ in program.ones)], dtype=np.float64),
+        size=program.size,
+        monomials=tuple(kept),
+        first=np.array([found[0][0] if found else -1 for found in firsts], dtype=np.intp),
+        odd=np.array([sum(1 << field for field, power in _exponents(m) if power % 2) for m in places], dtype=np.intp),
+        alone=np.array([len(_exponents(m)) == 1 and _exponents(m)[0][1] == 1 for m in places], dtype=np.bool_),
+        linear=np.array([_linear(m & of_readings) for m in places], dtype=np.intp),
+        kept=np.array([number.get(m, -1) for m in places], dtype=np.intp),
+    )
+
+
+def _exponents(monomial: int) -> list[tuple[int, int]]:
+    """The fields of a monomial that are not zero, and their exponents."""
+    powers = ((field, monomial >> FIELD * field & (1 << FIELD) - 1) for field in range(64))
+    return [(field, power) for field, power in powers if power]
+
+
+def _linear(reading: int) -> int:
+    found = _exponents(reading)
+    return found[0][0] if len(found) == 1 and found[0][1] == 1 else -1
+
+
+@compiled
+def _swept(notes: Indices, given: Floats, fixed: Indices, numbers: Floats, size: int) -> tuple[Floats, Floats]:
+    """All numbers of a program, and their errors. Those given were rounded once."""
+    v, e = np.zeros(size), np.zeros(size)
+    for k in range(given.size):
+        v[k], e[k] = given[k], _UNIT * abs(given[k]) + _SMALLEST
+    for k in range(fixed.size):
+        v[fixed[k]] = numbers[k]
+    for n in range(notes.shape[0]):
+        k, i, j = notes[n, 0], notes[n, 1], notes[n, 2]
+        a, b = v[i], v[j]
+        product = a * b
+        v[k] += product
+        more = abs(a) * e[j] + abs(b) * e[i] + e[i] * e[j] + _UNIT * (abs(product) + abs(v[k])) + _SMALLEST
+        e[k] += more * _MORE
+    return v, e
+
+
+@compiled
+def _settled(
+    values: Floats,
+    errors: Floats,
+    first: Indices,
+    odd: Indices,
+    alone: Bools,
+    kept: Indices,
+    ends: Bools,
+    centered: int,
+) -> tuple[Floats, float]:
+    """What is left without the readings: at their reference, less the penalties; and the error of all of it.
+
+    `ends` (7,): the readings that begin at an end; `centered`: bits of the variables that may be negative.
+    """
+    found = np.zeros(max(kept.max() + 1, 1))
+    lowest = np.zeros(ends.size)
+    error, size = 0.0, 0.0
+    for t in range(values.size):
+        value = values[t]
+        error += errors[t]
+        if kept[t] >= 0:
+            found[kept[t]] += value
+            continue
+        j = first[t]
+        size += abs(value)
+        bits = odd[t] ^ (1 << j) if ends[j] else odd[t]
+        if bits & centered != 0:
+            lowest[j] -= abs(value)
+        elif value < 0.0 or (ends[j] and alone[t]):
+            lowest[j] += value
+    for j in range(ends.size):
+        if lowest[j] < 0.0:
+            found[0] += lowest[j]
+    error += 2.0 * _UNIT * (values.size + 16) * (size + abs(found[0]))
+    return found, error * _MORE
+
+
+@compiled
+def _slopes(values: Floats, linear: Indices, alone: Bools) -> tuple[Floats, Floats]:
+    """For each reading the range over the box of the derivative at the centre of the sets."""
+    low, high = np.zeros(READINGS), np.zeros(READINGS)
+    for t in range(values.size):
+        j = linear[t]
+        if j >= 0:
+            low[j] += values[t] if alone[t] else -abs(values[t])
+            high[j] += values[t] if alone[t] else abs(values[t])
+    return low, high

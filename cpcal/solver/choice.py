@@ -1,0 +1,86 @@
+"""Which contractors and divisions suit a network, by its structure: what `solve` and `minimize` do without options."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpcal.solver.existence import Equalities, reads
+from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.network import ConstraintNetwork, polynomial_form
+from cpcal.solver.network.dag import topological
+
+_LIFTED_UNKNOWNS, _LIFTED_COLUMNS = 40, 150  # beyond, a linear program of all products takes too long at each node
+_DENSE_UNKNOWNS = 100  # for the linear programs of beaumont, one row and two programs an unknown
+_TURNS = (16, 8)  # of hc4 and newton alone, and of cid and beaumont, where there is lifted
+_SHALLOW = {"add", "sub", "neg", "mul", "sqr", "index", "sum", "constant", "variable", "power", "div"}
+
+
+@dataclass(frozen=True)
+class SearchMethod:
+    """Contractors, the strategy that divides, and how many nodes of it cost about as much as those of the others."""
+
+    contractors: tuple[str, ...]
+    strategy: str
+    slice: int
+    turns: int | None = None  # after which it gives way to the others
+
+    @property
+    def name(self) -> str:
+        return f"{', '.join(self.contractors)} by {self.strategy}"
+
+
+AS_ASKED = (SearchMethod(("as asked",), "largest", 64),)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The methods that take turns, cheapest first, and why these."""
+
+    methods: tuple[SearchMethod, ...]
+    why: str
+
+
+def choice_to_solve(network: ConstraintNetwork) -> Choice:
+    """What to solve a network by."""
+    unknowns = int(np.sum(network.domain.hi > network.domain.lo))
+    equations = Equalities(network)
+    lifted = _lifts(network)
+    if equations.count != unknowns or equations.reads:
+        kind = "fewer equations than unknowns" if equations.count < unknowns else "more equations than unknowns"
+        why = f"{kind if not equations.reads else 'equations with readings'}: there is nothing for newton to prove"
+        return Choice((SearchMethod(("hc4", "lifted") if lifted else ("hc4",), "largest", 64),), why)
+    many, few = _TURNS if lifted else (None, None)
+    methods = [SearchMethod(("hc4", "newton"), by, 2048, many) for by in ("smear-relative", "largest")]
+    methods.append(SearchMethod(("hc4", "cid", "newton"), "smear-relative", 16, few))
+    if unknowns <= _DENSE_UNKNOWNS:
+        methods.append(SearchMethod(("hc4", "newton", "beaumont"), "smear-relative", 16, few))
+    if lifted:
+        methods.append(SearchMethod(("hc4", "newton", "lifted"), "smear-relative", 128))
+    kind = "polynomial" if lifted else "not polynomial, or with too many products for lifted"
+    return Choice(tuple(methods), f"{unknowns} equations in as many unknowns, {kind}")
+
+
+def choice_to_minimize(network: ConstraintNetwork) -> tuple[tuple[str, ...], str]:
+    """The contractors to minimise by, and why."""
+    if any(map(reads, network.constraints)):
+        return ("lifted",), "readings: lifted takes them at the ends that decide"
+    if not _lifts(network):
+        return ("hc4", "beaumont"), "no row is polynomial, or there are too many products for lifted"
+    left = [c for c in network.constraints if any(node.op not in _SHALLOW for node in topological((c.body,)))]
+    if left:
+        return ("hc4", "lifted", "beaumont"), f"{len(left)} constraints are not polynomial: beaumont linearises them"
+    return ("hc4", "lifted"), "polynomial, or with roots and divisions that are multiplied out"
+
+
+def _lifts(network: ConstraintNetwork) -> bool:
+    """Whether lifted has rows to work on, and not too many products."""
+    if any(map(reads, network.constraints)):
+        return True
+    if len(network.names) > _LIFTED_UNKNOWNS:
+        linear_time = all(len(c.body.shape) for c in network.constraints)
+        if not linear_time:
+            return False
+    system = polynomial_form(network, get_arithmetic("float64"))
+    return bool(len(system.origin)) and len(system.monomials) <= _LIFTED_COLUMNS

@@ -1,0 +1,94 @@
+"""What the verbs on a network are asked with, checked and put in the solver's own terms. Raises ModelError."""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.common.errors import ModelError
+from cpcal.solver import plugins
+from cpcal.solver.contract import Limits, Strategy
+from cpcal.solver.interval.number import float_bounds
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate
+from cpcal.solver.network.expression import as_expr
+from cpcal.solver.search import ORDERS, STRATEGIES, Priority
+
+N = TypeVar("N", bound=ConstraintNetwork)
+
+
+def relaxed(network: N, relax: float) -> N:
+    """Equations between the same bounds, wider by `relax` on both sides."""
+    if not _is_number(relax) or not 0.0 <= relax < np.inf:
+        raise ModelError(f"relax={relax!r} is no tolerance: give a number of at least 0")
+    if not relax:
+        return network
+    out = copy(network)
+    low, high = as_expr(-float(relax)), as_expr(float(relax))
+    out._constraints = [
+        Constraint(c.body - c.lower, low, high) if c.lower.digest == c.upper.digest else c for c in network.constraints
+    ]
+    return out
+
+
+def with_objective(network: N, objective: Expr) -> tuple[N, str]:
+    """A network of whose components the objective is one, and the component's name."""
+    if not isinstance(objective, Expr) or objective.shape != () or objective.op in ("variable", "index"):
+        return network, network.component(objective)
+    network.check_owner(objective)
+    bounds = evaluate(network, objective, network.domain)
+    name = "objective"
+    while any(leaf.name == name for leaf in network.variables):
+        name += "_"
+    bound = network.variable(name, domain=(float(bounds.lo), float(bounds.hi)))
+    network.add(objective <= bound)
+    return network, name
+
+
+def checked_width(width: float) -> float:
+    """A width that some box can have. Raises ModelError."""
+    if not _is_number(width) or not width > 0:
+        raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
+    return float(width)
+
+
+def checked_limits(limits: Limits | None) -> Limits:
+    """Limits that a search can reach. Raises ModelError."""
+    if limits is None:
+        return Limits()
+    if not isinstance(limits, Limits):
+        raise ModelError(f"limits={limits!r} sets no limit: write cpcal.Limits(seconds=...) or cpcal.Limits(nodes=...)")
+    given = (limits.seconds, limits.nodes, limits.gap, limits.gap_absolute)
+    if not all(value is None or (_is_number(value) and value >= 0) for value in given):
+        raise ModelError(f"{limits!r}: seconds, nodes and gaps are numbers of at least 0")
+    return limits
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def start_point(network: ConstraintNetwork, start: npt.ArrayLike, count: int) -> npt.NDArray[np.float64]:
+    """A point to start from, one finite number for each of the first `count` components. Raises ModelError."""
+    point = float_bounds(start)[0]
+    if point.shape != (count,) or not np.isfinite(point).all():
+        raise ModelError(f"start={start!r} is no point: give {count} finite numbers, in the order of `names`")
+    return np.concatenate([point, network.domain.hi[count:]])
+
+
+def named_strategy(network: ConstraintNetwork, strategy: str | Strategy, width: float, arithmetic: str) -> Strategy:
+    if not isinstance(strategy, str):
+        if not hasattr(strategy, "split"):
+            raise ModelError(f"strategy={strategy!r} divides no box: give a name or an object with split(box)")
+        return strategy
+    if strategy in STRATEGIES:
+        return STRATEGIES[strategy](network, width)
+    return plugins.load_strategy(strategy, STRATEGIES)(network, width, arithmetic=arithmetic)
+
+
+def named_order(network: ConstraintNetwork, order: str) -> Priority:
+    if order not in ORDERS:
+        raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
+    return ORDERS[order](network)

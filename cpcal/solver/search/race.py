@@ -1,0 +1,76 @@
+"""Several searches of the same domain take turns; the first that ends is the answer.
+
+Which contractors suit a problem shows only while they work. So each contender gets a slice of nodes a round, and some
+give up after so many rounds. Slices are counted in nodes, so that a race has one course.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from cpcal.solver.search.search import Event, Search
+
+
+@dataclass
+class Contender:
+    """One way to search: `start` builds it when its first turn comes; `slice` nodes make up a turn.
+
+    `turns`: after so many it gives up, unless nobody else is left.
+    """
+
+    name: str
+    start: Callable[[], Search]
+    slice: int
+    turns: int | None = None
+    nodes: int = 0
+    search: Search | None = field(default=None, repr=False)
+
+    def turn(self) -> Iterator[Event]:
+        """The events of one turn; fewer when the search ends."""
+        if self.search is None:
+            self.search = self.start()
+        for _ in range(self.slice):
+            event = next(self.search, None)
+            if event is None:
+                return
+            self.nodes += 1
+            yield event
+
+    @property
+    def ended(self) -> bool:
+        return self.search is not None and not self.search.pending
+
+
+class Race:
+    """Iterate for all events; `leader` is the contender whose search is the answer so far, in the end the winner."""
+
+    def __init__(self, contenders: Sequence[Contender]) -> None:
+        self.contenders, self._alive = tuple(contenders), list(contenders)
+        self.rounds = 0
+
+    @property
+    def leader(self) -> Contender:
+        """The one that ended, else the last one that goes on longest."""
+        return next((c for c in self._alive if c.ended), self._alive[-1 if self.rounds else 0])
+
+    def __iter__(self) -> Iterator[Event]:
+        while True:
+            for contender in tuple(self._alive):
+                yield from contender.turn()
+                if contender.ended:
+                    return
+            self.rounds += 1
+            lasting = [c for c in self._alive if c.turns is None or self.rounds < c.turns]
+            self._alive = lasting or self._alive
+
+    def sentence(self) -> str:
+        """Who won, and against whom."""
+        first, started = self.leader, [c for c in self.contenders if c.nodes]
+        if len(self.contenders) == 1:
+            return f"{first.name}."
+        if len(started) == 1:
+            return f"{first.name}, which ended in its first turn."
+        others = "; ".join(c.name for c in started if c is not first)
+        word = "ended first" if first.ended else "went on longest"
+        return f"{first.name} {word}, in turns with {others}."

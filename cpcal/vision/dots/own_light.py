@@ -1,0 +1,126 @@
+"""Dots that the light of all does not explain, a shadow's edge or a smudge: under light of their own.
+
+What moves a dot's centre and no residual shows is light that is not symmetric about it. So each fit tells what further
+terms of the light (its growth, and its cubic) would be, had they been fitted, and with which covariance: where they
+differ from the other dots' by more than the other dots differ among themselves, and move the centre, they are fitted
+as well. A lens's asymmetry passes for light, too, and moves all dots alike; what it makes of a dot with light of its
+own is taken off, so that this dot is moved as the others.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpcal.common.arrays import Bools, Floats, Ints
+from cpcal.vision.dots.edge import CUBIC, LINEAR, PLAIN, Edges, fitted_edges
+from cpcal.vision.dots.grey import Grey
+from cpcal.vision.dots.segmentation import Spots
+from cpcal.vision.median import median
+
+_STRANGE = 1.5  # residuals, relative to the usual ones, that ask for light of the dot's own
+_BETTER = 0.95  # residuals with it relative to those without, then
+_TERMS = 6  # of the light: its growth, and its cubic
+_RARE = {6: 22.5, 4: 18.5, 2: 13.8}  # chi-square by degrees of freedom: what one ordinary dot of a thousand exceeds
+_MEDIAN = {6: 5.35, 4: 3.36, 2: 1.39}
+_ALL_WRONG = 6.0  # times what noise makes of the centres' moves: then the light of all is wrong, and of no use
+_IMPERFECT = (
+    0.006  # of the contrast: what the model of an edge leaves out, symmetric, and seems not to be by the pixels' places
+)
+_HOPELESS = 9.0  # variance of such a move, relative to the centre's: the dot is too small to tell its light
+_WORTH = 0.004  # pixels: a smaller move is not worth the accuracy that light of a dot's own costs
+_ENOUGH = 20  # dots that tell what is common to all
+
+
+def fitted_under(grey: Grey, found: Spots, room: Floats, light: Floats) -> Edges:
+    """The fits of spots under a light (n, 2), its growth per pixel, or under one of their own; `room` (n,) pixels
+    beyond its edge are a dot's own. Where `light` is nan, each has to tell it itself."""
+    if np.isnan(light).any():
+        return _all_alone(grey, found, room)
+    edges = fitted_edges(grey, found.center, found.spread, room, light)
+    fitted = ~np.isnan(edges.noise)
+    if not fitted.any():
+        return edges
+    shapes, moves = _excess(edges, 0)
+    if median(moves[fitted]) > _ALL_WRONG * _MEDIAN[2]:
+        return _all_alone(grey, found, room)
+    usual = np.maximum(median(edges.noise[fitted]), _IMPERFECT * np.abs(edges.contrast))
+    noisy = ~(edges.noise < _STRANGE * usual)
+    again = np.flatnonzero(_beyond(shapes, moves, 6) | noisy)
+    if not len(again):
+        return edges
+    common = _common(edges, 0, LINEAR - PLAIN)
+    own = fitted_edges(grey, found.center[again], found.spread[again], room[again], light[again], LINEAR)
+    own.center[:] -= common @ edges.odd[again, :, _TERMS + 1 :]
+    better = ~(noisy[again] & (own.noise > _BETTER * edges.noise[again]))
+    return _cubic(grey, found, room, light, edges.replaced(again[better], own.kept(better)), again[better])
+
+
+def _all_alone(grey: Grey, found: Spots, room: Floats) -> Edges:
+    flat = np.zeros((len(found), 2))
+    edges = fitted_edges(grey, found.center, found.spread, room, flat, LINEAR)
+    return _cubic(grey, found, room, flat, edges, np.arange(len(found)))
+
+
+def _cubic(grey: Grey, found: Spots, room: Floats, light: Floats, edges: Edges, members: Ints) -> Edges:
+    """With the light's cubic for those members that ask for it and are explained by it. What it moves them by is in
+    doubt as a whole, either way: light that has a cubic has more."""
+    still = members[_beyond(*_excess(edges, LINEAR - PLAIN), 4)[members]]
+    if not len(still):
+        return edges
+    cubic = fitted_edges(grey, found.center[still], found.spread[still], room[still], light[still], CUBIC)
+    moved = cubic.center - edges.center[still]
+    doubt = moved[:, :, None] * moved[:, None, :]
+    usual = median(edges.noise[~np.isnan(edges.noise)])
+    explained = cubic.noise < _STRANGE * usual
+    cubic.covariance[:] += doubt
+    edges.covariance[still] += np.nan_to_num(doubt)
+    return edges.replaced(still[explained], cubic.kept(explained))
+
+
+def _excess(edges: Edges, first: int) -> tuple[Floats, Floats]:
+    """The chi-squares (n,) of the terms from `first` on against those that dots have in common, and of the moves of the
+    centre that they would make; zero where there is nothing to tell."""
+    odd = edges.odd[:, first:]
+    sharpness = edges.noise**2 / (edges.noise**2 + (_IMPERFECT * edges.contrast) ** 2)
+    information = sharpness[:, None, None] * odd[..., first:_TERMS]
+    off = sharpness[:, None] * odd[..., _TERMS] - (information @ _common(edges, first)[first:])
+    sound = np.flatnonzero((np.trace(information, axis1=1, axis2=2) > 0.0) & np.isfinite(off).all(axis=1))
+    covariance = np.linalg.inv(_regular(information[sound]))
+    values = (covariance @ off[sound][..., None])[..., 0]
+    by_term = odd[sound][..., _TERMS + 1 :]
+    moved = (values[:, None, :] @ by_term)[:, 0]
+    spread = np.swapaxes(by_term, 1, 2) @ covariance @ by_term
+    own = np.trace(edges.covariance[sound], axis1=1, axis2=2)
+    told = (np.trace(spread, axis1=1, axis2=2) < _HOPELESS * own) & ((moved * moved).sum(axis=1) > _WORTH**2)
+    shapes, moves = np.zeros(len(odd)), np.zeros(len(odd))
+    shapes[sound] = np.where(told, (off[sound] * values).sum(axis=1), 0.0)
+    moves[sound] = np.where(
+        told, (moved * np.linalg.solve(_regular(spread), moved[..., None])[..., 0]).sum(axis=1), 0.0
+    )
+    return shapes, moves
+
+
+def _beyond(shapes: Floats, moves: Floats, degrees: int) -> Bools:
+    """Which (n,) terms are no noise, and move the centre; where all dots differ by more than noise says (a lens's
+    asymmetry, a camera's processing) that is the measure."""
+    out = np.ones(len(shapes), dtype=bool)
+    for square, freedom in ((shapes, degrees), (moves, 2)):
+        told = square[square > 0.0]
+        usual = median(told) / _MEDIAN[freedom] if len(told) >= _ENOUGH else 1.0
+        out &= square > _RARE[freedom] * max(1.0, usual)
+    return out
+
+
+def _common(edges: Edges, first: int, last: int = _TERMS) -> Floats:
+    """The medians (6,) of the terms from `first` to `last` over dots, zero for the others."""
+    out = np.zeros(_TERMS)
+    odd = edges.odd[~np.isnan(edges.noise)]
+    if len(odd) >= _ENOUGH:
+        values = np.linalg.solve(_regular(odd[:, first:last, first:last]), odd[:, first:last, _TERMS, None])[..., 0]
+        out[first:last] = np.median(values, axis=0)
+    return out
+
+
+def _regular(matrices: Floats) -> Floats:
+    size = matrices.shape[-1]
+    return np.asarray(matrices + (1e-9 * np.trace(matrices, axis1=1, axis2=2)[:, None, None] + 1e-30) * np.eye(size))

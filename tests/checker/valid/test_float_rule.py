@@ -1,0 +1,57 @@
+"""The rule in float64 against the rule itself, for weights of every size."""
+
+from __future__ import annotations
+
+import random
+from fractions import Fraction as F
+from typing import Any
+
+import pytest
+
+from cpcal.checker.problem import Unknowns
+from cpcal.checker.rule import Weights
+from cpcal.solver.certificate.float_rule import FloatRule
+from cpcal.solver.certificate.readings import row_of
+
+
+def some_weights(rng: random.Random, rows: int, n: int, exponents: tuple[int, int, int]) -> Weights:
+    def weight() -> int:
+        return rng.randrange(1 << rng.randint(1, 53))
+
+    pairs = [(rng.randrange(n), rng.randrange(n), rng.choice([-1, 1]), rng.choice([-1, 1]), weight()) for _ in "123"]
+    squares = [(rng.randrange(n), F(rng.uniform(-1, 1)), weight()) for _ in "12"]
+    return Weights(tuple((rng.randrange(rows), weight()) for _ in range(6)), tuple(pairs), tuple(squares), exponents)
+
+
+@pytest.mark.parametrize("name", ["exact_proof", "uncertain_proof", "gain_proof", "network_proof"])
+def test_float64_never_claims_more_than_the_rule(name: str, request: pytest.FixtureRequest) -> None:
+    """And it says how much of a bound it may have given away."""
+    proof, rng = request.getfixturevalue(name), random.Random(name)
+    problem, (lo, hi) = proof.problem, proof.bounds()
+    rule, n = proof.rule(lo, hi, []), len(problem.unknowns)
+    x = Unknowns(rule.x.box, rule.x.spend)
+    table = [row_of(problem, x, rng.choice(problem.sides), rng.randrange(problem.count)) for _ in range(8)]
+    rule = proof.rule(lo, hi, table)
+    fast, compared = FloatRule(rule, problem, table), 0
+    for _ in range(40):
+        ends = rng.randint(-90, -40), rng.randint(-70, -40), rng.randint(-70, -40)
+        weights = some_weights(rng, len(table), n, ends)
+        lowest, _ = fast.lowest(weights)
+        assert not lowest > 0 or rule.excludes(weights)
+        for i in range(n):
+            for side, sign in (("lo", 1), ("hi", -1)):
+                bound, rounding = fast.bound(i, side, weights)
+                exact = rule.bound(i, side, weights)
+                assert sign * (exact - F(bound)) >= 0
+                assert abs(exact - F(bound)) <= F(rounding)
+                compared += 1
+    assert compared == 80 * n
+
+
+def test_numbers_beyond_float64_are_left_to_exact_arithmetic(exact_proof: Any) -> None:
+    lo, hi = exact_proof.bounds()
+    table = [("upper", 0, "0" * 7)]
+    rule = exact_proof.rule(lo, hi, table)
+    heavy = Weights(((0, 1 << 52),), (), (), (999, 0, 0))
+    assert FloatRule(rule, exact_proof.problem, table).lowest(heavy)[0] == -float("inf")
+    assert FloatRule(rule, exact_proof.problem, table).bound(0, "lo", heavy)[0] == -float("inf")

@@ -1,0 +1,48 @@
+"""The package of docs/extending.md is built, installed without a network, and its parts run by their names."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[2] / "docs" / "examples" / "package"
+USED = """
+import cpcal
+from cpcal.solver.testing import check_contractor
+from cpcal_halfway import logsumexp
+from cpcal_halfway.contractor import bisected
+
+net = cpcal.Network()
+x = net.variable("x", 2, (0, 4))
+net.add([x[0] * x[1] == 4, logsumexp(x[0], x[1]) == 3])
+paving = net.solve(contractors=["bisected", "newton"], strategy="first", width=1e-3)
+print(len(paving.solutions), paving.status)
+check_contractor(bisected)
+"""
+
+
+def test_a_package_of_ones_own_is_built_installed_and_run(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling")
+    pytest.importorskip("pip")
+    pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--target", str(tmp_path)]
+    source = tmp_path / "source"
+    source.mkdir()
+    for file in PACKAGE.rglob("*"):
+        if file.is_file() and "__pycache__" not in file.parts:
+            (source / file.relative_to(PACKAGE)).parent.mkdir(parents=True, exist_ok=True)
+            (source / file.relative_to(PACKAGE)).write_bytes(file.read_bytes())
+    subprocess.run([*pip, str(source)], check=True, capture_output=True, timeout=300)
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])
+    run = subprocess.run(
+        [sys.executable, "-c", USED],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith("2 2 boxes hold exactly one solution each")

@@ -1,0 +1,131 @@
+"""Without options: methods by structure, in turns; whole numbers, parameters for all, relaxed equations, boundaries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import cpcal
+from contractors import HC4
+from cpcal.common.errors import ModelError
+from cpcal.solver.choice import choice_to_minimize, choice_to_solve
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.search import Contender, Divide, LargestFirst, Race, Search
+
+
+def circle_and_line() -> cpcal.Network:
+    net = cpcal.Network()
+    x = net.variable("x", 2, (-2, 2))
+    net.add([x[0] ** 2 + x[1] ** 2 == 1, x[0] == 2 * x[1]])
+    return net
+
+
+def test_a_square_system_is_solved_without_options_and_says_by_what() -> None:
+    paving = circle_and_line().solve()
+    assert [s.verdict for s in paving.solutions] == [Verdict.PROVED] * 2
+    assert paving.method.startswith("2 equations in as many unknowns, polynomial: hc4, newton")
+
+
+def test_the_choice_follows_the_structure() -> None:
+    assert [m.contractors for m in choice_to_solve(circle_and_line()).methods][-1] == ("hc4", "newton", "lifted")
+    net = cpcal.Network()
+    x = net.variable("x", 2, (-2, 2))
+    net.add(np.sin(x[0]) + x[1] <= 1)
+    assert len(choice_to_solve(net).methods) == 1  # nothing to prove for newton
+    assert "beaumont" in choice_to_minimize(net)[0]
+
+
+def test_the_first_contender_that_ends_wins_and_others_take_turns_before() -> None:
+    net = circle_and_line()
+
+    def search(width: float) -> Search:
+        return Search([net.domain], Divide(HC4(net), LargestFirst(width)))
+
+    slow = Contender("slow", lambda: search(1e-9), 2)
+    quick = Contender("quick", lambda: search(0.5), 2)
+    race = Race([slow, quick])
+    events = list(race)
+    assert race.leader is quick
+    assert quick.ended
+    assert len(events) == slow.nodes + quick.nodes
+    assert abs(slow.nodes - quick.nodes) <= 2
+    assert race.sentence() == "quick ended first, in turns with slow."
+
+
+def test_a_contender_gives_up_after_its_turns_but_not_the_last_one() -> None:
+    net = circle_and_line()
+    made = [Contender(n, lambda: Search([net.domain], Divide(HC4(net), LargestFirst(1e-4))), 1, 2) for n in "ab"]
+    race = Race(made)
+    list(race)
+    assert race.leader.ended
+
+
+def test_limits_hold_inside_a_long_contraction() -> None:
+    net = cpcal.Network()
+    x = net.variable("x", 30, (-5, 5))
+    net.add([(x[k] ** 2 + x[(k + 1) % 30] * x[k - 1]).within((1, 1)) for k in range(30)])
+    contraction_of_one_node = net.solve(contractors=["hc4", "lifted"], limits=Limits(seconds=0.0))
+    assert contraction_of_one_node.nodes == 1
+    assert contraction_of_one_node.solutions  # nothing is lost
+
+
+def test_whole_numbers_are_found_exactly() -> None:
+    net = cpcal.Network()
+    x = net.variable("x", 2, (-1, 10), integer=True)
+    net.add(x[0] ** 2 + x[1] ** 2 == 25)
+    paving = net.solve()
+    assert paving.complete
+    assert {tuple(s.box.mid) for s in paving.solutions} == {(0, 5), (5, 0), (3, 4), (4, 3)}
+    assert {s.verdict for s in paving.solutions} == {Verdict.PROVED}
+
+
+def test_a_least_value_over_whole_and_other_numbers() -> None:
+    net = cpcal.Network()
+    x, y = net.variable("x", domain=(0, 10), integer=True), net.variable("y", domain=(0, 10))
+    net.add([3 * x + 2 * y <= 11.5, x + y**2 >= 1])
+    best = net.minimize(-2 * x - y)
+    assert best.verdict is Verdict.PROVED
+    assert best.solution is not None
+    assert best.solution[x] == 3.0
+    assert best.solution["y"] == pytest.approx(1.25, abs=1e-5)
+    with pytest.raises(ModelError, match="whole numbers"):
+        net.minimize(-2 * x - y, certificate="none")
+
+
+def test_a_constraint_holds_for_all_values_of_a_parameter() -> None:
+    net = cpcal.Network()
+    x, p = net.variable("x", domain=(-10, 10)), net.parameter((-1, 1))
+    net.add([x * p <= 2, x + p >= 0])
+    low, high = net.minimize(x), net.minimize(-x)
+    assert (low.hi, -high.hi) == pytest.approx((1.0, 2.0))
+    assert (low.verdict, high.verdict) == (Verdict.PROVED, Verdict.PROVED)
+    with pytest.raises(ModelError, match="an equation does not hold for all values"):
+        net.add(x == p)
+
+
+def test_relaxed_equations_are_said_to_be_relaxed() -> None:
+    net = cpcal.Network()
+    x = net.variable("x", 2, (-5, 5))
+    net.add(cpcal.sqr(x).sum() == 1)
+    best = net.minimize(x[0] + x[1], relax=1e-8)
+    assert best.relax == 1e-8
+    assert best.status.endswith("Equations were relaxed to within 1e-08.")
+    assert best.witness is not None
+    assert best.witness.around is None  # the point itself holds
+    exact = net.minimize(x[0] + x[1])
+    assert best.lo <= exact.hi
+    with pytest.raises(ModelError, match="no tolerance"):
+        net.minimize(x[0], relax=-1.0)
+
+
+def test_a_solution_on_the_boundary_of_the_domain_is_proved() -> None:
+    net = cpcal.Network()
+    x = net.variable("x", domain=(0, 1))
+    net.add(x**2 == 1)
+    [solution] = net.solve().solutions
+    assert solution.verdict is Verdict.PROVED
+    assert (solution.box.lo[0], solution.box.hi[0]) == (1.0, 1.0)
+    beyond = cpcal.Network()
+    y = beyond.variable("y", domain=(0, 1))
+    beyond.add(y**2 == 1.0000000000000004)
+    assert not any(s.verdict is Verdict.PROVED for s in beyond.solve().solutions)
