@@ -84,9 +84,10 @@ class FloatRule:
 
     def _formed(self, n: int) -> FloatRow:
         side, k, signs = self._table[n]
-        leg = self._problem.constraint(k, self._rule.x, signs, 0)
-        if isinstance(leg, LegConstraint) and (side != "lower" or leg.sure):
-            return float_row(leg, side)
+        if self._problem.model is not None:
+            leg = self._problem.constraint(k, self._rule.x, signs, 0)
+            if isinstance(leg, LegConstraint) and (side != "lower" or leg.sure):
+                return float_row(leg, side)
         return _rounded(self._rule.row[n])
 
     def _column(self, monomial: int) -> int:
