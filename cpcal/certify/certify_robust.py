@@ -27,6 +27,7 @@ from cpcal.common.arrays import Floats, Indices
 from cpcal.common.errors import Problem
 from cpcal.common.numbers import at_most
 from cpcal.common.version import __version__
+from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import ROBUST, answers_into
 from cpcal.legs import LegModel, leg_box, leg_network
@@ -271,7 +272,7 @@ class _Search:
         )
         found = run(states, None)
         if found.interrupted:  # its bracket is of no use to the next search
-            raise KeyboardInterrupt
+            raise Stopped(asked() or Reason.INTERRUPTED)
         return found
 
     def _fitted(self, without: frozenset[int], start: Floats) -> tuple[Floats, list[int]]:

@@ -12,8 +12,13 @@ from cpcal.calibration import load_record
 from cpcal.cli.folders import check_writable, output_path
 from cpcal.cli.report import checked_run
 from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError, Problem
+from cpcal.files.run_folder import HANDEYE
+from cpcal.handeye.hand_eye_result import load_hand_eye_result
+from cpcal.handeye.verify_hand_eye import verify_hand_eye
 from cpcal.report.drawing_frames import DrawingFrames
 from cpcal.report.export import WRITERS, exported
+from cpcal.report.hand_eye_export import HAND_EYE_FORMS, hand_eye_text
 
 
 class Format(StrEnum):
@@ -21,10 +26,14 @@ class Format(StrEnum):
     JSON = "json"
     YAML = "yaml"
     CSV = "csv"
+    ROS2 = "ros2"
+    EASY_HANDEYE = "easy-handeye"
+    URDF = "urdf"
+    OPENCV = "opencv"
 
 
 def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder that certify wrote.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder that certify or handeye wrote.")],
     format: Annotated[Format, typer.Option("--format", "-f", help="Of what is written.")] = Format.TOML,
     output: Annotated[
         Path | None,
@@ -47,15 +56,32 @@ def export(
 ) -> None:
     """Check a RUN as `verify` does, and write its parameters: certified, with ranges, and of least squares.
 
-    Beside each number stand unit and frame; what a proof does not hold is left out. Lengths are in mm.
+    Beside each number stand unit and frame; what a proof does not hold is left out. Lengths are in mm. Of a hand-eye
+    run the camera's frame is written as ros2, easy-handeye, urdf (in m) or opencv.
     """
     if output is not None:
         check_writable(output.parent)
-    campaign, result = checked_run(run)
-    found = exported(campaign, result, None if frames is None else DrawingFrames.of(load_record(frames)))
-    text = WRITERS[format.value](found)
+    hand_eye = (run / HANDEYE.head).exists()
+    if hand_eye == (format.value in WRITERS):
+        known = ", ".join(HAND_EYE_FORMS if hand_eye else WRITERS)
+        raise InputError([Problem("option --format", f"is {format.value}", f"of this run write one of {known}")])
+    text = _hand_eye(run, format) if hand_eye else _legs(run, format, frames)
     if output is None:
         typer.echo(text, nl=False)
     else:
         write_file(output, text)
         typer.echo(f"Parameters: {output}")
+
+
+def _legs(run: Path, format: Format, frames: Path | None) -> str:
+    campaign, result = checked_run(run)
+    found = exported(campaign, result, None if frames is None else DrawingFrames.of(load_record(frames)))
+    return WRITERS[format.value](found)
+
+
+def _hand_eye(run: Path, format: Format) -> str:
+    """Raises InputError where the run is refused."""
+    refused = [sentence for accepted, sentence in verify_hand_eye(run) if not accepted]
+    if refused:
+        raise InputError([Problem(str(run), refused[0], "run cpcal handeye again")])
+    return hand_eye_text(load_hand_eye_result(run), format.value)

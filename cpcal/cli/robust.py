@@ -19,6 +19,7 @@ from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_least, at_most, bracket_text
+from cpcal.execution.stopping import heard
 from cpcal.files.run_folder import ROBUST
 from cpcal.results.robust import RobustResult
 
@@ -57,17 +58,18 @@ def robust_brackets(
     but those that are named.
     """
     check_target(folder, ROBUST, campaign)
-    found = certify_robust(
-        read_campaign(campaign),
-        outliers=outliers,
-        legs=None if legs is None else numbers_of(legs),
-        delta=delta,
-        center=center.value,
-        time_limit=time_limit,
-        model=model,
-        certificates=folder,
-        tell=talk.progress(),
-    )
+    with heard(terminate=True):
+        found = certify_robust(
+            read_campaign(campaign),
+            outliers=outliers,
+            legs=None if legs is None else numbers_of(legs),
+            delta=delta,
+            center=center.value,
+            time_limit=time_limit,
+            model=model,
+            certificates=folder,
+            tell=talk.progress(),
+        )
     for leg in found.legs:
         record("leg", leg=leg.leg, eps_lo=leg.eps_lo, eps_hi=leg.eps_hi, left_out=leg.left_out, seconds=leg.seconds)
     _show(talk.out, found)

@@ -16,12 +16,13 @@ from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check
 from cpcal.cli.checked import checked_certificate, checked_legs, result_of
 from cpcal.cli.claims import sentences
 from cpcal.cli.hand_eye import hand_eye_verified
+from cpcal.cli.hand_eye_wrong import wrong_images_verified
 from cpcal.cli.robust import robust_verified
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import nearest
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
-from cpcal.files.run_folder import HANDEYE, unfinished
+from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, unfinished
 from cpcal.handeye.hand_eye_files import load_hand_eye
 from cpcal.report import REPORT_NAME
 from cpcal.results import COMPARISON_NAME, INFORMATION, RESULT_NAME, Entry, information, load_comparison
@@ -51,6 +52,8 @@ def verify(
         accepted = _certificate(target, talk)
     elif (target / HANDEYE.head).exists():
         accepted = hand_eye_verified(target, talk)
+    elif (target / HANDEYE_WRONG.head).exists():
+        accepted = wrong_images_verified(target, talk)
     elif (target / ROBUST_NAME).exists():
         accepted = robust_verified(target, talk)
     elif (target / RESULT_NAME).exists():
@@ -64,7 +67,7 @@ def verify(
 
 def _same_campaign(target: Path, campaign: Path, talk: Talk) -> bool:
     """Whether the run's campaign, or hand-eye study, is the one in the folder. Raises InputError."""
-    if (target / HANDEYE.head).exists():
+    if any((target / kind.head).exists() for kind in (HANDEYE, HANDEYE_WRONG)):
         if load_hand_eye(target) == load_hand_eye(campaign):
             return True
         talk.say("study: REFUSED, the hand-eye study is another one")

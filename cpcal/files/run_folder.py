@@ -51,6 +51,7 @@ ROBUST = FolderKind("robust.json")
 HANDEYE = FolderKind(
     "handeye.json", (r"handeye\.html", r"handeye\.toml", r"camera\.toml", r"poses\.csv", r"points\.csv")
 )
+HANDEYE_WRONG = FolderKind("handeye-wrong.json", (r"handeye\.toml", r"camera\.toml", r"poses\.csv", r"points\.csv"))
 POSE_SETS = FolderKind("sets.json")  # certificates of images, without a head
 
 
@@ -93,7 +94,8 @@ def check_replaceable(folder: Path, kind: FolderKind) -> None:
     what, remedy = "is there, and not written by cpcal", "choose another folder, or move it away"
     if (folder / "campaign.toml").exists():
         raise InputError([Problem(str(folder), "is the folder of a campaign", "choose another folder")])
-    if (folder / "handeye.toml").exists() and not (folder / HANDEYE.head).exists():
+    answered = any((folder / head).exists() for head in (HANDEYE.head, HANDEYE_WRONG.head))
+    if (folder / "handeye.toml").exists() and not answered:
         raise InputError([Problem(str(folder), "is the folder of a hand-eye study", "choose another folder")])
     strange = [name for name in kind.names(folder) if not _ours(folder / name)]
     if strange:

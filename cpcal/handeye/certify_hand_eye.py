@@ -17,6 +17,7 @@ import numpy as np
 
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import at_least, at_most
 from cpcal.common.version import __version__
 from cpcal.handeye.classical_answer import ClassicalAnswer, classical_answer
 from cpcal.handeye.exact_errors import PlacedFrames, above, exact_errors, largest
@@ -34,7 +35,7 @@ from cpcal.handeye.frame_equations import (
     unknowns_of,
 )
 from cpcal.handeye.frame_programs import FramePrograms
-from cpcal.handeye.frames_proof import FramesProof, prove
+from cpcal.handeye.frames_proof import FramesProof, prove_in_turns
 from cpcal.handeye.hand_eye_result import (
     LOWER,
     RANGES,
@@ -49,12 +50,14 @@ from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.handeye.minimax_fit import minimax_fit
 from cpcal.handeye.parameter_ranges import parameter_ranges
 from cpcal.handeye.pixel_model import PixelModel
+from cpcal.handeye.pose_slack import pose_slack
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import LinearStatus
 
 REACH = 2000.0  # mm: the box around the classical positions
 GAP = 1e-6
 _BEYOND = 1.1  # of eps_hi: the tolerance of the ranges
+_HOPELESS = 1e-2  # of eps_hi: a lower end that is not worth the search
 _SHORT = (1.0, 1e-3, 0.03)  # of what is left below a bound that linear programs promise, given away for a proof
 
 Tell = Callable[[str], None]
@@ -109,7 +112,7 @@ def certify_hand_eye(
     within        the box; default any rotation, positions within 2 m of the classical answer on each axis
     tolerance     px: are there frames that explain every pixel to it, and in which ranges? Default: ranges at 1.1 eps*
     gap           relative width of the bracket that is asked for
-    certificates  a folder that exists, for `lower.cert.jsonl` and `ranges.cert.jsonl`
+    certificates  a folder that exists, for `lower-1.cert.jsonl` and `ranges-1.cert.jsonl`, and so on
     time_limit    seconds for each of the proofs; what is proved until then is stated
 
     Raises InputError for studies without a classical answer, and where its points lie outside of the box.
@@ -128,14 +131,11 @@ def certify_hand_eye(
     domain = Box(UNKNOWNS, asked.lo, asked.hi)
     if not domain_holds(domain, unknowns_of(frames)):
         raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
-    tell(f"some frames explain every pixel to {eps_hi:.6f} px")
+    tell(f"some frames explain every pixel to {at_most(eps_hi, 7)} px")
     at = _BEYOND * eps_hi if tolerance is None else tolerance
-    wide = prove(study, at, domain, about=_about(study, at), time_limit=time_limit, tell=tell)
+    wide = prove_in_turns(study, at, domain, about=about_study(study, at), time_limit=time_limit, tell=tell)
     eps_lo, lower = _lower(study, wide, eps_hi, gap, time_limit, tell)
-    if certificates is not None:
-        if lower is not None:
-            lower.write(certificates / LOWER)
-        wide.write(certificates / RANGES)
+    written = tuple(_written(proofs, name, certificates) for proofs, name in ((lower, LOWER), (wide, RANGES)))
     return HandEyeResult(
         version=__version__,
         setup=study.setup,
@@ -146,14 +146,24 @@ def certify_hand_eye(
         eps_hi=eps_hi,
         gap=gap,
         point=point,
-        support=() if lower is None else _support(study, lower),
-        lower=None if lower is None or certificates is None else LOWER,
+        support=_support(study, lower),
+        lower=written[0],
         tolerance=tolerance,
-        ranges=_ranges(wide, point, None if certificates is None else RANGES),
+        ranges=_ranges(wide[-1], point, written[1]),
         classical=_judged(study, classical, center, at),
-        programs=wide.programs + (0 if lower is None else lower.programs),
+        programs=sum(proof.programs for proof in (*wide, *lower)),
         seconds=time.monotonic() - began,
     )
+
+
+def _written(proofs: tuple[FramesProof, ...], name: str, folder: Path | None) -> tuple[str, ...]:
+    """The names of the certificates, once they are written; none where there is no folder."""
+    names = tuple(f"{name}-{k + 1}.cert.jsonl" for k in range(len(proofs)))
+    if folder is None:
+        return ()
+    for proof, file in zip(proofs, names, strict=True):
+        proof.write(folder / file)
+    return names
 
 
 def domain_holds(domain: Box, x: Floats) -> bool:
@@ -161,7 +171,8 @@ def domain_holds(domain: Box, x: Floats) -> bool:
     return bool(((domain.lo <= x + 1e-9) & (x - 1e-9 <= domain.hi)).all())
 
 
-def _about(study: HandEyeStudy, eps: float) -> str:
+def about_study(study: HandEyeStudy, eps: float) -> str:
+    """What certificates say of themselves."""
     return (
         f"cpcal hand-eye, {study.setup}: X camera in {'hand' if study.setup == 'eye-in-hand' else 'base'}, "
         f"F target in {'base' if study.setup == 'eye-in-hand' else 'hand'}, mm; every pixel within eps = {eps.hex()} px"
@@ -172,25 +183,27 @@ def _about(study: HandEyeStudy, eps: float) -> str:
 
 
 def _lower(
-    study: HandEyeStudy, wide: FramesProof, eps_hi: float, gap: float, limit: float, tell: Tell
-) -> tuple[float, FramesProof | None]:
-    """The largest eps below which nothing is proved to explain all pixels, with the proof; 0 without one."""
-    if wide.refuted:
-        return wide.eps, wide
-    eps, known = eps_hi * (1.0 - 0.9 * gap), wide
+    study: HandEyeStudy, wide: tuple[FramesProof, ...], eps_hi: float, gap: float, limit: float, tell: Tell
+) -> tuple[float, tuple[FramesProof, ...]]:
+    """The largest eps that is proved to explain not all pixels, with the proofs; 0 without one."""
+    if wide[-1].refuted:
+        return wide[-1].eps, wide
+    eps, known = eps_hi * (1.0 - 0.9 * gap), wide[0]
+    if study.pose_half_width.any():  # what poses may move is lost to the lower end, so it is not near the upper one
+        eps = promised(study, wide[-1].left, eps) * (1.0 - _SHORT[1])
     for shortened in _SHORT:
-        if not eps > 0.0:
+        if not eps > _HOPELESS * eps_hi:
             break
-        tell(f"is there anything below {eps:.6f} px?")
-        tried = prove(
-            study, eps, wide.domain, about=_about(study, eps), replayed=known if known.eps >= eps else None,
+        tell(f"is there anything below {at_least(eps, 7)} px?")
+        tried = prove_in_turns(
+            study, eps, known.domain, about=about_study(study, eps), replayed=known if known.eps >= eps else None,
             time_limit=limit, tell=tell,
         )  # fmt: skip
-        if tried.refuted:
+        if tried[-1].refuted:
             return eps, tried
-        known = tried
-        eps = promised(study, tried.left, eps) * (1.0 - shortened if shortened < 1.0 else 1.0 - 1e-6)
-    return 0.0, None
+        known = tried[0]
+        eps = promised(study, tried[-1].left, eps) * (1.0 - shortened if shortened < 1.0 else 1.0 - 1e-6)
+    return 0.0, ()
 
 
 def promised(study: HandEyeStudy, box: Box, eps: float) -> float:
@@ -199,7 +212,7 @@ def promised(study: HandEyeStudy, box: Box, eps: float) -> float:
     rotations = rotation_rows()
     for _ in range(12):
         middle = 0.5 * (low + high)
-        rows = Quadratics.joined([rotations, pixel_rows(study, middle)])
+        rows = Quadratics.joined([rotations, pixel_rows(study, middle, pose_slack(study, middle, box))])
         programs = FramePrograms(rows, box, np.ones(rows.products.shape[1], dtype=np.bool_))
         if programs.minimize(None, 1.0).status is LinearStatus.INFEASIBLE:
             low = middle
@@ -208,10 +221,10 @@ def promised(study: HandEyeStudy, box: Box, eps: float) -> float:
     return low
 
 
-def _support(study: HandEyeStudy, lower: FramesProof) -> tuple[tuple[str, str], ...]:
+def _support(study: HandEyeStudy, lower: tuple[FramesProof, ...]) -> tuple[tuple[str, str], ...]:
     """Image and point of the rows of the last step."""
     found = []
-    for _, k in lower.steps[-1]["rows"]:
+    for _, k in lower[-1].steps[-1]["rows"] if lower else ():
         meaning = row_meaning(k, len(study.image))
         if meaning is not None:
             found.append((study.images[study.image[meaning[0]]], study.names[meaning[0]]))
@@ -221,13 +234,13 @@ def _support(study: HandEyeStudy, lower: FramesProof) -> tuple[tuple[str, str], 
 # ranges and verdicts -----------------------------------------------------------------------------------------------
 
 
-def _ranges(wide: FramesProof, point: PlacedFrames, certificate: str | None) -> FrameRanges:
+def _ranges(wide: FramesProof, point: PlacedFrames, certificates: tuple[str, ...]) -> FrameRanges:
     if wide.refuted:
         nothing = (0.0,) * SIZE
-        return FrameRanges(wide.eps, True, unknown_range(), unknown_range(), nothing, nothing, certificate)
+        return FrameRanges(wide.eps, True, unknown_range(), unknown_range(), nothing, nothing, certificates)
     lo, hi = tuple(wide.left.lo.tolist()), tuple(wide.left.hi.tolist())
     low, high = parameter_ranges(lo, hi, point)
-    return FrameRanges(wide.eps, False, low, high, lo, hi, certificate)
+    return FrameRanges(wide.eps, False, low, high, lo, hi, certificates)
 
 
 def _judged(study: HandEyeStudy, answer: ClassicalAnswer, placed: PlacedFrames, tolerance: float) -> Classical:

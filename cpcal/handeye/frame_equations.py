@@ -79,8 +79,8 @@ class Quadratics:
         )
 
 
-def pixel_rows(study: HandEyeStudy, eps: float) -> Quadratics:
-    """The rows (4 N) in the order of `row_number`."""
+def pixel_rows(study: HandEyeStudy, eps: float, slack: Floats) -> Quadratics:
+    """The rows (4 N) in the order of `row_number`; `slack` (2, N): what each may exceed zero by."""
     turn, shift = study.motions
     turn, shift = turn[study.image], shift[study.image]
     count = len(turn)
@@ -101,7 +101,7 @@ def pixel_rows(study: HandEyeStudy, eps: float) -> Quadratics:
             focal, third = sign * study.camera.focal[a], (-sign * off[:, a] - width)[:, None]
             lin.append(focal * linear[a] + third * linear[2])
             pro.append(focal * products[a] + third * products[2])
-    return Quadratics(np.zeros(4 * count), np.concatenate(lin), np.concatenate(pro))
+    return Quadratics(-np.repeat(slack, 2, axis=0).ravel(), np.concatenate(lin), np.concatenate(pro))
 
 
 def rotation_equations() -> list[Terms]:

@@ -16,13 +16,13 @@ import numpy as np
 
 from cpcal.common.arrays import Bools, Floats
 from cpcal.common.atomic import replacing
+from cpcal.common.numbers import at_most
 from cpcal.handeye.exact_rows import ExactRows, HandEyeStatement, row_meaning, row_number
 from cpcal.handeye.frame_equations import (
     EQUATIONS,
     PAIRS,
     R_F,
     R_X,
-    SIZE,
     UNKNOWNS,
     Quadratics,
     pixel_rows,
@@ -30,6 +30,7 @@ from cpcal.handeye.frame_equations import (
 )
 from cpcal.handeye.frame_programs import FramePrograms, proposed
 from cpcal.handeye.hand_eye_study import HandEyeStudy
+from cpcal.handeye.pose_slack import point_motion, pose_slack
 from cpcal.solver.certificate.statement import limits
 from cpcal.solver.certificate.writer import WeightProver, line
 from cpcal.solver.contract import Contraction, Step
@@ -40,6 +41,8 @@ _PAYS = 0.7  # median share of the widths that a small program must leave, or le
 _ENDED = 0.85  # share that a large one must leave of some width, or the box is as small as it gets
 _NEGLIGIBLE = 0.01
 _PASSES = 60
+_TURNS = 4
+_NEARER = 0.9  # share of what poses move points by, below which constraints are stated anew
 
 Tell = Callable[[str], None]
 
@@ -94,7 +97,7 @@ def prove(
 
     replayed  a proof at a larger tolerance: its steps are taken first, without linear programs
     """
-    statement = HandEyeStatement(ExactRows(study, eps), about)
+    statement = HandEyeStatement(ExactRows(study, eps, domain), about)
     proving = _Proving(study, statement, eps, domain, time_limit, tell)
     for proposal in () if replayed is None or eps <= 0.0 else replayed.proposals:
         if proving.box.is_empty or not proving.take(_tighter(proposal, study, replayed.eps, eps)):  # type: ignore[union-attr]
@@ -102,12 +105,37 @@ def prove(
     return proving.proof()
 
 
+def prove_in_turns(
+    study: HandEyeStudy,
+    eps: float,
+    domain: Box,
+    *,
+    about: str,
+    replayed: FramesProof | None = None,
+    time_limit: float = np.inf,
+    tell: Tell = lambda text: None,
+) -> tuple[FramesProof, ...]:
+    """Proofs of which each begins where the one before ended, as long as that says more of uncertain robot poses.
+
+    How far a reading of a pose can move a point depends on where the target is, so the constraints are stated anew for
+    the smaller box. With exact poses there is one proof.
+    """
+    found = [prove(study, eps, domain, about=about, replayed=replayed, time_limit=time_limit, tell=tell)]
+    while not found[-1].refuted and len(found) < _TURNS:
+        last = found[-1]
+        before, after = point_motion(study, last.domain), point_motion(study, last.left)
+        if not (after < _NEARER * before).any():
+            break
+        found.append(prove(study, eps, last.left, about=about, time_limit=time_limit, tell=tell))
+    return tuple(found)
+
+
 class _Proving:
     def __init__(
         self, study: HandEyeStudy, statement: HandEyeStatement, eps: float, domain: Box, limit: float, tell: Tell
     ) -> None:
         self.statement, self.eps, self.domain, self.tell = statement, eps, domain, tell
-        self.rows = Quadratics.joined([rotation_rows(), pixel_rows(study, eps)])
+        self.rows = Quadratics.joined([rotation_rows(), pixel_rows(study, eps, pose_slack(study, eps, domain))])
         self.prover = WeightProver(statement)
         self.end = time.monotonic() + limit
         self.box, self.programs = domain, 0
@@ -161,7 +189,9 @@ class _Proving:
         self.steps.append(proved.record)
         self.proposals.append(proposal)
         self.box = proved.box
-        wide = "none are left" if self.box.is_empty else f"rotations +-{self.box.rad[: SIZE // 2][:9].max():.2g}"
+        wide = (
+            "none are left" if self.box.is_empty else f"rotations +-{at_most(float(self.box.rad[list(R_X)].max()), 2)}"
+        )
         self.tell(f"step {len(self.steps)}: {wide}")
         return True
 

@@ -22,6 +22,7 @@ from cpcal.vision.files.camera_file import camera_bytes, load_camera
 HANDEYE_FORMAT = "cpcal-handeye/1"
 HANDEYE_NAME, POSES_NAME, POINTS_NAME, CAMERA_NAME = "handeye.toml", "poses.csv", "points.csv", "camera.toml"
 POSE_COLUMNS = ["image", "x", "y", "z", "qw", "qx", "qy", "qz"]
+POSE_WIDTHS = ("dx", "dy", "dz", "drx", "dry", "drz")
 POINT_COLUMNS = ["image", "point", "u", "v", "X", "Y", "Z"]
 
 _ABSENT = f"a hand-eye study is a folder with {HANDEYE_NAME}, a camera file, {POSES_NAME} and {POINTS_NAME}"
@@ -32,8 +33,9 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
     """The study in the folder `path`.
 
     handeye.toml states the setup and names the camera file; poses.csv has the hand in the base frame, in mm, with a
-    unit quaternion, scalar first; points.csv has pixels as measured, the target's points in mm and perhaps half-widths
-    du of the pixels. Points of images without a pose, or too close to the camera's horizon, are problems.
+    unit quaternion, scalar first, and perhaps half-widths; points.csv has pixels as measured, the target's points in mm
+    and perhaps half-widths du of the pixels. Points of images without a pose, or too close to the camera's horizon, are
+    problems.
 
     Raises one InputError that lists every problem of the four files.
     """
@@ -42,7 +44,7 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
         what = "is not a folder" if folder.exists() else "does not exist"
         raise InputError([Problem(str(folder), what, _ABSENT)], see=_SEE)
     setup, camera = _settings(folder, problems)
-    poses = _table(folder / POSES_NAME, POSE_COLUMNS, [], problems)
+    poses = _table(folder / POSES_NAME, POSE_COLUMNS, list(POSE_WIDTHS), problems)
     points = _table(folder / POINTS_NAME, POINT_COLUMNS, ["du"], problems)
     problems.raise_any(_SEE)
     assert setup is not None  # what keeps these from being read is a problem, and was raised
@@ -51,6 +53,15 @@ def load_hand_eye(path: str | os.PathLike[str]) -> HandEyeStudy:
     problems.raise_any(_SEE)
     assert study is not None
     return study
+
+
+def load_hand_poses(path: str | os.PathLike[str]) -> dict[str, tuple[float, ...]]:
+    """By image x, y, z, qw, qx, qy, qz of a table like poses.csv. Raises InputError with every problem."""
+    problems = Problems()
+    table = _table(Path(path), POSE_COLUMNS, list(POSE_WIDTHS), problems)
+    problems.raise_any(_SEE)
+    rows = _columns(table, *POSE_COLUMNS[1:]).tolist()
+    return {name: tuple(row) for name, row in zip(table.image, rows, strict=True)}
 
 
 def _settings(folder: Path, problems: Problems) -> tuple[Setup | None, Camera | None]:
@@ -120,6 +131,9 @@ def _study(
         pixels=pixels,
         points=_columns(points, "X", "Y", "Z"),
         half_width=np.nan_to_num(width),
+        pose_half_width=np.nan_to_num(
+            np.stack([poses.values.get(name, np.zeros(len(number))) for name in POSE_WIDTHS], axis=1)
+        ),
     )
 
 
@@ -137,7 +151,9 @@ def hand_eye_files(study: HandEyeStudy) -> dict[str, bytes]:
     """The bytes of the four files, by name."""
     settings = [f"format = {quoted(HANDEYE_FORMAT)}", "", "[study]", f"setup = {quoted(study.setup)}"]
     settings += [f"camera = {quoted(CAMERA_NAME)}", *provenance_lines({})]
-    poses = np.concatenate([study.poses.position, study.poses.quaternion], axis=1).tolist()
+    moved = bool(study.pose_half_width.any())
+    columns = [study.poses.position, study.poses.quaternion, *([study.pose_half_width] if moved else [])]
+    poses = np.concatenate(columns, axis=1).tolist()
     wide = bool(study.half_width.any())
     parts = [study.pixels, study.points, *([study.half_width[:, None]] if wide else [])]
     points = np.concatenate(parts, axis=1).tolist()
@@ -145,6 +161,9 @@ def hand_eye_files(study: HandEyeStudy) -> dict[str, bytes]:
     return {
         HANDEYE_NAME: ("\n".join(settings) + "\n").encode(),
         CAMERA_NAME: camera_bytes(study.camera),
-        POSES_NAME: csv_table(POSE_COLUMNS, zip(((name,) for name in study.images), poses, strict=True)),
+        POSES_NAME: csv_table(
+            [*POSE_COLUMNS, *POSE_WIDTHS] if moved else POSE_COLUMNS,
+            zip(((name,) for name in study.images), poses, strict=True),
+        ),
         POINTS_NAME: csv_table([*POINT_COLUMNS, "du"] if wide else POINT_COLUMNS, zip(named, points, strict=True)),
     }

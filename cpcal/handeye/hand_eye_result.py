@@ -12,7 +12,7 @@ from cpcal.handeye.exact_errors import PlacedFrames
 
 RESULT_FORMAT = "cpcal-handeye-result/1"
 RESULT_NAME = "handeye.json"
-LOWER, RANGES = "lower.cert.jsonl", "ranges.cert.jsonl"
+LOWER, RANGES = "lower", "ranges"  # certificates are called lower-1.cert.jsonl, and so on
 
 PARAMETERS = tuple(f"{frame} {name}" for frame in ("camera", "target") for name in ("x", "y", "z", "rx", "ry", "rz"))
 
@@ -38,7 +38,7 @@ class FrameRanges:
 
     In the order of PARAMETERS: positions in mm, and the rotation vector in degrees by which a frame is turned from that
     of the point (in base or hand coordinates); infinite where nothing is known. `lo`, `hi` (24): of the unknowns.
-    `empty`: there are no such frames. `certificate`: None where none was written.
+    `empty`: there are no such frames. `certificates`: each begins where the one before ended.
     """
 
     eps: float
@@ -47,7 +47,7 @@ class FrameRanges:
     high: tuple[float, ...]
     lo: tuple[float, ...]
     hi: tuple[float, ...]
-    certificate: str | None
+    certificates: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Classical:
 class HandEyeResult:
     """eps* lies in [eps_lo, eps_hi] px.
 
-    PROVED: no frames in the box explain every pixel to within `eps_lo`, where that is above 0 (certificate `lower`);
+    PROVED: no frames in the box explain every pixel to within `eps_lo`, where that is above 0 (certificates `lower`);
     `point` explains every one to within `eps_hi` (exact arithmetic). `support`: image and point of each pixel row
     with a weight in the last step of the proof. `gap`: relative, that was asked for.
     """
@@ -93,7 +93,7 @@ class HandEyeResult:
     gap: float
     point: PlacedFrames
     support: tuple[tuple[str, str], ...]
-    lower: str | None
+    lower: tuple[str, ...]
     tolerance: float | None
     ranges: FrameRanges
     classical: Classical

@@ -38,6 +38,8 @@ class HandEyeStudy(Value):
     pixels      (N, 2) as measured, with the lens's distortion
     points      (N, 3) mm in the target frame
     half_width  (N,) px: the true pixel lies that near to the measured one; 0 where it is taken as exact
+    pose_half_width  (n, 6) mm and rad: the true pose is position + d, R(1, s) R(q) with |d| and |2 s| at most that on
+                each axis of the base frame; 0 where poses are taken as exact
 
     Raises InputError for arrays that do not belong together.
     """
@@ -51,6 +53,7 @@ class HandEyeStudy(Value):
     pixels: Floats
     points: Floats
     half_width: Floats = field(default_factory=lambda: np.zeros(0))
+    pose_half_width: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         count = len(self.image)
@@ -60,11 +63,15 @@ class HandEyeStudy(Value):
         object.__setattr__(self, "points", frozen_array(self.points))
         width = self.half_width if np.size(self.half_width) else np.zeros(count)
         object.__setattr__(self, "half_width", frozen_array(width))
+        wide = self.pose_half_width if np.size(self.pose_half_width) else np.zeros((len(self.images), 6))
+        object.__setattr__(self, "pose_half_width", frozen_array(wide))
         places = np.array(self.image, dtype=np.intp)
         places.setflags(write=False)
         object.__setattr__(self, "image", places)
         shapes = (self.pixels.shape, self.points.shape, self.half_width.shape)
-        if shapes != ((count, 2), (count, 3), (count,)) or len(self.poses.position) != len(self.images):
+        by_image = (self.poses.position.shape, self.pose_half_width.shape)
+        n = len(self.images)
+        if shapes != ((count, 2), (count, 3), (count,)) or by_image != ((n, 3), (n, 6)):
             raise InputError([Problem("study", "has arrays that do not belong together", "see HandEyeStudy")])
         if count and not 0 <= places.min() <= places.max() < len(self.images):
             raise InputError([Problem("study", "has a point of an image without pose", "name the images by number")])
@@ -103,6 +110,7 @@ class HandEyeStudy(Value):
             pixels=self.pixels[kept],
             points=self.points[kept],
             half_width=self.half_width[kept],
+            pose_half_width=self.pose_half_width[chosen],
         )
 
 

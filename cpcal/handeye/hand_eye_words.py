@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cpcal.common.numbers import at_least, at_most, bracket_text, nearest
+from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, stated
 from cpcal.handeye.hand_eye_result import PARAMETERS, HandEyeResult
 
 
@@ -26,10 +26,10 @@ def names_of(setup: str) -> list[tuple[str, str]]:
 def sentences(found: HandEyeResult) -> list[str]:
     """The answer in a few lines."""
     low, high = bracket_text(found.eps_lo, found.eps_hi)
-    turned = "any rotation" if found.asked.angle is None else f"rotations within {found.asked.angle:g} degrees"
+    turned = "any rotation" if found.asked.angle is None else f"rotations within {stated(found.asked.angle)} degrees"
     said = [
         f"{found.setup}: {found.images} images, {found.points:,} points. "
-        f"Searched: {turned}, positions within {found.asked.reach:g} mm of the least-squares answer.",
+        f"Searched: {turned}, positions within {stated(found.asked.reach)} mm of the least-squares answer.",
     ]
     if found.eps_lo > 0.0:
         said.append(f"No frames explain every pixel to within {low} px (proved); some explain every one to {high} px.")
@@ -39,7 +39,7 @@ def sentences(found: HandEyeResult) -> list[str]:
         said.append("The bracket is open: more time, or a smaller --within, may close it.")
     if found.tolerance is not None:
         word = {True: "met", False: "refuted: no frames in the box meet it", None: "undecided"}[found.passes]
-        said.append(f"Tolerance {found.tolerance:g} px: {word}.")
+        said.append(f"Tolerance {stated(found.tolerance)} px: {word}.")
     classical = found.classical
     failing = [verdict.image for verdict in classical.images if not verdict.ok]
     said.append(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy.typing as npt
 
+from cpcal.common import numbers
 from cpcal.common.errors import ModelError
 from cpcal.execution.executors import Here, executor_for
 from cpcal.execution.stopping import asked, heard
@@ -212,7 +213,7 @@ class Network(ConstraintNetwork):
                     place=None if isinstance(place[0], Here) else place,
                 )
                 found = run(states, progress)
-            status = found.status + (f" Equations were relaxed to within {relax:g}." if relax else "")
+            status = found.status + (f" Equations were relaxed to within {numbers.stated(relax)}." if relax else "")
             method = f"{', '.join(called for called, _ in named)}: {why}"
             return replace(found, status=status, relax=float(relax), names=network.names, method=method)
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import csv
-import io
 import shutil
 
 import numpy as np
 import pytest
-from rich.console import Console
 from tinyhtml5.parser import HTMLParser
 from typer.testing import CliRunner
 
@@ -23,6 +21,7 @@ from cpcal.cli.demo.image_study import image_study
 from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.demo.verb import DemoPlan
 from cpcal.cli.study_page import study_found
+from cpcal.cli.talk import Talk
 from cpcal.common.errors import InputError
 from cpcal.files import load_study
 from cpcal.report.images import IMAGES_NAME, load_images, save_images
@@ -192,7 +191,7 @@ def test_images_need_not_be_kept(tmp_path):
     """As with --full: each image is rendered when it is measured."""
     size = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 1}
     folder = tmp_path / "new" / "demo"
-    done = image_study(folder, 3, {}, Console(file=io.StringIO()), size=size, keep=False)
+    done = image_study(folder, 3, {}, Talk(quiet=True), size=size, keep=False)
     assert {name: len(found.rows) for name, found in done.found.items()} == {"calibration": 64, "validation": 2}
     assert all(row.found for found in done.found.values() for row in found.rows)
     assert done.rendering is None

@@ -55,3 +55,10 @@ def test_images_on_one_side_only_are_named(folder):
 def test_a_missing_folder_says_what_a_study_is(tmp_path):
     with pytest.raises(InputError, match="a hand-eye study is a folder with"):
         load_hand_eye(tmp_path / "nothing")
+
+
+def test_half_widths_of_poses_are_read_back(tmp_path):
+    study = simulate_hand_eye(images=4, corners=(3, 3), seed=1).study
+    fields = {name: getattr(study, name) for name in study.__dataclass_fields__}
+    wide = type(study)(**fields | {"pose_half_width": np.linspace(0.0, 0.1, 24).reshape(4, 6)})
+    assert load_hand_eye(save_hand_eye(wide, tmp_path / "study")) == wide

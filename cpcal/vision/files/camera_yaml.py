@@ -61,6 +61,15 @@ def camera_from_yaml(path: Path) -> Camera:
     return camera
 
 
+def yaml_document(content: bytes, path: Path) -> Any:
+    """The lists and tables of a YAML file, OpenCV's matrices among them. Raises InputError."""
+    try:
+        return yaml.load(_HEAD.sub("---", content.decode("utf-8-sig")), Loader=_Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        what = f"is no YAML: {getattr(error, 'problem', None) or error}"[:200]
+        raise InputError([Problem(str(path), what, "give a file that OpenCV or ROS wrote")]) from None
+
+
 def _document(content: bytes, path: Path, problems: Problems) -> dict[str, Any] | None:
     try:
         document = yaml.load(_HEAD.sub("---", content.decode("utf-8-sig")), Loader=_Loader)

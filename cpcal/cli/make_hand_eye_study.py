@@ -1,0 +1,91 @@
+"""`cpcal handeye-study`: a hand-eye study from photographs, from pairs of poses, or simulated."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from cpcal.cli.folders import check_new, output_path
+from cpcal.common.errors import InputError, Problem, printable
+from cpcal.handeye.board_photos import REMEDY, PrintedBoard, study_of_photos
+from cpcal.handeye.hand_eye_files import load_hand_poses, save_hand_eye
+from cpcal.handeye.hand_eye_study import HandEyeStudy, Setup
+from cpcal.handeye.pose_pair_files import read_pose_pairs
+from cpcal.handeye.pose_pairs_study import study_of_pairs
+from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
+from cpcal.vision.files.camera_file import load_camera
+
+
+class SetupName(StrEnum):
+    HAND = "eye-in-hand"
+    BASE = "eye-to-hand"
+
+
+def hand_eye_study(
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", parser=output_path, help="Folder for the study.")
+    ],
+    setup: Annotated[SetupName, typer.Option(help="Where the camera is.")] = SetupName.HAND,
+    photos: Annotated[Path | None, typer.Option(metavar="DIR", help="Photographs of a board.")] = None,
+    board: Annotated[str | None, typer.Option(metavar="BOARD", help=REMEDY.replace("write ", "Write ") + ".")] = None,
+    camera: Annotated[Path | None, typer.Option(metavar="FILE", help="Of the photographs.")] = None,
+    poses: Annotated[
+        Path | None, typer.Option(metavar="CSV", help="Of the photographs: image,x,y,z,qw,qx,qy,qz; no suffixes.")
+    ] = None,
+    pairs: Annotated[
+        Path | None, typer.Option(metavar="YAML", help="Pairs of poses: MoveIt's samples, OpenCV's lists, ROS.")
+    ] = None,
+    millimetres: Annotated[bool, typer.Option("--mm", help="Translations of --pairs are in mm, not m.")] = False,
+    size: Annotated[float, typer.Option(metavar="MM", help="Of the square that stands in for a marker.")] = 100.0,
+    simulated: Annotated[int | None, typer.Option("--simulate", metavar="N", help="Simulate N images.")] = None,
+    pixel_error: Annotated[float, typer.Option(metavar="PX", help="With --simulate: at most, on each axis.")] = 0.2,
+    position_error: Annotated[float, typer.Option(metavar="MM", help="With --simulate: of the robot.")] = 0.0,
+    rotation_error: Annotated[float, typer.Option(metavar="DEG", help="With --simulate: of the robot.")] = 0.0,
+    seed: Annotated[int, typer.Option(help="With --simulate.")] = 1,
+    force: Annotated[bool, typer.Option("--force", help="Write into a folder that holds something.")] = False,
+) -> None:
+    """Make a study for `cpcal handeye`: from --photos of a board, from --pairs of poses, or with --simulate."""
+    sources = [name for name, value in (("--photos", photos), ("--pairs", pairs), ("--simulate", simulated)) if value]
+    if len(sources) != 1:
+        raise InputError([Problem("handeye-study", "needs one source", "give --photos, --pairs or --simulate N")])
+    check_new(output, force=force)
+    left: list[str] = []
+    if photos is not None:
+        study, left = _of_photos(photos, board, camera, poses, setup.value)
+    elif pairs is not None:
+        hand, seen = read_pose_pairs(pairs, metres=not millimetres)
+        study = study_of_pairs(hand, seen, setup=setup.value, size=size)
+    else:
+        study = _simulated(simulated or 0, setup.value, pixel_error, position_error, rotation_error, seed)
+    save_hand_eye(study, output)
+    for text in left:
+        typer.echo(printable(f"left out: {text}"))
+    typer.echo(printable(f"{study.setup}: {len(study.images)} images, {len(study.image):,} points in {output}"))
+
+
+def _simulated(images: int, setup: Setup, pixel: float, position: float, rotation: float, seed: int) -> HandEyeStudy:
+    if not 3 <= images <= 1000:
+        raise InputError([Problem("option --simulate", f"is {images}", "give a number of images from 3 to 1000")])
+    return simulate_hand_eye(
+        setup=setup,
+        images=images,
+        pixel_error=pixel,
+        position_error=position,
+        rotation_error=float(np.radians(rotation)),
+        seed=seed,
+    ).study
+
+
+def _of_photos(
+    photos: Path, board: str | None, camera: Path | None, poses: Path | None, setup: Setup
+) -> tuple[HandEyeStudy, list[str]]:
+    if board is None or camera is None or poses is None:
+        raise InputError([Problem("option --photos", "is not enough", "give --board, --camera and --poses too")])
+    given = load_hand_poses(poses)
+    return study_of_photos(
+        photos, PrintedBoard.parsed(board), camera=load_camera(camera).camera, poses=given, setup=setup
+    )

@@ -1,0 +1,100 @@
+"""Pairs of poses from files of other packages, all of them YAML.
+
+| package | file | what is read |
+| --- | --- | --- |
+| MoveIt (hand-eye calibration) | samples | a list of `effector_wrt_world`, `object_wrt_sensor`: 16 numbers by rows |
+| OpenCV | `cv::FileStorage` or plain lists | `R_gripper2base`, `t_gripper2base`, `R_target2cam`, `t_target2cam` |
+| ROS, easy_handeye | transforms | a list under `samples` of `robot` and `tracking` (or `hand`, `camera_marker`, ...) |
+
+A ROS transform is `translation: {x, y, z}` in m and `rotation: {x, y, z, w}`. Translations are in m unless said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.files.documents import small_file
+from cpcal.robot import Pose, normalised, quaternion_from_matrix
+from cpcal.vision.files.camera_file import camera_yaml
+
+_REMEDY = "give samples of MoveIt, OpenCV's four lists, or ROS transforms: see docs/hand-eye.md"
+_HAND = ("robot", "hand", "effector", "hand_world", "effector_wrt_world")
+_SEEN = ("tracking", "optical", "camera_marker", "object", "object_wrt_sensor")
+_MATRIX = 1e-3  # how far from a rotation a matrix may be
+
+
+def read_pose_pairs(path: Path, *, metres: bool = True) -> tuple[Pose, Pose]:
+    """Hand in base and target in camera, (n, 3) mm and (n, 4), of a YAML file. Raises InputError."""
+    problems = Problems()
+    content = small_file(path, problems, _REMEDY)
+    problems.raise_any()
+    assert content is not None
+    document = camera_yaml().yaml_document(content, path)
+    try:
+        lists = isinstance(document, dict) and "R_gripper2base" in document
+        hand, seen = _opencv(document) if lists else _listed(document)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError([Problem(str(path), f"holds no pairs of poses: {error!s:.80}", _REMEDY)]) from None
+    scale = 1000.0 if metres else 1.0
+    return _scaled(hand, scale), _scaled(seen, scale)
+
+
+def _scaled(poses: list[tuple[Any, Any]], scale: float) -> Pose:
+    return Pose(np.array([p for p, _ in poses]) * scale, np.array([q for _, q in poses]))
+
+
+def _listed(document: Any) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+    samples = document.get("samples", document.get("transforms")) if isinstance(document, dict) else document
+    if not isinstance(samples, list) or not samples:
+        raise ValueError("no list of samples")
+    hand = [_pose(sample[_key(sample, _HAND)]) for sample in samples]
+    return hand, [_pose(sample[_key(sample, _SEEN)]) for sample in samples]
+
+
+def _key(sample: Any, names: Iterable[str]) -> str:
+    found = [name for name in names if name in sample]
+    if not found:
+        raise ValueError(f"a sample has none of {', '.join(names)}")
+    return found[0]
+
+
+def _pose(value: Any) -> tuple[Any, Any]:
+    if isinstance(value, dict):
+        value = value.get("transform", value)
+        t, q = value["translation"], value["rotation"]
+        position = np.array([float(t[a]) for a in "xyz"])
+        return position, normalised(_finite(np.array([float(q[a]) for a in "wxyz"])))
+    matrix = _finite(np.array(value, dtype=np.float64).reshape(4, 4))
+    return matrix[:3, 3], _rotation(matrix[:3, :3])
+
+
+def _opencv(document: dict[str, Any]) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+    def pairs(name: str) -> list[tuple[Any, Any]]:
+        turns, shifts = document[f"R_{name}"], document[f"t_{name}"]
+        if len(turns) != len(shifts):
+            raise ValueError(f"R_{name} and t_{name} have other lengths")
+        both = zip(turns, shifts, strict=True)
+        return [(_finite(_numbers(t).reshape(3)), _rotation(_numbers(r).reshape(3, 3))) for r, t in both]
+
+    return pairs("gripper2base"), pairs("target2cam")
+
+
+def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.array(value["data"] if isinstance(value, dict) else value, dtype=np.float64)
+
+
+def _rotation(matrix: Any) -> Any:
+    if not np.abs(matrix @ matrix.T - np.eye(3)).max() < _MATRIX or not np.linalg.det(matrix) > 0.0:
+        raise ValueError("a matrix is no rotation")
+    return quaternion_from_matrix(matrix)
+
+
+def _finite(values: Any) -> Any:
+    if not np.isfinite(values).all() or not np.abs(values).sum() > 0.0:
+        raise ValueError("a number is not finite, or a pose is all zeros")
+    return values

@@ -1,0 +1,221 @@
+"""Some images may be wrong: a slipped board, a wrong robot pose. What is proved whichever at most q of them are.
+
+Let q + 1 groups of images have no image in common. If q images are wrong, some group holds none of them. So
+
+- eps_lo: when no frames explain any one of the groups to eps_lo, none explain all images but some q to it.
+- an image k is wrong (at a tolerance) when no frames explain any one of q + 1 groups together with k to the tolerance:
+  were k right, each of these groups would hold a wrong image, which makes q + 1.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import at_most
+from cpcal.common.version import __version__
+from cpcal.files.codec import load, save
+from cpcal.handeye.certify_hand_eye import Within, about_study
+from cpcal.handeye.classical_answer import classical_answer
+from cpcal.handeye.exact_errors import PlacedFrames, above, exact_errors, largest
+from cpcal.handeye.frame_equations import UNKNOWNS, unknowns_of
+from cpcal.handeye.frames_proof import prove_in_turns
+from cpcal.handeye.hand_eye_result import AskedBox
+from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
+from cpcal.handeye.minimax_fit import minimax_fit
+from cpcal.handeye.pixel_model import PixelModel
+from cpcal.solver.interval import Box
+
+WRONG_FORMAT = "cpcal-handeye-wrong/1"
+WRONG_NAME = "handeye-wrong.json"
+_LEAST = 4  # images of a group
+_TRIALS = 30  # of random images that the fit starts from
+_BEYOND = 1.1  # of eps_hi: the tolerance at which images are called wrong, unless one is given
+_SHARES = (0.999, 0.97, 0.9, 0.7)  # of the least error of the groups: what is tried to prove
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class RefutedGroup:
+    """PROVED: no frames in the box explain these images to within `eps` px."""
+
+    images: tuple[str, ...]
+    eps: float
+    certificates: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class WrongImages:
+    """When at most `outliers` images may be wrong.
+
+    PROVED: whichever so many are left out, no frames in the box explain all others to within `eps_lo` px (`groups`);
+    `point` explains all but `left_out` to within `eps_hi`. At `tolerance` px each image of `blamed` is wrong, for
+    reasons that stand beside it; the others of `left_out` may be right.
+    """
+
+    version: str
+    outliers: int
+    asked: AskedBox
+    eps_lo: float
+    eps_hi: float
+    point: PlacedFrames
+    left_out: tuple[str, ...]
+    groups: tuple[RefutedGroup, ...]
+    tolerance: float
+    blamed: tuple[tuple[str, tuple[RefutedGroup, ...]], ...]
+    seconds: float
+
+
+def save_wrong_images(found: WrongImages, folder: str | os.PathLike[str]) -> Path:
+    """Write `handeye-wrong.json` into the folder; its path. Raises InputError."""
+    return save(found, Path(folder) / WRONG_NAME, WRONG_FORMAT)
+
+
+def load_wrong_images(folder: str | os.PathLike[str]) -> WrongImages:
+    """Read `handeye-wrong.json` from the folder. Raises InputError."""
+    return load(WrongImages, Path(folder) / WRONG_NAME, WRONG_FORMAT, remedy="run cpcal handeye-wrong again")
+
+
+def find_wrong_images(
+    study: HandEyeStudy,
+    outliers: int,
+    folder: Path,
+    *,
+    within: Within | None = None,
+    tolerance: float | None = None,
+    seed: int = 0,
+    tell: Tell = lambda text: None,
+) -> WrongImages:
+    """Bracket eps* of all but at most `outliers` images, and prove which ones are wrong; certificates go to `folder`.
+
+    tolerance  px at which images are called wrong; default 1.1 times the upper end of the bracket
+
+    Raises InputError for fewer than four images a group, and for studies without a classical answer.
+    """
+    began = time.monotonic()
+    if not 0 < outliers <= len(study.images) // _LEAST - 2:
+        most = max(len(study.images) // _LEAST - 2, 0)
+        what = f"is {outliers} of {len(study.images)} images"
+        raise InputError([Problem("outliers", what, f"give a number from 1 to {most}, or more images")])
+    frames, left = trimmed_fit(study, outliers, np.random.default_rng(seed))
+    good = [k for k in range(len(study.images)) if k not in left]
+    part = study.part(np.array(good))
+    best, _ = minimax_fit(PixelModel(part), frames)
+    point = PlacedFrames.of(best)
+    worst = largest(exact_errors(part, point))
+    assert worst is not None  # the fit keeps all points in front of the camera
+    eps_hi = above(worst)
+    tell(f"all but {', '.join(study.images[k] for k in left)} are explained to {at_most(eps_hi)} px")
+    asked = (within or Within()).asked(PlacedFrames.of(frames), unknowns_of(frames))
+    prover = _Groups(study, Box(UNKNOWNS, asked.lo, asked.hi), best, folder, tell)
+    eps_lo, groups = prover.lower(_parted(list(range(len(study.images))), outliers + 1))
+    at = _BEYOND * eps_hi if tolerance is None else tolerance
+    blamed = []
+    for k in left:
+        reasons = [prover.refuted([*group, k], at) for group in _parted(good, outliers + 1)]
+        proved = tuple(reason for reason in reasons if reason is not None)
+        if len(proved) == len(reasons):
+            blamed.append((study.images[k], proved))
+    return WrongImages(
+        version=__version__,
+        outliers=outliers,
+        asked=asked,
+        eps_lo=eps_lo,
+        eps_hi=eps_hi,
+        point=point,
+        left_out=tuple(study.images[k] for k in left),
+        groups=groups,
+        tolerance=at,
+        blamed=tuple(blamed),
+        seconds=time.monotonic() - began,
+    )
+
+
+def _parted(images: list[int], count: int) -> list[list[int]]:
+    """Groups of about the same size, interleaved."""
+    return [images[k::count] for k in range(count)]
+
+
+class _Groups:
+    """Proofs about some of the images."""
+
+    def __init__(self, study: HandEyeStudy, domain: Box, start: HandEyeFrames, folder: Path, tell: Tell) -> None:
+        self.study, self.domain, self.start, self.folder, self.tell = study, domain, start, folder, tell
+        self.count = 0
+
+    def lower(self, groups: list[list[int]]) -> tuple[float, tuple[RefutedGroup, ...]]:
+        """The largest tolerance tried at which every group is refuted."""
+        least = min(self.fitted(group) for group in groups)
+        for share in _SHARES:
+            found = []
+            for group in groups:
+                one = self.refuted(group, share * least)
+                if one is None:
+                    break
+                found.append(one)
+            else:
+                return share * least, tuple(found)
+        return 0.0, ()
+
+    def fitted(self, group: list[int]) -> float:
+        """About the least error of a group: where a fit ends, px."""
+        return minimax_fit(PixelModel(self.study.part(np.array(sorted(group)))), self.start)[1]
+
+    def refuted(self, group: list[int], eps: float) -> RefutedGroup | None:
+        """The proof, written, that no frames explain a group to within eps."""
+        part = self.study.part(np.array(sorted(group)))
+        if self.fitted(group) <= eps:
+            return None
+        self.tell(f"{len(part.images)} images at {at_most(eps)} px")
+        proofs = prove_in_turns(part, eps, self.domain, about=about_study(part, eps), tell=self.tell)
+        if not proofs[-1].refuted:
+            return None
+        self.count += 1
+        names = tuple(f"wrong-{self.count}-{k + 1}.cert.jsonl" for k in range(len(proofs)))
+        for proof, name in zip(proofs, names, strict=True):
+            proof.write(self.folder / name)
+        return RefutedGroup(part.images, eps, names)
+
+
+def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator) -> tuple[HandEyeFrames, list[int]]:
+    """Least squares over all but the `outliers` images that fit worst, and these: the best of fits from random images.
+
+    Each fit is repeated with the images that fit best, until they stay the same.
+    """
+    count = len(study.images)
+    best: tuple[float, HandEyeFrames, list[int]] | None = None
+    for trial in range(_TRIALS):
+        chosen = np.arange(count) if not trial else np.sort(random.choice(count, _LEAST, replace=False))
+        for _ in range(10):
+            try:
+                frames = classical_answer(study.part(chosen)).frames
+            except InputError:
+                break
+            squares = _by_image(study, frames)
+            order = np.argsort(squares, kind="stable")
+            kept = np.sort(order[: count - outliers])
+            value = float(squares[kept].sum())
+            if math.isfinite(value) and (best is None or value < best[0] * (1.0 - 1e-9)):
+                best = value, frames, sorted(order[count - outliers :].tolist())
+            if np.array_equal(kept, chosen):
+                break
+            chosen = kept
+    if best is None:
+        raise InputError([Problem("study", "has no images that determine the frames", "check poses and points")])
+    return best[1], best[2]
+
+
+def _by_image(study: HandEyeStudy, frames: HandEyeFrames) -> Floats:
+    """Mean square of the residuals of each image."""
+    squares = (PixelModel(study)(frames) ** 2).reshape(2, -1).sum(axis=0)
+    number = np.bincount(study.image, minlength=len(study.images))
+    return np.asarray(np.bincount(study.image, weights=squares, minlength=len(study.images)) / np.maximum(number, 1))

@@ -1,0 +1,128 @@
+"""Studies made from pairs of poses and from photographs."""
+
+import json
+
+import numpy as np
+import pytest
+
+from cpcal.common.errors import InputError
+from cpcal.handeye.board_photos import PrintedBoard, study_of_photos
+from cpcal.handeye.classical_answer import classical_answer
+from cpcal.handeye.pose_pair_files import read_pose_pairs
+from cpcal.handeye.pose_pairs_study import study_of_pairs
+from cpcal.handeye.simulate_hand_eye import CAMERA, simulate_hand_eye
+from cpcal.robot import Pose, quaternion_from_matrix
+from cpcal.vision.camera import Camera
+
+
+def pairs(setup):
+    """Hand in base and target in camera of a simulated study without errors, and its truth."""
+    simulated = simulate_hand_eye(setup=setup, images=8, pixel_error=0.0, seed=2)
+    study, truth = simulated.study, simulated.truth
+    turn, shift = study.motions
+    r = truth.e_rotation @ turn @ truth.f_rotation
+    t = (turn @ truth.f_translation + shift) @ truth.e_rotation.T + truth.e_translation
+    return study.poses, Pose(t, quaternion_from_matrix(r)), truth
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_pairs_of_poses_give_the_frames(setup):
+    hand, seen, truth = pairs(setup)
+    found = classical_answer(study_of_pairs(hand, seen, setup=setup))
+    assert found.largest < 1e-7
+    np.testing.assert_allclose(found.frames.f_translation, truth.f_translation, atol=1e-6)
+
+
+def _matrix(pose, k):
+    m = np.eye(4)
+    m[:3, :3], m[:3, 3] = pose.rotation[k], pose.position[k] / 1000.0
+    return m
+
+
+def _transform(pose, k):
+    t, q = pose.position[k] / 1000.0, pose.quaternion[k]
+    return {
+        "translation": dict(zip("xyz", t.tolist(), strict=True)),
+        "rotation": dict(zip("wxyz", q.tolist(), strict=True)),
+    }
+
+
+def moveit(hand, seen):
+    return [
+        {
+            "effector_wrt_world": _matrix(hand, k).ravel().tolist(),
+            "object_wrt_sensor": _matrix(seen, k).ravel().tolist(),
+        }
+        for k in range(8)
+    ]
+
+
+def opencv(hand, seen):
+    named = {"gripper2base": hand, "target2cam": seen}
+    lists = {}
+    for name, pose in named.items():
+        lists[f"R_{name}"] = [_matrix(pose, k)[:3, :3].tolist() for k in range(8)]
+        lists[f"t_{name}"] = [_matrix(pose, k)[:3, 3].tolist() for k in range(8)]
+    return lists
+
+
+def ros(hand, seen):
+    return {"samples": [{"robot": _transform(hand, k), "tracking": _transform(seen, k)} for k in range(8)]}
+
+
+@pytest.mark.parametrize("form", [moveit, opencv, ros])
+def test_files_of_other_packages_are_read(tmp_path, form):
+    hand, seen, _ = pairs("eye-in-hand")
+    path = tmp_path / "samples.yaml"
+    path.write_text(json.dumps(form(hand, seen)))  # JSON is YAML
+    for given, read in zip((hand, seen), read_pose_pairs(path), strict=True):
+        np.testing.assert_allclose(read.position, given.position, atol=1e-9)
+        np.testing.assert_allclose(read.rotation, given.rotation, atol=1e-12)
+
+
+@pytest.mark.parametrize("text", ["[]", "{samples: [{robot: 1}]}", "[{effector_wrt_world: [1, 2]}]", "a: ["])
+def test_files_of_other_things_are_refused(tmp_path, text):
+    path = tmp_path / "samples.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError):
+        read_pose_pairs(path)
+
+
+@pytest.mark.parametrize(
+    "text", ["chessboard:8x6", "charuco:5x7:40:30", "grid:2x2:30:-1:4X4_50", "brick:2x2:1", "chessboard:1x6:30"]
+)
+def test_boards_that_are_none_are_refused(text):
+    with pytest.raises(InputError, match="board"):
+        PrintedBoard.parsed(text)
+
+
+def test_a_charuco_board_is_found_in_photographs(tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    board = cv2.aruco.CharucoBoard((6, 5), 40.0, 30.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    picture = board.generateImage((600, 500), marginSize=0)
+    camera = Camera(800, 600, np.array([900.0, 900.0]), np.array([399.5, 299.5]), np.zeros(5))
+    poses = {}
+    for k, angle in enumerate((0.0, 0.2, -0.25)):
+        turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+        plane = np.column_stack([turn[:, 0], turn[:, 1], [-120.0, -100.0, 500.0]])
+        inside = np.array([[900.0, 0, 399.5], [0, 900.0, 299.5], [0, 0, 1]])
+        pixel = np.array([[0.4, 0, -0.2 + 0.2], [0, 0.4, 0.0], [0, 0, 1]])  # mm of a pixel of the picture
+        image = cv2.warpPerspective(picture, inside @ plane @ pixel, (800, 600), borderValue=255, flags=cv2.INTER_AREA)
+        cv2.imwrite(str(tmp_path / f"shot{k}.png"), image)
+        poses[f"shot{k}"] = (float(k), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    cv2.imwrite(str(tmp_path / "spare.png"), np.full((600, 800), 255, np.uint8))
+    study, left = study_of_photos(
+        tmp_path, PrintedBoard.parsed("charuco:6x5:40:30:4X4_50"), camera=camera, poses=poses, setup="eye-to-hand"
+    )
+    assert study.images == ("shot0", "shot1", "shot2")
+    assert left == ["spare.png has no pose"]
+    assert len(study.image) >= 50
+    first = study.image == 0
+    expected = 900.0 * (study.points[first, :2] - [120.0, 100.0]) / 500.0 + [399.5, 299.5]
+    assert np.abs(study.pixels[first] - expected).max() < 1.5
+
+
+def test_a_simulated_camera_sees_all_points():
+    study = simulate_hand_eye(images=5, seed=0).study
+    assert (study.pixels > 0).all()
+    assert (study.pixels < [CAMERA.width, CAMERA.height]).all()
