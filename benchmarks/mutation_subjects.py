@@ -25,7 +25,6 @@ from cpcal.report import REPORT_NAME
 from cpcal.results import Result, load_result
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, simulate_study
-from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.camera_file import load_camera, save_camera
 from cpcal.vision.files.target_file import load_target, save_target
@@ -117,7 +116,7 @@ _INFORMATION = (
 
 def _informed(good: tuple[list[str], Result, str], found: tuple[list[str], Result, str]) -> str | None:
     """Why another result.json that is accepted is harmless: it differs in what the page and `verify` call information,
-    or states less than is proved."""
+    or says that the run was interrupted."""
     (proved, was, page), (proved_now, now, page_now) = good, found
     differs = [] if page == page_now else ["the page, which verify does not read and report writes again"]
     differs += [f"asked: {name}" for name in _QUESTION if getattr(was.options, name) != getattr(now.options, name)]
@@ -127,9 +126,6 @@ def _informed(good: tuple[list[str], Result, str], found: tuple[list[str], Resul
     for old, new in zip(was.legs, now.legs, strict=False):
         info = {name: getattr(old, name) for name in _INFORMATION}
         differs += [f"information: {name}" for name in _INFORMATION if not same(getattr(new, name), info[name])]
-        if new.verdict is Verdict.UNKNOWN and old.verdict is Verdict.PROVED:
-            differs.append("undecided, which claims less than is proved")
-            info["verdict"] = old.verdict
         legs.append(replace(new, **info))
     options = replace(now.options, **{name: getattr(was.options, name) for name in _QUESTION})
     as_before = replace(now, options=options, version=was.version, interrupted=was.interrupted, legs=tuple(legs))

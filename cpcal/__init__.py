@@ -4,6 +4,14 @@ campaign = cpcal.load_campaign("campaign/")
 result = cpcal.certify(campaign, delta=100.0)
 """
 
-import lazy_loader
+import sys
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+try:
+    import lazy_loader
+
+    __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+except KeyboardInterrupt:
+    if sys.argv[:1] != ["-m"] and not sys.argv[0].endswith("cpcal"):  # imported by a program: Ctrl-C is its own
+        raise
+    sys.stderr.write("cpcal: interrupted\n")
+    sys.exit(130)

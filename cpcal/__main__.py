@@ -17,6 +17,10 @@ def main() -> None:
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         sys.stderr.write(f"cpcal: internal error, please report it with the command and its files ({what})\n")
         sys.exit(3)
+    finally:
+        # After a Ctrl-C within an exec (of dataclasses, say) Python ends by SIGINT, whatever the status: a new exec
+        # makes it forget.
+        exec("")
 
 
 def _leave_at_once_while_starting() -> None:

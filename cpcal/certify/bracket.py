@@ -14,6 +14,7 @@ from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError
 from cpcal.execution.stopping import asked
+from cpcal.results.support_proof import SupportProof
 from cpcal.solver.certificate.recording import Claims, Recording, claims_of
 from cpcal.solver.certificate.statement import Statement
 from cpcal.solver.interval import Box
@@ -37,9 +38,18 @@ class Answered:
 
 
 def by_bound(
-    question: Question, leg: int, network: ConstraintNetwork, start: Floats, tell: Callable[[Bracket], None]
+    question: Question,
+    leg: int,
+    network: ConstraintNetwork,
+    start: Floats,
+    tell: Callable[[Bracket], None],
+    *,
+    hull_only: bool = False,
 ) -> Answered:
-    """Branch and bound, by all contractors asked for; with certificates, what weights prove of it is the answer."""
+    """Branch and bound, by all contractors asked for; with certificates, what weights prove of it is the answer.
+
+    `hull_only`: the certificate claims the enclosure alone, since nothing else is going to be stated.
+    """
     named = question.named(network)
 
     def solved(
@@ -72,20 +82,24 @@ def by_bound(
         found = solved(proof.recording.prover, proof.event, proof.recording)
         if _torn(found) or (found.witness is None and found.lo <= network.domain["eps"].lo):
             return Answered(found)  # nothing is proved, or the last step may be half written
-        path = proof.write(question.certificate(leg), claims_of(found, network.domain, "eps"))
+        claims = claims_of(found, network.domain, "eps") | ({"point": None} if hull_only else {})
+        path = proof.write(question.certificate(leg), claims)
         found = replace(found, contractors_used=proof.recording.credited(found.contractors_used))
         return Answered(found, None if path is None else path.name, unwritten=path is None)
 
 
 def prove_support(
     question: Question, leg: int, network: ConstraintNetwork, start: Floats, few: tuple[int, ...]
-) -> None:
-    """Write a certificate that speaks of a few measurements only, and proves the lower bound that they give."""
+) -> SupportProof | None:
+    """Write a certificate that speaks of a few measurements only, and proves the lower bound that they give.
+
+    None, and no certificate, where they give none, or contractors without weights.
+    """
     smaller = restricted(network, [np.array(few, dtype=np.intp)] * len(network.constraints))
     named, engine, limits = question.named(smaller), question.engine, question.limits
     statement = question.statement(leg, network.domain, few)
     if not Contracting(named).gives_weights or statement is None:
-        return
+        return None
     with ProofFile(statement, network.domain) as proof:
         found = run(
             minimize(
@@ -101,9 +115,15 @@ def prove_support(
             ),
             None,
         )
-        if not found.interrupted:
-            claims = claims_of(found, network.domain, "eps", lower_only=True)
-            proof.write(question.certificate(leg, ".support"), claims)
+        lowest, highest = network.domain["eps"].lo, network.domain["eps"].hi
+        if _torn(found) or found.lo <= lowest:
+            return None
+        path = proof.write(
+            question.certificate(leg, ".support"), claims_of(found, network.domain, "eps", lower_only=True)
+        )
+        if path is None:
+            return None
+        return SupportProof(highest if lowest == highest else float(found.lo), path.name)
 
 
 class ProofFile:

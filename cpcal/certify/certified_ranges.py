@@ -99,7 +99,7 @@ def _ranges(question: Question, leg: LegResult) -> tuple[Ranges | None, bool]:
     asked = replace(question, options=options)
     network = asked.network(leg.leg, np.array(leg.center))
     start = np.append(leg.center if leg.point is None else leg.point, eps)
-    answer = by_bound(asked, leg.leg, network, start, lambda _: None)
+    answer = by_bound(asked, leg.leg, network, start, lambda _: None, hull_only=True)
     box = answer.minimum.enclosure
     if box.is_empty or answer.minimum.interrupted:
         return None, answer.minimum.interrupted

@@ -14,7 +14,7 @@ from cpcal.certify.undetermined import determination
 from cpcal.common.arrays import Floats
 from cpcal.execution.stopping import asked
 from cpcal.legs import built_in, exactly_read
-from cpcal.results import Determination, LegResult, Uncertified, VerifiedPoint
+from cpcal.results import Determination, LegResult, SupportProof, Uncertified, VerifiedPoint
 from cpcal.solver.contract import Verdict
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize import Bracket, Minimum, irreducible, minimize, run
@@ -36,15 +36,17 @@ def certify_leg(question: Question, leg: int) -> tuple[LegResult, bool]:
 
     answer = by_bound if question.options.method == "bound" else by_timeout
     found = answer(question, leg, network, start, tell)
-    few = _support(question, leg, network, start, found.minimum)
-    return _leg_result(question, leg, center, found, few), found.minimum.interrupted or asked() is not None
+    few, proof = _support(question, leg, network, start, found.minimum)
+    result = _leg_result(question, leg, center, found, few)
+    return replace(result, support_proof=proof), found.minimum.interrupted or asked() is not None
 
 
 def _support(
     question: Question, leg: int, network: ConstraintNetwork, start: Floats, found: Minimum
-) -> tuple[int, ...]:
+) -> tuple[tuple[int, ...], SupportProof | None]:
+    """The measurements, and what is proved of them alone where a certificate of it was asked for."""
     if question.options.support == "none":
-        return ()
+        return (), None
     gap, short = question.limits.gap, replace(question.limits, nodes=_SUPPORT_NODES)
 
     def alone(net: ConstraintNetwork) -> Minimum:
@@ -57,8 +59,8 @@ def _support(
         few = irreducible(network, found, few, gap, alone)
         if question.certificates is not None and not asked():
             best = start if found.witness is None else found.witness.point
-            prove_support(question, leg, network, best, few)
-    return few
+            return few, prove_support(question, leg, network, best, few)
+    return few, None
 
 
 def _leg_result(question: Question, leg: int, center: Floats, answer: Answered, few: tuple[int, ...]) -> LegResult:

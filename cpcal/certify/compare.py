@@ -17,7 +17,7 @@ from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
 from cpcal.legs import LegModel
-from cpcal.results import Comparison, Entry, LegResult, Options, proved_sentence
+from cpcal.results import Comparison, Entry, LegResult
 from cpcal.robot import Campaign
 
 COMPARED = ("plain", "gain", "linear")
@@ -99,7 +99,7 @@ def compared(question: Question, models: Sequence[LegModel], progress: Callable[
     for leg, model in ((leg, model) for leg in options.legs or range(1, campaign.legs + 1) for model in models):
         asked = replace(options, legs=(leg,), model=model.name)
         result = answered(replace(question, options=asked, model=model, prefix=f"{model.name}-"))
-        entries += [_entry(options, found, model) for found in result.legs]
+        entries += [_entry(found, model) for found in result.legs]
         if progress is not None and result.legs:
             progress(entries[-1])
         interrupted = result.interrupted
@@ -136,7 +136,7 @@ def _chosen(
     return chosen, wrong
 
 
-def _entry(options: Options, found: LegResult, model: LegModel) -> Entry:
+def _entry(found: LegResult, model: LegModel) -> Entry:
     return Entry(
         subject=f"leg {found.leg}",
         model=model.name,
@@ -144,7 +144,6 @@ def _entry(options: Options, found: LegResult, model: LegModel) -> Entry:
         eps_hi=found.eps_hi,
         enclosure=found.enclosure,
         certificate=found.certificate,
-        status=proved_sentence(options, found),
         seconds=found.seconds,
         determination=found.determination,
         not_certified=found.not_certified,

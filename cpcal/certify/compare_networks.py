@@ -89,7 +89,6 @@ def _entry(subject: str, model: str, found: Minimum, objective: str, path: Path 
         eps_hi=found.hi,
         enclosure=enclosure,
         certificate=certificate,
-        status=found.status,
         seconds=found.seconds,
     )
 

@@ -119,8 +119,7 @@ def _minimum(
     found_lo = trials[-1].lo if trials else 0.0
     checked = max((t.eps for t in trials if t.checked), default=0.0)
     lo = found_lo if solver.statement is None else checked
-    enclosure = domain if best is not None else Box.empty(network.names)
-    found = Found(found_lo, enclosure) if found_lo > lo else None
+    found = Found(found_lo, domain) if found_lo > lo else None
     closed = hi - lo <= max(limits.gap * hi, limits.gap_absolute)
     return Minimum(
         lo=lo,
@@ -129,7 +128,7 @@ def _minimum(
         status=calls_sentence(len(trials), lo, hi, limits.gap, closed=closed)
         + ("" if found is None else found.sentence(lo)),
         witness=best,
-        enclosure=enclosure,
+        enclosure=domain,  # the method encloses nothing
         floor=0.0,
         rows=(),
         decisive_rows=(),

@@ -18,7 +18,6 @@ from .refusal import Refused, Unusable
 
 RESULT_NAME = "result.json"
 RESULT_FORMAT = "cpcal-result/5"
-SUPPORT = "support.cert.jsonl"
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints
 STRANGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, OverflowError, MemoryError)
@@ -52,8 +51,8 @@ def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
         same("format", result["format"], RESULT_FORMAT)
         compare(_of_the_run(result, campaign))
         legs: list[Json] = result["legs"]
-        named = {str(leg["certificate"]) for leg in legs} | {f"leg{leg['leg']}.{SUPPORT}" for leg in legs}
-        named |= {str(leg["ranges"]["certificate"]) for leg in legs if leg["ranges"] is not None}
+        others = [leg[key] for leg in legs for key in ("ranges", "support_proof") if leg[key] is not None]
+        named = {str(of["certificate"]) for of in (*legs, *others)}
         for path in sorted(folder.glob("*.cert.jsonl")):
             if path.name not in named:
                 raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
@@ -89,7 +88,7 @@ def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, wor
 
     try:
         same("support", sorted(leg["support"]), sorted(set(leg["support"]) & set(campaign.ids)))
-        stated, ranges, few, found = leg["ranges"], None, None, None
+        stated, proof, ranges, few, found = leg["ranges"], leg["support_proof"], None, None, None
         if stated is not None and stated["certificate"] is not None:
             ranges = accepted(stated["certificate"], every)
             compare(_of_the_ranges(result, leg, stated, ranges))
@@ -99,9 +98,10 @@ def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, wor
             found = accepted(name, every)
             compare(of_the_box(result, leg, found, result["options"]["eps"]))
             compare(_of_the_leg(result, leg, campaign, found))
-        if (folder / f"leg{number}.{SUPPORT}").exists():
+        if proof is not None:
             chosen = [k for k, text in enumerate(campaign.ids) if text in leg["support"]]
-            few = accepted(f"leg{number}.{SUPPORT}", chosen)
+            few = accepted(proof["certificate"], chosen)
+            compare(_of_the_support(result, leg, proof, campaign, few))
         return LegChecked(number, name, found, support=few, ranges=ranges)
     except (Unusable, Refused, *STRANGE) as error:
         return LegChecked(number, shown(name), refused=reason_of(error))
@@ -142,17 +142,18 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
     ends = zip(accepted.lo[:-1], at or (), accepted.hi, strict=False)
     if at is not None and (any(not a <= v <= b for a, v, b in ends) or (asked is not None and at[-1] != claims.cap)):
         at = None
-    refuted = claims.infeasible and at is None
+    refuted, lo = _lowest(campaign, leg["leg"], accepted, asked, at)
     if asked is not None:  # only that one is spoken of
         yield "cap", exact(asked), claims.cap
-        lo: Any = claims.cap if refuted else 0
-    else:
-        refuted = refuted and _all_of_it(campaign, accepted)
-        lo = "inf" if refuted else claims.eps_lo or 0
+    elif claims.enclosure is not None:  # it holds all up to eps_hi, and up to any eps where none is known
+        everything = _all_of_it(campaign, leg["leg"], accepted)
+        yield "eps up to which the enclosure holds", True, everything if at is None else claims.cap == at[-1]
+    elif at is not None and claims.infeasible:
+        yield "eps up to which there is no solution", lo, claims.cap
     yield "eps_lo", leg["eps_lo"], lo
     yield "eps_hi", leg["eps_hi"], "inf" if at is None else at[-1]
     yield "point", leg["point"] and [exact(v) for v in leg["point"]], at and list(at[:-1])
-    yield from _of_the_hull(result, leg["enclosure"], accepted)
+    yield from _of_the_hull(result, leg["enclosure"], accepted, empty=refuted)
     narrow, slack = at is not None, F(0)
     if at is not None and asked is None:
         asked_gap = max(exact(result["options"]["gap"]) * at[-1], _CLOSED)
@@ -161,22 +162,46 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
     yield "status", leg["status"], "refuted" if refuted else "proved" if narrow else "unknown"
 
 
+def _lowest(campaign: ExactCampaign, leg: int, accepted: Accepted, asked: Any, at: Any) -> tuple[bool, Any]:
+    """Whether it is refuted that there is a solution, and the lower bound that the claims make."""
+    claims = accepted.claims
+    refuted = claims.infeasible and at is None and (asked is not None or _all_of_it(campaign, leg, accepted))
+    if asked is not None:
+        return refuted, claims.cap if refuted else 0
+    return refuted, "inf" if refuted else claims.eps_lo or 0
+
+
+def _of_the_support(
+    result: Json, leg: Json, stated: Json, campaign: ExactCampaign, accepted: Accepted
+) -> Iterator[tuple[str, Any, Any]]:
+    """The lower bound by the support alone, and nothing more."""
+    claims, asked = accepted.claims, result["options"]["eps"]
+    yield from of_the_box(result, leg, accepted, asked)
+    refuted, lo = _lowest(campaign, leg["leg"], accepted, asked, None)
+    yield "eps_lo of the support", stated["eps_lo"], lo
+    yield "eps of the support", True, refuted or claims.cap == lo
+    yield "claims of the support", (None, None), (claims.enclosure, claims.point)
+
+
 def _of_the_ranges(result: Json, leg: Json, stated: Json, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
     """The parameters at one eps."""
     yield from of_the_box(result, leg, accepted, stated["eps"])
     yield "eps of the ranges", exact(stated["eps"]), accepted.claims.cap
-    yield from _of_the_hull(result, stated["box"], accepted)
+    if stated["certificate"] != leg["certificate"]:  # where one eps was asked about it is that of the leg
+        yield "point of the ranges", None, accepted.claims.point
+    yield from _of_the_hull(result, stated["box"], accepted, empty=accepted.claims.infeasible)
 
 
-def _of_the_hull(result: Json, box: Json, accepted: Accepted) -> Iterator[tuple[str, Any, Any]]:
+def _of_the_hull(result: Json, box: Json, accepted: Accepted, *, empty: bool) -> Iterator[tuple[str, Any, Any]]:
     yield "parameters", box["names"], [*PARAMETERS, *(p["name"] for p in result["model"]["parameters"])]
     sides = [box[side] and [exact(v) for v in box[side]] for side in ("lo", "hi")]
-    yield "enclosure", sides, [side and list(side[:-1]) for side in accepted.claims.enclosure or (None, None)]
+    found = accepted.claims.enclosure or (None if empty else (accepted.lo, accepted.hi))
+    yield "enclosure", sides, [side and list(side[:-1]) for side in found or (None, None)]
 
 
-def _all_of_it(campaign: ExactCampaign, accepted: Accepted) -> bool:
+def _all_of_it(campaign: ExactCampaign, leg: int, accepted: Accepted) -> bool:
     """Whether the cap is above every eps for which legs can be longer than eps."""
-    rows = (campaign.measurement(k, accepted.leg or 1) for k in range(len(campaign)))
+    rows = (campaign.measurement(k, leg) for k in range(len(campaign)))
     cap, shortest = accepted.claims.cap, min(row.length - row.radii[6] for row in rows)
     return cap is not None and cap >= shortest + accepted.hi[6]
 

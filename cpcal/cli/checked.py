@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cpcal.checker import Accepted, LegChecked, Refused, Unusable, check, check_run
 from cpcal.common.errors import InputError, Problem
+from cpcal.results import RESULT_NAME, Result, load_result
 
 
 def checked_legs(run: Path) -> list[LegChecked] | str:
@@ -17,6 +18,16 @@ def checked_legs(run: Path) -> list[LegChecked] | str:
         return str(reason)
     except Unusable as reason:
         raise InputError([Problem(str(run), str(reason), "name the folder of a run")]) from None
+
+
+def result_of(run: Path) -> Result | str:
+    """What the result.json of a run states, or why it is none. Raises InputError where there is no such file."""
+    try:
+        return load_result(run)
+    except InputError as error:
+        if not (run / RESULT_NAME).is_file():
+            raise
+        return "; ".join(problem.what for problem in error.problems)
 
 
 def checked_certificate(path: Path) -> Accepted | str:

@@ -147,7 +147,7 @@ def _table(found: Comparison) -> Table:
     for entry in found.entries:
         cells = [Text(printable(cell)) for cell in comparison_row(found, entry)]
         if found.tolerance is not None:
-            cells[4].stylize(STYLES[entry.leg_verdict(found.tolerance).kind])
+            cells[4].stylize(STYLES[entry.leg_verdict(found.tolerance, found.options).kind])
         if len(entry.enclosure.names) > 8:
             cells[6] = Text(f"{len(entry.enclosure.names) - 7}, see the page", style="dim")
         table.add_row(*cells)
@@ -161,5 +161,5 @@ def _status(found: Comparison) -> Status:
     at, subjects = found.tolerance, {entry.subject for entry in found.entries}
     if at is None:
         return Status.ANSWERED
-    passed = {entry.subject for entry in found.entries if isinstance(entry.leg_verdict(at), Explained)}
+    passed = {entry.subject for entry in found.entries if isinstance(entry.leg_verdict(at, found.options), Explained)}
     return Status.ANSWERED if passed == subjects else Status.UNKNOWN

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from cpcal.certify.recomputed import stated_otherwise
-from cpcal.cli.checked import checked_legs
+from cpcal.cli.checked import checked_legs, result_of
 from cpcal.cli.folders import FITS, PIXEL_RUN, RUN, check_writable, output_path
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import holds_study, study_found
@@ -18,7 +18,6 @@ from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.report import REPORT_NAME
-from cpcal.report.match import check_match
 from cpcal.report.page import render
 from cpcal.report.study_report import render_study
 from cpcal.results import Result, load_result
@@ -66,21 +65,28 @@ def _run(run: Path, campaign: Path | None, *, checker: bool) -> str:
 
 def checked_run(run: Path, campaign: Path | None = None) -> tuple[Campaign, Result]:
     """A run's campaign and result. Raises InputError, and typer.Exit when the checker refuses something."""
-    result, kept = load_result(run), load_campaign_json(run)
+    result = result_of(run)
+    if isinstance(result, str):
+        raise _refusal(run, [result])
+    _stop(run, _refused(run))
+    kept = load_campaign_json(run)
     if campaign is not None and campaign_sha256(load_campaign(campaign)) != campaign_sha256(kept):
         what = "is another campaign than the run's: its SHA-256 differs"
         raise InputError([Problem(str(campaign), what, "name the campaign that was certified, or leave it out")])
-    check_match(kept, result)
-    _stop(run, [*_refused(run), *stated_otherwise(kept, result)])
+    _stop(run, list(stated_otherwise(kept, result)))
     return kept, result
 
 
 def _stop(folder: Path, wrong: list[str]) -> None:
     """No page of what is refused."""
+    if wrong:
+        raise _refusal(folder, wrong)
+
+
+def _refusal(folder: Path, wrong: list[str]) -> typer.Exit:
     for sentence in wrong:
         typer.echo(printable(f"{folder.name}: REFUSED, {sentence}"))
-    if wrong:
-        raise typer.Exit(Status.UNKNOWN)
+    return typer.Exit(Status.UNKNOWN)
 
 
 def _refused(run: Path) -> list[str]:

@@ -13,7 +13,7 @@ from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
 from cpcal.certify.fits import FITS_NAME, load_fits
 from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check
-from cpcal.cli.checked import checked_certificate, checked_legs
+from cpcal.cli.checked import checked_certificate, checked_legs, result_of
 from cpcal.cli.claims import sentences
 from cpcal.cli.hand_eye import hand_eye_verified
 from cpcal.cli.hand_eye_wrong import wrong_images_verified
@@ -25,7 +25,7 @@ from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, unfinished
 from cpcal.handeye.hand_eye_files import load_hand_eye
 from cpcal.report import REPORT_NAME
-from cpcal.results import COMPARISON_NAME, INFORMATION, RESULT_NAME, information, load_comparison, load_result
+from cpcal.results import COMPARISON_NAME, INFORMATION, RESULT_NAME, Entry, information, load_comparison
 
 
 @talking
@@ -81,11 +81,11 @@ def _same_campaign(target: Path, campaign: Path, talk: Talk) -> bool:
 
 def _run(run: Path, talk: Talk) -> bool:
     """All legs of a run. Raises InputError where there is nothing to check."""
-    result = load_result(run)
     if unfinished(run):
         talk.say("Another run into this folder is at work, or was killed: these are the answers before it.")
-    legs = checked_legs(run)
-    if isinstance(legs, str):
+    result = result_of(run)
+    legs = result if isinstance(result, str) else checked_legs(run)
+    if isinstance(legs, str) or isinstance(result, str):
         talk.say(f"{RESULT_NAME}: REFUSED, {legs}")
         return False
     wrong = list(stated_otherwise(load_campaign_json(run), result))
@@ -99,7 +99,7 @@ def _run(run: Path, talk: Talk) -> bool:
         elif leg.accepted is None:
             talk.say(f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}")
         ranges = None if found.ranges is None else found.ranges.certificate
-        support = f"leg{leg.leg}.support.cert.jsonl"
+        support = None if found.support_proof is None else found.support_proof.certificate
         for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges)):
             if accepted is not None and name is not None:
                 _tell(talk, name, accepted)
@@ -157,17 +157,36 @@ def _as_stated(folder: Path, talk: Talk) -> bool:
 def _other_comparison(folder: Path, talk: Talk) -> Iterator[str]:
     if not (folder / COMPARISON_NAME).exists():
         return
-    for entry in load_comparison(folder).entries:
+    comparison = load_comparison(folder)
+    for entry in comparison.entries:
         if entry.certificate is None:
             talk.say(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}")
             continue
-        claims = _claimed(folder, entry.certificate).claims
-        proved = (
-            float("inf") if claims.infeasible else float(claims.eps_lo or 0),
-            float("inf") if claims.eps_hi is None else float(claims.eps_hi),
-        )
-        if (entry.eps_lo, entry.eps_hi) != proved:
+        accepted = _claimed(folder, entry.certificate)
+        of_legs = accepted.campaign == comparison.campaign_sha256 and accepted.leg is not None
+        if of_legs and (entry.subject, entry.model) != (f"leg {accepted.leg}", accepted.model):
+            yield f"{entry.subject}, {entry.model}, by the certificate of another"
+        elif _stated(entry) != _proved(accepted):
             yield f"{entry.subject}, {entry.model}"
+
+
+Numbers = tuple[float, float, tuple[tuple[float, float], ...] | None]  # eps_lo, eps_hi, the enclosure at eps_hi
+
+
+def _stated(entry: Entry) -> Numbers:
+    box = entry.enclosure
+    sides = None if box.is_empty else tuple((float(lo), float(hi)) for lo, hi in zip(box.lo, box.hi, strict=True))
+    return entry.eps_lo, entry.eps_hi, sides
+
+
+def _proved(accepted: Accepted) -> Numbers:
+    claims, inf = accepted.claims, float("inf")
+    lo = inf if claims.infeasible else float(claims.eps_lo or 0)
+    hi = inf if claims.eps_hi is None else float(claims.eps_hi)
+    if claims.enclosure is None or (claims.eps_hi is not None and claims.cap != claims.eps_hi):
+        return lo, hi, None
+    pairs = enumerate(zip(*claims.enclosure, strict=True))
+    return lo, hi, tuple((float(a), float(b)) for k, (a, b) in pairs if k != accepted.objective)
 
 
 def _other_sets(folder: Path, talk: Talk) -> Iterator[str]:

@@ -61,7 +61,7 @@ def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel |
     if isinstance(verdict, Explained):
         return Advice(*_by_verdict(verdict), first=first)
     if isinstance(verdict, Undetermined):
-        return Advice(NextStep.ADD, "add poses", _where(campaign, leg, found), first)
+        return Advice(NextStep.ADD, "add poses", _where(campaign, verdict.names, found), first)
     if isinstance(verdict, Undecided):
         return Advice(*_by_verdict(verdict), first=first)
     better = _another_model(campaign, leg, model, found) or _without(campaign, found, first)
@@ -177,7 +177,7 @@ def _without(campaign: Campaign, own: Fitted, first: tuple[int, ...]) -> tuple[N
     return None
 
 
-def _where(campaign: Campaign, leg: LegResult, found: Fitted) -> str:
+def _where(campaign: Campaign, names: tuple[str, ...], found: Fitted) -> str:
     """A pose, of the corners of the workspace and a little beyond, that the undetermined parameters would show in."""
     scale = np.sqrt(np.mean(found.jacobian**2, axis=0))
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -190,7 +190,6 @@ def _where(campaign: Campaign, leg: LegResult, found: Fitted) -> str:
         row = _row(position, turn, found.x) / scale[:7]
         if abs(float(row @ weakest)) > share:
             best, share = (position, turn), abs(float(row @ weakest))
-    names = leg.determination.undetermined if leg.determination is not None else ()
     what = f"Add poses that show {', '.join(names)}" if names else "Add poses"
     at, turned_by = (", ".join(about(v) for v in values) for values in (best[0], np.degrees(best[1])))
     return f"{what}, such as one near ({at}) mm, turned by ({turned_by}) degrees."

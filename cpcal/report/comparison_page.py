@@ -45,7 +45,7 @@ def _unit(comparison: Comparison) -> str:
 
 def comparison_row(comparison: Comparison, entry: Entry) -> tuple[str, ...]:
     """Bounds are rounded to the side on which they stay proved."""
-    word = entry.word(comparison.tolerance)
+    word = entry.word(comparison.tolerance, comparison.options)
     certificate = "none" if entry.certificate is None else entry.certificate
     extra = (_extra(entry),) if comparison.campaign_sha256 else ()
     return (entry.subject, entry.model, *bracket_text(entry.eps_lo, entry.eps_hi), word, certificate, *extra)
@@ -87,7 +87,7 @@ def comparison_sentences(comparison: Comparison) -> list[str]:
             text = f"{model} is refuted at {at} for none of {len(entries)}."
         if open_ones:
             text += f" Not known for {', '.join(e.subject for e in open_ones)}."
-        poor = [e for e in entries if isinstance(e.leg_verdict(tolerance), Undetermined)]
+        poor = [e for e in entries if isinstance(e.leg_verdict(tolerance, comparison.options), Undetermined)]
         if poor:
             text += f" Undetermined for {', '.join(e.subject for e in poor)}: the measurements leave parameters open."
         out.append(text)
@@ -102,7 +102,11 @@ def comparison_lines(comparison: Comparison) -> list[str]:
         entries = [entry for entry in comparison.entries if entry.subject == subject]
         line = f"{subject}: " + ", ".join(_short(comparison, entry) for entry in entries)
         if comparison.tolerance is not None:
-            good = [e.model for e in entries if isinstance(e.leg_verdict(comparison.tolerance), Explained)]
+            good = [
+                e.model
+                for e in entries
+                if isinstance(e.leg_verdict(comparison.tolerance, comparison.options), Explained)
+            ]
             line += f"; next: accept {good[0]}" if good else "; next: no model passes"
         out.append(printable(line))
     if len(subjects) > _MOST_LINES:
@@ -112,7 +116,11 @@ def comparison_lines(comparison: Comparison) -> list[str]:
 
 def _short(comparison: Comparison, entry: Entry) -> str:
     hi = at_most(entry.eps_hi) if math.isfinite(entry.eps_hi) else f"above {at_least(entry.eps_lo)}"
-    word = "" if comparison.tolerance is None else f" {_WORDS[entry.leg_verdict(comparison.tolerance).kind]}"
+    word = (
+        ""
+        if comparison.tolerance is None
+        else f" {_WORDS[entry.leg_verdict(comparison.tolerance, comparison.options).kind]}"
+    )
     return f"{entry.model} {hi}{word}"
 
 
@@ -125,7 +133,7 @@ def _context(comparison: Comparison) -> dict[str, Any]:
     tolerance = comparison.tolerance
     rows = []
     for entry in comparison.entries:
-        style = "" if tolerance is None else entry.leg_verdict(tolerance).kind
+        style = "" if tolerance is None else entry.leg_verdict(tolerance, comparison.options).kind
         rows.append({"cells": comparison_row(comparison, entry), "style": style})
     return {
         "title": printable(comparison.title),

@@ -66,7 +66,7 @@ def fit_sentence(verdict: LegVerdict) -> str:
     """The verdict as a calibration engineer would say it: how well the measurements fit, and what is allowed."""
     bracket = verdict.bracket
     if isinstance(verdict, Undetermined):
-        return f"Cannot be judged: {_lowered(verdict.determination.sentence)}"
+        return f"Cannot be judged: {_lowered(verdict.reason)}"
     if isinstance(verdict, Explained):
         said = f"All measurements fit {bracket.within}"
     elif isinstance(verdict, Bounded):
@@ -85,8 +85,7 @@ def short_fit(verdict: LegVerdict) -> str:
     """The same in a few words, for a line of a terminal."""
     bracket = verdict.bracket
     if isinstance(verdict, Undetermined):
-        names = verdict.determination.undetermined
-        return f"undetermined: {', '.join(names)}" if names else "undetermined: too few measurements"
+        return f"undetermined: {', '.join(verdict.names)}" if verdict.names else "undetermined: too few measurements"
     if isinstance(verdict, Undecided):
         return f"undecided, {bracket.range}"
     if isinstance(verdict, Unexplained):

@@ -26,6 +26,7 @@ from .result import (
     result_text,
     save_result,
 )
+from .support_proof import SupportProof
 from .verified_point import VerifiedPoint
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "Projections",
     "Ranges",
     "Result",
+    "SupportProof",
     "Uncertified",
     "Undecided",
     "Undetermined",

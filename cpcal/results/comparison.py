@@ -9,14 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cpcal.files.codec import load, save, text_of
-from cpcal.results.determination import Determination
+from cpcal.results.determination import Determination, wide
 from cpcal.results.leg_verdict import EpsBracket, LegVerdict, Undecided, Undetermined, Unexplained, verdict_on
 from cpcal.results.options import Options
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 
-FORMAT = "cpcal-comparison/2"
+FORMAT = "cpcal-comparison/3"
 COMPARISON_NAME = "compare.json"
+_CLOSED = 1e-9  # mm: a bracket this narrow is closed, whatever the relative gap
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +26,7 @@ class Entry:
 
     To within its smallest eps some parameters satisfy all equations: THERE EXISTS for each a reading in its set.
     `enclosure` holds all parameters with eps <= eps_hi. `certificate`: the file that proves it to `cpcal verify`; None:
-    unchecked. `status`: how the proof ended.
+    unchecked.
     """
 
     subject: str
@@ -34,7 +35,6 @@ class Entry:
     eps_hi: float
     enclosure: Box
     certificate: str | None
-    status: str
     seconds: float
     determination: Determination | None = None
     not_certified: str = ""  # why there is no certificate
@@ -50,15 +50,21 @@ class Entry:
             return Verdict.REFUTED
         return Verdict.PROVED if self.eps_hi <= tolerance else Verdict.UNKNOWN
 
-    def leg_verdict(self, tolerance: float) -> LegVerdict:
-        """The same as of a leg: a pass only where the measurements suffice to test the model."""
-        return verdict_on(EpsBracket(self.eps_lo, self.eps_hi), tolerance, determination=self.determination)
+    def leg_verdict(self, tolerance: float, options: Options | None = None) -> LegVerdict:
+        """The same as of a leg: a pass only where the measurements suffice to test the model.
 
-    def word(self, tolerance: float | None) -> str:
+        `options`: the comparison's; None, of the user's networks: ranges are not judged, as they have no common box.
+        """
+        closed = options is not None and self.eps_hi - self.eps_lo <= max(options.gap * self.eps_hi, _CLOSED)
+        ranges = wide(self.enclosure, options.delta) if options is not None and closed else None
+        bracket = EpsBracket(self.eps_lo, self.eps_hi)
+        return verdict_on(bracket, tolerance, determination=self.determination, ranges=ranges)
+
+    def word(self, tolerance: float | None, options: Options | None = None) -> str:
         """The same for a table."""
         if tolerance is None:
             return "—"
-        verdict = self.leg_verdict(tolerance)
+        verdict = self.leg_verdict(tolerance, options)
         if isinstance(verdict, Undecided | Undetermined):
             return verdict.word
         word = "refuted" if isinstance(verdict, Unexplained) else "not refuted"

@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from cpcal.common.numbers import bracket_text, short, stated
-from cpcal.results.determination import Determination
+from cpcal.results.determination import NOTHING_WIDE, Determination, Wide, wide
+from cpcal.results.options import Options
 from cpcal.results.result import LegResult, Result
 from cpcal.solver.contract import Verdict
 
@@ -127,19 +128,36 @@ class Undecided:
 
 @dataclass(frozen=True)
 class Undetermined:
-    """Some parameters fit, but so would those of many another robot. No pass, whatever the tolerance."""
+    """Some parameters fit, but so would those of many another robot. No pass, whatever the tolerance.
+
+    `determination`: None where only the ranges are `wide`.
+    """
 
     bracket: EpsBracket
-    determination: Determination
+    determination: Determination | None
     tolerance: float | None
+    wide: Wide = NOTHING_WIDE
     kind: ClassVar[str] = "undetermined"
     word: ClassVar[str] = "undetermined"
 
     @property
     def sentence(self) -> str:
-        fits = f" Some parameters explain the data {self.bracket.within}" if math.isfinite(self.bracket.hi) else ""
-        no_test = ", which is no test of the model." if fits else ""
-        return f"{self.determination.sentence}{fits}{no_test}"
+        if math.isinf(self.bracket.hi):
+            return self.reason
+        but = "which is no test of the model" if self.determination is not None else "and so may very different ones"
+        return f"{self.reason} Some parameters explain the data {self.bracket.within}, {but}."
+
+    @property
+    def reason(self) -> str:
+        """What the measurements leave open: by their rank, then by the ranges that are proved."""
+        rank = "" if self.determination is None else self.determination.sentence
+        return " ".join(filter(None, (rank, self.wide.sentence)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters that are open, those of the rank first; none where measurements are too few."""
+        rank = () if self.determination is None else self.determination.undetermined
+        return tuple(dict.fromkeys((*rank, *self.wide.names)))
 
 
 LegVerdict = Explained | Unexplained | Bounded | Undecided | Undetermined
@@ -150,20 +168,30 @@ def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -
     at = result.options.tolerance if tolerance is None else tolerance
     eps = result.options.eps
     if eps is not None:
-        return _verdict_at(eps, leg, at)
+        return _verdict_at(result.options, eps, leg, at)
     hi = leg.eps_hi if leg.point is not None else math.inf
     closed = leg.verdict is Verdict.PROVED
-    return verdict_on(EpsBracket(leg.eps_lo, hi), at, closed=closed, determination=leg.determination)
+    bracket, known = EpsBracket(leg.eps_lo, hi), _wide(result.options, leg)
+    return verdict_on(bracket, at, closed=closed, determination=leg.determination, ranges=known)
 
 
-def _verdict_at(eps: float, leg: LegResult, tolerance: float | None) -> LegVerdict:
+def _wide(options: Options, leg: LegResult) -> Wide:
+    """Of the parameters as good as the proved point; of no search that a limit ended, nor of one at a larger error."""
+    ended = leg.verdict is Verdict.PROVED or not leg.pending
+    if leg.point is None or not ended or options.eps or options.method == "timeout":
+        return NOTHING_WIDE
+    return wide(leg.enclosure, options.delta)
+
+
+def _verdict_at(options: Options, eps: float, leg: LegResult, tolerance: float | None) -> LegVerdict:
     """Where one error was asked about, nothing is known of smaller ones unless it is refuted."""
     if leg.verdict is Verdict.REFUTED:
         bracket = EpsBracket(eps, math.inf)
         failed = tolerance is None or eps >= tolerance
         return Unexplained(bracket, tolerance, beyond=eps) if failed else Undecided(bracket, tolerance)
     bracket = EpsBracket(0.0, eps if leg.verdict is Verdict.PROVED else math.inf)
-    found = verdict_on(bracket, eps if tolerance is None else tolerance, determination=leg.determination)
+    at = eps if tolerance is None else tolerance
+    found = verdict_on(bracket, at, determination=leg.determination, ranges=_wide(options, leg))
     return found if isinstance(found, Unexplained | Bounded) else replace(found, tolerance=tolerance)
 
 
@@ -173,12 +201,14 @@ def verdict_on(
     *,
     closed: bool = False,
     determination: Determination | None = None,
+    ranges: Wide | None = None,
 ) -> LegVerdict:
-    """The verdict on a proved bracket; `closed`: it is as narrow as was asked for."""
+    """The verdict on a proved bracket; `closed`: it is as narrow as was asked for. `ranges`: those that are wide."""
     if math.isinf(bracket.lo) or (tolerance is not None and bracket.lo > tolerance):
         return Unexplained(bracket, tolerance)
-    if determination is not None and not determination.tests_the_model:
-        return Undetermined(bracket, determination, tolerance)
+    poor = determination is not None and not determination.tests_the_model
+    if poor or (ranges is not None and ranges.names):
+        return Undetermined(bracket, determination if poor else None, tolerance, ranges or NOTHING_WIDE)
     if bracket.hi == 0.0 or (tolerance is not None and bracket.hi <= tolerance):
         return Explained(bracket, tolerance)
     if tolerance is None and closed and math.isfinite(bracket.hi):

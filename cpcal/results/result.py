@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 from dataclasses import dataclass, field
@@ -10,12 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cpcal.common.errors import InputError, Problem
+from cpcal.files.campaign_json import NAME as CAMPAIGN_NAME
+from cpcal.files.campaign_json import campaign_sha256, save_campaign_json
 from cpcal.files.codec import load, save, text_of
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
 from cpcal.results.determination import Determination
 from cpcal.results.options import Options
 from cpcal.results.projection import Projections
 from cpcal.results.ranges import Ranges
+from cpcal.results.support_proof import SupportProof
 from cpcal.results.verified_point import VerifiedPoint
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
@@ -107,6 +111,7 @@ class LegResult:
     certified: bool = False
     certificate: str | None = None
     not_certified: Uncertified = Uncertified.NOTHING
+    support_proof: SupportProof | None = None  # that the support by itself proves a bound
     ranges: Ranges | None = None  # of the parameters at a tolerance; see cpcal.certify.certified_ranges
     projections: Projections | None = None  # what the report draws; see cpcal.certify.projections
     # the center of the box, as a solution at eps = 0 (or the eps asked about)
@@ -227,9 +232,26 @@ def result_text(result: Result) -> str:
     return text_of(result, FORMAT)
 
 
-def save_result(result: Result, run: str | os.PathLike[str]) -> Path:
-    """Write `result.json` into the folder `run` (made if missing), all or nothing; its path. Raises InputError."""
-    return save(result, Path(run) / RESULT_NAME, FORMAT)
+def save_result(result: Result, run: str | os.PathLike[str], campaign: Campaign | None = None) -> Path:
+    """Write `result.json` into the folder `run` (made if missing), and the `campaign` beside it, as campaign.json.
+
+    Without a campaign the folder holds it already, as certificates leave it: a run needs nothing else. Returns the path
+    of result.json. Raises InputError, and writes nothing, where the campaign is missing or not the result's.
+    """
+    folder = Path(run)
+    where, remedy = str(folder / CAMPAIGN_NAME) if campaign is None else "campaign", "give the one that was certified"
+    try:
+        if campaign is None:
+            kept = hashlib.sha256((folder / CAMPAIGN_NAME).read_bytes()).hexdigest()
+        else:
+            kept = campaign_sha256(campaign)
+    except OSError as error:
+        raise InputError([Problem(where, f"cannot be read: {error.strerror}", remedy)]) from None
+    if kept != result.campaign_sha256:
+        raise InputError([Problem(where, "is another campaign than the result's", remedy)])
+    if campaign is not None:
+        save_campaign_json(campaign, folder)
+    return save(result, folder / RESULT_NAME, FORMAT)
 
 
 def load_result(run: str | os.PathLike[str]) -> Result:

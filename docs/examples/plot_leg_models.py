@@ -16,7 +16,7 @@ campaign = cpcal.simulate(seed=1, factor=3.0, truncate=2.9)
 campaign = replace(campaign, length=campaign.length / 1.01)
 found = cpcal.compare(campaign, ["plain", "gain"], tolerance=0.1, legs=[1, 2, 3])
 for entry in found.entries:
-    print(f"{entry.subject}, {entry.model}: {entry.word(found.tolerance)}")
+    print(f"{entry.subject}, {entry.model}: {entry.word(found.tolerance, found.options)}")
 
 # %%
 # Left of its mark no parameters of a model satisfy all measurements, whatever the readings in their sets: this is

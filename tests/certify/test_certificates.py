@@ -27,7 +27,7 @@ def asked(tmp_path: Path) -> Asked:
         run = tmp_path / "run"
         campaign = cpcal.load_campaign(tmp_path / "campaign")
         result = cpcal.certify(campaign, **({"legs": [1], "certificates": run, "delta": 2.0} | options))
-        save_result(result, run)
+        save_result(result, run, campaign)
         return cpcal.load_result(run).legs[0], run
 
     return ask

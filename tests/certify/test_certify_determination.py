@@ -6,7 +6,7 @@ import pytest
 import cpcal
 from cpcal.certify.undetermined import determination
 from cpcal.legs import PLAIN
-from cpcal.results import Undetermined, verdict_of
+from cpcal.results import Explained, Undetermined, verdict_of
 
 whole = cpcal.simulate(seed=1, joint_error=0.0, runs=40)
 
@@ -59,3 +59,23 @@ def test_the_extremal_poses_determine_all_parameters():
 def test_identical_measurements_are_no_pass(count):
     result = cpcal.certify(part([0] * count), legs=[1], tolerance=1000.0, support="none")
     assert isinstance(verdict_of(result, result.legs[0]), Undetermined)
+
+
+@pytest.mark.parametrize("poses", [8, 16])
+def test_poses_of_full_rank_that_leave_wide_ranges_are_no_pass(poses):
+    """They are not shown to determine l: at the smallest error it may lie in more than half of the box."""
+    campaign = cpcal.simulate(seed=1, joint_error=0.0, extremal=False, random_poses=poses)
+    result = cpcal.certify(campaign, legs=[1], tolerance=1000.0, support="none")
+    leg = result.legs[0]
+    assert leg.determination.tests_the_model
+    assert leg.enclosure["l"].width > 100.0
+    verdict = verdict_of(result, leg)
+    assert isinstance(verdict, Undetermined)
+    assert "l" in verdict.names
+    assert "l (" in verdict.sentence
+
+
+def test_good_poses_pass():
+    campaign = cpcal.simulate(seed=1, joint_error=0.0)
+    result = cpcal.certify(campaign, legs=[1], tolerance=1000.0, support="none")
+    assert isinstance(verdict_of(result, result.legs[0]), Explained)

@@ -89,7 +89,7 @@ def test_hc4_is_called_in_a_search_that_writes_certificates(
 
 def test_contractors_used_are_in_the_file_of_results(campaign: tuple[cpcal.Campaign, Path], tmp_path: Path) -> None:
     result = cpcal.certify(campaign[0], legs=[1], contractors=("hc4", "lifted"), delta=1.0, gap=0.1)
-    cpcal.save_result(result, tmp_path)
+    cpcal.save_result(result, tmp_path, campaign[0])
     assert cpcal.load_result(tmp_path).legs[0].contractors_used == result.legs[0].contractors_used
     assert [use.certified_steps for use in result.legs[0].contractors_used] == [0, 0]
     assert all(use.calls > 0 for use in result.legs[0].contractors_used)

@@ -80,7 +80,7 @@ def test_results_verify_the_center_and_keep_it(tmp_path: Path) -> None:
     result = cpcal.certify(campaign, legs=[2])
     verified = result.legs[0].verified
     assert verified == cpcal.certify_point(campaign, 2, result.legs[0].center).verified
-    cpcal.save_result(result, tmp_path)
+    cpcal.save_result(result, tmp_path, campaign)
     assert cpcal.load_result(tmp_path).legs[0].verified == verified
 
 

@@ -89,7 +89,7 @@ def test_noise_within_its_sets_leaves_the_truth_in(tmp_path):
 
 def test_a_file_keeps_them_or_says_that_there_are_none(exact, tmp_path):
     result = exact[1]
-    cpcal.save_result(result, tmp_path)
+    cpcal.save_result(result, tmp_path, exact[0])
     assert cpcal.load_result(tmp_path).legs == result.legs
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     data["legs"][0]["projections"] = None

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import random
+import shutil
 import signal
 import subprocess
 import sys
-import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -19,16 +19,20 @@ from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import LOCK_NAME
 
-OPTIONS = ("--legs", "1,2", "--delta", "0.5", "--gap", "1e-2")
+OPTIONS = ("--legs", "1,2", "--delta", "0.5", "--gap", "1e-2", "--support", "none")
+WRITES = {"open", "os.mkdir", "os.rename", "os.remove", "os.rmdir"}  # audit events, each told before it happens
+watching: list[Callable[[], None]] = []
 
 
-def started(campaign: Path, run: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "cpcal", "certify", str(campaign), "-o", str(run), *OPTIONS]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+def told(event: str, arguments: tuple[object, ...]) -> None:
+    """Whoever watches is told of every write, but of none of its own."""
+    if watching and event in WRITES and ".cpcal" not in str(arguments[0]):
+        watcher = watching.pop()
+        watcher()
+        watching.append(watcher)
 
 
-def digest(run: Path) -> str:
-    return str(json.loads((run / "result.json").read_text(encoding="utf-8"))["campaign"]["sha256"])
+sys.addaudithook(told)  # for as long as the process lives; it does nothing while nobody watches
 
 
 @pytest.fixture(scope="module")
@@ -40,27 +44,90 @@ def campaigns(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [folder / "1", folder / "2"]
 
 
-def test_a_killed_run_leaves_no_mixture(campaigns: list[Path], tmp_path: Path) -> None:
-    run, moments = tmp_path / "run", random.Random(7)
-    began = time.monotonic()
-    assert started(campaigns[0], run).wait(60) == 0
-    whole, old = time.monotonic() - began, digest(run)
-    for _ in range(5):
-        process = started(campaigns[1], run)
-        time.sleep(moments.uniform(0.3, 1.0) * whole)
-        process.send_signal(signal.SIGKILL)
-        process.wait(60)
-        said = CliRunner().invoke(app, ["verify", str(run)])
+def certified(campaign: Path, run: Path) -> None:
+    done = CliRunner().invoke(app, ["certify", str(campaign), "-o", str(run), *OPTIONS])
+    assert done.exit_code == 0, done.output
+
+
+def digest(run: Path) -> str:
+    return str(json.loads((run / "result.json").read_text(encoding="utf-8"))["campaign"]["sha256"])
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def left_by_the_dead(run: Path, aside: Path, work: Callable[[], None]) -> list[Path]:
+    """What a SIGKILL before each write would leave in the folder: copies of it, each other than the one before."""
+    found: list[Path] = []
+    last: list[dict[str, bytes]] = [{}]
+
+    def keep() -> None:
+        now = content(run)
+        if now != last[0]:
+            last[0] = now
+            found.append(Path(shutil.copytree(run, aside / str(len(found)))))
+
+    watching.append(keep)
+    try:
+        work()
+    finally:
+        watching.clear()
+    return found
+
+
+def test_whenever_a_run_is_killed_it_leaves_no_mixture(campaigns: list[Path], tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    certified(campaigns[0], run)
+    old, new = digest(run), campaign_sha256(cpcal.load_campaign(campaigns[1]))
+    states = left_by_the_dead(run, tmp_path / "aside", lambda: certified(campaigns[1], run))
+    assert digest(run) == new
+    seen = set()
+    for state in states:
+        said = CliRunner().invoke(app, ["verify", str(state)])
         assert "Traceback" not in said.output
         assert "REFUSED" not in said.output
-        if (run / "result.json").exists():
+        if (state / "result.json").exists():
             assert said.exit_code == 0, said.output
-            assert digest(run) in (old, campaign_sha256(cpcal.load_campaign(campaigns[1])))
+            assert digest(state) in (old, new)
+            seen.add(digest(state))
         else:
             assert said.exit_code == 2, said.output
-    assert started(campaigns[1], run).wait(60) == 0  # the dead hold no lock
+            seen.add("unfinished")
+    assert seen >= {old, "unfinished"}
+    certified(campaigns[0], states[-1])  # whatever is left, the next run is whole
+    assert digest(states[-1]) == old
+    assert sorted(content(states[-1])) == ["campaign.json", "leg1.cert.jsonl", "leg2.cert.jsonl", *RANGES, *PAGES]
+
+
+RANGES, PAGES = ("ranges-leg1.cert.jsonl", "ranges-leg2.cert.jsonl"), ("report.html", "result.json")
+
+_KILLED = """
+import os, signal, sys
+
+def told(event, arguments):
+    if event == "os.rename":
+        folder, name = os.path.split(str(arguments[1]))
+        if name == "leg2.cert.jsonl" and not folder.endswith(".draft"):
+            os.kill(os.getpid(), signal.SIGKILL)
+
+sys.addaudithook(told)
+from cpcal.__main__ import main
+main()
+"""
+
+
+def test_the_dead_hold_no_lock_and_leave_no_mixture(campaigns: list[Path], tmp_path: Path) -> None:
+    """A process that is really killed, while its answers are put in place."""
+    run = tmp_path / "run"
+    certified(campaigns[0], run)
+    command = [sys.executable, "-c", _KILLED, "certify", str(campaigns[1]), "-o", str(run), *OPTIONS]
+    done = subprocess.run(command, capture_output=True, timeout=120, check=False)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert not (run / "result.json").exists()
+    assert CliRunner().invoke(app, ["verify", str(run)]).exit_code == 2
+    certified(campaigns[1], run)
     assert digest(run) == campaign_sha256(cpcal.load_campaign(campaigns[1]))
-    assert {p.name for p in run.iterdir()} >= {"result.json", "campaign.json", "report.html"}
     assert not [p for p in run.iterdir() if p.name.startswith(".") and p.name != LOCK_NAME]
 
 

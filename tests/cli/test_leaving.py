@@ -16,6 +16,7 @@ from cpcal.cli.app import VERBS
 _AT_IMPORT = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.argv[0] = "cpcal"  # as the installed command has it
 
 class Finder:
     def find_spec(self, name, path=None, target=None):
@@ -44,11 +45,27 @@ def run(code, *arguments, stdout=subprocess.PIPE, **more):
 @pytest.mark.parametrize(
     ("verb", "module"),
     [(verb, module) for verb in ("plugins", "--help") for module in ("cpcal.cli.app", "typer", "cpcal.cli.plugins")]
-    + [("plugins", "cpcal.solver.plugins")],
+    + [("plugins", "cpcal.solver.plugins"), ("plugins", "lazy_loader")],
 )
 def test_ctrl_c_while_starting_up_is_130_without_a_traceback(verb, module):
     done = run(_AT_IMPORT.format(module=module, happens="os.kill(os.getpid(), signal.SIGINT)"), verb)
     assert (done.returncode, done.stderr) == (130, "cpcal: interrupted\n")
+
+
+def test_ctrl_c_within_an_exec_is_130_too():
+    """Dataclasses are made by exec; Python would end by the signal itself, whatever the status."""
+    happens = "exec('os.kill(os.getpid(), signal.SIGINT)', {'os': os, 'signal': signal})"
+    done = run(_AT_IMPORT.format(module="cpcal.cli.plugins", happens=happens), "plugins")
+    assert (done.returncode, done.stderr) == (130, "cpcal: interrupted\n")
+
+
+def test_a_program_that_imports_cpcal_keeps_its_own_ctrl_c():
+    code = _AT_IMPORT.replace('sys.argv[0] = "cpcal"', "").replace(
+        "from cpcal.__main__ import main\nmain()",
+        "try:\n    import cpcal\nexcept KeyboardInterrupt:\n    print('mine')",
+    )
+    done = run(code.format(module="lazy_loader", happens="os.kill(os.getpid(), signal.SIGINT)"))
+    assert (done.returncode, done.stdout, done.stderr) == (0, "mine\n", "")
 
 
 @pytest.mark.parametrize("module", ["cpcal.cli.app", "cpcal.cli.plugins"])

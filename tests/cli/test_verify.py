@@ -72,6 +72,35 @@ def test_nothing_to_check_is_unusable(tmp_path, what):
     assert done.exit_code == 2
 
 
+@pytest.mark.parametrize(
+    "asked",
+    [
+        ["--eps", "5"],
+        ["--eps", "1e-3"],
+        ["--eps", "5", "--support", "irreducible"],
+        ["--support", "irreducible"],
+        ["--tolerance", "5"],
+        ["--method", "timeout", "--time-limit", "5", "--gap", "0.5"],
+        ["--time-limit", "1e-3"],
+        ["--contractors", "hc4,lifted"],
+        ["--model", "gain"],
+        ["--delta", "0"],
+    ],
+    ids=" ".join,
+)
+def test_whatever_was_asked_an_honest_run_is_accepted(asked, tmp_path):
+    small = cpcal.simulate(seed=1, extremal=False, random_poses=12, joint_error=1.0, factor=0.0)
+    cpcal.save_campaign(small, tmp_path / "campaign")
+    words = ["certify", str(tmp_path / "campaign"), "-o", str(tmp_path / "run"), "--legs", "1", "--delta", "0.5"]
+    done = CliRunner().invoke(app, [*words, "--gap", "1e-2", *asked])
+    assert done.exit_code in (0, 1), done.output
+    checked = CliRunner().invoke(app, ["verify", str(tmp_path / "run")])
+    certified = cpcal.load_result(tmp_path / "run").legs[0].certified
+    assert checked.exit_code == (0 if certified else 2), checked.output
+    assert "REFUSED" not in checked.output
+    assert CliRunner().invoke(app, ["report", str(tmp_path / "run")]).exit_code == 0
+
+
 def test_a_refuted_tolerance_is_certified(run, tmp_path):
     arguments = ["certify", str(run.parent / "campaign"), "-o", str(tmp_path / "run"), "--legs", "1", "--eps", "0.1"]
     assert CliRunner().invoke(app, arguments).exit_code == 0

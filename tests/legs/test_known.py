@@ -7,7 +7,6 @@ import sys
 import pytest
 
 import cpcal
-from cpcal.files import save_campaign_json
 from cpcal.legs import built_in, leg_model
 
 MODULE = """
@@ -61,8 +60,7 @@ def test_an_unknown_name_lists_those_there_are(other_package):
 def test_a_report_in_another_process_has_all_figures_of_a_provided_model(other_package, tmp_path):
     campaign = cpcal.simulate(seed=1, factor=0.0, joint_error=1.0)
     cpcal.save_campaign(campaign, tmp_path / "campaign")
-    cpcal.save_result(cpcal.certify(campaign, legs=[1], model="stretched"), tmp_path / "run")
-    save_campaign_json(campaign, tmp_path / "run")
+    cpcal.save_result(cpcal.certify(campaign, legs=[1], model="stretched"), tmp_path / "run", campaign)
     environment = {**os.environ, "PYTHONPATH": str(other_package)}
     command = [sys.executable, "-m", "cpcal", "report", str(tmp_path / "run"), "--campaign", str(tmp_path / "campaign")]
     for variables, drawn in ((environment, True), (dict(os.environ), False)):

@@ -81,7 +81,6 @@ def comparison(tmp_path_factory):
             eps_hi=hi,
             enclosure=box,
             certificate=certificate,
-            status="Both bounds are proved.",
             seconds=0.5,
         )
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import cpcal
 from cpcal.cli.show import STYLES
+from cpcal.report.words import fit_sentence, short_fit
 from cpcal.results import (
     Bounded,
     CampaignNote,
@@ -32,7 +33,7 @@ RICH = Determination(measurements=64, of=7, rank=7)
 lengths = st.floats(0.0, 1e6)
 
 
-def judged(lo, hi, *, tolerance=None, eps=None, verdict=Verdict.PROVED, determination=RICH):
+def judged(lo, hi, *, tolerance=None, eps=None, verdict=Verdict.PROVED, determination=RICH, **others):
     point = (0.0,) * 7 if math.isfinite(hi) else None
     leg = cpcal.LegResult(
         leg=1,
@@ -41,15 +42,17 @@ def judged(lo, hi, *, tolerance=None, eps=None, verdict=Verdict.PROVED, determin
         eps_hi=hi,
         point=point,
         center=(0.0,) * 7,
-        enclosure=cpcal.Box(NAMES, [0.0] * 7, [0.0] * 7),
+        enclosure=cpcal.Box(NAMES, *others.get("enclosure", ([0.0] * 7, [0.0] * 7))),
         floor=0.0,
         support=(),
         nodes=1,
         programs=1,
         seconds=0.1,
         determination=determination,
+        pending=others.get("pending", 0),
     )
-    options = Options(eps=eps, tolerance=tolerance)
+    asked = {name: others[name] for name in ("delta", "method", "time_limit") if name in others}
+    options = Options(eps=eps, tolerance=tolerance, **asked)
     result = cpcal.Result(campaign=CampaignNote("0" * 64, "R", 64), options=options, version="0", legs=(leg,))
     return verdict_of(result, leg)
 
@@ -83,6 +86,49 @@ def test_poor_data_pass_at_no_tolerance(poor, tolerance):
         assert "no test of the model" in verdict.sentence
         assert verdict.sentence.startswith(poor.sentence)
     assert "a_x, l" in judged(0.0, 0.0, determination=POOR).sentence
+
+
+WIDE = ([0.0, 0.0, -64.4, 0.0, 0.0, 0.0, 0.0], [1.0, 50.0, 64.3, 9.0, 0.0, 0.0, 100.1])
+
+
+@pytest.mark.parametrize("tolerance", [None, 0.0, 0.5, 1e9])
+@pytest.mark.parametrize("ended", [Verdict.PROVED, Verdict.UNKNOWN])  # unknown: a second-order effect ended the search
+def test_ranges_of_more_than_half_of_the_box_are_no_pass_and_their_parameters_are_named(tolerance, ended):
+    verdict = judged(0.0, 0.0, tolerance=tolerance, enclosure=WIDE, verdict=ended)
+    assert isinstance(verdict, Undetermined)
+    assert verdict.names == ("a_z", "l")
+    assert "a_z (130 mm), l (110 mm)" in verdict.sentence  # rounded up: 128.7 and 100.1
+    assert verdict.sentence.endswith("Some parameters explain the data exactly, and so may very different ones.")
+    assert short_fit(verdict) == "undetermined: a_z, l"
+    assert "not shown to determine" in fit_sentence(verdict)
+
+
+def test_the_rank_is_named_before_the_widths():
+    verdict = judged(0.0, 0.0, determination=POOR, enclosure=WIDE)
+    assert verdict.names == ("a_x", "l", "a_z")
+    assert verdict.sentence.index("of rank 1") < verdict.sentence.index("a_z (130 mm)")
+
+
+@pytest.mark.parametrize(
+    "known",
+    [
+        {"enclosure": ([-50.0] * 7, [50.0] * 7)},  # not more than half
+        {"enclosure": WIDE, "pending": 3, "verdict": Verdict.UNKNOWN},  # a limit ended the search, not the data
+        {"enclosure": ([-10.0] * 7, [10.0] * 7), "delta": 10.0},  # the box states the parameters by itself
+        {"enclosure": WIDE, "method": "timeout", "time_limit": 1.0},  # which encloses nothing
+    ],
+)
+def test_ranges_that_are_wide_for_another_reason_leave_a_pass(known):
+    assert isinstance(judged(0.0, 0.2, tolerance=0.5, **known), Explained)
+
+
+def test_ranges_at_an_error_that_was_asked_about_say_nothing_of_the_data():
+    assert isinstance(judged(0.0, 5.0, eps=5.0, enclosure=WIDE), Explained)
+    assert isinstance(judged(0.0, 0.0, eps=0.0, enclosure=WIDE), Undetermined)
+
+
+def test_wide_ranges_can_still_refute():
+    assert isinstance(judged(2.0, 3.0, tolerance=1.0, enclosure=WIDE), Unexplained)
 
 
 def test_poor_data_can_still_refute():

@@ -164,6 +164,6 @@ def _timeout(campaign: Campaign, folder: Path, talk: Talk) -> Result:
             gap=PLAN.script_gap,
             progress=progress,
         )
-    save_result(timeout, folder)
+    save_result(timeout, folder, campaign)
     show_result(console, campaign, timeout, PLAIN)
     return timeout

@@ -71,7 +71,9 @@ function claimed(proof, claim, parameter) {
   if (claim === "ranges.eps") return cap;
   if (k < 0) return null;
   if (claim === "point") return found.hi && proof.claims.point.at[k];
-  return enclosure && enclosure[side] ? enclosure[side][k] : null;
+  if (enclosure && claim.startsWith("enclosure") && found.hi && cmp(cap, found.hi)) return null;  // it must hold all up to eps_hi
+  const hull = enclosure || (infeasible && !found.hi ? null : proof);  // where none is claimed the box is one
+  return hull && hull[side] ? hull[side][k] : null;
 }
 
 // Why a decimal text is no print of the number: "" where it is. side -1: rounded down; 1: up; 0: to the nearest.

@@ -129,8 +129,10 @@ class Recording:
 
 
 def claims_of(found: Minimum, domain: Box, objective: str, *, lower_only: bool = False) -> Claims:
-    """What a minimisation over `domain` has proved, or its lower bound alone."""
+    """What a minimisation over `domain` has proved, or its lower bound alone, and then nothing of what is above it."""
     lowest, cap = domain[objective].lo, min(found.hi, domain[objective].hi)
+    if lower_only:
+        cap = min(found.lo, cap)
     bracket: dict[str, Any] | None = {"lo": number(min(found.lo, cap)), "hi": None}
     hull = point = None
     if lowest == domain[objective].hi:  # one value of the objective was asked about

@@ -115,7 +115,7 @@ def test_its_infeasible_answers_carry_certificates(tmp_path: Path) -> None:
     assert float(claims.eps_lo or 0) == leg.eps_lo > 0
     assert claims.point is not None
     assert float(claims.point.at[7]) == leg.eps_hi
-    cpcal.save_result(cpcal.certify(campaign, **question), tmp_path)
+    cpcal.save_result(cpcal.certify(campaign, **question), tmp_path, campaign)
     assert cpcal.load_result(tmp_path).legs[0].trials
 
 

@@ -1,0 +1,22 @@
+"""What few measurements of a leg prove by themselves: plain values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SupportProof:
+    """Proved: no parameters in the leg's box satisfy the equations of its support to within less than `eps_lo` (mm).
+
+    With one eps that was asked about it is that one, and refuted. `certificate`: the file that claims exactly this.
+    Raises ValueError for a bound that says nothing.
+    """
+
+    eps_lo: float
+    certificate: str
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.eps_lo) or self.eps_lo < 0.0:
+            raise ValueError("eps_lo of the support is no bound")
