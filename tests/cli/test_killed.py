@@ -54,7 +54,10 @@ def digest(run: Path) -> str:
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    """What is in place, and whether anything stands aside."""
+    files = {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file() and p.name != LOCK_NAME}
+    aside = any(p.is_dir() for p in folder.iterdir())
+    return files | ({".draft": b""} if aside else {})
 
 
 def left_by_the_dead(run: Path, aside: Path, work: Callable[[], None]) -> list[Path]:
@@ -108,7 +111,7 @@ import os, signal, sys
 def told(event, arguments):
     if event == "os.rename":
         folder, name = os.path.split(str(arguments[1]))
-        if name == "leg2.cert.jsonl" and not folder.endswith(".draft"):
+        if name == "leg2.cert.jsonl" and os.path.basename(folder) == "run":
             os.kill(os.getpid(), signal.SIGKILL)
 
 sys.addaudithook(told)
