@@ -221,11 +221,11 @@ IMPOSSIBLE = {
     "an interval": lambda net, x: x + net.constant(cpcal.Interval(0.25, 0.5)),
     "division by 3": lambda net, x: x / 3.0,
     "a maximum": lambda net, x: cpcal.maximum(x, 0.5),
-    "division by an unknown": lambda net, x: 1.0 / (x + 3.0),
+    "division by what may be zero": lambda net, x: 1.0 / (x + 0.5),
     "two roots": lambda net, x: cpcal.sqrt(x + 2.0) + cpcal.sqrt(x + 3.0),
     "a root in a root": lambda net, x: cpcal.sqrt(cpcal.sqrt(x + 2.0) + 1.0),
     "a root times an unknown": lambda net, x: x * cpcal.sqrt(x + 2.0),
-    "a negative power": lambda net, x: (x + 3.0) ** -2,
+    "a negative power of what may be zero": lambda net, x: (x + 0.5) ** -2,
 }
 
 
@@ -246,6 +246,16 @@ def test_what_cannot_be_certified_is_refused_before_any_search(
     assert not list(tmp_path.iterdir())
     with pytest.raises(AssertionError, match="was begun"):
         net.minimize(t)
+
+
+def test_a_division_by_an_expression_of_one_sign_is_certified_as_a_product(tmp_path: Path) -> None:
+    net = cpcal.Network()
+    x, t = net.variable("x", (), (-1.0, 1.0)), net.variable("t", (), (-10.0, 10.0))
+    net.add(1.0 / (x + 3.0) <= t)
+    net.minimize(t, certificate=tmp_path / "t.cert.jsonl")
+    claims = check(tmp_path / "t.cert.jsonl").claims
+    assert claims.eps_lo is not None
+    assert F(1, 4) - F(1, 10**9) < claims.eps_lo <= F(1, 4)
 
 
 def test_contractors_without_weights_certify_nothing(tmp_path: Path) -> None:
