@@ -80,12 +80,19 @@ def _simulated(images: int, setup: Setup, pixel: float, position: float, rotatio
     ).study
 
 
+_TURNED = (
+    "photographs in which it is turned by more than a right angle have their points exchanged. Take one even and one "
+    "odd count of inner corners, or ChArUco"
+)
+
+
 def _of_photos(
     photos: Path, board: str | None, camera: Path | None, poses: Path | None, setup: Setup
 ) -> tuple[HandEyeStudy, list[str]]:
     if board is None or camera is None or poses is None:
         raise InputError([Problem("option --photos", "is not enough", "give --board, --camera and --poses too")])
     given = load_hand_poses(poses)
-    return study_of_photos(
-        photos, PrintedBoard.parsed(board), camera=load_camera(camera).camera, poses=given, setup=setup
-    )
+    printed = PrintedBoard.parsed(board)
+    if printed.looks_the_same_turned:
+        typer.echo(f"warning: the board {printable(board)} looks the same upside down: {_TURNED}", err=True)
+    return study_of_photos(photos, printed, camera=load_camera(camera).camera, poses=given, setup=setup)

@@ -48,6 +48,11 @@ class PrintedBoard:
             raise InputError([Problem("board", f"is {text!r:.80}", REMEDY)])
         return PrintedBoard(kind, columns, rows, lengths, dictionary)
 
+    @property
+    def looks_the_same_turned(self) -> bool:
+        """A chessboard with two even or two odd counts of inner corners is its own picture turned by 180 degrees."""
+        return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
+
 
 def study_of_photos(
     folder: Path, board: PrintedBoard, *, camera: Camera, poses: dict[str, tuple[float, ...]], setup: Setup

@@ -122,6 +122,32 @@ def test_a_charuco_board_is_found_in_photographs(tmp_path):
     assert np.abs(study.pixels[first] - expected).max() < 1.5
 
 
+def test_points_of_a_chessboard_turn_with_it_unless_it_looks_the_same(tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    camera = Camera(400, 400, np.array([900.0, 900.0]), np.array([199.5, 199.5]), np.zeros(5))
+    poses = {"up": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), "down": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)}
+
+    def turned_points(columns, rows):
+        squares = np.add.outer(np.arange(rows + 1), np.arange(columns + 1)) % 2 * 255
+        picture, top, edge = np.full((400, 400), 255, np.uint8), 200 - 18 * (rows + 1), 200 - 18 * (columns + 1)
+        picture[top : 400 - top, edge : 400 - edge] = np.kron(squares, np.ones((36, 36)))
+        for name, seen in (("up", picture), ("down", picture[::-1, ::-1])):
+            cv2.imwrite(str(tmp_path / f"{name}.png"), cv2.GaussianBlur(seen, (0, 0), 0.8))
+        board = PrintedBoard.parsed(f"chessboard:{columns}x{rows}:36")
+        study, left = study_of_photos(tmp_path, board, camera=camera, poses=poses, setup="eye-in-hand")
+        assert not left
+        assert study.images == ("down", "up")
+        down, up = (study.pixels[study.image == k] for k in (0, 1))
+        return board, down + up
+
+    board, sums = turned_points(7, 6)  # a pixel of the picture and of the picture turned: their sum is 399
+    assert not board.looks_the_same_turned
+    np.testing.assert_allclose(sums, 399.0, atol=0.1)
+    board, sums = turned_points(8, 6)
+    assert board.looks_the_same_turned
+    assert np.abs(sums - 399.0).max() > 100.0
+
+
 def test_a_simulated_camera_sees_all_points():
     study = simulate_hand_eye(images=5, seed=0).study
     assert (study.pixels > 0).all()
