@@ -18,9 +18,11 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
+from cpcal.certify.bracket import written
 from cpcal.certify.certify import checked_options
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats, Indices
@@ -158,7 +160,7 @@ def _result(search: _Search, state: _Progress, outliers: int, target: float, sec
     lo = min((one.lo for one in state.supports), default=0.0) if settled else 0.0
     witness = None if state.best is None else state.best.witness
     certificate = search.point_certificate(state)
-    proofs = tuple(one.certificate for one in state.supports if one.certificate is not None) if settled else ()
+    proofs = search.proofs(state.supports) if settled else ()
     return RobustLeg(
         leg=search.leg,
         outliers=outliers,
@@ -223,6 +225,16 @@ class _Search:
         state.supports.append(support)
         return min(target, support.lo)
 
+    def proofs(self, supports: Sequence[_Support]) -> tuple[str, ...]:
+        """The files that prove the bound; none, and no files, where one is missing: the others prove less."""
+        names = tuple(one.certificate for one in supports if one.certificate is not None)
+        if len(names) == len(supports):
+            return names
+        for name in names:
+            assert self.question.certificates is not None
+            (self.question.certificates / name).unlink()
+        return ()
+
     def point_certificate(self, state: _Progress) -> str | None:
         """The file that proves the best point, at all measurements but those left out."""
         if self.question.certificates is None or state.best is None:
@@ -234,8 +246,7 @@ class _Search:
         path = self.question.certificate(self.leg, ".point")
         with Recording(statement, network.domain) as recording:
             claims = claims_of(replace(state.best, lo=0.0), network.domain, "eps") | {"enclosure": None}
-            recording.write(path, claims)
-        return path.name
+            return written(path, partial(recording.write, claims=claims))[0]
 
     def _proved(self, network: ConstraintNetwork, without: frozenset[int]) -> tuple[Minimum, _Support]:
         question, top = self.question, float(network.domain["eps"].hi)
@@ -249,12 +260,13 @@ class _Search:
         with Recording(statement, network.domain) as recording:
             found = self._minimum(network, recording)
             lo = min(found.lo, top)
-            path = None
+            name = None
             if found.witness is None:
                 self._count += 1
+                claims = claims_of(found, network.domain, "eps", lower_only=True)
                 path = question.certificate(self.leg, f".{self._count:03d}")
-                recording.write(path, claims_of(found, network.domain, "eps", lower_only=True))
-            return found, _Support(_members(found, kept), lo, None if path is None else path.name)
+                name, _ = written(path, partial(recording.write, claims=claims))
+            return found, _Support(_members(found, kept), lo, name)
 
     def _minimum(self, network: ConstraintNetwork, recording: Recording | None) -> Minimum:
         question = self.question
