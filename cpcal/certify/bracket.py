@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -166,6 +166,17 @@ def written(path: Path, write: Callable[[Path], object]) -> tuple[str | None, Un
     except (OSError, InputError):
         return None, Uncertified.UNWRITTEN
     return path.name, Uncertified.NOTHING
+
+
+def all_or_none(question: Question, names: Sequence[str | None]) -> tuple[str, ...]:
+    """Certificates that prove something together; none, and no files, where one is missing: the others prove less."""
+    found = tuple(name for name in names if name is not None)
+    if len(found) == len(names):
+        return found
+    for name in found:
+        assert question.certificates is not None
+        (question.certificates / name).unlink()
+    return ()
 
 
 def _torn(found: Minimum) -> bool:

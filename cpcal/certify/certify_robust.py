@@ -22,7 +22,7 @@ from functools import partial
 
 import numpy as np
 
-from cpcal.certify.bracket import written
+from cpcal.certify.bracket import all_or_none, written
 from cpcal.certify.certify import checked_options
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats, Indices
@@ -160,7 +160,7 @@ def _result(search: _Search, state: _Progress, outliers: int, target: float, sec
     lo = min((one.lo for one in state.supports), default=0.0) if settled else 0.0
     witness = None if state.best is None else state.best.witness
     certificate = search.point_certificate(state)
-    proofs = search.proofs(state.supports) if settled else ()
+    proofs = all_or_none(search.question, [one.certificate for one in state.supports]) if settled else ()
     return RobustLeg(
         leg=search.leg,
         outliers=outliers,
@@ -225,16 +225,6 @@ class _Search:
         state.supports.append(support)
         return min(target, support.lo)
 
-    def proofs(self, supports: Sequence[_Support]) -> tuple[str, ...]:
-        """The files that prove the bound; none, and no files, where one is missing: the others prove less."""
-        names = tuple(one.certificate for one in supports if one.certificate is not None)
-        if len(names) == len(supports):
-            return names
-        for name in names:
-            assert self.question.certificates is not None
-            (self.question.certificates / name).unlink()
-        return ()
-
     def point_certificate(self, state: _Progress) -> str | None:
         """The file that proves the best point, at all measurements but those left out."""
         if self.question.certificates is None or state.best is None:
@@ -263,9 +253,8 @@ class _Search:
             name = None
             if found.witness is None:
                 self._count += 1
-                claims = claims_of(found, network.domain, "eps", lower_only=True)
-                path = question.certificate(self.leg, f".{self._count:03d}")
-                name, _ = written(path, partial(recording.write, claims=claims))
+                write = partial(recording.write, claims=claims_of(found, network.domain, "eps", lower_only=True))
+                name, _ = written(question.certificate(self.leg, f".{self._count:03d}"), write)
             return found, _Support(_members(found, kept), lo, name)
 
     def _minimum(self, network: ConstraintNetwork, recording: Recording | None) -> Minimum:
