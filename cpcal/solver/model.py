@@ -122,7 +122,7 @@ class Network(ConstraintNetwork):
         priority, inside = named_order(network, order), Inside(network, engine) if inner else None
 
         def search(method: SearchMethod, place: tuple[Executor, int]) -> Search:
-            names = method.contractors if chooses else contractors or DEFAULT_CONTRACTORS
+            names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
             contractor = plugins.build(network, names, arithmetic=arithmetic)
             if network.whole.any():
                 contractor = Then(contractor, WholeNumbers(network.whole))
