@@ -17,7 +17,7 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.execution.stopping import heard
 from cpcal.files.study_writer import table_bytes
 from cpcal.report.detections_page import write_detections_page
-from cpcal.vision.batch.detect import Detections, ImageFolder, detect
+from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect
 from cpcal.vision.batch.sample import look_again
 from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.calibration import calibrate_from_images
@@ -95,10 +95,7 @@ def detect_poses(
             progress=progress,
             overlays=overlays,
         )
-    write_file(output, detections_bytes(found.rows))
-    show_detections(found, output, talk)
-    sample = look_again(found.rows, source, plate, lens_file.camera, lens_file.covariance)
-    talk.say(f"Page: {write_detections_page(found, sample, plate, lens_file.camera, output)}")
+    _write(found, source, plate, lens_file, output, talk)
     if known is not None and table is not None:
         _write_table(found, known, table, talk)
 
@@ -106,6 +103,14 @@ def detect_poses(
 def _source(images: Path, lens: CameraRecord, every: int) -> VideoFrames | ImageFolder:
     size = (lens.camera.width, lens.camera.height)
     return VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
+
+
+def _write(found: Detections, source: ImageSource, plate: Target, lens: CameraRecord, output: Path, talk: Talk) -> None:
+    """The table first, then the page, for which some images are measured again."""
+    write_file(output, detections_bytes(found.rows))
+    show_detections(found, output, talk)
+    sample = look_again(found.rows, source, plate, lens.camera, lens.covariance)
+    talk.say(f"Page: {write_detections_page(found, sample, plate, lens.camera, output)}")
 
 
 def _write_table(found: Detections, known: Readings, table: Path, talk: Talk) -> None:

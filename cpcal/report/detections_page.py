@@ -147,7 +147,7 @@ def _said(means: MeanVectors, unit: str) -> str:
     if not len(means.at):
         return "Too few residuals for means."
     return (
-        f"{len(means.at)} means of {np.median(means.counts):.0f} residuals each (median). Their RMS per "
+        f"{len(means.at)} means of {nearest(float(np.median(means.counts)), 0)} residuals each (median). Their RMS per "
         f"axis is {about(means.rms, 2)} {unit}; noise alone would leave {about(means.noise_rms, 2)} {unit}."
     )
 
@@ -156,9 +156,8 @@ def _time(found: Detections) -> TextTable | None:
     total = sum(found.seconds.values())
     if not found.measured or total <= 0.0:
         return None
-    rows = [
-        (stage, nearest(seconds, 2), nearest(1e3 * seconds / found.measured, 1), f"{100.0 * seconds / total:.0f} %")
-        for stage, seconds in found.seconds.items()
-    ]
-    rows.append(("together", nearest(total, 2), nearest(1e3 * total / found.measured, 1), ""))
+    rows = []
+    for stage, seconds in [*found.seconds.items(), ("together", total)]:
+        share = f"{nearest(100.0 * seconds / total, 0)} %"
+        rows.append((stage, nearest(seconds, 2), nearest(1e3 * seconds / found.measured, 1), share))
     return TextTable(("stage", "work [s]", "an image [ms]", "share"), tuple(rows))
