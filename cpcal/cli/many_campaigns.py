@@ -68,7 +68,7 @@ class CampaignWork:
                 raise Stopped(asked() or Reason.INTERRUPTED)
             result = with_ranges(campaign, result, certificates=folder, model=model)
             result = with_projections(campaign, result, model)
-            save_result(result, folder)
+            save_result(result, folder, campaign)
             write_report(campaign, result, folder, checker=self.checker)
             return CertifiedCampaign(result, {path.name: path.read_bytes() for path in sorted(folder.iterdir())})
 

@@ -129,7 +129,7 @@ class Network(ConstraintNetwork):
         priority, inside = named_order(network, order), Inside(network, engine) if inner else None
 
         def contracting(method: SearchMethod) -> Contractor:
-            names = method.contractors if chooses else contractors or DEFAULT_CONTRACTORS
+            names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
             contractor = plugins.build(network, names, arithmetic=arithmetic)
             if network.whole.any():
                 contractor = Then(contractor, WholeNumbers(network.whole))

@@ -104,7 +104,7 @@ ASKED: list[tuple[dict[str, Any], str]] = [
     *(({"limits": cpcal.Limits(seconds=value)}, "at least 0") for value in (np.nan, -1, "5", True)),
     *(({"limits": cpcal.Limits(nodes=value)}, "at least 0") for value in (np.nan, -1, "5")),
     *(({"contractors": names}, "contractors=.* is no list") for names in ("hc4", 5, {"hc4"})),
-    *(({"contractors": names}, "at least one") for names in ([], (), None)),
+    *(({"contractors": names}, "at least one") for names in ([], ())),
     *(({"contractors": [name]}, "no contractor") for name in (True, None, 5, "nothing")),
     ({"strategy": 5}, "strategy=5"),
     ({"strategy": "nothing"}, "no strategy"),
