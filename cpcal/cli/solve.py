@@ -29,7 +29,9 @@ def solve(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE", help="The answer: .json, or .sol for AMPL.")
     ],
-    width: Annotated[float, typer.Option(metavar="W", help="Of boxes that are not divided further.")] = 1e-6,
+    width: Annotated[
+        float | None, typer.Option(metavar="W", help="Of boxes not divided further; else 1e-6, along curves coarser.")
+    ] = None,
     gap: Annotated[float, typer.Option(metavar="G", help="Of the objective's bracket, relative.")] = 1e-6,
     time_limit: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Seconds.")] = None,
     node_limit: Annotated[int | None, typer.Option(metavar="N", min=1, help="Boxes.")] = None,

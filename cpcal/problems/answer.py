@@ -77,7 +77,7 @@ class Answer:
 def answer(
     problem: StatedProblem,
     *,
-    width: float = 1e-6,
+    width: float | None = None,
     limits: Limits | None = None,
     certificate: str | os.PathLike[str] | None = None,
 ) -> Answer:

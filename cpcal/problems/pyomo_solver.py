@@ -49,7 +49,7 @@ class CpcalConfig(BranchAndBoundConfig):  # type: ignore[misc]  # Pyomo has no t
         text = "File for the proof of a minimisation, which `cpcal verify` checks."
         self.certificate = self.declare("certificate", ConfigValue(domain=os.fspath, default=None, description=text))
         self.width = self.declare(
-            "width", ConfigValue(domain=float, default=1e-6, description="Of boxes that are not divided further.")
+            "width", ConfigValue(domain=float, default=None, description="Of boxes that are not divided further.")
         )
         self.node_limit = self.declare(
             "node_limit", ConfigValue(domain=NonNegativeInt, default=None, description="Boxes at most.")

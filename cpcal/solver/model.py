@@ -27,8 +27,10 @@ from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.network.divisions import with_products
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.questions import (
+    FINE_WIDTH,
     checked_limits,
     checked_width,
+    default_width,
     named_order,
     named_strategy,
     relaxed,
@@ -87,7 +89,7 @@ class Network(ConstraintNetwork):
     def solve(
         self,
         *,
-        width: float = 1e-6,
+        width: float | None = None,
         contractors: Sequence[str | Contractor] | None = None,
         arithmetic: str = "float64",
         limits: Limits | None = None,
@@ -100,6 +102,11 @@ class Network(ConstraintNetwork):
         executor: Executor | Client | None = None,
     ) -> Paving:
         """Boxes, of components no wider than `width`, that hold all solutions. Ctrl-C ends it early, cleanly.
+
+        Without `width` it is 1e-6 where equations leave single points. Where they leave curves or regions, one is
+        chosen that cuts them into some hundred to some thousand boxes, and `Paving.method` says which. Half of it takes
+        twice as long along a curve, four times on a surface: set `limits` with it, and where solutions reach to
+        infinity.
 
         Where there are as many equations as unknowns, boxes are proved to hold exactly one solution if they do.
         Without `contractors` and `strategy` several combinations that suit the network's structure take turns, and the
@@ -116,18 +123,27 @@ class Network(ConstraintNetwork):
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
         """
         network, clock = self._as_asked(), checked_limits(limits).clock()
-        engine, width = get_arithmetic(arithmetic), checked_width(width)
+        engine = get_arithmetic(arithmetic)
         chooses = contractors is None and strategy is None
         choice = choice_to_solve(network) if chooses else Choice(AS_ASKED, "as asked for")
         priority, inside = named_order(network, order), Inside(network, engine) if inner else None
 
-        def search(method: SearchMethod, place: tuple[Executor, int]) -> Search:
+        def contracting(method: SearchMethod) -> Contractor:
             names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
             contractor = plugins.build(network, names, arithmetic=arithmetic)
             if network.whole.any():
                 contractor = Then(contractor, WholeNumbers(network.whole))
             until(contractor, clock.deadline)
-            by = named_strategy(network, method.strategy if strategy is None else strategy, width, arithmetic)
+            return contractor
+
+        def left() -> Box:
+            return contracting(choice.methods[0]).contract(network.domain).box
+
+        finest = default_width(network, left) if width is None else checked_width(width)
+
+        def search(method: SearchMethod, place: tuple[Executor, int]) -> Search:
+            contractor = contracting(method)
+            by = named_strategy(network, method.strategy if strategy is None else strategy, finest, arithmetic)
             process = Divide(contractor, by, inside=inside)
             spread = process if isinstance(place[0], Here) else Spread(process, place)
             return Search([network.domain], spread, priority, outside=inner, abreast=_ABREAST)
@@ -146,7 +162,11 @@ class Network(ConstraintNetwork):
                 pass
             found = race.leader.search or search(choice.methods[0], place)
             paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
-        return replace(paving, method=f"{choice.why}: {race.sentence()}" if chooses else choice.why)
+        said = f"{choice.why}: {race.sentence()}" if chooses else choice.why
+        if width is None and finest != FINE_WIDTH:
+            shape, chosen = "Solutions form curves or regions", f"width {numbers.stated(finest)} was chosen"
+            said += f" {shape}: {chosen}, width=... asks for another."
+        return replace(paving, method=said)
 
     def minimize(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from typing import TypeVar
 
@@ -11,10 +12,16 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.solver import plugins
 from cpcal.solver.contract import Limits, Strategy
+from cpcal.solver.existence import Equalities
+from cpcal.solver.interval import Box
 from cpcal.solver.interval.number import float_bounds
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.search import ORDERS, STRATEGIES, Priority
+
+FINE_WIDTH = 1e-6  # of the boxes about single points
+_BOXES = 256  # about as many make up the set of solutions, or some times as many
+_WHOLE = 0.5  # so that boxes of whole numbers are points
 
 N = TypeVar("N", bound=ConstraintNetwork)
 
@@ -45,6 +52,24 @@ def with_objective(network: N, objective: Expr) -> tuple[N, str]:
     bound = network.variable(name, domain=(float(bounds.lo), float(bounds.hi)))
     network.add(objective <= bound)
     return network, name
+
+
+def default_width(network: ConstraintNetwork, left: Callable[[], Box]) -> float:
+    """1e-6 where solutions are single points; else what cuts `left`, which holds them, into some hundred boxes or more.
+
+    Solutions that leave `freedom` of the unknowns open form a set of that dimension: each of its directions gets its
+    share of the boxes.
+    """
+    free, equations = network.domain.hi > network.domain.lo, Equalities(network)
+    freedom = int(free.sum()) - (0 if equations.reads else equations.count)
+    if freedom <= 0:
+        return FINE_WIDTH
+    widths = left().width[free]
+    widest = float(np.max(widths, where=np.isfinite(widths), initial=0.0))
+    if not widest > 0.0:
+        return FINE_WIDTH
+    width = widest * _BOXES ** (-1.0 / freedom)
+    return float(f"{min(width, _WHOLE) if network.whole.any() else width:.1g}")
 
 
 def checked_width(width: float) -> float:

@@ -1,7 +1,9 @@
 """Several searches of the same domain take turns; the first that ends is the answer.
 
-Which contractors suit a problem shows only while they work. So each contender gets a slice of nodes a round, and some
-give up after so many rounds. Slices are counted in nodes, so that a race has one course.
+Which contractors suit a problem shows only while they work. So each contender gets a slice of nodes a round. One that
+decided next to nothing in its turn sits out a round, then two, four and so on until it gets on again; the one that has
+decided most of the domain never does. Some give up after so many rounds. All of it is counted in nodes, so that a race
+has one course.
 """
 
 from __future__ import annotations
@@ -9,14 +11,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from cpcal.solver.search.search import Event, Search
+from cpcal.solver.search.search import Event, EventKind, Search
+
+_PROGRESS = 1 / 200  # of what is undecided: a turn that decides less is one without progress
+_DECIDED = (EventKind.PRUNED, EventKind.KEPT, EventKind.INSIDE)
 
 
 @dataclass
 class Contender:
     """One way to search: `start` builds it when its first turn comes; `slice` nodes make up a turn.
 
-    `turns`: after so many it gives up, unless nobody else is left.
+    `turns`: after so many rounds it gives up, unless nobody else is left. `decided` is the share of the domain that it
+    has decided, where every division is taken to halve: 1 at the end. It sits out `rest` rounds after its last turn.
     """
 
     name: str
@@ -24,18 +30,25 @@ class Contender:
     slice: int
     turns: int | None = None
     nodes: int = 0
+    decided: float = 0.0
+    rest: int = 0
     search: Search | None = field(default=None, repr=False)
 
     def turn(self) -> Iterator[Event]:
         """The events of one turn; fewer when the search ends."""
         if self.search is None:
             self.search = self.start()
+        before = self.decided
         for _ in range(self.slice):
             event = next(self.search, None)
             if event is None:
                 return
             self.nodes += 1
+            if event.kind in _DECIDED:
+                self.decided += 2.0**-event.node.depth
             yield event
+        stalled = self.decided - before < _PROGRESS * (1.0 - before)
+        self.rest = max(1, 2 * self.rest) if stalled else 0
 
     @property
     def ended(self) -> bool:
@@ -55,11 +68,16 @@ class Race:
         return next((c for c in self._alive if c.ended), self._alive[-1 if self.rounds else 0])
 
     def __iter__(self) -> Iterator[Event]:
+        back = {id(contender): 0 for contender in self.contenders}  # the round in which each is back
         while True:
+            first = max(self._alive, key=lambda contender: contender.decided)
             for contender in tuple(self._alive):
+                if contender is not first and self.rounds < back[id(contender)]:
+                    continue
                 yield from contender.turn()
                 if contender.ended:
                     return
+                back[id(contender)] = self.rounds + 1 + contender.rest
             self.rounds += 1
             lasting = [c for c in self._alive if c.turns is None or self.rounds < c.turns]
             self._alive = lasting or self._alive
