@@ -16,11 +16,13 @@ from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
 from cpcal.execution.stopping import heard
 from cpcal.files.study_writer import table_bytes
-from cpcal.vision.batch.detect import Detections, ImageFolder, detect
+from cpcal.report.detections_page import write_detections_page
+from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect
+from cpcal.vision.batch.sample import look_again
 from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.calibration import calibrate_from_images
 from cpcal.vision.files.camera_file import CameraRecord, load_camera, save_camera
-from cpcal.vision.files.detection import SCALE, SHARED, Detection, detections_bytes, values_of
+from cpcal.vision.files.detection import SCALE, SHARED, Detection, by_reason, detections_bytes, values_of
 from cpcal.vision.files.leg_readings import Readings, load_readings
 from cpcal.vision.files.target_file import load_target, save_target
 from cpcal.vision.files.video_file import SUFFIXES, VideoFrames
@@ -69,7 +71,8 @@ def detect_poses(
     """Poses of a target in IMAGES. An image that shows none is a row with the reason, and stops no other.
 
     What is done is kept in FILE.journal: the same command, again, measures only images that are new. Ctrl-C loses
-    nothing. The table is the same, byte for byte, whatever the number of workers.
+    nothing. The table is the same, byte for byte, whatever the number of workers. FILE.html is a page: counts, some
+    images with what was found, where residuals point, where time went.
     """
     _check(images, camera, readings, table, calibrate, refine_dots)
     for file in (output, *([table] if table else [])):
@@ -79,9 +82,10 @@ def detect_poses(
         return
     plate, lens_file, known = _loaded(target, camera, readings)
     made(output.absolute().parent)
+    source = _source(images, lens_file, every)
     with heard(terminate=True), bar("images", quiet=talk.quiet) as progress:
         found = detect(
-            _source(images, lens_file, every),
+            source,
             plate,
             lens_file.camera,
             lens_file.covariance,
@@ -91,8 +95,7 @@ def detect_poses(
             progress=progress,
             overlays=overlays,
         )
-    write_file(output, detections_bytes(found.rows))
-    show_detections(found, output, talk)
+    _write(found, source, plate, lens_file, output, talk)
     if known is not None and table is not None:
         _write_table(found, known, table, talk)
 
@@ -100,6 +103,14 @@ def detect_poses(
 def _source(images: Path, lens: CameraRecord, every: int) -> VideoFrames | ImageFolder:
     size = (lens.camera.width, lens.camera.height)
     return VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
+
+
+def _write(found: Detections, source: ImageSource, plate: Target, lens: CameraRecord, output: Path, talk: Talk) -> None:
+    """The table first, then the page, for which some images are measured again."""
+    write_file(output, detections_bytes(found.rows))
+    show_detections(found, output, talk)
+    sample = look_again(found.rows, source, plate, lens.camera, lens.covariance)
+    talk.say(f"Page: {write_detections_page(found, sample, plate, lens.camera, output)}")
 
 
 def _write_table(found: Detections, known: Readings, table: Path, talk: Talk) -> None:
@@ -150,15 +161,6 @@ def _say_shared(rows: Sequence[Detection], talk: Talk) -> None:
             f"  errors that all images share (camera, plate): standard deviations of {position:.4f} mm and "
             f"{turn:.6f} rad (medians); no mean lessens them"
         )
-
-
-def by_reason(rows: Sequence[Detection]) -> dict[str, list[str]]:
-    """The files without a pose, by the reason; the most frequent first."""
-    found: dict[str, list[str]] = {}
-    for row in rows:
-        if not row.found:
-            found.setdefault(row.reason, []).append(row.file)
-    return dict(sorted(found.items(), key=lambda item: -len(item[1])))
 
 
 def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool, talk: Talk) -> None:

@@ -74,6 +74,12 @@ class Axes:
         share = (data - start) / (np.array([self.x[1], self.y[1]]) - start)
         return np.asarray(np.array([left, bottom]) + share * np.array([right - left, top - bottom]))
 
+    def data(self, points: npt.ArrayLike) -> Floats:
+        """The other way: points (..., 2) of the figure in data."""
+        left, top, right, bottom = self.frame
+        share = (np.asarray(points, dtype=np.float64) - (left, bottom)) / (right - left, top - bottom)
+        return np.asarray((self.x[0], self.y[0]) + share * (self.x[1] - self.x[0], self.y[1] - self.y[0]))
+
     def x_axis(self, ticks: Sequence[float], label: str, *, grid: bool = False) -> None:
         """Below the frame."""
         left, _, right, bottom = self.frame

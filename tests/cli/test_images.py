@@ -114,6 +114,14 @@ def test_from_images_to_a_study_that_can_be_calibrated(shots):
     assert len(study.calibration) == 128
     again = detect(shots, "calibration")
     assert "128 poses in 128 images (0 measured now)" in again.stdout
+    page = shots / "poses-calibration.csv.html"
+    assert f"Page: {page}" in again.stdout
+    text = page.read_text(encoding="utf-8")
+    assert text.count("data:image/jpeg;base64,") == 12
+    assert text.count("mean of") > 133  # each dot of the plate, and places in the image
+    assert "More than noise" not in text  # the camera is the one that the images were made with
+    assert "No image was measured now" in text
+    assert page.stat().st_size < 1_000_000
     outcome = run("calibrate", shots, "-o", shots / "calibrated")
     assert outcome.exit_code == 0, outcome.stderr
     found = load_record(shots / "calibrated")

@@ -8,13 +8,12 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from cpcal.cli.demo.image_study import ImageStudy
-from cpcal.cli.detect import by_reason
 from cpcal.common.arrays import Floats
 from cpcal.report.images import ImagesFound, Picture, picture
 from cpcal.report.study_tables import TextTable
 from cpcal.robot import PoseTable, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.vision.batch.study_images import RenderedImages
-from cpcal.vision.files.detection import POSITION, QUATERNION, RMS, SIGMA, values_of
+from cpcal.vision.files.detection import POSITION, QUATERNION, RMS, SIGMA, by_reason, values_of
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.overlay import overlay
 

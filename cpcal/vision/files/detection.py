@@ -65,3 +65,12 @@ def detections_bytes(detections: Iterable[Detection]) -> bytes:
         numbers = [repr(v) for v in d.values] if d.found else [""] * len(NUMBERS)
         writer.writerow([guarded(d.file), str(d.dots), *numbers, guarded(d.doubt), guarded(d.reason)])
     return buffer.getvalue().encode("utf-8", "surrogateescape")
+
+
+def by_reason(rows: Iterable[Detection]) -> dict[str, list[str]]:
+    """The files without a pose, by the reason; the most frequent first."""
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        if not row.found:
+            found.setdefault(row.reason, []).append(row.file)
+    return dict(sorted(found.items(), key=lambda item: -len(item[1])))

@@ -1,0 +1,101 @@
+"""The page of `cpcal detect`."""
+
+import numpy as np
+import pytest
+from tinyhtml5.parser import HTMLParser
+
+from cpcal.report.arrow_map import arrow_svg
+from cpcal.report.detections_page import MOST_ROWS, write_detections_page
+from cpcal.vision.batch.detect import Detections
+from cpcal.vision.batch.sample import Sample, SeenImage
+from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.files.detection import NUMBERS, Detection
+from cpcal.vision.residual_map import MeanVectors, Residuals
+from cpcal.vision.target import DELTALAB_TARGET
+
+EVIL = "<script>alert(1)</script>.png"
+SIGMA = 0.004
+
+
+def row(name, scale=1.0, doubt=""):
+    values = {**dict.fromkeys(NUMBERS, 0.0), "qw": 1.0, "rms": SIGMA, "scale": scale, "sz": 0.0031, "shared_sz": 0.0012}
+    return Detection(name, "", 130, tuple(values[number] for number in NUMBERS), doubt)
+
+
+def residuals(bend):
+    """Of 30 images, with a lens that is off by `bend` pixels at the edge."""
+    rng = np.random.default_rng(1)
+    at = rng.uniform(0.0, 1.0, (4000, 2)) * [1024.0, 768.0]
+    numbers = rng.integers(0, len(DELTALAB_TARGET.dots), len(at))
+    noise = SIGMA * rng.standard_normal(at.shape)
+    variance = np.full(at.shape, SIGMA**2)
+    return Residuals(at, noise + bend * (at - [512, 384]) / 512, variance, numbers, noise, variance)
+
+
+def page_of(tmp_path, rows, *, bend=0.0, seconds=None, pictures=()):
+    seconds = {} if seconds is None else seconds
+    found = Detections(tuple(rows), len(rows) if seconds else 0, seconds)
+    file = write_detections_page(
+        found, Sample(pictures, residuals(bend), 30), DELTALAB_TARGET, DELTALAB_CAMERA, tmp_path / "poses.csv"
+    )
+    assert file == tmp_path / "poses.csv.html"
+    text = file.read_text(encoding="utf-8")
+    parser = HTMLParser()
+    parser.parse(text)
+    assert parser.errors == []
+    return text
+
+
+def test_counts_reasons_and_time_are_told_and_names_are_no_markup(tmp_path):
+    rows = [row("a.png"), row("b.png"), row("c.png", 7.5, "the residuals are 2.7 times as large")]
+    rows += [Detection(EVIL, "is empty"), Detection("e.png", "is empty"), Detection("f.png", "not <identified>")]
+    seen = SeenImage(rows[3], b"\xff\xd8 a picture", (420, 315))
+    text = page_of(tmp_path, rows, seconds={"dots": 0.6, "pose": 0.2}, pictures=(seen,))
+    for part in (">2</span> found,", ">1</span> found, doubtful,", ">3</span> refused."):
+        assert part in text
+    assert text.index("<td>2</td>") < text.index("not &lt;identified&gt;")  # the most frequent reason first
+    assert "<script" not in text
+    assert text.count("data:image/jpeg;base64,") == 1
+    assert "<td>7.5</td>" in text
+    assert "0.0031" in text
+    assert "0.0012" in text
+    for cell in ("100.0", "33.3", "75 %", "0.80", "133.3"):
+        assert f"<td>{cell}</td>" in text
+    assert "default-src 'none'; style-src 'unsafe-inline'; img-src data:" in text
+    assert "http://" not in text
+    assert "https://" not in text
+
+
+def test_a_wrong_lens_is_warned_of_and_noise_is_not(tmp_path):
+    assert "More than noise" not in page_of(tmp_path, [row("a.png")])
+    text = page_of(tmp_path, [row("a.png")], bend=0.01)
+    assert text.count("More than noise") == 1
+    assert "calibrate the camera again" in text
+
+
+def test_it_stays_short_and_says_what_it_leaves_out(tmp_path):
+    rows = [Detection(f"{k}.png", f"{k} dots are too few") for k in range(MOST_ROWS + 5)]
+    text = page_of(tmp_path, rows)
+    assert "And 5 more reasons, in poses.csv." in text
+    assert "No image was measured now" in text
+    rows = [row(f"{k}.png", 3.0 + k, "doubtful") for k in range(MOST_ROWS + 7)]
+    text = page_of(tmp_path, rows)
+    assert "And 7 more, in poses.csv." in text
+    assert '<th scope="row">0.png</th>' not in text  # the least doubtful
+
+
+def test_arrows_point_where_the_residuals_do():
+    """Right and down in the image; the longest is nine tenths of the distance between places."""
+    at = np.array([[x, y] for y in (50.0, 150.0) for x in (50.0, 150.0, 250.0, 350.0)])
+    mean = np.zeros((8, 2))
+    mean[0] = [0.004, 0.003]
+    means = MeanVectors(at, mean, mean, np.full(8, 20))
+    svg = arrow_svg(means, (0.0, 400.0), (200.0, 0.0), "px", "px", label="x")
+    shafts = next(line for line in svg.splitlines() if line.count("M") == 8 and "stroke-width: 0.9" in line)
+    (x0, y0), (x1, y1) = (map(float, end.split()) for end in shafts.split('d="M')[1].split("M")[0].split("L"))
+    assert (y1 - y0) / (x1 - x0) == pytest.approx(0.75, abs=0.01)
+    assert x1 > x0
+    assert "0.005 px, mean of 20" in svg
+    assert "residual 0.005 px" in svg
+    none = MeanVectors(at[:0], mean[:0], mean[:0], np.zeros(0, dtype=int))
+    assert "residual" not in arrow_svg(none, (0.0, 400.0), (200.0, 0.0), "px", "px", label="x")
