@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from copy import copy
 from typing import TypeVar
@@ -68,8 +69,8 @@ def default_width(network: ConstraintNetwork, left: Callable[[], Box]) -> float:
     widest = float(np.max(widths, where=np.isfinite(widths), initial=0.0))
     if not widest > 0.0:
         return FINE_WIDTH
-    width = widest * _BOXES ** (-1.0 / freedom)
-    return float(f"{min(width, _WHOLE) if network.whole.any() else width:.1g}")
+    width: float = min(widest * _BOXES ** (-1.0 / freedom), _WHOLE if network.whole.any() else np.inf)
+    return round(width, -math.floor(math.log10(width)))  # one digit
 
 
 def checked_width(width: float) -> float:
