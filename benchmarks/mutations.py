@@ -103,7 +103,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--log", type=Path, default=Path("mutations.jsonl"))
     options = parser.parse_args()
-    with options.log.open("w", encoding="utf-8") as file:
+    with options.log.open("w", encoding="utf-8", buffering=1) as file:
         total: Counter[str] = Counter()
         for name in options.subjects or SUBJECTS:
             total += survey(name, options.count, options.seed, lambda line: file.write(line + "\n"))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import errno
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,8 @@ from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError
 from cpcal.execution.stopping import asked
-from cpcal.results.support_proof import SupportProof
+from cpcal.results import SupportProof, Uncertified
+from cpcal.solver.certificate.affordable import UncheckableError
 from cpcal.solver.certificate.recording import Claims, Recording, claims_of
 from cpcal.solver.certificate.statement import Statement
 from cpcal.solver.interval import Box
@@ -28,13 +31,13 @@ from cpcal.solver.search import Contracting, Event, StepProver
 class Answered:
     """A leg's bracket, the name of its certificate, and the calls of the solver that led to it (method timeout).
 
-    `unwritten`: there would be a certificate, had there been a place to write it.
+    `lost`: why there is none, although something was proved that it could claim.
     """
 
     minimum: Minimum
     certificate: str | None = None
     trials: tuple[Trial, ...] = ()
-    unwritten: bool = False
+    lost: Uncertified = Uncertified.NOTHING
 
 
 def by_bound(
@@ -83,9 +86,9 @@ def by_bound(
         if _torn(found) or (found.witness is None and found.lo <= network.domain["eps"].lo):
             return Answered(found)  # nothing is proved, or the last step may be half written
         claims = claims_of(found, network.domain, "eps") | ({"point": None} if hull_only else {})
-        path = proof.write(question.certificate(leg), claims)
+        name, lost = written(question.certificate(leg), partial(proof.write, claims=claims))
         found = replace(found, contractors_used=proof.recording.credited(found.contractors_used))
-        return Answered(found, None if path is None else path.name, unwritten=path is None)
+        return Answered(found, name, lost=lost)
 
 
 def prove_support(
@@ -118,12 +121,11 @@ def prove_support(
         lowest, highest = network.domain["eps"].lo, network.domain["eps"].hi
         if _torn(found) or found.lo <= lowest:
             return None
-        path = proof.write(
-            question.certificate(leg, ".support"), claims_of(found, network.domain, "eps", lower_only=True)
-        )
-        if path is None:
+        claims = claims_of(found, network.domain, "eps", lower_only=True)
+        name, _ = written(question.certificate(leg, ".support"), partial(proof.write, claims=claims))
+        if name is None:
             return None
-        return SupportProof(highest if lowest == highest else float(found.lo), path.name)
+        return SupportProof(highest if lowest == highest else float(found.lo), name)
 
 
 class ProofFile:
@@ -148,12 +150,33 @@ class ProofFile:
         except OSError:
             self._whole = False
 
-    def write(self, path: Path, claims: Claims) -> Path | None:
-        """The certificate, all or nothing; None where it cannot be written."""
-        try:
-            return self.recording.write(path, claims) if self._whole else None
-        except (OSError, InputError):
-            return None
+    def write(self, path: Path, claims: Claims) -> Path:
+        """The certificate, all or nothing. Raises OSError, and InputError as `Recording.write`."""
+        if not self._whole:
+            raise OSError(errno.ENOSPC, "there was no space for its steps")
+        return self.recording.write(path, claims)
+
+
+def written(path: Path, write: Callable[[Path], object]) -> tuple[str | None, Uncertified]:
+    """The name of a certificate that is written there; None where it cannot be, and why."""
+    try:
+        write(path)
+    except UncheckableError:
+        return None, Uncertified.UNCHECKABLE
+    except (OSError, InputError):
+        return None, Uncertified.UNWRITTEN
+    return path.name, Uncertified.NOTHING
+
+
+def all_or_none(question: Question, names: Sequence[str | None]) -> tuple[str, ...]:
+    """Certificates that prove something together; none, and no files, where one is missing: the others prove less."""
+    found = tuple(name for name in names if name is not None)
+    if len(found) == len(names):
+        return found
+    for name in found:
+        assert question.certificates is not None
+        (question.certificates / name).unlink()
+    return ()
 
 
 def _torn(found: Minimum) -> bool:

@@ -118,8 +118,8 @@ def _not_certified(question: Question, leg: int, answer: Answered) -> Uncertifie
         return Uncertified.NOTHING
     if question.certificates is None:
         return Uncertified.NOT_ASKED
-    if answer.unwritten:
-        return Uncertified.UNWRITTEN
+    if answer.lost:
+        return answer.lost
     if answer.minimum.interrupted:
         return Uncertified.INTERRUPTED
     if not built_in(question.model) and not exactly_read(question.campaign, leg):

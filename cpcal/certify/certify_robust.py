@@ -18,9 +18,11 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
+from cpcal.certify.bracket import all_or_none, written
 from cpcal.certify.certify import checked_options
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats, Indices
@@ -158,7 +160,7 @@ def _result(search: _Search, state: _Progress, outliers: int, target: float, sec
     lo = min((one.lo for one in state.supports), default=0.0) if settled else 0.0
     witness = None if state.best is None else state.best.witness
     certificate = search.point_certificate(state)
-    proofs = tuple(one.certificate for one in state.supports if one.certificate is not None) if settled else ()
+    proofs = all_or_none(search.question, [one.certificate for one in state.supports]) if settled else ()
     return RobustLeg(
         leg=search.leg,
         outliers=outliers,
@@ -234,8 +236,7 @@ class _Search:
         path = self.question.certificate(self.leg, ".point")
         with Recording(statement, network.domain) as recording:
             claims = claims_of(replace(state.best, lo=0.0), network.domain, "eps") | {"enclosure": None}
-            recording.write(path, claims)
-        return path.name
+            return written(path, partial(recording.write, claims=claims))[0]
 
     def _proved(self, network: ConstraintNetwork, without: frozenset[int]) -> tuple[Minimum, _Support]:
         question, top = self.question, float(network.domain["eps"].hi)
@@ -249,12 +250,12 @@ class _Search:
         with Recording(statement, network.domain) as recording:
             found = self._minimum(network, recording)
             lo = min(found.lo, top)
-            path = None
+            name = None
             if found.witness is None:
                 self._count += 1
-                path = question.certificate(self.leg, f".{self._count:03d}")
-                recording.write(path, claims_of(found, network.domain, "eps", lower_only=True))
-            return found, _Support(_members(found, kept), lo, None if path is None else path.name)
+                write = partial(recording.write, claims=claims_of(found, network.domain, "eps", lower_only=True))
+                name, _ = written(question.certificate(self.leg, f".{self._count:03d}"), write)
+            return found, _Support(_members(found, kept), lo, name)
 
     def _minimum(self, network: ConstraintNetwork, recording: Recording | None) -> Minimum:
         question = self.question

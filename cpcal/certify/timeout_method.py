@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.certify.bracket import Answered
+from cpcal.certify.bracket import Answered, written
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
 from cpcal.execution.stopping import asked
+from cpcal.results import Uncertified
 from cpcal.results.leg_sentence import calls_sentence
 from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Limits, Verdict
@@ -45,11 +46,11 @@ def by_timeout(
         except KeyboardInterrupt:
             interrupted = True
         found = _minimum(network, solver, trials, question.limits, time.monotonic() - began)
-        name = None
+        name, lost = None, Uncertified.NOTHING
         if solver.statement is not None and (solver.proof is not None or solver.best is not None):
-            name = solver.write(question.certificate(leg)).name
+            name, lost = written(question.certificate(leg), solver.write)
             found = replace(found, contractors_used=solver.credited(found.contractors_used))
-    return Answered(replace(found, interrupted=interrupted), name, tuple(trials))
+    return Answered(replace(found, interrupted=interrupted), name, tuple(trials), lost)
 
 
 class _Solver:

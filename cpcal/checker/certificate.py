@@ -5,6 +5,7 @@ docs/certificate-format.md is the specification; Refused says what is wrong, and
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
@@ -30,13 +31,18 @@ def check(certificate: Path, campaign: Path | ExactCampaign | None = None, *, wo
     """
     with opened(certificate) as stream:
         lines = Lines(stream, work)
-        try:
-            header = lines.following("the header")
-            return _Check(lines, *problem_of(header, lines, certificate, campaign)).accepted(header)
-        except Refused as refused:
-            raise refused.at(lines.line) from None
-        except (OverflowError, MemoryError, RecursionError):
-            raise Refused("the values are too large, or nested too deeply", "limit", lines.line) from None
+        return check_lines(lines, lambda header: problem_of(header, lines, certificate, campaign))
+
+
+def check_lines(lines: Lines, formed: Callable[[dict[str, Any]], tuple[Problem, Box]]) -> Accepted:
+    """Check the lines of a certificate about the problem that is `formed` of its header. Raises Refused."""
+    try:
+        header = lines.following("the header")
+        return _Check(lines, *formed(header)).accepted(header)
+    except Refused as refused:
+        raise refused.at(lines.line) from None
+    except (OverflowError, MemoryError, RecursionError):
+        raise Refused("the values are too large, or nested too deeply", "limit", lines.line) from None
 
 
 def _schema(problem: Problem) -> dict[str, Reader]:

@@ -74,6 +74,10 @@ class PluginError(CpcalError):
     """A contractor was asked for that is not installed, or that breaks its contract."""
 
 
+class ClashError(PluginError):
+    """Two packages register the same name."""
+
+
 LISTED = 50  # problems that are kept; further ones are counted
 _SHOWN = 40  # characters of an input's own text that a message repeats
 

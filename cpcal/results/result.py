@@ -73,6 +73,7 @@ class Uncertified(StrEnum):
     NOT_ASKED = "no certificate was asked for"
     INTERRUPTED = "the search was interrupted"
     UNWRITTEN = "the certificate could not be written"
+    UNCHECKABLE = "its check would take more work than the checker spends"
     MODEL = "with uncertain readings a user-defined model has no certificate"
     NOTHING_PROVED = "nothing was proved that a certificate could claim"
 

@@ -9,7 +9,7 @@ from functools import lru_cache
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
-from cpcal.common.errors import PluginError
+from cpcal.common.errors import ClashError, PluginError
 from cpcal.solver.contract import Contractor, ContractorFactory, StrategyFactory, in_sequence
 from cpcal.solver.network import ConstraintNetwork
 
@@ -50,7 +50,7 @@ def load_member(what: str, name: str, group: str, ours: Iterable[str] = ()) -> A
         )
     if len(named) > 1:
         claims = " and ".join(f"{_package(point)} ({point.value})" for point in named)
-        raise PluginError(f"two packages register a {what} {name!r}: {claims}; rename or uninstall one of them")
+        raise ClashError(f"two packages register a {what} {name!r}: {claims}; rename or uninstall one of them")
     try:
         return named[0].load()
     except Exception as error:

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from cpcal.cli import app
 from cpcal.common.errors import PluginError
 from cpcal.solver import plugins
 
@@ -36,6 +38,15 @@ def test_two_packages_that_register_one_name_are_both_named(monkeypatch: pytest.
     with pytest.raises(PluginError, match=r"two packages .*'hc4'.*cpcal \(contractors.hc4:HC4\) and fast-hc4 \(theirs"):
         plugins.load("hc4")
     assert plugins.load("lifted").__name__ == "Lifted"  # type: ignore[attr-defined]
+
+
+def test_the_list_of_plugins_leaves_with_status_2_where_two_packages_register_one_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    registered(monkeypatch, ("hc4", "contractors.hc4:HC4", "cpcal"), ("hc4", "theirs.fast:HC4", "fast-hc4"))
+    done = CliRunner().invoke(app, ["plugins"])
+    assert done.exit_code == 2
+    assert "cpcal: two packages register a contractor 'hc4': cpcal (contractors.hc4:HC4) and fast-hc4" in done.stderr
 
 
 def test_a_foreign_folder_on_the_path_is_said_to_be_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from cpcal.checker.problem import Problem
 from cpcal.common.atomic import replacing
+from cpcal.solver.certificate.affordable import check_affordable
 from cpcal.solver.certificate.readings import at_point, failing, stretching
 from cpcal.solver.certificate.statement import Statement, limits, number
 from cpcal.solver.certificate.writer import WeightProver, line, written
@@ -119,12 +121,17 @@ class Recording:
         return None if o is None else number(np.nextafter(box.lo[o], -np.inf))
 
     def write(self, path: str | os.PathLike[str], claims: Claims) -> Path:
-        """The certificate, all or nothing."""
-        with replacing(path) as out:
-            out.writelines(line(first).encode() for first in self._statement.header(self._domain))
-            out.write(line(with_readings(self._statement.problem, claims)).encode())
-            cap = None if claims["cap"] is None else float.fromhex(claims["cap"])
-            out.writelines(line(step).encode() for step in self._useful_steps(cap))
+        """The certificate, all or nothing. Raises UncheckableError where its check would take too much work."""
+        problem = self._statement.problem
+        claims = with_readings(problem, claims)
+        cap = None if claims["cap"] is None else float.fromhex(claims["cap"])
+        with replacing(path) as out, tempfile.TemporaryFile() as whole:
+            whole.writelines(line(first).encode() for first in self._statement.header(self._domain))
+            whole.write(line(claims).encode())
+            whole.writelines(line(step).encode() for step in self._useful_steps(cap))
+            check_affordable(Path(path).name, whole, problem, self._domain, claims)
+            whole.seek(0)
+            shutil.copyfileobj(whole, out)
         return Path(path)
 
 
