@@ -13,7 +13,7 @@ from cpcal.legs import LegModel
 from cpcal.report import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs, result_table
 from cpcal.report.advice import advise
 from cpcal.report.fitted import fitted
-from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit
+from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified_legs
 from cpcal.results import LegResult, Result, verdict_of
 from cpcal.robot import Campaign
 
@@ -45,6 +45,9 @@ def show_result(
     missing = missing_legs(result, campaign.legs)
     if missing:
         console.print(Text(missing, style="bold yellow"))
+    uncertified = uncertified_legs(result)
+    if uncertified is not None:
+        console.print(Text(uncertified, style="bold yellow"), soft_wrap=True)
 
 
 def _lines(console: Console, campaign: Campaign, result: Result, model: LegModel) -> None:

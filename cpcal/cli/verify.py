@@ -25,7 +25,21 @@ from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, unfinished
 from cpcal.handeye.hand_eye_files import load_hand_eye
 from cpcal.report import REPORT_NAME
-from cpcal.results import COMPARISON_NAME, INFORMATION, RESULT_NAME, Entry, information, load_comparison
+from cpcal.results import (
+    COMPARISON_NAME,
+    INFORMATION,
+    RESULT_NAME,
+    Entry,
+    Uncertified,
+    information,
+    load_comparison,
+)
+
+_AGAIN = {  # what to do about a run in which no leg is certified
+    Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
+    Uncertified.UNWRITTEN: "again, into a folder that has room",
+    Uncertified.UNCHECKABLE: "fewer measurements at a time",
+}
 
 
 @talking
@@ -109,8 +123,8 @@ def _run(run: Path, talk: Talk) -> bool:
     if (run / REPORT_NAME).exists():
         talk.say(f"{REPORT_NAME} is not read here: `cpcal report` checks a run and writes its page again.")
     if not any(leg.accepted or leg.refused for leg in legs):
-        what = "holds no leg that is certified"
-        raise InputError([Problem(str(run), what, "certify again, without a time limit that ends it too early")])
+        remedy = next((_AGAIN[found.not_certified] for found in result.legs if found.not_certified in _AGAIN), "again")
+        raise InputError([Problem(str(run), "holds no leg that is certified", f"certify {remedy}")])
     return not wrong and all(leg.refused is None for leg in legs)
 
 

@@ -12,6 +12,7 @@ from cpcal.results import (
     LegResult,
     LegVerdict,
     Result,
+    Uncertified,
     Undecided,
     Undetermined,
     Unexplained,
@@ -133,3 +134,10 @@ def missing_legs(result: Result, legs: int) -> str | None:
     missing = ", ".join(str(leg) for leg in range(1, legs + 1) if leg not in done)
     text = "Interrupted: what is shown was proved until then."
     return f"{text} There is nothing on leg {missing}." if missing else text
+
+
+def uncertified_legs(result: Result) -> str | None:
+    """A sentence on the legs whose certificate was asked for and is missing, and why; None where there is none."""
+    without = [leg for leg in result.legs if not leg.certified and leg.not_certified is not Uncertified.NOT_ASKED]
+    each = ", ".join(f"leg {leg.leg} ({leg.not_certified})" for leg in without)
+    return f"Not certified: {each}." if without else None

@@ -1,17 +1,20 @@
 """A certificate whose check would pass the checker's limit is not written, and the result says so."""
 
 import pytest
+from typer.testing import CliRunner
 
 import cpcal
 from cpcal.certify.certified_ranges import with_ranges
 from cpcal.certify.certify_robust import certify_robust
 from cpcal.checker import certificate, check, check_robust, check_run
 from cpcal.checker.files import Lines
+from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.report import write_report
 from cpcal.results import Uncertified, save_result
 from cpcal.solver.certificate import affordable
 
+runner = CliRunner()
 LOW = 100  # of work: less than any certificate of a leg takes
 
 
@@ -34,6 +37,19 @@ def test_the_result_says_not_certified_instead(campaign, tmp_path, monkeypatch, 
     assert not leg.certified
     assert leg.eps_hi < float("inf")
     assert not list(tmp_path.glob("*.cert.jsonl"))
+
+
+def test_the_command_says_it_and_verify_says_what_to_do(campaign, tmp_path, monkeypatch):
+    limited(monkeypatch, LOW)
+    cpcal.save_campaign(campaign, tmp_path / "campaign")
+    run = str(tmp_path / "run")
+    said = runner.invoke(
+        app, ["certify", str(tmp_path / "campaign"), "-o", run, "--legs", "1", "--delta", "0.5"]
+    ).output
+    assert "Not certified: leg 1 (its check would take more work than the checker spends)." in " ".join(said.split())
+    checked = runner.invoke(app, ["verify", run])
+    assert checked.exit_code == 2
+    assert "certify fewer measurements at a time" in " ".join(checked.output.split())
 
 
 def test_such_a_run_is_verified_as_not_certified(campaign, tmp_path, monkeypatch):
