@@ -99,7 +99,7 @@ def test_axes_are_integers_and_exponents_real_numbers() -> None:
 
 
 ASKED: list[tuple[dict[str, Any], str]] = [
-    *(({"width": width}, "is no width") for width in (0, -1, -0.0, np.nan, "1", True, None, 1j)),
+    *(({"width": width}, "is no width") for width in (0, -1, -0.0, np.nan, "1", True, 1j)),
     *(({"limits": limits}, "limits=") for limits in (5, 1.0, "5 s", {"seconds": 5})),
     *(({"limits": cpcal.Limits(seconds=value)}, "at least 0") for value in (np.nan, -1, "5", True)),
     *(({"limits": cpcal.Limits(nodes=value)}, "at least 0") for value in (np.nan, -1, "5")),
