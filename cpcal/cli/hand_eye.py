@@ -22,7 +22,6 @@ from cpcal.handeye.hand_eye_files import hand_eye_files, load_hand_eye
 from cpcal.handeye.hand_eye_result import HandEyeResult, save_hand_eye_result
 from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.handeye.hand_eye_words import names_of, sentences
-from cpcal.handeye.verify_hand_eye import verify_hand_eye
 from cpcal.report.hand_eye_page import HAND_EYE_PAGE, write_hand_eye
 
 
@@ -106,11 +105,3 @@ def _status(found: HandEyeResult) -> Status:
     if found.tolerance is not None:
         return Status.ANSWERED if found.passes else Status.UNKNOWN
     return Status.ANSWERED if found.complete else Status.UNKNOWN
-
-
-def hand_eye_verified(folder: Path, talk: Talk) -> bool:
-    """Check a run and say what is proved. Raises InputError where there is nothing to check."""
-    found = verify_hand_eye(folder)
-    for _, sentence in found:
-        talk.say(sentence)
-    return all(accepted for accepted, _ in found)

@@ -14,7 +14,6 @@ from cpcal.common.numbers import at_least, at_most
 from cpcal.files.run_folder import HANDEYE_WRONG, answers_into, check_replaceable
 from cpcal.handeye.certify_hand_eye import Within
 from cpcal.handeye.hand_eye_files import hand_eye_files, load_hand_eye
-from cpcal.handeye.verify_wrong_images import verify_wrong_images
 from cpcal.handeye.wrong_images import WrongImages, find_wrong_images, save_wrong_images
 
 
@@ -76,11 +75,3 @@ def _sentences(found: WrongImages) -> list[str]:
     if open_:
         said.append(f"Of {', '.join(open_)} it is not proved that they are wrong.")
     return said
-
-
-def wrong_images_verified(folder: Path, talk: Talk) -> bool:
-    """Check a run and say what is proved. Raises InputError where there is nothing to check."""
-    found = verify_wrong_images(folder)
-    for _, sentence in found:
-        talk.say(sentence)
-    return all(accepted for accepted, _ in found)

@@ -15,8 +15,6 @@ from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check
 from cpcal.cli.checked import checked_certificate, checked_legs, result_of
 from cpcal.cli.claims import sentences
-from cpcal.cli.hand_eye import hand_eye_verified
-from cpcal.cli.hand_eye_wrong import wrong_images_verified
 from cpcal.cli.robust import robust_verified
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
@@ -24,6 +22,8 @@ from cpcal.common.numbers import nearest
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, unfinished
 from cpcal.handeye.hand_eye_files import load_hand_eye
+from cpcal.handeye.verify_hand_eye import verify_hand_eye
+from cpcal.handeye.verify_wrong_images import verify_wrong_images
 from cpcal.report import REPORT_NAME
 from cpcal.results import (
     COMPARISON_NAME,
@@ -65,9 +65,9 @@ def verify(
     if not target.is_dir():
         accepted = _certificate(target, talk)
     elif (target / HANDEYE.head).exists():
-        accepted = hand_eye_verified(target, talk)
+        accepted = _all_accepted(verify_hand_eye(target), talk)
     elif (target / HANDEYE_WRONG.head).exists():
-        accepted = wrong_images_verified(target, talk)
+        accepted = _all_accepted(verify_wrong_images(target), talk)
     elif (target / ROBUST_NAME).exists():
         accepted = robust_verified(target, talk)
     elif (target / RESULT_NAME).exists():
@@ -239,3 +239,10 @@ def _claimed(folder: Path, name: str) -> Accepted:
         return check(folder / Path(name).name)
     except (Unusable, Refused) as reason:
         raise InputError([Problem(str(folder / name), str(reason), "run the command again that wrote it")]) from None
+
+
+def _all_accepted(found: list[tuple[bool, str]], talk: Talk) -> bool:
+    """Whether all statements are; says each."""
+    for _, sentence in found:
+        talk.say(sentence)
+    return all(accepted for accepted, _ in found)

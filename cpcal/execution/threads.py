@@ -7,40 +7,35 @@ the last one leaves: a task that ends must not set it free while others compute.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import cache
 from typing import Any
 
-_lock = threading.Lock()
-_users = 0
-_restore = ExitStack()
 
+def while_used(begin: Callable[[ExitStack], object]) -> Callable[[], AbstractContextManager[None]]:
+    """A state of the process that the first of its users begins, and that ends when the last of them leaves.
 
-@contextmanager
-def linear_algebra_on_one_thread() -> Iterator[None]:
-    """One thread for each call of these libraries in this process, until the last of all users leaves."""
-    _enter()
-    try:
-        yield
-    finally:
-        _leave()
+    `begin` enters what has to be undone into the stack that it is given.
+    """
+    lock, undone, users = threading.Lock(), ExitStack(), 0
 
+    @contextmanager
+    def used() -> Iterator[None]:
+        nonlocal users
+        with lock:
+            if not users:
+                begin(undone)
+            users += 1
+        try:
+            yield
+        finally:
+            with lock:
+                users -= 1
+                if not users:
+                    undone.close()
 
-def _enter() -> None:
-    global _users
-    with _lock:
-        if not _users:
-            _restore.enter_context(_libraries().limit(limits=1))
-        _users += 1
-
-
-def _leave() -> None:
-    global _users
-    with _lock:
-        _users -= 1
-        if not _users:
-            _restore.close()
+    return used
 
 
 @cache
@@ -49,3 +44,7 @@ def _libraries() -> Any:
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
+
+
+linear_algebra_on_one_thread = while_used(lambda undone: undone.enter_context(_libraries().limit(limits=1)))
+"""One thread for each call of these libraries in this process, until the last of all users leaves."""

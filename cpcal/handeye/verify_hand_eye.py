@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction as F
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from cpcal.solver.certificate.statement import number
 from cpcal.solver.certificate.writer import line
 from cpcal.solver.interval import Box
 
+_Run = TypeVar("_Run")  # what a run says, as it was read
 _WORK = 500_000_000  # what the check of one certificate may cost, in multiplications
 
 
@@ -43,6 +44,18 @@ def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
     run = Path(folder)
     study, result = load_hand_eye(run), load_hand_eye_result(run)
     checks = (_the_box, _the_lower_end, _the_point, _the_ranges, _the_classical_answer)
+    return statements(checks, run, study, result, verb="handeye")
+
+
+def statements(
+    checks: Iterable[Callable[[Path, HandEyeStudy, _Run], str]],
+    run: Path,
+    study: HandEyeStudy,
+    result: _Run,
+    *,
+    verb: str,
+) -> list[tuple[bool, str]]:
+    """For each check of a run of `cpcal VERB`: whether it is passed, and its sentence. Raises InputError."""
     found = []
     for one in checks:
         try:
@@ -50,7 +63,7 @@ def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
         except (NotAsStated, Refused) as reason:
             found.append((False, f"{one.__name__.strip('_').replace('_', ' ')}: REFUSED, {reason}"))
         except Unusable as reason:
-            raise InputError([Problem(str(run), str(reason), "run cpcal handeye again")]) from None
+            raise InputError([Problem(str(run), str(reason), f"run cpcal {verb} again")]) from None
     return found
 
 

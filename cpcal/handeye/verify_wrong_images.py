@@ -8,13 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.checker import Refused, Unusable
-from cpcal.common.errors import InputError, Problem
 from cpcal.handeye.exact_errors import exact_errors, largest
 from cpcal.handeye.frames_proof import box_of
 from cpcal.handeye.hand_eye_files import load_hand_eye
 from cpcal.handeye.hand_eye_study import HandEyeStudy
-from cpcal.handeye.verify_hand_eye import NotAsStated, certified, check_box
+from cpcal.handeye.verify_hand_eye import NotAsStated, certified, check_box, statements
 from cpcal.handeye.wrong_images import RefutedGroup, WrongImages, load_wrong_images
 
 
@@ -22,15 +20,7 @@ def verify_wrong_images(folder: str | os.PathLike[str]) -> list[tuple[bool, str]
     """For each statement of the run in `folder`: whether it is accepted, and a sentence. Raises InputError."""
     run = Path(folder)
     study, found = load_hand_eye(run), load_wrong_images(run)
-    said = []
-    for check in (_box, _lower, _point, _blamed):
-        try:
-            said.append((True, check(run, study, found)))
-        except (NotAsStated, Refused) as reason:
-            said.append((False, f"{check.__name__.strip('_')}: REFUSED, {reason}"))
-        except Unusable as reason:
-            raise InputError([Problem(str(run), str(reason), "run cpcal handeye-wrong again")]) from None
-    return said
+    return statements((_box, _lower, _point, _blamed), run, study, found, verb="handeye-wrong")
 
 
 def _box(run: Path, study: HandEyeStudy, found: WrongImages) -> str:
