@@ -1,7 +1,7 @@
 """Certified hand-eye calibration of simulated studies: does the truth lie in the guaranteed ranges, and at which cost?
 
-    python -m benchmarks.certified_hand_eye [--seeds 200] [--images 20] [--within any,2000] [--setup both]
-        [--pixel-error 0.2] [--position-error 0.1 --rotation-error 0.05] [--opencv]
+    python -m benchmarks.certified_hand_eye [--seeds 200] [--images 20] [--corners 8,6] [--within any,2000]
+        [--setup both] [--pixel-error 0.2] [--position-error 0.1 --rotation-error 0.05] [--opencv]
 
 Pixel errors are uniform in plus and minus `--pixel-error` on each axis, which is the tolerance; robot errors are
 uniform too, and are stated as half-widths. `--setup both`: even seeds with the camera in the hand, odd ones with it
@@ -44,11 +44,14 @@ def setup_of(seed: int, asked: argparse.Namespace) -> Setup:
 
 
 def simulated(seed: int, asked: argparse.Namespace) -> SimulatedHandEye:
-    """A study with the errors asked for, the robot's stated as half-widths."""
+    """A study with the errors asked for, the robot's stated as half-widths; the board is 240 mm wide."""
+    columns, rows = (int(part) for part in asked.corners.split(","))
     angle = float(np.radians(asked.rotation_error))
     found = simulate_hand_eye(
         setup=setup_of(seed, asked),
         images=asked.images,
+        corners=(columns, rows),
+        pitch=240.0 / columns,
         pixel_error=asked.pixel_error,
         position_error=asked.position_error,
         rotation_error=angle,
@@ -151,6 +154,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--images", type=int, default=20)
+    parser.add_argument("--corners", default="8,6", help="of the board, columns and rows")
     parser.add_argument("--within", default="any,2000")
     parser.add_argument("--setup", default="both", choices=("both", *SETUPS))
     parser.add_argument("--pixel-error", type=float, default=0.2)

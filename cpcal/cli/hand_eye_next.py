@@ -12,7 +12,7 @@ from rich.table import Table
 from cpcal.cli.talk import Talk, talking
 from cpcal.common.numbers import nearest
 from cpcal.handeye.hand_eye_files import load_hand_eye, load_hand_poses
-from cpcal.handeye.next_poses import ChosenPose, next_poses
+from cpcal.handeye.next_images import ChosenPose, next_poses
 
 
 @talking

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.handeye.contraction import FramesProof, Tell
+from cpcal.handeye.box_contraction import FramesProof, Tell
 from cpcal.handeye.exact_errors import PlacedFrames
 from cpcal.handeye.frames_proof import prove_in_turns
 from cpcal.handeye.hand_eye_study import HandEyeStudy
@@ -29,7 +29,7 @@ from cpcal.solver.interval import Box
 
 _SPREAD = 9  # images that narrow the box where the robot's poses are exact: the pixels say the rest
 _FEWEST = 3
-_TURNS = 5
+_TURNS = 8
 _WORTH = 0.8  # share of some width that another turn must be expected to leave, or less
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.arrays import Floats, Indices
-from cpcal.handeye.contraction import FramesProof, Rows, Tell, contracted
+from cpcal.handeye.box_contraction import ConstraintRows, FramesProof, Tell, contracted
 from cpcal.handeye.exact_rows import ExactRows, HandEyeStatement
 from cpcal.handeye.frame_equations import EQUATIONS, R_F, R_X, UNKNOWNS, pixel_rows, rotation_rows
 from cpcal.handeye.hand_eye_study import HandEyeStudy
@@ -42,12 +42,12 @@ def prove(
         beside = np.abs(centred.products[start:]).sum(axis=1).reshape(2, 2, count).max(axis=1)
         return bool((beside <= _NEGLIGIBLE * room).all())
 
-    asked = Rows(statement, rows, places, (*R_X, *R_F), negligible)
+    asked = ConstraintRows(statement, rows, places, (*R_X, *R_F), negligible)
     return contracted(asked, eps, domain, time_limit=time_limit, tell=tell)
 
 
 def frame_rows(study: HandEyeStudy, eps: float, slack: Floats) -> tuple[Quadratics, Indices]:
-    """Rows of the rotations and of all pixels, and constraint and part of each."""
+    """ConstraintRows of the rotations and of all pixels, and constraint and part of each."""
     equations, pixels = len(EQUATIONS), 4 * len(study.image)
     both, own = np.tile(np.arange(equations), 2), equations + np.arange(pixels)
     part = np.repeat([0, 1, 0], [equations, equations, pixels])

@@ -15,8 +15,8 @@ from fractions import Fraction as F
 import numpy as np
 
 from cpcal.common.arrays import Floats
+from cpcal.handeye.box_contraction import ConstraintRows, FramesProof, Tell, contracted
 from cpcal.handeye.classical_answer import image_poses
-from cpcal.handeye.contraction import FramesProof, Rows, Tell, contracted
 from cpcal.handeye.exact_rows import HandEyeStatement, ListedRows
 from cpcal.handeye.frame_equations import T_F, T_X, rotation_equations
 from cpcal.handeye.hand_eye_study import HandEyeStudy
@@ -134,7 +134,7 @@ def pose_row_meaning(constraint: int) -> int | None:
     return None if constraint < len(_EQUATIONS) else (constraint - len(_EQUATIONS)) // 4
 
 
-def stated_rows(items: tuple[Stated, ...], layout: Layout, about: str, rotations: tuple[int, ...]) -> Rows:
+def stated_rows(items: tuple[Stated, ...], layout: Layout, about: str, rotations: tuple[int, ...]) -> ConstraintRows:
     """Constraints of which only those of rotations have products, as rows."""
     rows: list[dict[tuple[int, ...], float]] = []
     places = []
@@ -150,7 +150,7 @@ def stated_rows(items: tuple[Stated, ...], layout: Layout, about: str, rotations
     def negligible(box: Box) -> bool:
         return bool(box.rad[list(rotations)].max() < 0.02)
 
-    return Rows(statement, quadratics, np.array(places, dtype=np.intp), rotations, negligible)
+    return ConstraintRows(statement, quadratics, np.array(places, dtype=np.intp), rotations, negligible)
 
 
 def prove_pose(

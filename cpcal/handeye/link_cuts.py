@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.handeye.contraction import Rows
+from cpcal.handeye.box_contraction import ConstraintRows
 from cpcal.handeye.frame_equations import FRAMES, R_F, R_X
 from cpcal.handeye.frame_programs import FramePrograms
 from cpcal.handeye.image_pose_sets import stated_rows
@@ -70,7 +70,7 @@ def _floats(links: Links, name: str) -> _Image:
 
 
 def _vertices(
-    links: Links, base: Rows, cuts: Sequence[Cut], images: dict[str, _Image]
+    links: Links, base: ConstraintRows, cuts: Sequence[Cut], images: dict[str, _Image]
 ) -> tuple[list[Floats], set[int]]:
     """Where programs end, and the cuts that have a multiplier in some of them."""
     rows, places = base.rows, base.places

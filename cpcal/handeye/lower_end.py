@@ -8,7 +8,7 @@ import numpy as np
 
 from cpcal.common.arrays import Floats
 from cpcal.common.numbers import at_least
-from cpcal.handeye.contraction import Tell
+from cpcal.handeye.box_contraction import Tell
 from cpcal.handeye.exact_errors import PlacedFrames
 from cpcal.handeye.exact_rows import row_meaning
 from cpcal.handeye.frame_programs import FramePrograms
@@ -22,6 +22,7 @@ from cpcal.handeye.pose_readings import ReadFrames, read_study
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import LinearStatus
 
+_NOTHING = 1e-12  # px: what rounding leaves of pixels that fit exactly
 _HOPELESS = 1e-2  # of eps_hi: a lower end that is not worth the search
 _SHORT = (1e-3, 0.03)  # of what is left below a bound that linear programs promise, given away for a proof
 _NEAR = (0.0, 1e-6, 1e-4, 1e-2)  # shares given away below an image's own least error
@@ -41,6 +42,8 @@ def lower_end(
     tell: Tell,
 ) -> tuple[float, ChainProof | None]:
     """eps_lo and its proof, which begins with what `wide` leaves, or with its box if that left nothing."""
+    if eps_hi <= _NOTHING:
+        return 0.0, None
     just_below = eps_hi * (1.0 - 0.9 * gap)
     domain = wide.domain if wide.refuted else wide.left
     if study.pose_half_width.any():
@@ -151,7 +154,7 @@ def least_errors(study: HandEyeStudy, best: ReadFrames) -> dict[int, float]:
     """By image, about the least error in px that its pixels allow with any pose of the target; found near `best`."""
     there = read_study(study, best.readings)
     kept = nominal_poses(study)
-    return {k: minimax_fit(_OneImage(there.part(np.array([k]))), best.frames)[1] for k in kept}
+    return {k: minimax_fit(_OneImage(there.part(np.array([k]))), best.frames, restarts=1)[1] for k in kept}
 
 
 def support(study: HandEyeStudy, lower: ChainProof | None) -> tuple[tuple[str, str], ...]:

@@ -17,7 +17,7 @@ from cpcal.solver.linear import Dense, LinearStatus
 At = TypeVar("At")  # frames, or frames with readings
 
 
-class Residuals(Protocol[At]):
+class MinimaxModel(Protocol[At]):
     """Residuals (2 N,) of what is fitted, in `size` unknowns.
 
     `reach`: what counts as a step of one in each of them; `room`: the least and greatest step allowed.
@@ -39,14 +39,14 @@ _LEAST = 1e-13
 _RESTARTS = 3
 
 
-def minimax_fit(model: Residuals[At], at: At) -> tuple[At, float]:
+def minimax_fit(model: MinimaxModel[At], at: At, *, restarts: int = _RESTARTS) -> tuple[At, float]:
     """Frames near those given, and their largest excess `|residual| - half-width` in px.
 
     The search begins again with a wide trust region until that finds nothing better: one that stops early leaves the
     bracket open.
     """
     best, value = _descent(model, at, _START)
-    for attempt in range(_RESTARTS):
+    for attempt in range(restarts):
         again, lower = _descent(model, best, _START * 0.2**attempt)
         if lower < value:
             better = value - lower > 1e-12 * value
@@ -57,17 +57,17 @@ def minimax_fit(model: Residuals[At], at: At) -> tuple[At, float]:
     return best, value
 
 
-def excess(model: Residuals[At], at: At) -> float:
+def excess(model: MinimaxModel[At], at: At) -> float:
     """px: by how much the worst pixel is off beyond its half-width; from 0."""
     off = np.abs(model(at)) - np.tile(model.study.half_width, 2)
     return max(float(off.max()), 0.0)
 
 
-def _descent(model: Residuals[At], at: At, radius: float) -> tuple[At, float]:
+def _descent(model: MinimaxModel[At], at: At, radius: float) -> tuple[At, float]:
     value, size = excess(model, at), model.reach(at)
     for _ in range(_STEPS):
         step, promised = _step(model, at, size * radius, value)
-        if promised >= value * (1.0 - 1e-14):
+        if promised >= value * (1.0 - 1e-11):
             break
         trial = model.moved(at, step)
         found = excess(model, trial)
@@ -81,7 +81,7 @@ def _descent(model: Residuals[At], at: At, radius: float) -> tuple[At, float]:
     return at, value
 
 
-def _step(model: Residuals[At], at: At, reach: Floats, worst: float) -> tuple[Floats, float]:
+def _step(model: MinimaxModel[At], at: At, reach: Floats, worst: float) -> tuple[Floats, float]:
     """The step of the linear program within the trust region, and the excess that it promises."""
     slope, residuals = model.jacobian(at) * reach, model(at)
     width = np.tile(model.study.half_width, 2)

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.handeye.contraction import FramesProof, Tell, contracted
+from cpcal.handeye.box_contraction import FramesProof, Tell, contracted
 from cpcal.handeye.exact_rows import exact_poses
 from cpcal.handeye.frame_equations import EQUATIONS, FRAMES, R_F, R_X, T_F, T_X
 from cpcal.handeye.hand_eye_study import HandEyeStudy

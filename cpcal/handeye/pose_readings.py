@@ -67,6 +67,10 @@ class ReadingModel:
             by = np.concatenate([np.broadcast_to(frames.e_rotation, own.shape), -frames.e_rotation @ cross(lever)], 2)
         else:
             by = np.concatenate([-own, own @ cross(on - place)], axis=2)
+        # R(1, w / 2) turns by (I + [w / 2]x) dw / (1 + |w / 2|^2) when w changes by dw
+        half = 0.5 * at.readings[:, 3:]
+        turned = (np.eye(3) + cross(half)) / (1.0 + np.sum(half**2, axis=1))[:, None, None]
+        by[:, :, 3:] = by[:, :, 3:] @ turned[there.image]
         return model.jacobian(frames), model.of_points(frames, by)
 
     def jacobian(self, at: ReadFrames) -> Floats:

@@ -69,7 +69,7 @@ class FramesProof:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class ConstraintRows:
     """Constraints as a certificate states them, and as rows of linear programs.
 
     places      (M, 2): constraint and part of each row
@@ -84,13 +84,15 @@ class Rows:
     negligible: Callable[[Box], bool]
 
 
-def contracted(asked: Rows, eps: float, domain: Box, *, time_limit: float = np.inf, tell: Tell) -> FramesProof:
+def contracted(
+    asked: ConstraintRows, eps: float, domain: Box, *, time_limit: float = np.inf, tell: Tell
+) -> FramesProof:
     """Contract a box until it is empty or gets no smaller."""
     return _Contracting(asked, domain, time_limit, tell).proof(eps)
 
 
 class _Contracting:
-    def __init__(self, asked: Rows, domain: Box, limit: float, tell: Tell) -> None:
+    def __init__(self, asked: ConstraintRows, domain: Box, limit: float, tell: Tell) -> None:
         self.asked, self.domain, self.tell = asked, domain, tell
         self.prover = WeightProver(asked.statement)
         self.end = time.monotonic() + limit

@@ -88,9 +88,8 @@ def next_poses(
     taken: list[list[_Image]] = [[] for _ in range(_DRAWS)]
     for _ in range(count):
         left = [name for name in shown if name not in {one.name for one in found}]
-        tried = [
-            ranges.chosen(name, [[*had, one] for had, one in zip(taken, shown[name], strict=True)]) for name in left
-        ]
+        with_it = {name: [[*had, new] for had, new in zip(taken, shown[name], strict=True)] for name in left}
+        tried = [ranges.chosen(name, draws) for name, draws in with_it.items()]
         one = min(tried, key=lambda pose: (pose.widest, sum(pose.widths)))
         tell(f"{one.name}: widest range {one.widest:.3g} mm")
         found.append(one)
