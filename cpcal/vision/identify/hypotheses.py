@@ -21,6 +21,7 @@ from cpcal.vision.target import Target
 _PER_EFFORT = 30  # hypotheses followed
 _CROSSING = 0.3  # of the spacing: how far apart two rows may see their crossing point
 _NEAREST = 0.3  # of the spacing: no further from its predicted place is a dot looked for
+_STRAYED = 0.3  # of the spacing: how far dots may be from where the image before has them
 _NEARLY_ALL = 0.9  # of the dots: a homography that needs no more growing
 ONE_ROW = 12  # from this span on, one row is tried with two dots beside it
 _BEYOND = 8  # dots that make a hypothesis and so do not speak for it
@@ -84,6 +85,19 @@ def from_grid(view: View, target: Target) -> Iterator[tuple[Hypothesis, int]]:
         if fit is not None:
             yield fit, lattice.TRIED
             return
+
+
+def followed(view: View, target: Target, homography: Floats) -> Hypothesis | None:
+    """The fit that a homography near the true one begins, where it leaves no choice: nearly all dots are where the
+    target has them, and none lies between there and the next. None otherwise."""
+    found, numbers = pairs(view, mapped(homography, target.dots), _STRAYED * view.spacing)
+    if len(found) < _NEARLY_ALL * min(len(target.dots), len(view.points)):
+        return None
+    fit = _grown(view, target, found, numbers)
+    if fit is None or len(fit.found) < _NEARLY_ALL * len(view.points):
+        return None
+    wider = pairs(view, mapped(fit.homography, target.dots), _STRAYED * view.spacing)[1]
+    return fit if np.array_equal(wider, fit.numbers) else None
 
 
 def _crossing_pairs(
