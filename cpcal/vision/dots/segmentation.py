@@ -6,7 +6,8 @@ are and whether they are bright; the second uses a neighbourhood made for them, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -24,6 +25,7 @@ Grey8 = npt.NDArray[np.uint8]
 
 _WIDEST = 61  # neighbourhood in the half image, for dots of at most 45 pixels radius in the whole one
 _NARROW = 31  # in the whole image, for small dots close together, where the first tells none apart
+_LARGE = 4_000_000  # pixels of an image whose half is looked at first
 _ENOUGH, _SMALL = 10, 3.5  # spots, and pixels of their radius, to do without the other
 _LIKELY = 0.4  # number of spots of one kind, relative to the other's, that makes it likely, too
 _NEIGHBOURHOOD = 6.0  # radii of a dot
@@ -71,12 +73,20 @@ class Survey:
     contrast: float
 
 
-def surveys(image: Grey8, bright: bool | None = None) -> list[Survey]:
+def surveys(image: Grey8, bright: bool | None = None) -> Iterator[Survey]:
     """First looks at an image's dots, the likelier first: of both kinds only where both are likely, and of each size
     that many spots have, because specks of a background may outnumber the dots. None without spots. `bright` states
-    the kind."""
-    if min(image.shape) < _SMALLEST:
-        return []
+    the kind. Of a large image those of its half come first, where it shows spots that are large enough for that."""
+    if image.size >= _LARGE:
+        least = max(_NOISE * noise_level(image), _LEAST)
+        for one in surveys(_halved(image), bright):
+            if one.number >= _ENOUGH and 2.0 * _SMALL <= one.radius <= 0.5 * _LARGEST:
+                yield replace(one, radius=2.0 * one.radius, contrast=max(least, one.contrast))
+    if min(image.shape) >= _SMALLEST:
+        yield from _looked_at(image, bright)
+
+
+def _looked_at(image: Grey8, bright: bool | None) -> list[Survey]:
     cv2 = opencv()
     half = _halved(image)
     least = max(_NOISE * noise_level(half), _LEAST)

@@ -12,6 +12,7 @@ from scipy.special import bdtrc
 from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.vision.homography import fitted, mapped, orientation
 from cpcal.vision.identify import lattice, one_row
+from cpcal.vision.identify.nearest import mutually_nearest
 from cpcal.vision.identify.runs import RowMatches, collinear, match_rows
 from cpcal.vision.identify.symmetry import self_maps
 from cpcal.vision.identify.views import View
@@ -145,14 +146,9 @@ def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis
 
 def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
     """Found dots and predicted ones (n, 2) that are each other's nearest, within `reach`."""
-    dx = view.points[:, 0] - predicted[:, None, 0]
-    dy = view.points[:, 1] - predicted[:, None, 1]
-    square = dx * dx + dy * dy
-    square[np.isnan(square)] = np.inf
-    nearest = square.argmin(axis=1)
-    away = square[np.arange(len(predicted)), nearest]
-    mutual = square.argmin(axis=0)[nearest] == np.arange(len(predicted))
-    numbers = np.flatnonzero(mutual & (away <= reach * reach))
+    nearest = np.empty(len(predicted), dtype=np.int64)
+    mutually_nearest(view.points, predicted, reach, nearest)
+    numbers = np.flatnonzero(nearest >= 0)
     return nearest[numbers], numbers
 
 
