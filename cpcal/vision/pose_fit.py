@@ -19,7 +19,7 @@ class NoPose(CpcalError):
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class PinholeEquations:
     """The pinhole model of points: matrix (9, 9); its residuals are minus it times (r_1, r_2, t)."""
 
     matrix: Floats
@@ -53,7 +53,7 @@ class Pixels:
         return Pixels(self.dots[used], self.seen[used], self.factors[used], self.radius, self.camera)
 
 
-Model = Equations | Pixels
+Model = PinholeEquations | Pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class PoseFit:
 def fit(model: Model, pose: Pose) -> PoseFit:
     """Levenberg-Marquardt from a pose; ends when a step is a small part of the standard deviations."""
     packed, normal = np.concatenate([pose.position, pose.quaternion]), np.eye(6)
-    if isinstance(model, Equations):
+    if isinstance(model, PinholeEquations):
         residuals = np.empty(9)
         none, camera, flat = np.empty((0, 2)), np.empty(13), np.empty((0, 2, 2))
         ended, square = fit_pose(model.matrix, none, none, flat, 0.0, camera, packed, residuals, normal)
@@ -89,7 +89,7 @@ def same_pose(pose: Pose, other: PoseFit) -> bool:
     return bool(step @ other.normal @ step < 1.0)
 
 
-def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[Equations, Pose]:
+def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[PinholeEquations, Pose]:
     """The pinhole model of points, and the pose whose plane has the homography of the dots' directions.
 
     A dot (x, y) seen in the direction (u, v, 1) says X - u Z = 0 and Y - v Z = 0, linear in the nine numbers
@@ -108,7 +108,7 @@ def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[Equations
     left, _, right = np.linalg.svd(np.stack([h[0], h[1], np.cross(h[0], h[1])], axis=1))
     turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     start = Pose(h[2], quaternion_from_matrix(turn))
-    return Equations(triangle * (np.repeat([size, size, 1.0], 3) * sharpness / h[2, 2])), start
+    return PinholeEquations(triangle * (np.repeat([size, size, 1.0], 3) * sharpness / h[2, 2])), start
 
 
 def turned_over(pose: Pose, dots: Floats) -> Pose:
