@@ -7,86 +7,33 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.vision_scenes import facing_poses, found_dots, one
+from benchmarks.rigs import TRUE, found_rig, measured, place_square, plates, pose_square, seen
 from cpcal.cli import app
 from cpcal.common.errors import InputError
-from cpcal.robot import Pose, quaternion_conjugate, quaternion_from_rotation_vector, quaternion_product, rotation_vector
-from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.files.camera_file import CameraRecord, save_camera
 from cpcal.vision.files.rig_file import load_rig, rig_bytes, save_rig
 from cpcal.vision.files.target_file import save_target
-from cpcal.vision.pose import estimate_pose
 from cpcal.vision.render import Scene, render
 from cpcal.vision.rig.calibrate_rig import NoRigError, calibrate_rig
-from cpcal.vision.rig.joint_pose import joint_pose
-from cpcal.vision.rig.rig import EACH, Rig, SeenPlate
+from cpcal.vision.rig.rig import EACH, Rig
 from cpcal.vision.target import DELTALAB_TARGET
-
-OTHER = Camera(1024, 768, [950.0, 948.0], [505.0, 390.0], [-0.15, 0.05, -2e-4, 1e-4, 0.0])
-TURN = quaternion_from_rotation_vector(np.array([0.03, -0.45, 0.02]))
-TRUE = Rig(
-    ("left", "right"),
-    (DELTALAB_CAMERA, OTHER),
-    np.array([[0.0, 0.0, 0.0], [300.0, 12.0, 65.0]]),
-    np.array([[1.0, 0.0, 0.0, 0.0], TURN]),
-    np.zeros((2 * EACH, 2 * EACH)),
-)
-NOISE = 0.02
-SPREAD = np.array([0.3, 0.3, 0.4, 0.4, 4e-4, 8e-4, 5e-5, 5e-5, 6e-4])  # of a camera's numbers, before
-
-
-def plates(rng, count):
-    """Poses in the first camera's frame that both cameras see."""
-    poses = facing_poses(rng, count, depth=(650.0, 800.0), tilt=20.0)
-    return [Pose(one(poses, k).position + [20.0, 0.0, 0.0], one(poses, k).quaternion) for k in range(count)]
-
-
-def seen(rng, plate, cameras):
-    """What both cameras see, as cameras of the given numbers understand it."""
-    out = []
-    for k, camera in enumerate(cameras):
-        placed = TRUE.seen_by(k, plate)
-        centers, numbers = found_dots(rng, DELTALAB_TARGET, TRUE.cameras[k], placed, noise=NOISE)
-        covariance = np.tile(NOISE**2 * np.eye(2), (len(numbers), 1, 1))
-        pose = estimate_pose(centers, covariance, numbers, DELTALAB_TARGET, camera).pose
-        out.append(SeenPlate(k, centers, covariance, numbers, pose))
-    return out
-
-
-def off(pose, true):
-    """(6,): position and rotation vector from a pose to the truth."""
-    turn = quaternion_product(true.quaternion, quaternion_conjugate(pose.quaternion))
-    return np.concatenate([true.position - pose.position, rotation_vector(turn)])
-
-
-def square(error, covariance):
-    """The mean square of an error's parts under a covariance."""
-    return float(error @ np.linalg.solve(covariance, error)) / len(error)
 
 
 def test_rigs_and_poses_are_as_good_as_stated_with_exact_and_with_calibrated_cameras():
     for uncertain in (False, True):
-        rigs, poses, alone = [], [], []
+        places, both, alone = [], [], []
         for k in range(5):
             rng = np.random.default_rng(110 + k)
-            cameras = [c.with_numbers(c.numbers + uncertain * SPREAD * rng.standard_normal(9)) for c in TRUE.cameras]
-            covariance = np.diag(SPREAD**2) if uncertain else None
-            records = {n: CameraRecord(c, covariance) for n, c in zip(TRUE.names, cameras, strict=True)}
-            found = calibrate_rig(records, [seen(rng, plate, cameras) for plate in plates(rng, 8)], DELTALAB_TARGET)
-            rig = found.rig
+            found = found_rig(rng, uncertain)
             assert 0.8 < found.scale < 1.25
-            place = slice(EACH, EACH + 6)
-            wrong = off(Pose(rig.position[1], rig.quaternion[1]), Pose(TRUE.position[1], TRUE.quaternion[1]))
-            rigs.append(square(wrong, rig.covariance[place, place]))
-            for plate in plates(rng, 3):
-                views = seen(rng, plate, rig.cameras)
-                joint = joint_pose(views, rig, DELTALAB_TARGET)
-                poses.append(square(off(joint.pose, plate), joint.covariance))
-                single = joint_pose(views[:1], rig, DELTALAB_TARGET)
-                alone.append(square(off(single.pose, plate), single.covariance))
+            places.append(place_square(found.rig))
+            for _ in range(3):
+                true, joint, single = measured(rng, found.rig)
+                both.append(pose_square(joint, true))
+                alone.append(pose_square(single, true))
                 assert (np.linalg.eigvalsh(single.covariance - joint.covariance) > -1e-9).all()
-        assert 0.3 < np.mean(rigs) < 2.0  # 30 degrees of freedom
-        assert 0.5 < np.mean(poses) < 1.7  # 90, in groups of 18 that share a rig
+        assert 0.3 < np.mean(places) < 2.0  # 30 degrees of freedom
+        assert 0.5 < np.mean(both) < 1.7  # 90, in groups of 18 that share a rig
         assert 0.4 < np.mean(alone) < 1.8
 
 

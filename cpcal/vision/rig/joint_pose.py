@@ -47,7 +47,13 @@ def joint_pose(seen: Sequence[SeenPlate], rig: Rig, target: Target) -> PoseEstim
             gain = np.linalg.solve(normal, believed.T @ errors)
             factors = np.linalg.cholesky(np.concatenate([one.covariance for one in seen]))
             pixels = (factors @ left.reshape(-1, 2, 1))[..., 0]
-            return _estimate(plate, pixels, chi_square, np.asarray(np.linalg.inv(normal)), np.asarray(gain @ gain.T, dtype=np.float64))
+            return _estimate(
+                plate,
+                pixels,
+                chi_square,
+                np.asarray(np.linalg.inv(normal)),
+                np.asarray(gain @ gain.T, dtype=np.float64),
+            )
     raise NoPose(f"the fit to all cameras has not ended after {_STEPS} steps")
 
 
