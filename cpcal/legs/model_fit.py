@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize
 
-from cpcal.calibration import least_squares
+from cpcal.calibration.least_squares import least_squares
+from cpcal.calibration.leg_equations import LegEquations
 from cpcal.common.arrays import Floats
 from cpcal.legs.equation import leg_box, leg_equation, residuals
 from cpcal.legs.models import PLAIN, LegModel
@@ -34,6 +34,14 @@ class ModelResiduals:
 
     def jacobian(self, x: npt.ArrayLike) -> Floats:
         return self._rows.linearize(np.asarray(x, np.float64)).jacobian
+
+
+def model_jacobian(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
+    """dg/dx (N, n) at the centres of the reading sets; of the plain model from its formula."""
+    point = np.asarray(x, np.float64)
+    if model.name == PLAIN.name:
+        return LegEquations.of(campaign, [leg]).by_parameters(point[None])[:, 0]
+    return ModelResiduals(campaign, leg, model).jacobian(point)
 
 
 _READ = ("position", "rotation", "length")
@@ -67,6 +75,8 @@ def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN) -> Floats:
 
     def jacobian(x: Floats) -> Floats:
         return of.jacobian(full(x))[:, free]
+
+    from scipy import optimize  # here: it takes half a second to load, for models with parameters of their own alone
 
     found = optimize.least_squares(
         values,
