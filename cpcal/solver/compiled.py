@@ -51,7 +51,10 @@ class Compiled:
         """The dispatcher; the plain function where numba is missing."""
         with _making:
             if self._made is None:
-                self._made = _made(self.py_func)
+                self._made, scope = _made(self.py_func)
+                for name in self.py_func.__code__.co_names:  # after it is made: it may call itself
+                    if isinstance(scope.get(name), Compiled):
+                        scope[name] = scope[name].made
         return self._made
 
 
@@ -71,20 +74,18 @@ def ready(function: Callable[..., Any]) -> Callable[..., Any]:
     return function.made if isinstance(function, Compiled) else function
 
 
-def _made(function: Callable[..., Any]) -> Callable[..., Any]:
+def _made(function: Callable[..., Any]) -> tuple[Callable[..., Any], dict[str, Any]]:
+    """The dispatcher, and the globals that its function sees."""
     try:
         import numba
     except ImportError:
         _say_once("numba is not installed: cpcal runs its kernels in plain Python, hundreds of times slower")
-        return function
-    known = function.__globals__
-    called = {name: ready(known[name]) for name in function.__code__.co_names if isinstance(known.get(name), Compiled)}
-    copy = FunctionType(
-        function.__code__, {**known, **called}, function.__name__, function.__defaults__, function.__closure__
-    )
+        return function, {}
+    scope = dict(function.__globals__)
+    copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, function.__closure__)
     dispatcher = numba.njit(nogil=True, error_model="numpy")(update_wrapper(copy, function))
     _keep(dispatcher, function)
-    return dispatcher  # type: ignore[no-any-return]
+    return dispatcher, scope
 
 
 def plain(function: F) -> F:
