@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,17 @@ import numpy.typing as npt
 
 from cpcal.calibration.least_squares import least_squares
 from cpcal.calibration.leg_equations import LegEquations
+from cpcal.calibration.sum_of_squares import sum_of_squares
 from cpcal.common.arrays import Floats
 from cpcal.legs.equation import leg_box, leg_equation, residuals
 from cpcal.legs.models import PLAIN, LegModel
 from cpcal.robot import Campaign
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network.rows import Extremes, Rows
+
+Function = Callable[[Floats], Floats]
+
+_TOLERANCE = 1e-8  # of the fit, relative: it proves nothing
 
 
 class ModelResiduals:
@@ -76,17 +82,18 @@ def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN) -> Floats:
     def jacobian(x: Floats) -> Floats:
         return of.jacobian(full(x))[:, free]
 
-    from scipy import optimize  # here: it takes half a second to load, for models with parameters of their own alone
+    inside, reached = sum_of_squares(values, jacobian, start[free], _TOLERANCE)
+    if reached and bool(np.all(np.abs(inside) <= reach)):
+        return full(inside)
+    return full(_bounded(values, jacobian, start[free], reach))
 
-    found = optimize.least_squares(
-        values,
-        start[free],
-        jac=jacobian,
-        bounds=(-reach, reach),
-        x_scale=np.where(np.isfinite(reach), reach, 1.0),
-        method="trf",
-    )
-    return full(found.x)
+
+def _bounded(values: Function, jacobian: Function, start: Floats, reach: Floats) -> Floats:
+    from scipy import optimize  # here: it takes half a second to load
+
+    scale = np.where(np.isfinite(reach), reach, 1.0)
+    found = optimize.least_squares(values, start, jac=jacobian, bounds=(-reach, reach), x_scale=scale, method="trf")
+    return np.asarray(found.x)
 
 
 def reading_sensitivities(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel) -> Floats:
