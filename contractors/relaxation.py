@@ -38,7 +38,7 @@ class Structure:
         self.guards = CentredRows(shift, _guards(system)) if system.guarded.any() else None
         # A monomial whose coefficients all contain zero is bounded, not given a column.
         self._divisors = _divisors(system.monomials)
-        self.used = self.with_divisors(self.rows.matters[1:]) if whole is None else whole[0].used
+        self.used: Bools = self.with_divisors(self.rows.matters[1:]) if whole is None else whole[0].used
         self._beyond = np.zeros(len(self.used), np.bool_) if whole is None else whole[1]
         self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], dtype=np.bool_)
         self.bounds = column_bounds(system.monomials)
