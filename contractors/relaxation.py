@@ -52,7 +52,7 @@ class Structure:
         `occurring`: the monomials of u that have a coefficient there. They keep their columns, so that the programs are
         those of the whole system.
         """
-        return Structure(_restricted(self.system, rows), (self, occurring))
+        return Structure(_restricted(self.system, rows), (self, occurring | self._beyond))
 
     def columns(self, highest: Floats, radius: Floats) -> Bools:
         """The monomials that get a column on a box; `highest`: their largest coefficients in the rows there are."""

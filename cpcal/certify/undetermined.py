@@ -20,7 +20,8 @@ def determination(campaign: Campaign, leg: int, x: Floats, model: LegModel) -> D
     jacobian = model_jacobian(campaign, leg, x, model)
     scale = np.sqrt(np.mean(jacobian**2, axis=0))
     columns = jacobian / np.where(scale > 0.0, scale, 1.0) / np.sqrt(len(jacobian))
-    _, values, right = np.linalg.svd(columns)
+    few = len(columns) < columns.shape[1]
+    _, values, right = np.linalg.svd(columns, full_matrices=few)  # of many rows the left side alone fills the memory
     seen = np.zeros(len(right), dtype=bool)
     seen[: len(values)] = values > _SEEN
     hidden = np.linalg.norm(right[~seen], axis=0)

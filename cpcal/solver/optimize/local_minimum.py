@@ -92,6 +92,7 @@ def fit_of_many(network: ConstraintNetwork, rows: Rows, objective: int, start: F
     if sum(int(np.prod(c.body.shape)) for c in network.constraints) <= _MANY:
         return fit(rows, objective, box, start, engine)
     point, chosen = np.asarray(start, np.float64), [np.zeros(0, np.intp)] * len(network.constraints)
+    some: Rows | None = None
     for _ in range(_EXTENSIONS):
         worst = rows.likely(box.with_bounds(point, point), _WORST)
         more = [np.union1d(old, new) for old, new in zip(chosen, worst, strict=True)]
@@ -100,7 +101,7 @@ def fit_of_many(network: ConstraintNetwork, rows: Rows, objective: int, start: F
         chosen = more
         some = Rows(restricted(network, chosen))
         point = fit(some, objective, box, point, engine, _ROUGH)
-    return fit(some, objective, box, point, engine)
+    return point if some is None else fit(some, objective, box, point, engine)
 
 
 def fit(
