@@ -46,7 +46,7 @@ def campaigns(count: int) -> Callable[[int], Any]:
         assert keep
         runs = folder / f"runs{workers}"
         with executor_for(workers) as place:
-            certified_all(folders, runs, CampaignWork({}, checker=True), place, resume=False, talk=Talk(quiet=True))
+            certified_all(folders, runs, CampaignWork({}, checker=True), place, talk=Talk(quiet=True))
         return {path.relative_to(runs): path.read_bytes() for path in sorted(runs.rglob("*.cert.jsonl"))}
 
     return certified

@@ -6,6 +6,7 @@ their arguments pure values, so that both travel.
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -21,7 +22,10 @@ from cpcal.execution.stopping import Reason
 
 T = TypeVar("T")
 
+Place = tuple[Executor, int]  # and how many tasks it is given at a time
+
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_LOGGER = logging.getLogger("cpcal")
 _ELSEWHERE = 64  # workers that an executor is taken to have that does not tell
 
 
@@ -74,9 +78,7 @@ class Processes(Executor):
 
 
 @contextmanager
-def executor_for(
-    workers: int | None = None, scheduler: str | None = None, executor: Any = None
-) -> Iterator[tuple[Executor, int]]:
+def executor_for(workers: int | None = None, scheduler: str | None = None, executor: Any = None) -> Iterator[Place]:
     """The executor asked for, and how many tasks it is given at a time; none asked for: the work is done here.
 
     workers    processes of this machine; 1: none
@@ -122,11 +124,27 @@ def _cluster(address: str) -> Iterator[Any]:
         remedy = "start `dask scheduler`, and give the address that it prints"
         what = f"no Dask scheduler answers there ({str(error)[:200]})"
         raise InputError([Problem(f"scheduler {address}", what, remedy)]) from None
-    with client:
+    if not client.scheduler_info()["workers"]:
+        _LOGGER.warning("cpcal: warning: the scheduler %s has no workers: the work waits for them", address)
+    with client, _silent("distributed"):
         yield client
 
 
-def _through(client: Any) -> tuple[Executor, int]:
+@contextmanager
+def _silent(name: str) -> Iterator[None]:
+    """No messages of a library and its parts: what fails is told by us, once."""
+    known = [one for one in logging.root.manager.loggerDict if one == name or one.startswith(f"{name}.")]
+    before = {one: logging.getLogger(one).level for one in known}
+    for one in known:
+        logging.getLogger(one).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for one, level in before.items():
+            logging.getLogger(one).setLevel(level)
+
+
+def _through(client: Any) -> Place:
     """Of a Dask client."""
     return client.get_executor(pure=False), at_a_time(max(_ELSEWHERE, sum(client.ncores().values())))
 

@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from cpcal.common import numbers
 from cpcal.common.errors import ModelError
-from cpcal.execution.executors import Here, executor_for
+from cpcal.execution.executors import Here, Place, executor_for
 from cpcal.execution.stopping import asked, heard
+from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
@@ -141,7 +142,7 @@ class Network(ConstraintNetwork):
 
         finest = default_width(network, left) if width is None else checked_width(width)
 
-        def search(method: SearchMethod, place: tuple[Executor, int]) -> Search:
+        def search(method: SearchMethod, place: Place) -> Search:
             contractor = contracting(method)
             by = named_strategy(network, method.strategy if strategy is None else strategy, finest, arithmetic)
             process = Divide(contractor, by, inside=inside)
@@ -149,7 +150,7 @@ class Network(ConstraintNetwork):
             return Search([network.domain], spread, priority, outside=inner, abreast=_ABREAST)
 
         nodes = 0
-        with heard(), executor_for(workers, scheduler, executor) as place:
+        with heard(), linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor) as place:
             race = Race([Contender(m.name, partial(search, m, place), m.slice, m.turns) for m in choice.methods])
             try:
                 for event in race:
@@ -220,7 +221,7 @@ class Network(ConstraintNetwork):
         first = None if start is None else start_point(network, start, len(self.names))
 
         def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
-            with executor_for(workers, scheduler, executor) as place:
+            with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor) as place:
                 states = minimize(
                     network,
                     name,
