@@ -113,10 +113,8 @@ def places() -> Iterator[dict[str, Any]]:
             stack.callback(pool.shutdown, cancel_futures=True)
         stack.enter_context(warnings.catch_warnings())
         warnings.simplefilter("ignore")
-        cluster = LocalCluster(  # type: ignore[no-untyped-call]
-            n_workers=3, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
-        )
-        client = Client(stack.enter_context(cluster))  # type: ignore[no-untyped-call]
+        cluster = LocalCluster(n_workers=3, threads_per_worker=1, host="127.0.0.1", dashboard_address=None)
+        client = Client(stack.enter_context(cluster))
         yield {"here": None, **pools, "Dask, 3 workers": stack.enter_context(client)}
 
 

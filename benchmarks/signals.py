@@ -40,7 +40,7 @@ _BEFORE = "init_import_site"  # of the sentence with which Python ends
 
 
 @dataclass(frozen=True)
-class Asked:
+class SignalledRun:
     """What every run is asked."""
 
     campaign: Path
@@ -118,7 +118,7 @@ def ended(pid: int) -> int:
     return status if status >= 0 else 128 - status
 
 
-def one(asked: Asked, run: Path, kind: signal.Signals, after: float) -> tuple[str, list[str]]:
+def one(asked: SignalledRun, run: Path, kind: signal.Signals, after: float) -> tuple[str, list[str]]:
     """The status of a run that is sent a signal, and what was wrong with it."""
     said = run.with_suffix(".said")
     pid = begun(asked.command(run), said, asked.forked)
@@ -145,7 +145,7 @@ def one(asked: Asked, run: Path, kind: signal.Signals, after: float) -> tuple[st
     return str(status), wrong
 
 
-def resumed(asked: Asked, run: Path, whole: dict[str, bytes]) -> list[str]:
+def resumed(asked: SignalledRun, run: Path, whole: dict[str, bytes]) -> list[str]:
     """Go on with a run; what is not as in an undisturbed one."""
     said = run.with_suffix(".again")
     status = ended(begun(asked.command(run, "--resume"), said, asked.forked))
@@ -153,7 +153,7 @@ def resumed(asked: Asked, run: Path, whole: dict[str, bytes]) -> list[str]:
     return wrong if certificates(run) == whole else [*wrong, "other certificates after --resume"]
 
 
-def undisturbed(asked: Asked, folder: Path) -> tuple[float, dict[str, bytes]]:
+def undisturbed(asked: SignalledRun, folder: Path) -> tuple[float, dict[str, bytes]]:
     """How long it takes, once all is compiled, and its certificates."""
     run, took = folder / "whole", 0.0
     if asked.forked:
@@ -183,7 +183,7 @@ def main() -> None:
         folder = Path(name)
         small = cpcal.simulate(seed=1, joint_error=40.0, factor=0.0, extremal=False, random_poses=10)
         cpcal.save_campaign(small, folder / "campaign")
-        asked = Asked(folder / "campaign", given.legs, given.workers, given.forked)
+        asked = SignalledRun(folder / "campaign", given.legs, given.workers, given.forked)
         took, whole = undisturbed(asked, folder)
         print(f"undisturbed: {took:.1f} s, {len(whole)} certificates; {given.workers} workers", flush=True)
         for kind in given.kinds:
