@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any, TypeVar
 
 from cpcal.common.errors import InputError, Problem
@@ -49,32 +50,37 @@ class Here(Executor):
 class Processes(Executor):
     """Processes of this machine. They end with this one however it ends, and hear of a stop from it alone.
 
-    A pool in which a process was killed is broken; `renew` makes another.
+    None begins before the first task. A pool in which a process was killed is broken; `renew` makes another.
     """
 
     def __init__(self, count: int) -> None:
         self.count = count
         self._context = multiprocessing.get_context("spawn")  # the same everywhere, and safe beside threads
-        self._stop = self._context.Event()
-        self._pool = self._new()
+        self._pool: ProcessPoolExecutor | None = None
+
+    @cached_property
+    def _stop(self) -> Any:
+        return self._context.Event()
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         with _without_signals():  # which a new process inherits: Ctrl-C is for this one
+            if self._pool is None:
+                given = (self._stop,)
+                self._pool = ProcessPoolExecutor(self.count, self._context, initializer=_begin, initargs=given)
             return self._pool.submit(fn, *args, **kwargs)
 
     def ask_to_stop(self) -> None:
         """Tasks that are at work see it by `stopping.asked`."""
-        self._stop.set()
+        if self._pool is not None:
+            self._stop.set()
 
     def renew(self) -> None:
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        self._pool = self._new()
+        self.shutdown(wait=False, cancel_futures=True)
+        self._pool = None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        self._pool.shutdown(wait, cancel_futures=cancel_futures)
-
-    def _new(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self.count, mp_context=self._context, initializer=_begin, initargs=(self._stop,))
+        if self._pool is not None:
+            self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
 
 @contextmanager

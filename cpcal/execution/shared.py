@@ -41,8 +41,9 @@ class Shared(Generic[V]):
         while left:
             tasks = [_Task(work, self._digest, content, items[k], k) for k in left]
             for outcome in outcomes(executor, most, _done, tasks):
-                if not isinstance(outcome.error, _MissingError):
-                    found[outcome.task.place] = outcome.value
+                value = outcome.value
+                if not isinstance(value, _Missing):
+                    found[outcome.task.place] = value
             again = [k for k in left if k not in found]
             if asked() and again:
                 raise Stopped(asked() or Reason.INTERRUPTED)
@@ -50,8 +51,8 @@ class Shared(Generic[V]):
         return [found[k] for k in range(len(items))]
 
 
-class _MissingError(Exception):
-    """This worker has never seen the value."""
+class _Missing:
+    """Says that this worker has never seen the value. No error, which a cluster would log."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +64,10 @@ class _Task(Generic[V, A, T]):
     place: int
 
 
-def _done(task: _Task[V, A, T]) -> T:
+def _done(task: _Task[V, A, T]) -> T | _Missing:
     if task.digest not in _here:
         if task.content is None:
-            raise _MissingError(task.digest)
+            return _Missing()
         while len(_here) >= _KEPT:
             del _here[next(iter(_here))]
         _here[task.digest] = pickle.loads(task.content)
