@@ -57,8 +57,6 @@ class Lifted(Composable):
         self._many = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints) > _MANY
         # with readings boxes have rows of their own, the same ones where the same ends of the readings decide
         self._decisive = DecisiveReadings(network, self._arithmetic)
-        fixed = not self._decisive.any
-        self._structure = Structure(self._forms.on()) if fixed else None
         self._last: tuple[bytes, Structure] | None = None
         self._objective = None if objective is None else network.names.index(objective)
 
@@ -68,7 +66,21 @@ class Lifted(Composable):
 
     @cached_property
     def _forms(self) -> PolynomialForms:
-        return PolynomialForms(self._network, self._arithmetic)
+        return PolynomialForms(self._network, self._arithmetic, self.deadline)
+
+    @cached_property
+    def _structure(self) -> Structure | None:
+        """The same on all boxes, where no readings decide; made when it is needed: then the deadline is known."""
+        return None if self._decisive.any else Structure(self._forms.on())
+
+    @property
+    def unused_constraints(self) -> frozenset[int]:
+        """Those without polynomial form."""
+        domain = self._network.domain
+        if self._structure is None and not domain.is_bounded:
+            return frozenset()
+        system = (self._structure or self._structure_on(domain)).system
+        return frozenset(constraint for constraint, _ in system.leftover)
 
     def contract(self, box: Box) -> Contraction:
         if box.is_empty or not box.is_bounded:
