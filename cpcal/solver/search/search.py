@@ -15,6 +15,7 @@ from typing import Any
 
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
+from cpcal.solver.interval.rounding import check_rounding
 from cpcal.solver.search.orders import Node, Priority, depth_first
 from cpcal.solver.search.passes import ContractorUse
 from cpcal.solver.search.regions import difference
@@ -147,6 +148,7 @@ class Search(Iterator[Event]):
                 heapq.heappop(self._heap)
         node = self._round[-1]
         decision = self._decision(node)
+        check_rounding()  # a plug-in that changed it makes all contractors after it unsound
         removed = difference(node.box, decision.box) if self.wants_outside else ()
         children = self._stored(node, decision)
         self.outside.extend(removed)
