@@ -108,7 +108,21 @@ class Cameras:
         for _ in range(ROUNDS):
             here = bent([x.around(size / least) for x in ray], self.numbers).least
             least = Bounds(max(least.lo, here.lo), max(least.lo, here.lo))
-        return [x.around(size / least) for x in ray]
+        box = [x.around(size / least) for x in ray]
+        along, mixed, down = bent(box, self.numbers).slopes
+        a, b, d = along.middle, mixed.middle, down.middle
+        determinant = (a * d - b * b).middle
+        back = [
+            [(d / determinant).middle, -(b / determinant).middle],
+            [-(b / determinant).middle, (a / determinant).middle],
+        ]
+        slopes, out = ((along, mixed), (mixed, down)), []
+        for k in range(2):
+            rest = [(ONE if k == j else ZERO) - inner(back[k], [row[j] for row in slopes]) for j in range(2)]
+            step = inner(back[k], away) + total(r * (x - y) for r, x, y in zip(rest, box, ray, strict=True))
+            moved = ray[k] + step
+            out.append(Bounds(max(moved.lo, box[k].lo), min(moved.hi, box[k].hi)))
+        return out
 
     @cached_property
     def field_bias(self) -> Bounds:

@@ -54,6 +54,9 @@ VERBS = {
     "detect": Verb(
         "cpcal.cli.detect", "detect_poses", "detect images --target target.toml --camera camera.toml -o poses.csv"
     ),
+    "pose-sets": Verb(
+        "cpcal.cli.pose_sets", "pose_sets", "pose-sets images --target target.toml --camera camera.toml -o sets"
+    ),
     "calibrate": Verb("cpcal.cli.calibrate", "calibrate", "calibrate study -o calibrated"),
     "demo": Verb("cpcal.cli.demo.verb", "demo", "demo -o demo", STATUS_HELP),
     "robust": Verb("cpcal.cli.robust", "robust_brackets", "robust campaign --outliers 1 -o robust", STATUS_HELP),

@@ -15,6 +15,7 @@ from cpcal.certify.recomputed import stated_otherwise
 from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check
 from cpcal.cli.checked import checked_certificate, checked_legs, result_of
 from cpcal.cli.claims import sentences
+from cpcal.cli.pose_sets import is_pose_set, verify_pose_sets
 from cpcal.cli.robust import robust_verified
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
@@ -49,12 +50,16 @@ def verify(
         Path | None,
         typer.Option(metavar="CAMPAIGN", help="Folder of the original campaign, to compare the run's with."),
     ] = None,
+    source: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="Of pose sets: a camera.toml or target.toml that must be the one they name."),
+    ] = None,
     *,
     talk: Talk,
 ) -> None:
     """Check a RUN, or one CERTIFICATE, against the campaign.json beside the certificates.
 
-    A run of `cpcal handeye` is checked likewise against the study that it holds.
+    A run of `cpcal handeye` is checked likewise against the study that it holds, pose sets from their pixels on.
 
     Every number that the run's result.json states must be claimed by a certificate, and every certificate must be
     accepted; a leg that is not certified is named. The checker forms every polynomial again from the campaign's
@@ -62,7 +67,9 @@ def verify(
     rounding. docs/certificate-format.md says what a certificate claims and when it is accepted.
     """
     same = campaign is None or _same_campaign(target, campaign, talk)
-    if not target.is_dir():
+    if is_pose_set(target):
+        accepted = verify_pose_sets(target, source or [], talk)
+    elif not target.is_dir():
         accepted = _certificate(target, talk)
     elif (target / HANDEYE.head).exists():
         accepted = _all_accepted(verify_hand_eye(target), talk)

@@ -21,7 +21,7 @@ from cpcal.solver.linear import BoxProgram, Dense
 from cpcal.vision.pose_sets.enclosed import ENGINE
 from cpcal.vision.pose_sets.pose_box import NAMES, PoseBox
 from cpcal.vision.pose_sets.pose_enclosure import Found, View
-from cpcal.vision.pose_sets.pose_rows import PoseRows
+from cpcal.vision.pose_sets.pose_rows import PoseRows, pose_rows
 
 Dots = frozenset[int]
 
@@ -35,9 +35,10 @@ def all_but(view: View, box: PoseBox, outliers: int) -> Found:
     """The poses of a box that satisfy all dots of a view but at most so many; None: there are none."""
     for _ in range(_ROUNDS):
         unknowns = box.unknowns
-        rows = view.rows(box, unknowns)
-        if isinstance(rows, str):
-            return rows
+        seen = view.sight.about(box)
+        if isinstance(seen, str):
+            return seen
+        rows = pose_rows(view.sight, seen, box, unknowns)
         after = _narrowed(rows, unknowns, outliers)
         if after.is_empty:
             return None

@@ -26,7 +26,7 @@ import numpy as np
 
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, stacked
-from cpcal.vision.pose_sets.lens_bounds import LensBounds, lens_bounds
+from cpcal.vision.pose_sets.lens_bounds import LensBounds, curvatures, lens_bounds
 
 _ONE, _QUARTER, _HALF = (exact(v) for v in (1.0, 0.25, 0.5))
 _PAIRS = ((0, 0), (0, 1), (1, 1))
@@ -51,7 +51,7 @@ def center_bias(
         return None
     way = lens_bounds(e.add(x, e.mul(away, IntervalArray(np.zeros(1), np.ones(1)))), numbers).jacobian
     moved = e.sum(e.mul(way, away[..., None, :]), -1)
-    bent = _bent(at, around, spread, size)
+    bent = _bent(at, around, curvatures(e.add(center, extent), numbers), spread, size)
     return e.mul(numbers[:2], e.add(moved, bent))
 
 
@@ -77,11 +77,13 @@ def _ellipse(x: IntervalArray, tau: IntervalArray, normal: IntervalArray) -> tup
     return away, stacked(parts)
 
 
-def _bent(at: LensBounds, around: LensBounds, spread: IntervalArray, size: IntervalArray) -> IntervalArray:
+def _bent(
+    at: LensBounds, around: LensBounds, curves: IntervalArray, spread: IntervalArray, size: IntervalArray
+) -> IntervalArray:
     """J a + b / 2."""
     e = ENGINE
     xx, xy, yy = (around.slopes[..., k] for k in range(3))
-    xxx, xxy, xyy, yyy = (around.curvatures[..., k] for k in range(4))
+    xxx, xxy, xyy, yyy = (curves[..., k] for k in range(4))
     two = exact(2.0)
     weight = e.sub(e.mul(xx, yy), e.sqr(xy))
     weight = IntervalArray(np.maximum(weight.lo, e.sqr(around.least_slope).lo), weight.hi)
@@ -101,7 +103,7 @@ def _bent(at: LensBounds, around: LensBounds, spread: IntervalArray, size: Inter
     for k in range(2):
         total = exact(np.zeros(weight.shape))
         for p in range(3):
-            curve = around.curvatures[..., int(_THIRD[k, p])]
+            curve = curves[..., int(_THIRD[k, p])]
             held = _mean(curve, mean[..., p], most[..., p])
             lost = exact(e.mul(e.mul(exact(curve.mag), e.sub(ratio, _ONE)), most[..., p]).hi)
             held = e.add(held, IntervalArray(-lost.lo, lost.hi))

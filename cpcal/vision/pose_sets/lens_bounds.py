@@ -17,14 +17,27 @@ from cpcal.vision.pose_sets.enclosed import ENGINE, exact, stacked
 _TWO, _THREE, _FOUR, _SIX = (exact(float(k)) for k in (2, 3, 4, 6))
 
 
+def product(*factors: IntervalArray) -> IntervalArray:
+    out = factors[0]
+    for factor in factors[1:]:
+        out = ENGINE.mul(out, factor)
+    return out
+
+
+def total(parts: Sequence[IntervalArray]) -> IntervalArray:
+    out = parts[0]
+    for part in parts[1:]:
+        out = ENGINE.add(out, part)
+    return out
+
+
 @dataclass(frozen=True)
 class LensBounds:
     """On boxes (...,): d (..., 2); slopes (..., 3), of the first component by x, of it by y (the same as of the second
-    by x), of the second by y; curvatures (..., 4): xxx, xxy, xyy, yyy."""
+    by x), of the second by y."""
 
     value: IntervalArray
     slopes: IntervalArray
-    curvatures: IntervalArray
 
     @property
     def jacobian(self) -> IntervalArray:
@@ -49,31 +62,30 @@ def lens_bounds(x: IntervalArray, numbers: IntervalArray) -> LensBounds:
     uu, vv, uv = e.sqr(u), e.sqr(v), e.mul(u, v)
     s = e.add(uu, vv)
 
-    def product(*factors: IntervalArray) -> IntervalArray:
-        out = factors[0]
-        for factor in factors[1:]:
-            out = e.mul(out, factor)
-        return out
-
-    def total(parts: Sequence[IntervalArray]) -> IntervalArray:
-        out = parts[0]
-        for part in parts[1:]:
-            out = e.add(out, part)
-        return out
-
     g = e.add(exact(1.0), e.mul(s, e.add(k1, e.mul(s, e.add(k2, e.mul(s, k3))))))
     g1 = e.add(k1, e.mul(s, e.add(e.mul(_TWO, k2), e.mul(s, e.mul(_THREE, k3)))))
-    g2 = e.add(e.mul(_TWO, k2), product(_SIX, s, k3))
     du = total([e.mul(u, g), product(_TWO, p1, uv), e.mul(p2, e.add(s, e.mul(_TWO, uu)))])
     dv = total([e.mul(v, g), product(_TWO, p2, uv), e.mul(p1, e.add(s, e.mul(_TWO, vv)))])
     along = total([g, product(_TWO, g1, uu), product(_TWO, p1, v), product(_SIX, p2, u)])
     mixed = total([product(_TWO, g1, uv), product(_TWO, p1, u), product(_TWO, p2, v)])
     down = total([g, product(_TWO, g1, vv), product(_SIX, p1, v), product(_TWO, p2, u)])
+    return LensBounds(stacked([du, dv]), stacked([along, mixed, down]))
+
+
+def curvatures(x: IntervalArray, numbers: IntervalArray) -> IntervalArray:
+    """(..., 4): second derivatives of d on boxes x (..., 2): xxx, xxy, xyy, yyy."""
+    e = ENGINE
+    k1, k2, p1, p2, k3 = (numbers[4 + k] for k in range(5))
+    u, v = x[..., 0], x[..., 1]
+    uu, vv = e.sqr(u), e.sqr(v)
+    s = e.add(uu, vv)
+    g1 = e.add(k1, e.mul(s, e.add(e.mul(_TWO, k2), e.mul(s, e.mul(_THREE, k3)))))
+    g2 = e.add(e.mul(_TWO, k2), product(_SIX, s, k3))
     xxx = total([e.mul(_SIX, p2), product(_SIX, g1, u), product(_FOUR, g2, uu, u)])
     xxy = total([e.mul(_TWO, p1), product(_TWO, g1, v), product(_FOUR, g2, uu, v)])
     xyy = total([e.mul(_TWO, p2), product(_TWO, g1, u), product(_FOUR, g2, vv, u)])
     yyy = total([e.mul(_SIX, p1), product(_SIX, g1, v), product(_FOUR, g2, vv, v)])
-    return LensBounds(stacked([du, dv]), stacked([along, mixed, down]), stacked([xxx, xxy, xyy, yyy]))
+    return stacked([xxx, xxy, xyy, yyy])
 
 
 def number_slopes(x: IntervalArray, numbers: IntervalArray) -> IntervalArray:

@@ -38,9 +38,10 @@ from cpcal.vision.pose_sets.sight import Sight, plane_sizes
 
 FARTHEST = 2.0**20  # mm: the origin of the target is no farther from the camera along any axis
 SIDES = 5  # rows of a dot: its four planes, and Z >= nearest
-_PASSES = 8
-_PAYS = 0.9
+_PASSES = 6
+_PAYS = 0.5
 _FLAT = 1e-3  # triangles of this height over their longest side are no triangles
+_WIDEST = 1.0  # entry of a rotation that is of any use
 _SLACK = 2.0**-12  # px mm that every row gives away, so that a checker's other roundings prove it too
 _LARGEST = np.array([FARTHEST] * 3 + [1.0] * 6)
 _TOO_WIDE = "the pixel boxes are too wide, or the dots too few or too near to one another"
@@ -105,7 +106,7 @@ def first_motions(
 def motions_of(box: Box) -> Motions | str:
     """Motions from a box of the nine unknowns."""
     values = box.array
-    if float(values.mag[:3].max()) >= FARTHEST:
+    if float(values.mag[:3].max()) >= FARTHEST or float((values.hi - values.lo)[3:].max()) > _WIDEST:
         return _TOO_WIDE
     first, second = values[3:6], values[6:9]
     columns = stacked([first, second, cross(first, second)], axis=0)

@@ -36,10 +36,12 @@ from cpcal.vision.pose_sets.frames import Motions
 from cpcal.vision.pose_sets.motion_rows import SIDES, motion_rows, motions_of
 from cpcal.vision.pose_sets.pose_box import PoseBox, pose_box
 from cpcal.vision.pose_sets.pose_enclosure import Found, View, first_box
+from cpcal.vision.pose_sets.pose_rows import pose_rows
 from cpcal.vision.pose_sets.robust_pose_set import groups_of
 
 _PASSES = 6
 _PAYS = 0.95
+_PAYS_AGAIN = 0.8  # a further certificate is made where some width shrinks below this share
 _STAGES = 3  # of poses about the centre, at most
 _GROUPS = {0: 0, 1: 6, 2: 6, 3: 7}  # by outliers: 1, 6, 15 and 35 chains
 
@@ -157,9 +159,9 @@ def _narrowed(
     box = start.with_unknowns(unknowns)
     for _ in range(_STAGES):
         seen = part.sight.about(box)
-        rows = part.rows(box, unknowns)
-        if isinstance(rows, str) or isinstance(seen, str):
-            raise ModelError(f"no certificate: {rows if isinstance(rows, str) else seen}")
+        if isinstance(seen, str):
+            raise ModelError(f"no certificate: {seen}")
+        rows = pose_rows(part.sight, seen, box, unknowns)
         found = record.proved(rows.network(unknowns))
         if found is None:
             break
@@ -169,14 +171,17 @@ def _narrowed(
             return stages, None
         before, unknowns = unknowns.width, Box(unknowns.names, left.lo[:6], left.hi[:6])
         box = box.with_unknowns(unknowns)
-        if not (unknowns.width < _PAYS * before).any():
+        if not (unknowns.width < _PAYS_AGAIN * before).any():
             break
     return stages, box
 
 
 def _stage(path: Path, power: int, used: Indices, sides: int, chosen: Indices, rays: Floats) -> Stage:
-    rows = [(int(chosen[k // sides]), int(k % sides), *map(float, rays[k // sides])) for k in used]
-    return path.name, power, [StageRow(*row) for row in rows]
+    rows = []
+    for k in used.tolist():
+        x, y = rays[k // sides].tolist()
+        rows.append(StageRow(int(chosen[k // sides]), k % sides, x, y))
+    return path.name, power, rows
 
 
 def _hull(left: Sequence[PoseBox | None], center: Pose) -> PoseBox | None:

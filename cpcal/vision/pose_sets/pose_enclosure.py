@@ -11,18 +11,18 @@ from cpcal.common.arrays import Indices
 from cpcal.robot import Pose, quaternion_from_matrix
 from cpcal.solver import plugins
 from cpcal.solver.contract import Contractor, in_sequence, shrunk
-from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.vision.pose_sets.frames import Motions
 from cpcal.vision.pose_sets.motion_rows import first_motions
 from cpcal.vision.pose_sets.pose_box import PoseBox, pose_box
-from cpcal.vision.pose_sets.pose_rows import PoseRows, pose_rows
+from cpcal.vision.pose_sets.pose_rows import pose_rows
 from cpcal.vision.pose_sets.sight import Sight
 
 Found = PoseBox | str | None  # what holds all poses; or why nothing is known; or that there are none
 
 _PASSES = 8
 _PAYS = 0.98  # a further pass is made where some width shrinks below this share
+_HALF = 0.5  # and what is seen is found anew where some width shrinks below this share
 _HALF_TURN = "the rotation is known too badly"
 
 
@@ -36,11 +36,6 @@ class View:
     def part(self, chosen: Indices) -> View:
         """Of some of the dots."""
         return View(self.sight.part(chosen), self.contractor)
-
-    def rows(self, box: PoseBox, unknowns: Box) -> PoseRows | str:
-        """The constraints on the poses of a box; a text says why there are none."""
-        seen = self.sight.about(box)
-        return seen if isinstance(seen, str) else pose_rows(self.sight, seen, box, unknowns)
 
 
 def contractor_of(names: Sequence[str]) -> Callable[[ConstraintNetwork], Contractor]:
@@ -77,11 +72,14 @@ def box_of(view: View, motions: Motions) -> PoseBox | str:
 
 def contracted(view: View, box: PoseBox) -> Found:
     """What the constraints leave of a box, about its new middle."""
+    seen, known = view.sight.about(box), box.unknowns.width
     for _ in range(_PASSES):
         before = box.unknowns
-        rows = view.rows(box, before)
-        if isinstance(rows, str):
-            return rows
+        if shrunk(known, before.width, _HALF):  # what was seen about a larger box holds for this one
+            seen, known = view.sight.about(box), before.width
+        if isinstance(seen, str):
+            return seen
+        rows = pose_rows(view.sight, seen, box, before)
         after = view.contractor(rows.network(before)).contract(rows.unknowns(before)).box
         if after.is_empty:
             return None

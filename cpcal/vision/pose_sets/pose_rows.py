@@ -64,7 +64,7 @@ class PoseRows:
     @property
     def shared(self) -> int:
         """How many unknowns t there are."""
-        return self.linear.shape[1] - len(NAMES)
+        return int(self.linear.shape[1]) - len(NAMES)
 
     def unknowns(self, box: Box) -> Box:
         """A box of (W, s) with that of t."""

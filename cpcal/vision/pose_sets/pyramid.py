@@ -4,8 +4,8 @@ A pixel is F(x) = center + focal d(x) of the direction x = (X / Z, Y / Z), with 
 the field of view, a disc r <= rho. Which of them have F(x) in a box of pixels, for some camera of the set?
 
 The Jacobian of d is symmetric. If no eigenvalue of it is below m > 0 on the disc (or on a box N that holds x and x0),
-then |x - x0| <= |d(x) - d(x0)| / m for any x0 of it: that bounds x from the values of d. The mean value theorem on such
-a box N makes it tight: with any matrix J near F'(x0) and cameras c + S t,
+then |x - x0| <= |d(x) - d(x0)| / m for any x0 of it: that bounds x from the values of d, and Newton's operator narrows
+the bounds. The mean value theorem on such a box N makes it tight: with any J near F'(x0) and cameras c + S t,
 
     J (x - x0)  in  box - F_c(x0) - K t - e - (F'(N) - J) (N - x0),        K = dF/dc(x0) S,
 
@@ -25,7 +25,7 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.camera import Camera
-from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner
+from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner, stacked
 from cpcal.vision.pose_sets.lens_bounds import lens_bounds, number_slopes
 from cpcal.vision.pose_sets.uncertain import CameraSet
 
@@ -76,9 +76,10 @@ def field_of_view(cameras: CameraSet) -> Field:
     radius = np.linspace(0.0, _WIDEST, _STEPS)
     angle = np.linspace(-np.pi, np.pi, _RAYS)
     rays = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    onward = (np.linalg.det(camera.distortion_jacobian(rays)) > _TURNS).all(axis=1)
+    onward = np.all(np.linalg.det(camera.distortion_jacobian(rays)) > _TURNS, axis=1)
     pixels = camera.pixels(rays)
-    shown = ((pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])).all(axis=2).any(axis=1)
+    held = (pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])
+    shown = np.any(np.all(held, axis=2), axis=1)
     good = np.logical_and.accumulate(onward)
     reach = radius[np.flatnonzero(good & shown)[-1]] if (good & shown).any() else 0.0
     edge = min((1.0 + _MARGIN) * float(reach), float(radius[good.sum() - 1]))
@@ -146,16 +147,27 @@ def _second_order(cameras: CameraSet, by_numbers: IntervalArray) -> IntervalArra
 def directions_of(cameras: CameraSet, pixels: IntervalArray, rays: Floats) -> IntervalArray:
     """Boxes (m, 2) of the directions in the field that some camera shows in boxes of pixels, about rays in it."""
     e, numbers, x0 = ENGINE, cameras.numbers, exact(rays)
-    away = e.div(e.sub(pixels, numbers[2:4]), numbers[:2])
-    away = exact(e.sub(away, lens_bounds(x0, numbers).value).mag)
-    size = e.sqrt(e.sum(e.sqr(away), -1))
+    away = e.sub(e.div(e.sub(pixels, numbers[2:4]), numbers[:2]), lens_bounds(x0, numbers).value)
+    size = e.sqrt(e.sum(e.sqr(exact(away.mag)), -1))
     least: IntervalArray = exact(np.full(len(rays), field_of_view(cameras).least_slope))
     for _ in range(ROUNDS):
         radius = e.div(size, least).hi
         box = IntervalArray.around(rays, radius[:, None])
         here = lens_bounds(box, numbers).least_slope.lo
         least = exact(np.maximum(least.lo, here))
-    return IntervalArray.around(rays, e.div(size, least).hi[:, None])
+    box = IntervalArray.around(rays, e.div(size, least).hi[:, None])
+    slopes = lens_bounds(box, numbers).jacobian
+    back = exact(_inverse(slopes.mid))
+    rest = e.sub(exact(np.eye(2)), stacked([inner(back, slopes[:, None, :, k]) for k in range(2)]))
+    step = e.add(inner(back, away[:, None, :]), inner(rest, e.sub(box, x0)[:, None, :]))
+    return box.intersect(e.add(x0, step))
+
+
+def _inverse(matrices: Floats) -> Floats:
+    """Of (m, 2, 2); any matrices are allowed where it is used."""
+    a, b, c, d = (matrices[:, i, j] for i in (0, 1) for j in (0, 1))
+    inverse = np.stack([np.stack([d, -b], axis=1), np.stack([-c, a], axis=1)], axis=1)
+    return np.asarray(inverse / (a * d - b * c)[:, None, None])
 
 
 def pixels_of(camera: Camera, x: IntervalArray) -> IntervalArray:

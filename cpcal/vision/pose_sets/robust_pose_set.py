@@ -29,6 +29,7 @@ from cpcal.vision.pose_sets.all_but import MOST, all_but
 from cpcal.vision.pose_sets.enclosed import joined
 from cpcal.vision.pose_sets.pose_box import PoseBox
 from cpcal.vision.pose_sets.pose_enclosure import Found, View, contracted, enclosed
+from cpcal.vision.pose_sets.pose_rows import pose_rows
 
 _LEAST = 5  # dots of a group
 _TURNS = 8  # at most
@@ -137,8 +138,10 @@ def _q_intersection(boxes: list[IntervalArray], q: int) -> IntervalArray | None:
 
 def _refuted(view: View, box: PoseBox) -> npt.NDArray[np.bool_]:
     unknowns = box.unknowns
-    rows = view.rows(box, unknowns)
-    return np.zeros(len(view.sight), dtype=np.bool_) if isinstance(rows, str) else rows.refuted(unknowns)
+    seen = view.sight.about(box)
+    if isinstance(seen, str):
+        return np.zeros(len(view.sight), dtype=np.bool_)
+    return pose_rows(view.sight, seen, box, unknowns).refuted(unknowns)
 
 
 def _narrower(before: PoseBox | None, after: PoseBox) -> bool:
