@@ -75,11 +75,18 @@ def pose_sets(
     found: list[Enclosed] = []
     with heard(terminate=True), answers_into(folder, POSE_SETS) as draft, bar("images", quiet=talk.quiet) as progress:
         work = Enclosing(
-            source, TargetSet(plate, [dots, dots, 0.0]), _cameras(lens, factor), half_width, outliers, draft, sources
+            source,
+            TargetSet.within(plate, [dots, dots, 0.0]),
+            _cameras(lens, factor),
+            half_width,
+            outliers,
+            draft,
+            sources,
         )
         for some in in_parallel(work, names, workers):
             found += some
-            progress(len(found), len(names))
+            if progress is not None:
+                progress(len(found), len(names))
         found.sort(key=lambda one: one.file)
         (draft / TABLE).write_text(_table(found), encoding="utf-8")
     _say(found, folder, talk)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.pose_sets import drawn_pose
-from cpcal.checker import check_pose_set, check_pose_sets
+from benchmarks.uncertain_poses import shown
+from cpcal.checker import check_pose_set
 from cpcal.checker.bounds import Bounds, between
 from cpcal.checker.lens import Cameras
 from cpcal.checker.readers import dyadic
@@ -21,10 +18,8 @@ from cpcal.robot import Pose, transformed
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.pose_sets import CameraSet, PixelBoxes, PoseSet, TargetSet, enclose_pose
 from cpcal.vision.pose_sets.bias import center_bias
-from cpcal.vision.pose_sets.claim_file import digest_of
 from cpcal.vision.pose_sets.enclosed import exact
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
@@ -36,17 +31,8 @@ PLATE = 0.01  # mm
 def seen(rng: np.random.Generator, cameras: CameraSet, targets: TargetSet) -> tuple[Pose, PixelBoxes]:
     """A pose, and boxes of +-0.05 px that hold the dots' images' centres, of some camera and plate of the sets."""
     pose = drawn_pose(rng)
-    t = rng.uniform(-1.0, 1.0, cameras.size)
-    t = t / max(1.0, np.linalg.norm(t)) if cameras.ball else t
-    camera = cameras.camera.with_numbers(cameras.camera.numbers + cameras.spread @ t)
-    off = targets.half_widths * rng.uniform(-1.0, 1.0, targets.half_widths.shape)
-    flat = replace(targets.target, dots=targets.target.dots + off[:, :2], lines=())
-    lifted = camera.project(transformed(pose, flat.points + [0.0, 0.0, 1.0] * off)) - camera.project(
-        transformed(pose, flat.points)
-    )
-    centers = predicted_centers(flat, camera, pose) + lifted  # the bias changes by 1e-7 px with 0.01 mm of height
-    numbers = np.flatnonzero(((centers > 5.0) & (centers < [1018.0, 762.0])).all(axis=1))
-    moved = centers[numbers] + rng.uniform(-0.0499, 0.0499, (len(numbers), 2))
+    numbers, centers = shown(rng, pose, cameras, targets)
+    moved = centers + rng.uniform(-0.0499, 0.0499, centers.shape)
     return pose, PixelBoxes.around(numbers, moved, 0.05, of_images=True)
 
 
@@ -60,7 +46,7 @@ SETS = {
 @pytest.mark.parametrize("kind", list(SETS))
 def test_true_poses_are_inside_with_camera_and_target_drawn_from_their_sets(kind: str) -> None:
     rng = np.random.default_rng(list(SETS).index(kind))
-    targets = TargetSet(FEW, PLATE)
+    targets = TargetSet.within(FEW, PLATE)
     for _ in range(4):
         pose, boxes = seen(rng, SETS[kind], targets)
         found = enclose_pose(boxes, targets, SETS[kind])
@@ -150,146 +136,6 @@ def dyadic_bounds(lo: float, hi: float | None = None) -> Bounds:
     return between(dyadic(float(lo).hex()), dyadic(float(lo if hi is None else hi).hex()))
 
 
-@pytest.fixture(scope="module")
-def certified(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A pose set of everything uncertain, with its certificates."""
-    folder = tmp_path_factory.mktemp("sets")
-    rng = np.random.default_rng(7)
-    targets = TargetSet(FEW, PLATE)
-    pose, boxes = seen(rng, SETS["ellipsoid"], targets)
-    found = enclose_pose(
-        boxes, targets, SETS["ellipsoid"], certificate=folder / "e00-1", sources={"camera.toml": b"the bytes of it"}
-    )
-    assert pose in found
-    plain = enclose_pose(boxes, targets, SETS["ellipsoid"])
-    assert (radii(found) < 1.2 * radii(plain)).all()
-    return folder
-
-
-def test_the_checker_proves_it_again_from_the_pixels(certified: Path) -> None:
-    (found,) = check_pose_sets(certified)
-    assert found.refused is None
-    assert found.name == "e00-1"
-    assert found.radii is not None
-    assert dict(found.files).keys() == {"camera.toml"}
-
-
-Edit = Callable[[dict[str, Any]], None]
-
-
-def _digit(number: str) -> str:
-    """A number that is hardly another one."""
-    return (float.fromhex(number) * (1.0 + 1e-3) + 1e-6).hex()
-
-
-def _pixel(claim: dict[str, Any]) -> None:
-    for side in ("lo", "hi"):  # of the dots that carry the proof, by a tenth of a pixel
-        for dot in {row[0] for stage in claim["chains"][0] for row in stage["rows"]}:
-            x = claim["inputs"]["pixels"][side][dot]
-            x[0] = (float.fromhex(x[0]) + 0.1).hex()
-
-
-def _camera(claim: dict[str, Any]) -> None:
-    numbers = claim["inputs"]["camera"]["numbers"]
-    numbers[0] = _digit(numbers[0])
-
-
-def _wider_camera(claim: dict[str, Any]) -> None:
-    rows = claim["inputs"]["camera"]["spread"]
-    claim["inputs"]["camera"]["spread"] = [[(1.1 * float.fromhex(v)).hex() for v in row] for row in rows]
-
-
-def _cube(claim: dict[str, Any]) -> None:
-    claim["inputs"]["camera"]["ball"] = False
-
-
-def _target(claim: dict[str, Any]) -> None:
-    dots = claim["inputs"]["target"]["dots"]
-    claim["inputs"]["target"]["dots"] = [[_digit(v) for v in dot] for dot in dots]
-
-
-def _plate(claim: dict[str, Any]) -> None:
-    widths = claim["inputs"]["target"]["half_widths"]
-    claim["inputs"]["target"]["half_widths"] = [[(1.1 * float.fromhex(v)).hex() for v in one] for one in widths]
-
-
-def _radius(claim: dict[str, Any]) -> None:
-    claim["inputs"]["target"]["radius"] = (7.0).hex()
-
-
-def _frame(claim: dict[str, Any]) -> None:
-    claim["inputs"]["frames"]["camera"][0] = (0.5).hex()
-
-
-def _narrower(claim: dict[str, Any]) -> None:
-    claim["position_radius"] = [(0.99 * float.fromhex(v)).hex() for v in claim["position_radius"]]
-
-
-def _moved(claim: dict[str, Any]) -> None:
-    claim["pose"][2] = (float.fromhex(claim["pose"][2]) + 0.01).hex()
-
-
-def _refuted(claim: dict[str, Any]) -> None:
-    claim["refuted"], claim["position_radius"], claim["rotation_radius"] = True, None, None
-
-
-def _outliers(claim: dict[str, Any]) -> None:
-    claim["outliers"] = 1
-
-
-def _no_chain(claim: dict[str, Any]) -> None:
-    claim["chains"] = []
-
-
-def _no_start(claim: dict[str, Any]) -> None:
-    claim["chains"][0] = claim["chains"][0][1:]
-
-
-def _side(claim: dict[str, Any]) -> None:
-    row = claim["chains"][0][1]["rows"][0]
-    row[1] = (row[1] + 1) % 4
-
-
-EDITS = (_pixel, _camera, _wider_camera, _cube, _target, _plate, _radius, _frame)
-CLAIMS = (_narrower, _moved, _refuted, _outliers, _no_chain, _no_start, _side)
-
-
-@pytest.mark.parametrize(("edit", "forged"), [(_camera, False), *((edit, True) for edit in (*EDITS, *CLAIMS))])
-def test_what_does_not_follow_is_refused(certified: Path, tmp_path: Path, edit: Edit, forged: bool) -> None:
-    """Edited, or edited by somebody who renews the digest in all certificates."""
-    claim = json.loads((certified / "e00-1.pose.json").read_text())
-    before = digest_of(claim["inputs"])
-    edit(claim)
-    for path in certified.glob("*.cert.jsonl"):
-        text = path.read_text()
-        assert before in text
-        (tmp_path / path.name).write_text(text.replace(before, digest_of(claim["inputs"])) if forged else text)
-    path = tmp_path / "e00-1.pose.json"
-    path.write_text(json.dumps(claim))
-    found = check_pose_set(path)
-    assert found.refused is not None
-    assert found.radii is None
-    if edit in EDITS:
-        reasons = ("does not follow", "begins with less than there is") if forged else ("other pixels",)
-        assert any(reason in found.refused for reason in reasons)
-
-
-def test_an_edited_row_of_a_certificate_is_refused(certified: Path, tmp_path: Path) -> None:
-    for path in certified.iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
-    path = tmp_path / "e00-1.2.cert.jsonl"
-    lines = path.read_text().splitlines()
-    row = json.loads(lines[1])
-    at = next(k for k, (monomial, _) in enumerate(row["body"]) if not monomial)
-    row["body"][at][1] = (float.fromhex(row["body"][at][1]) + 1e-6).hex()  # a millionth of a pixel
-    lines[1] = json.dumps(row)
-    path.write_text("\n".join(lines) + "\n")
-    found = check_pose_set(tmp_path / "e00-1.pose.json")
-    assert found.refused is not None
-    path.unlink()
-    assert "e00-1.2" in str(check_pose_sets(tmp_path)[0].refused)
-
-
 def test_wrong_dots_are_found_out_and_certified(tmp_path: Path) -> None:
     rng = np.random.default_rng(9)
     pose, boxes = seen(rng, SETS["exact"], TargetSet.of(FEW))
@@ -301,10 +147,6 @@ def test_wrong_dots_are_found_out_and_certified(tmp_path: Path) -> None:
     checked = check_pose_set(tmp_path / "one.pose.json")
     assert checked.refused is None
     assert checked.outliers == 1
-    claim = json.loads((tmp_path / "one.pose.json").read_text())
-    claim["outliers"] = 2
-    (tmp_path / "one.pose.json").write_text(json.dumps(claim))
-    assert "spoil" in str(check_pose_set(tmp_path / "one.pose.json").refused)
     enclose_pose(wrong, FEW, DELTALAB_CAMERA, certificate=tmp_path / "none")
     none = check_pose_set(tmp_path / "none.pose.json")
     assert none.refused is None
@@ -328,4 +170,4 @@ def test_sets_that_are_none_are_refused() -> None:
     with pytest.raises(InputError, match="covariance"):
         CameraSet.ellipsoid(DELTALAB_CAMERA, np.eye(8), 1.0)
     with pytest.raises(InputError, match="target half-widths"):
-        TargetSet(FEW, -1.0)
+        TargetSet.within(FEW, -1.0)

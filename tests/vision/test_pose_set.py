@@ -22,7 +22,7 @@ from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.pose_sets import PixelBoxes, PoseSet, enclose_pose, unbiased_boxes
-from cpcal.vision.pose_sets.frames import Frames
+from cpcal.vision.pose_sets.pose_frames import Frames
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))

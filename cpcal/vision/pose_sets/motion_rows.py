@@ -32,7 +32,7 @@ from cpcal.vision.pose_sets.enclosed import (
     transposed,
     with_float_coefficients,
 )
-from cpcal.vision.pose_sets.frames import Motions
+from cpcal.vision.pose_sets.pose_frames import Motions
 from cpcal.vision.pose_sets.pyramid import Pyramids
 from cpcal.vision.pose_sets.sight import Sight, plane_sizes
 

@@ -10,7 +10,7 @@ from cpcal.robot import Pose, normalised, quaternion_conjugate, quaternion_produ
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, half_vector, joined, rotation, transposed
 from cpcal.vision.pose_sets.enclosed import quaternion_product as enclosed_product
-from cpcal.vision.pose_sets.frames import Motions
+from cpcal.vision.pose_sets.pose_frames import Motions
 
 NAMES = ("W[0]", "W[1]", "W[2]", "s[0]", "s[1]", "s[2]")
 

@@ -32,10 +32,10 @@ from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
 from cpcal.solver.search import Contracting, Divide, LargestFirst, Search
 from cpcal.vision.pose_sets.claim_file import StageRow, digest_of, inputs_of, write_claim
-from cpcal.vision.pose_sets.frames import Motions
 from cpcal.vision.pose_sets.motion_rows import SIDES, motion_rows, motions_of
 from cpcal.vision.pose_sets.pose_box import PoseBox, pose_box
 from cpcal.vision.pose_sets.pose_enclosure import Found, View, first_box
+from cpcal.vision.pose_sets.pose_frames import Motions
 from cpcal.vision.pose_sets.pose_rows import pose_rows
 from cpcal.vision.pose_sets.robust_pose_set import groups_of
 

@@ -12,9 +12,9 @@ from cpcal.robot import Pose, quaternion_from_matrix
 from cpcal.solver import plugins
 from cpcal.solver.contract import Contractor, in_sequence, shrunk
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.vision.pose_sets.frames import Motions
 from cpcal.vision.pose_sets.motion_rows import first_motions
 from cpcal.vision.pose_sets.pose_box import PoseBox, pose_box
+from cpcal.vision.pose_sets.pose_frames import Motions
 from cpcal.vision.pose_sets.pose_rows import pose_rows
 from cpcal.vision.pose_sets.sight import Sight
 

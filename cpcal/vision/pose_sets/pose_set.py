@@ -33,11 +33,11 @@ from cpcal.robot import Pose
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import Camera
 from cpcal.vision.pose_sets.enclosed import exact, rotation
-from cpcal.vision.pose_sets.frames import Frames, Motions
 from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes
 from cpcal.vision.pose_sets.pose_box import PoseBox, pose_box
 from cpcal.vision.pose_sets.pose_certificate import write_certificate
 from cpcal.vision.pose_sets.pose_enclosure import Found, View, contractor_of, enclosed
+from cpcal.vision.pose_sets.pose_frames import Frames, Motions
 from cpcal.vision.pose_sets.robust_pose_set import enclosed_but
 from cpcal.vision.pose_sets.sight import Sight
 from cpcal.vision.pose_sets.uncertain import CameraSet, TargetSet

@@ -15,9 +15,9 @@ from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.pose_sets.bias import center_bias
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner, rotation, times, turned_by
-from cpcal.vision.pose_sets.frames import Frames
 from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes
 from cpcal.vision.pose_sets.pose_box import PoseBox
+from cpcal.vision.pose_sets.pose_frames import Frames
 from cpcal.vision.pose_sets.pyramid import Pyramids, directions_of, field_of_view, pyramids
 from cpcal.vision.pose_sets.uncertain import CameraSet, TargetSet
 

@@ -85,7 +85,7 @@ class CameraSet(Value):
     @property
     def size(self) -> int:
         """How many unknowns t there are."""
-        return self.spread.shape[1]
+        return int(self.spread.shape[1])
 
     def most(self, rows: IntervalArray) -> IntervalArray:
         """The largest value of `rows @ t` over all t, enclosed: rows (..., k)."""
@@ -107,19 +107,17 @@ class CameraSet(Value):
 class TargetSet(Value):
     """Targets whose dot i is within `half_widths[i]` of its place: (n, 3) mm along x, y and z of the target.
 
-    One number, or one for each coordinate, is taken for all dots. Raises InputError for half-widths that are none.
+    Raises InputError for half-widths that are none.
     """
 
     target: Target
     half_widths: Floats
 
     def __post_init__(self) -> None:
-        shape = (len(self.target.dots), 3)
-        try:
-            widths = frozen_array(np.broadcast_to(np.asarray(self.half_widths, dtype=np.float64), shape))
-        except ValueError:
-            what = f"have the shape {np.shape(self.half_widths)}"
-            raise InputError([Problem("target half-widths", what, f"give one number, (3,) or {shape}, mm")]) from None
+        widths, shape = frozen_array(self.half_widths), (len(self.target.dots), 3)
+        if widths.shape != shape:
+            what = f"have the shape {widths.shape}"
+            raise InputError([Problem("target half-widths", what, f"give one number, (3,) or {shape}, mm")])
         if not (np.isfinite(widths) & (widths >= 0.0)).all():
             raise InputError([Problem("target half-widths", "are negative or not finite", "give mm >= 0")])
         object.__setattr__(self, "half_widths", widths)
@@ -127,4 +125,11 @@ class TargetSet(Value):
     @classmethod
     def of(cls, target: Target | TargetSet) -> TargetSet:
         """An exact target, or the set that is given."""
-        return target if isinstance(target, TargetSet) else cls(target, np.zeros(3))
+        return target if isinstance(target, TargetSet) else cls.within(target, 0.0)
+
+    @classmethod
+    def within(cls, target: Target, half_widths: npt.ArrayLike) -> TargetSet:
+        """One half-width, or one for each coordinate (3,), for all dots; or (n, 3). Raises InputError."""
+        widths = np.asarray(half_widths, dtype=np.float64)
+        alike = widths.ndim == 0 or widths.shape == (3,)
+        return cls(target, np.tile(widths * np.ones(3), (len(target.dots), 1)) if alike else widths)
