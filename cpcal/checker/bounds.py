@@ -32,6 +32,11 @@ class Bounds:
         return Bounds(-self.hi, -self.lo)
 
     def __mul__(self, other: Bounds) -> Bounds:
+        if other.lo == other.hi:
+            a, b = self.lo * other.lo, self.hi * other.lo
+            return Bounds(min(a, b) >> _BITS, -(-max(a, b) >> _BITS))
+        if self.lo >= 0 and other.lo >= 0:
+            return Bounds(self.lo * other.lo >> _BITS, -(-self.hi * other.hi >> _BITS))
         a, b, c, d = self.lo * other.lo, self.lo * other.hi, self.hi * other.lo, self.hi * other.hi
         return Bounds(min(a, b, c, d) >> _BITS, -(-max(a, b, c, d) >> _BITS))
 

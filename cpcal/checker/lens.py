@@ -5,7 +5,7 @@ docs/certificate-format.md, "Pose sets", has the formulas and why they hold.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from functools import cached_property
 from itertools import pairwise
@@ -13,7 +13,9 @@ from itertools import pairwise
 from .bounds import ONE, TWO, UNIT, ZERO, Bounds, Vector, between, inner, number, total
 from .refusal import Refused
 
-CELLS, BIAS_CELLS, ROUNDS, NEAREST = 24, 12, 3, 20
+CELLS, BIAS_CELLS, ROUNDS, BIAS_ROUNDS, NEAREST = 24, 24, 3, 3, 40
+_STRAIGHT = (ONE, ONE, *[ZERO] * 7)  # a camera without distortion
+_UNITS = tuple(tuple(ONE if i in (0, 1, j) else ZERO for i in range(9)) for j in range(4, 9))
 _PAIRS = ((0, 0), (0, 1), (1, 1))
 _ANY = (UNIT, UNIT, UNIT)  # normals
 _DEPTHS = between(F(0), F(1, NEAREST))  # radius / Z
@@ -66,6 +68,18 @@ def bent(x: Vector, numbers: Vector) -> Bent:
     return Bent(value, slopes, curves)
 
 
+@dataclass(frozen=True)
+class View:
+    """A box of pixels, a ray of the field, the directions that it shows with the lens's slopes there, the lens at the
+    ray."""
+
+    pixels: Vector
+    ray: Vector
+    x: Vector
+    slopes: Vector
+    at: Bent
+
+
 class Cameras:
     """Those whose nine numbers are `center + spread t`, |t| <= 1 if `ball`, else |t_j| <= 1; field: r <= radius."""
 
@@ -76,6 +90,26 @@ class Cameras:
         self.numbers = [c.around(r) for c, r in zip(center, self.reach, strict=True)]
         if min(self.numbers[0].lo, self.numbers[1].lo, radius.lo) <= 0:
             raise Refused("a focal length or the field may be zero", "run", 0)
+
+    def over(self, x: Vector, *names: str) -> Bent:
+        """The lens on a box of directions, in `names` for all cameras: it is linear in its numbers."""
+        at = bent(x, self.center)
+        if not self.size:
+            return at
+        plain, units = bent(x, _STRAIGHT), [bent(x, unit) for unit in _UNITS]
+
+        def wide(name: str) -> list[Bounds]:
+            out = []
+            for i, value in enumerate(getattr(at, name)):
+                by = [getattr(one, name)[i] - getattr(plain, name)[i] for one in units]
+                out.append(value.around(self.most(self._by_t(by))))
+            return out
+
+        return replace(at, **{name: wide(name) for name in names})
+
+    def _by_t(self, by: Vector) -> list[Bounds]:
+        """What is linear in the lens's five numbers, by t."""
+        return [inner(by, [row[j] for row in self.spread[4:]]) for j in range(self.size)]
 
     def most(self, row: Vector) -> Bounds:
         """The largest value of row . t."""
@@ -93,7 +127,7 @@ class Cameras:
     @cached_property
     def least(self) -> Bounds:
         """A number above zero that no slope in the field is below."""
-        least = min(bent(x, self.numbers).least.lo for x in self._cells(CELLS))
+        least = min(self.over(x, "slopes").least.lo for x in self._cells(CELLS))
         if least <= 0:
             raise Refused("the lens may turn back within its field", "run", 0)
         return Bounds(least, least)
@@ -102,14 +136,14 @@ class Cameras:
         """The directions of the field that a pixel box shows; `ray` is any of the field."""
         if (ray[0].square + ray[1].square).hi > self.radius.square.lo:
             raise Refused("a ray is outside the field", "run", 0)
-        value = bent(ray, self.numbers).value
+        value = self.over(ray, "value").value
         away = [(pixels[k] - self.numbers[2 + k]) / self.numbers[k] - value[k] for k in range(2)]
         size, least = (away[0].size.square + away[1].size.square).root, self.least
         for _ in range(ROUNDS):
-            here = bent([x.around(size / least) for x in ray], self.numbers).least
+            here = self.over([x.around(size / least) for x in ray], "slopes").least
             least = Bounds(max(least.lo, here.lo), max(least.lo, here.lo))
         box = [x.around(size / least) for x in ray]
-        along, mixed, down = bent(box, self.numbers).slopes
+        along, mixed, down = self.over(box, "slopes").slopes
         a, b, d = along.middle, mixed.middle, down.middle
         determinant = (a * d - b * b).middle
         back = [
@@ -133,33 +167,40 @@ class Cameras:
 
     def bias_anywhere(self, pixels: Vector, ray: Vector) -> list[Bounds]:
         """The bias of a dot whose image's centre is in a pixel box, whatever the pose."""
-        x = self.directions([p.middle.around(p.radius + self.field_bias) for p in pixels], ray)
-        return self.bias(x, _DEPTHS, _ANY)
+        bias = [ZERO.around(self.field_bias)] * 2
+        for _ in range(BIAS_ROUNDS):
+            x = self.directions([p - b for p, b in zip(pixels, bias, strict=True)], ray)
+            found = self.bias(x, _DEPTHS, _ANY)
+            bias = [Bounds(max(a.lo, b.lo), min(a.hi, b.hi)) for a, b in zip(found, bias, strict=True)]
+        return bias
 
     def bias(self, x: Vector, tau: Bounds, normal: Vector) -> list[Bounds]:
         """Centroid of a dot's image less the image of its centre, in pixels: at directions x, tau = radius / Z."""
         away, spread = _ellipse(x, tau, normal)
         center = [a + b for a, b in zip(x, away, strict=True)]
         size = [spread[0].root, spread[2].root]
-        around = bent([c.around(s.most) for c, s in zip(center, size, strict=True)], self.numbers)
+        around = self.over([c.around(s.most) for c, s in zip(center, size, strict=True)], "slopes", "curves")
         if around.least.lo <= 0:
             raise Refused("the lens may turn back within the image of a dot", "proof")
         share = between(F(0), F(1))
-        way = bent([a + b * share for a, b in zip(x, away, strict=True)], self.numbers)
-        more = _bent_center(bent(center, self.numbers), around, spread, size)
+        way = self.over([a + b * share for a, b in zip(x, away, strict=True)], "slopes")
+        more = _bent_center(self.over(center, "slopes"), around, spread, size)
         return [f * (a + b) for f, a, b in zip(self.numbers[:2], way.applied(away), more, strict=True)]
 
-    def plane(self, pixels: Vector, ray: Vector, side: int) -> tuple[list[Bounds], list[Bounds]]:
-        """g and k: g . X + Z k . t <= 0 for all points X whose pixel is in the box; sides 0, 1 above, 2, 3 below."""
-        k, x0, own = side % 2, list(ray), self.center
+    def view(self, pixels: Vector, ray: Vector) -> View:
+        """What the planes of a box of pixels are made of."""
         x = self.directions(pixels, ray)
-        slopes, at = bent(x, self.numbers).slopes, bent(x0, own)
+        return View(pixels, ray, x, self.over(x, "slopes").slopes, bent(ray, self.center))
+
+    def plane(self, view: View, side: int) -> tuple[list[Bounds], list[Bounds]]:
+        """g and k: g . X + Z k . t <= 0 for all points X whose pixel is in the box; sides 0, 1 above, 2, 3 below."""
+        k, x0, own, pixels, x, slopes, at = side % 2, view.ray, self.center, view.pixels, view.x, view.slopes, view.at
         near = [own[k] * at.slopes[k].middle, own[k] * at.slopes[k + 1].middle]
         slope = [self.numbers[k] * slopes[k], self.numbers[k] * slopes[k + 1]]
         rest = total((a - b) * (c - d) for a, b, c, d in zip(slope, near, x, x0, strict=True))
         by_numbers = _by_numbers(x0, own, k, at)
         shared = [inner(by_numbers, [row[j] for row in self.spread]) for j in range(self.size)]
-        lens = total(a.size * r for a, r in zip(by_numbers[4:], self.reach[4:], strict=True))
+        lens = self.most(self._by_t(by_numbers[4:]))
         lost = (rest.size + self.reach[k] / own[k] * lens).most
         middle = inner(near, x0) - own[2 + k] - own[k] * at.value[k]
         if side < 2:

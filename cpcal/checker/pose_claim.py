@@ -17,6 +17,7 @@ from .certificate import check_lines
 from .claims import Accepted
 from .files import WORK, Lines, content, opened, parsed
 from .header import stated_problem
+from .lens import View
 from .pose_rows import Stated, fixed_constraints, motion_row, pose_row
 from .pose_sight import FARTHEST, Sight, sight_of
 from .problem import Box, Constraint, Problem
@@ -181,15 +182,15 @@ class _Chain:
         if any(a.lo < b.lo or a.hi > b.hi for a, b in zip(assumed, root, strict=True)):
             raise Refused("it begins with less than there is", "proof")
         given = stated.rows[: len(rows)]
-        place = None if before is None else sight.about(self.pose, root)
+        place, kept = None if before is None else sight.about(self.pose, root), dict[Any, View]()
         for polynomial, (dot, side, x, y) in zip(given, rows, strict=True):
             if dot >= len(sight.dots):
                 raise Refused("a row is of a dot that is not there")
-            ray = [number(x), number(y)]
+            view = sight.view(dot, (x, y), place, kept)
             if place is None:
-                implied = motion_row(sight, polynomial, dot, side, ray, root)
+                implied = motion_row(sight, polynomial, dot, side, view, root)
             else:
-                implied = pose_row(sight, place, polynomial, dot, side, ray, power)
+                implied = pose_row(sight, place, polynomial, dot, side, view, power)
             if not implied:
                 raise Refused(f"row {side} of dot {dot} does not follow from what is assumed", "proof")
         fixed_constraints(stated, len(rows), motions, sight.cameras)

@@ -8,7 +8,7 @@ from fractions import Fraction as F
 from .bounds import TWO, Bounds, Vector, applied, between, cross, inner, number, total, transposed
 from .claims import Accepted
 from .exact_polynomial import Polynomial, unknown
-from .lens import NEAREST, Cameras
+from .lens import NEAREST, Cameras, View
 from .pose_sight import Place, Sight, slope_size
 from .problem import Constraint
 from .refusal import Refused
@@ -54,7 +54,7 @@ def implied(stated: Mapping[int, Bounds], exact: Mapping[int, Bounds], largest: 
     return off.hi <= 0
 
 
-def motion_row(sight: Sight, row: Polynomial, dot: int, side: int, ray: Vector, root: Vector) -> bool:
+def motion_row(sight: Sight, row: Polynomial, dot: int, side: int, view: View, root: Vector) -> bool:
     """A row in (P, r1, r2): g' . (P + x r1 + y r2) <= |g'| (|d1| + |d2| + |d3|)."""
     one = sight.dots[dot]
     off, constant = total(one.widths), number(0)
@@ -62,7 +62,7 @@ def motion_row(sight: Sight, row: Polynomial, dot: int, side: int, ray: Vector, 
         g = [number(0), number(0), number(-1)]
         constant = number(NEAREST) * sight.radius - off
     else:
-        g, shared = sight.cameras.plane(sight.seen(dot, ray, None), ray, side)
+        g, shared = sight.cameras.plane(view, side)
         g[2] = g[2] - sight.cameras.most(shared)
         constant = -(slope_size([number(0).around(v.size) for v in g]) * off)
     x, y = one.at
@@ -72,12 +72,12 @@ def motion_row(sight: Sight, row: Polynomial, dot: int, side: int, ray: Vector, 
     return implied(coefficients(row), exact, {unknown(k): root[k].size for k in range(9)})
 
 
-def pose_row(sight: Sight, place: Place, row: Polynomial, dot: int, side: int, ray: Vector, power: int) -> bool:
+def pose_row(sight: Sight, place: Place, row: Polynomial, dot: int, side: int, view: View, power: int) -> bool:
     """A row in (W, s, t), times 2^power: the half-space of a dot, multiplied by 1 + s.s."""
     if side == 4:
         return False
     scale = number(F(2) ** power)
-    g, shared = sight.cameras.plane(sight.seen(dot, ray, place), ray, side)
+    g, shared = sight.cameras.plane(view, side)
     v = applied(place.start, sight.point(dot))
     c = applied(transposed(sight.turns[0]), g)
     origin, along = inner(g, place.middle), inner(c, v)

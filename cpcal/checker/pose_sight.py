@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from fractions import Fraction as F
+from functools import cached_property, lru_cache
 from typing import Any
 
 from .bounds import (
@@ -22,7 +23,7 @@ from .bounds import (
     total,
     transposed,
 )
-from .lens import NEAREST, Cameras
+from .lens import NEAREST, Cameras, View
 from .readers import choice, dyadic, many, record, text, whole
 from .refusal import Refused
 
@@ -96,7 +97,14 @@ class Sight:
         """Of a box of (W, s) about a pose."""
         return Place(self, pose, root)
 
-    def seen(self, dot: int, ray: Vector, place: Place | None) -> list[Bounds]:
+    def view(self, dot: int, ray: tuple[F, F], place: Place | None, kept: dict[Any, View]) -> View:
+        """What planes of a dot are made of; the same for its four sides."""
+        if (dot, ray) not in kept:
+            x0 = [number(v) for v in ray]
+            kept[dot, ray] = self.cameras.view(self._seen(dot, x0, place), x0)
+        return kept[dot, ray]
+
+    def _seen(self, dot: int, ray: Vector, place: Place | None) -> list[Bounds]:
         """The box of pixels of a dot's centre."""
         pixels = list(self.dots[dot].pixels)
         if not self.of_images:
@@ -157,9 +165,15 @@ def sight_of(inputs: Any) -> Sight:
         )
         for k, (x, y) in enumerate(dots)
     ]
-    cameras = Cameras([number(v) for v in values], [[number(v) for v in row] for row in spread], ball, number(field))
+    cameras = _cameras(values, spread, ball, field)
     one, other = ([number(v) for v in frame] for frame in frames)
     return Sight(listed, of == "images", cameras, number(radius), one, other)
+
+
+@lru_cache(maxsize=4)
+def _cameras(values: tuple[F, ...], spread: tuple[tuple[F, ...], ...], ball: bool, field: F) -> Cameras:
+    """The same for many images of a folder: what is found out of its field is kept."""
+    return Cameras([number(v) for v in values], [[number(v) for v in row] for row in spread], ball, number(field))
 
 
 def slope_size(g: Vector) -> Bounds:

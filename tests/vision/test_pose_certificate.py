@@ -102,7 +102,7 @@ def test_the_bias_holds_the_centroid_of_the_area() -> None:
             points = transformed(pose, DELTALAB_TARGET.points)
             chosen = rng.choice(len(points), 4, replace=False)
             p, normal = points[chosen], np.tile(pose.rotation[:, 2], (4, 1))
-            bias = center_bias(exact(p[:, :2] / p[:, 2:]), exact(6.0 / p[:, 2]), exact(normal), exact(camera.numbers))
+            bias = center_bias(exact(p[:, :2] / p[:, 2:]), exact(6.0 / p[:, 2]), exact(normal), CameraSet(camera))
             assert bias is not None
             for k, dot in enumerate(chosen):
                 true = centroid(camera, pose, DELTALAB_TARGET.dots[dot], 6.0)
@@ -121,7 +121,7 @@ def test_the_checker_has_the_same_camera() -> None:
     )
     rng = np.random.default_rng(4)
     x, tau, normal = rng.uniform(-0.4, 0.4, 2), 0.008, np.array([0.2, -0.1, -0.97])
-    ours = center_bias(IntervalArray(x - 1e-3, x + 1e-3)[None], exact([tau]), exact(normal)[None], cameras.numbers)
+    ours = center_bias(IntervalArray(x - 1e-3, x + 1e-3)[None], exact([tau]), exact(normal)[None], cameras)
     assert ours is not None
     found = theirs.bias(
         [dyadic_bounds(v - 1e-3, v + 1e-3) for v in x], dyadic_bounds(tau), [dyadic_bounds(v) for v in normal]

@@ -26,7 +26,8 @@ import numpy as np
 
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, stacked
-from cpcal.vision.pose_sets.lens_bounds import LensBounds, curvatures, lens_bounds
+from cpcal.vision.pose_sets.lens_bounds import LensBounds, curvatures_over, lens_over
+from cpcal.vision.pose_sets.uncertain import CameraSet
 
 _ONE, _QUARTER, _HALF = (exact(v) for v in (1.0, 0.25, 0.5))
 _PAIRS = ((0, 0), (0, 1), (1, 1))
@@ -34,11 +35,11 @@ _THIRD = np.array([[0, 1, 2], [1, 2, 3]])  # curvature of component k by the pai
 
 
 def center_bias(
-    x: IntervalArray, tau: IntervalArray, normal: IntervalArray, numbers: IntervalArray
+    x: IntervalArray, tau: IntervalArray, normal: IntervalArray, cameras: CameraSet
 ) -> IntervalArray | None:
     """Enclosures (m, 2), pixels, of centroid less image of the centre.
 
-    x (m, 2), tau (m,) and normal (m, 3) as above; numbers (9,) of the cameras. None where the lens may turn back within
+    x (m, 2), tau (m,) and normal (m, 3) as above. None where the lens may turn back within
     a dot's image.
     """
     e = ENGINE
@@ -46,13 +47,13 @@ def center_bias(
     center = e.add(x, away)
     size = stacked([e.sqrt(spread[..., 0]), e.sqrt(spread[..., 2])])
     extent = IntervalArray.around(np.zeros(size.shape), size.hi)
-    at, around = lens_bounds(center, numbers), lens_bounds(e.add(center, extent), numbers)
+    at, around = lens_over(center, cameras), lens_over(e.add(center, extent), cameras)
     if not (around.least_slope.lo > 0.0).all():
         return None
-    way = lens_bounds(e.add(x, e.mul(away, IntervalArray(np.zeros(1), np.ones(1)))), numbers).jacobian
+    way = lens_over(e.add(x, e.mul(away, IntervalArray(np.zeros(1), np.ones(1)))), cameras).jacobian
     moved = e.sum(e.mul(way, away[..., None, :]), -1)
-    bent = _bent(at, around, curvatures(e.add(center, extent), numbers), spread, size)
-    return e.mul(numbers[:2], e.add(moved, bent))
+    bent = _bent(at, around, curvatures_over(e.add(center, extent), cameras), spread, size)
+    return e.mul(cameras.numbers[:2], e.add(moved, bent))
 
 
 def _ellipse(x: IntervalArray, tau: IntervalArray, normal: IntervalArray) -> tuple[IntervalArray, IntervalArray]:

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from cpcal.common.atomic import write_file
 from cpcal.robot import Pose
+from cpcal.vision.pose_sets.field_of_view import field_of_view
 from cpcal.vision.pose_sets.pose_box import PoseBox
-from cpcal.vision.pose_sets.pyramid import field_of_view
 from cpcal.vision.pose_sets.sight import Sight
 
 POSE_SET_FORMAT = "cpcal-pose-set/1"

@@ -1,7 +1,9 @@
 """Enclosures of the lens on boxes of directions, for all cameras of a set: d(x, y), its slopes and its curvatures.
 
 The lens of the model "brown" is d = (x, y) g(r^2) + t (see `lens_models`), the gradient of a potential: its Jacobian is
-symmetric, its second derivatives are symmetric in all three indices.
+symmetric, its second derivatives are symmetric in all three indices. All are linear in k1, k2, p1, p2, k3, so that over
+a set of cameras they are what they are for its centre, and a linear form in t: errors of these numbers that go
+together, as those of a calibration do, are not taken one by one.
 """
 
 from __future__ import annotations
@@ -13,7 +15,10 @@ import numpy as np
 
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, stacked
+from cpcal.vision.pose_sets.uncertain import CameraSet
 
+_STRAIGHT = np.array([1.0, 1.0, *np.zeros(7)])  # a camera without distortion
+_UNITS = _STRAIGHT + np.eye(9)[4:]
 _TWO, _THREE, _FOUR, _SIX = (exact(float(k)) for k in (2, 3, 4, 6))
 
 
@@ -54,8 +59,32 @@ class LensBounds:
         return IntervalArray(np.minimum(a.lo, b.lo), np.minimum(a.hi, b.hi))
 
 
+def lens_over(x: IntervalArray, cameras: CameraSet) -> LensBounds:
+    """Of boxes of directions x (..., 2), for all cameras of a set. `value` is meant for boxes that are points."""
+    at = lens_bounds(x, exact(cameras.camera.numbers))
+    if not cameras.size:
+        return at
+    units = [lens_bounds(x, exact(unit)) for unit in _UNITS]
+    e, plain = ENGINE, lens_bounds(x, exact(_STRAIGHT))
+    value = _over(at.value, [e.sub(one.value, plain.value) for one in units], cameras)
+    return LensBounds(value, _over(at.slopes, [e.sub(one.slopes, plain.slopes) for one in units], cameras))
+
+
+def curvatures_over(x: IntervalArray, cameras: CameraSet) -> IntervalArray:
+    """(..., 4), as `curvatures`, for all cameras of a set."""
+    at = curvatures(x, exact(cameras.camera.numbers))
+    return _over(at, [curvatures(x, exact(unit)) for unit in _UNITS], cameras) if cameras.size else at
+
+
+def _over(at: IntervalArray, by: Sequence[IntervalArray], cameras: CameraSet) -> IntervalArray:
+    """What is linear in the lens's numbers, and `at` those of the centre: `by` each of the five (...,)."""
+    rows = ENGINE.dot(stacked(by), exact(cameras.spread[4:]))
+    most = cameras.most(rows).hi
+    return ENGINE.add(at, IntervalArray(-most, most))
+
+
 def lens_bounds(x: IntervalArray, numbers: IntervalArray) -> LensBounds:
-    """Of boxes of directions x (..., 2); numbers (9,) as of a `CameraSet`."""
+    """Of boxes of directions x (..., 2); numbers (9,): fx, fy, cx, cy, k1, k2, p1, p2, k3."""
     e = ENGINE
     k1, k2, p1, p2, k3 = (numbers[4 + k] for k in range(5))
     u, v = x[..., 0], x[..., 1]

@@ -2,7 +2,7 @@
 
 What is assumed of the image: for each dot i listed the projection of its centre, or, with `PixelBoxes.of_images`, the
 centre of its image as it is measured, lies in the box `lo_i <= pixel <= hi_i`; dots are in the field of view and at
-least 20 of their radii in front of the camera. What is assumed of camera and target: their numbers are in stated sets
+least 40 of their radii in front of the camera. What is assumed of camera and target: their numbers are in stated sets
 (`CameraSet`, `TargetSet`), or are the floats given. The pose set is
 
     { (P, R) : for some camera and some target of these sets, for every i, the pixel of dot i is in box i }

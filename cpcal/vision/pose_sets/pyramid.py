@@ -16,7 +16,6 @@ Everything is enclosed in interval arithmetic.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -26,26 +25,11 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.camera import Camera
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner, stacked
-from cpcal.vision.pose_sets.lens_bounds import lens_bounds, number_slopes
+from cpcal.vision.pose_sets.field_of_view import field_of_view
+from cpcal.vision.pose_sets.lens_bounds import lens_bounds, lens_over, number_slopes
 from cpcal.vision.pose_sets.uncertain import CameraSet
 
-_MARGIN = 0.1  # of the field beyond the image's border, as a share of the distance from the axis
-_RAYS, _STEPS = 97, 400
-_WIDEST = 4.0  # tangent of the largest angle to the axis
-_TURNS = 0.01  # determinant of the distortion's derivative, 1 on the axis, at which a lens is said to turn back
-CELLS = 24  # of the disc, each way
-_LEAST = 0.02  # of m on the disc
-_NARROWER = 0.95  # disc, until m is that large
-_SMALLEST = 20
 ROUNDS = 3  # of narrowing a box of directions
-
-
-@dataclass(frozen=True)
-class Field:
-    """The directions that count, r <= radius; `least_slope` is m > 0 there, for all cameras of the set."""
-
-    radius: float
-    least_slope: float
 
 
 @dataclass(frozen=True)
@@ -66,42 +50,6 @@ class Pyramids:
     hi: Floats
 
 
-@lru_cache(maxsize=16)
-def field_of_view(cameras: CameraSet) -> Field:
-    """What the image shows and a tenth more, but no more than where the lens model turns back.
-
-    Raises InputError for a lens that bends too much to be enclosed.
-    """
-    camera = cameras.camera
-    radius = np.linspace(0.0, _WIDEST, _STEPS)
-    angle = np.linspace(-np.pi, np.pi, _RAYS)
-    rays = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    onward = np.all(np.linalg.det(camera.distortion_jacobian(rays)) > _TURNS, axis=1)
-    pixels = camera.pixels(rays)
-    held = (pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])
-    shown = np.any(np.all(held, axis=2), axis=1)
-    good = np.logical_and.accumulate(onward)
-    reach = radius[np.flatnonzero(good & shown)[-1]] if (good & shown).any() else 0.0
-    edge = min((1.0 + _MARGIN) * float(reach), float(radius[good.sum() - 1]))
-    for _ in range(_SMALLEST):
-        least = _least_slope(edge, cameras.numbers)
-        if least >= _LEAST:
-            return Field(edge, least)
-        edge *= _NARROWER
-    what = "has a lens that bends too much within the image"
-    raise InputError([Problem("camera", what, "pose sets need a lens whose image does not turn back")])
-
-
-def _least_slope(radius: float, numbers: IntervalArray) -> float:
-    """m on the disc, from the cells of a square around it that meet it."""
-    cuts = np.linspace(-radius, radius, CELLS + 1)
-    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(CELLS), np.arange(CELLS), indexing="ij"))
-    lo, hi = np.stack([cuts[i], cuts[j]], axis=1), np.stack([cuts[i + 1], cuts[j + 1]], axis=1)
-    nearest = np.where((lo <= 0.0) & (hi >= 0.0), 0.0, np.minimum(np.abs(lo), np.abs(hi)))
-    meets = np.hypot(nearest[:, 0], nearest[:, 1]) <= radius * (1.0 + 1e-12)
-    return float(lens_bounds(IntervalArray(lo[meets], hi[meets]), numbers).least_slope.lo.min())
-
-
 def pyramids(cameras: CameraSet, pixels: IntervalArray, rays: Floats | None = None) -> Pyramids:
     """The pyramids of boxes (m, 2) of pixels of dots' centres, about their middles' rays or those that are given.
 
@@ -115,7 +63,7 @@ def pyramids(cameras: CameraSet, pixels: IntervalArray, rays: Floats | None = No
     _refuse(outside)
     directions = directions_of(cameras, pixels, rays)
     near = camera.focal[:, None] * camera.distortion_jacobian(rays)
-    slope = e.mul(numbers[:2][:, None], lens_bounds(directions, numbers).jacobian)
+    slope = e.mul(numbers[:2][:, None], lens_over(directions, cameras).jacobian)
     x0, own = exact(rays), exact(camera.numbers)
     rest = inner(e.sub(slope, exact(near)), e.sub(directions, x0)[:, None, :])
     by_numbers = number_slopes(x0, own)
@@ -139,24 +87,25 @@ def pyramids(cameras: CameraSet, pixels: IntervalArray, rays: Floats | None = No
 
 def _second_order(cameras: CameraSet, by_numbers: IntervalArray) -> IntervalArray:
     """(m, 2): what F_c+St(x0) - F_c(x0) - K t is at most: the change of the focal length times that of the lens."""
-    reach, e = exact(cameras.reach), ENGINE
-    bent = e.sum(e.mul(exact(by_numbers[..., 4:].mag), reach[4:]), -1)  # by the centre's focal length
-    return e.mul(e.div(reach[:2], exact(cameras.camera.focal)), bent)
+    if not cameras.size:
+        return exact(np.zeros(by_numbers.shape[:2]))
+    bent = cameras.most(ENGINE.dot(by_numbers[..., 4:], exact(cameras.spread[4:])))  # by the centre's focal length
+    return ENGINE.mul(ENGINE.div(exact(cameras.reach[:2]), exact(cameras.camera.focal)), bent)
 
 
 def directions_of(cameras: CameraSet, pixels: IntervalArray, rays: Floats) -> IntervalArray:
     """Boxes (m, 2) of the directions in the field that some camera shows in boxes of pixels, about rays in it."""
     e, numbers, x0 = ENGINE, cameras.numbers, exact(rays)
-    away = e.sub(e.div(e.sub(pixels, numbers[2:4]), numbers[:2]), lens_bounds(x0, numbers).value)
+    away = e.sub(e.div(e.sub(pixels, numbers[2:4]), numbers[:2]), lens_over(x0, cameras).value)
     size = e.sqrt(e.sum(e.sqr(exact(away.mag)), -1))
     least: IntervalArray = exact(np.full(len(rays), field_of_view(cameras).least_slope))
     for _ in range(ROUNDS):
         radius = e.div(size, least).hi
         box = IntervalArray.around(rays, radius[:, None])
-        here = lens_bounds(box, numbers).least_slope.lo
+        here = lens_over(box, cameras).least_slope.lo
         least = exact(np.maximum(least.lo, here))
     box = IntervalArray.around(rays, e.div(size, least).hi[:, None])
-    slopes = lens_bounds(box, numbers).jacobian
+    slopes = lens_over(box, cameras).jacobian
     back = exact(_inverse(slopes.mid))
     rest = e.sub(exact(np.eye(2)), stacked([inner(back, slopes[:, None, :, k]) for k in range(2)]))
     step = e.add(inner(back, away[:, None, :]), inner(rest, e.sub(box, x0)[:, None, :]))

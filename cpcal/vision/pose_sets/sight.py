@@ -7,7 +7,6 @@ the bias (`bias`), which depends on the pose: it is bounded over all poses at fi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -15,14 +14,13 @@ from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.pose_sets.bias import center_bias
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner, rotation, times, turned_by
+from cpcal.vision.pose_sets.field_of_view import BIAS_ROUNDS, NEAREST, field_of_view
 from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes
 from cpcal.vision.pose_sets.pose_box import PoseBox
 from cpcal.vision.pose_sets.pose_frames import Frames
-from cpcal.vision.pose_sets.pyramid import Pyramids, directions_of, field_of_view, pyramids
+from cpcal.vision.pose_sets.pyramid import Pyramids, directions_of, pyramids
 from cpcal.vision.pose_sets.uncertain import CameraSet, TargetSet
 
-NEAREST = 20.0  # radii of a dot: no dot is nearer to the camera's plane
-BIAS_CELLS = 12  # of the field, each way, over which the bias is bounded beforehand
 TURNS_BACK = "the lens may turn back within the image of a dot"
 
 
@@ -68,17 +66,20 @@ class Sight:
         pixels = IntervalArray(self.boxes.lo, self.boxes.hi)
         if not self.boxes.of_images:
             return pyramids(self.cameras, pixels)
-        most = field_bias(self.cameras)
-        if most is None:
-            return TURNS_BACK
-        wide = IntervalArray.around(pixels.mid, ENGINE.add(exact(pixels.rad), exact(most)).hi)
         camera, field = self.cameras.camera, field_of_view(self.cameras)
         rays = camera.normalised(pixels.mid)
         if not (np.hypot(rays[:, 0], rays[:, 1]) <= field.radius).all():
             return pyramids(self.cameras, pixels)  # which says so
         any_normal = IntervalArray(np.full((len(self), 3), -1.0), np.ones((len(self), 3)))
         depth = IntervalArray(np.zeros(len(self)), np.full(len(self), 1.0 / NEAREST))
-        return self._moved(directions_of(self.cameras, wide, rays), depth, any_normal, rays)
+        bias = IntervalArray.around(np.zeros(pixels.shape), np.full(pixels.shape, field.bias))
+        for _ in range(BIAS_ROUNDS):
+            x = directions_of(self.cameras, ENGINE.sub(pixels, bias), rays)
+            found = center_bias(x, depth, any_normal, self.cameras)
+            if found is None:
+                return TURNS_BACK
+            bias = found.intersect(bias)
+        return pyramids(self.cameras, ENGINE.sub(pixels, bias), rays)
 
     def about(self, box: PoseBox) -> Pyramids | str:
         """Pyramids that hold for the poses of a box."""
@@ -90,7 +91,11 @@ class Sight:
             return "a dot is too near to the camera's plane"
         x = ENGINE.div(points[:, :2], depth[:, None])
         tau = ENGINE.div(exact(self.targets.target.radius), depth)
-        return self._moved(x, tau, IntervalArray(*(np.tile(side, (len(self), 1)) for side in (normal.lo, normal.hi))))
+        everywhere = IntervalArray(*(np.tile(side, (len(self), 1)) for side in (normal.lo, normal.hi)))
+        bias = center_bias(x, tau, everywhere, self.cameras)
+        if bias is None:
+            return TURNS_BACK
+        return pyramids(self.cameras, ENGINE.sub(IntervalArray(self.boxes.lo, self.boxes.hi), bias))
 
     def placed(self, box: PoseBox) -> tuple[IntervalArray, IntervalArray]:
         """Dots (m, 3) mm and the plate's normal (3,) in the camera frame, for the poses of a box."""
@@ -101,34 +106,6 @@ class Sight:
         points = e.add(origin, times(turned, self.points))
         seen = e.add(exact(frames.camera.position), times(camera, points))
         return seen, times(e.dot(camera, e.dot(turned, rotation(frames.target.quaternion))), exact([0.0, 0.0, 1.0]))
-
-    def _moved(
-        self, x: IntervalArray, tau: IntervalArray, normal: IntervalArray, rays: Floats | None = None
-    ) -> Pyramids | str:
-        bias = center_bias(x, tau, normal, self.cameras.numbers)
-        if bias is None:
-            return TURNS_BACK
-        return pyramids(self.cameras, ENGINE.sub(IntervalArray(self.boxes.lo, self.boxes.hi), bias), rays)
-
-
-@lru_cache(maxsize=16)
-def field_bias(cameras: CameraSet) -> float | None:
-    """The largest component of the bias, in pixels, of a dot seen anywhere; None where it is not bounded."""
-    radius = field_of_view(cameras).radius
-    cuts = np.linspace(-radius, radius, BIAS_CELLS + 1)
-    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(BIAS_CELLS), np.arange(BIAS_CELLS), indexing="ij"))
-    lo, hi = np.stack([cuts[i], cuts[j]], axis=1), np.stack([cuts[i + 1], cuts[j + 1]], axis=1)
-    near = np.where((lo <= 0.0) & (hi >= 0.0), 0.0, np.minimum(np.abs(lo), np.abs(hi)))
-    meets = np.hypot(near[:, 0], near[:, 1]) <= radius * (1.0 + 1e-12)
-    x = IntervalArray(lo[meets], hi[meets])
-    count = len(x.lo)
-    bias = center_bias(
-        x,
-        IntervalArray(np.zeros(count), np.full(count, 1.0 / NEAREST)),
-        IntervalArray(np.full((count, 3), -1.0), np.ones((count, 3))),
-        cameras.numbers,
-    )
-    return None if bias is None else float(bias.mag.max())
 
 
 def plane_sizes(planes: Floats) -> Floats:
