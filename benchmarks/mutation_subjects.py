@@ -21,7 +21,7 @@ from cpcal.cli import app
 from cpcal.cli.status import Status
 from cpcal.common.values import same
 from cpcal.files import campaign_sha256, load_campaign, load_study, save_campaign, save_study
-from cpcal.report import REPORT_NAME
+from cpcal.files.run_folder import REPORT_NAME
 from cpcal.results import Result, load_result
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, simulate_study

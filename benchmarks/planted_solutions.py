@@ -21,7 +21,7 @@ from cpcal.solver.network import ConstraintNetwork, Expr, evaluate, sqr, sqrt
 from cpcal.solver.search import Divide, LargestFirst, Search
 
 CONTRACTORS = (("hc4",), ("hc4", "newton"), ("lifted",), ("hc4", "shaving"), ("cid",), ("box",), ("krawczyk",))
-NODES = 60  # of a search: what is still pending counts as left
+NODES = 12  # of a search: what is still pending counts as left
 
 
 def planted(seed: int) -> tuple[ConstraintNetwork, Floats]:

@@ -7,6 +7,7 @@ are ever active: the programs start with some dozens, and violated ones are adde
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from functools import cached_property
@@ -15,8 +16,9 @@ import numpy as np
 
 from contractors.directions import Directions, over_box
 from contractors.relaxation import Relaxation, Structure
-from cpcal.common.arrays import Floats, Indices
+from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
+from cpcal.solver.existence import reads
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
@@ -30,6 +32,7 @@ Carriers = tuple[tuple[tuple[int, int], ...], StepWeights | None]
 
 _MANY = 4096  # measurements, beyond which only the rows likely to matter on a box are expanded
 _LIKELY = 1024  # of them for each side of a constraint
+_FEWER = 0.5  # of the rows: with less the boxes within begin
 
 
 class Lifted(Composable):
@@ -56,11 +59,14 @@ class Lifted(Composable):
         self._network = network
         self._many = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints) > _MANY
         # with readings boxes have rows of their own, the same ones where the same ends of the readings decide
-        self._decisive = DecisiveReadings(network, self._arithmetic)
-        fixed = not self._decisive.any
-        self._structure = Structure(self._forms.on()) if fixed else None
+        self._structure = None if any(map(reads, network.constraints)) else Structure(self._forms.on())
         self._last: tuple[bytes, Structure] | None = None
+        self._within: tuple[Structure, Box, Structure] | None = None  # what is left of the first on boxes in that one
         self._objective = None if objective is None else network.names.index(objective)
+
+    @cached_property
+    def _decisive(self) -> DecisiveReadings:
+        return DecisiveReadings(self._network, self._arithmetic)
 
     @cached_property
     def _rows(self) -> Rows:
@@ -73,11 +79,8 @@ class Lifted(Composable):
     def contract(self, box: Box) -> Contraction:
         if box.is_empty or not box.is_bounded:
             return Contraction(box)
-        structure = self._structure or self._structure_on(box)
-        if not structure.positions:
-            return Contraction(box)
-        programs = _Programs(structure, self._arithmetic, self._engine(), box)
-        return tightened(programs, box, self._objective, self.deadline)
+        programs = self._programs(box)
+        return Contraction(box) if programs is None else tightened(programs, box, self._objective, self.deadline)
 
     def support_function(self, box: Box, directions: Floats) -> Floats:
         """Proved upper bounds (m,) of `directions @ x` over the solutions x in `box`, for `directions` (m, n).
@@ -89,12 +92,24 @@ class Lifted(Composable):
         widest = over_box(self._arithmetic, box, directions)
         if not box.is_bounded:
             return widest
-        structure = self._structure or self._structure_on(box)
-        if not structure.positions:
-            return widest
-        return np.minimum(
-            widest, _Programs(structure, self._arithmetic, self._engine(), box).support_function(directions)
-        )
+        programs = self._programs(box)
+        return widest if programs is None else np.minimum(widest, programs.support_function(directions))
+
+    def _programs(self, box: Box) -> _Programs | None:
+        """None where no row has a polynomial form.
+
+        Within the box before, the rows that no point of that one violates are left out from the start.
+        """
+        whole = self._structure or self._structure_on(box)
+        if not whole.positions:
+            return None
+        known = self._within
+        structure = known[2] if known is not None and known[0] is whole and _lies_in(box, known[1]) else whole
+        programs = _Programs(structure, self._arithmetic, self._engine(), box)
+        kept, occurring = programs.rows
+        if len(kept) < _FEWER * len(structure.system.origin):
+            self._within = whole, box, structure.part(kept, occurring)
+        return programs
 
     def _structure_on(self, box: Box) -> Structure:
         """The rows that are likely to matter on the box, their readings at the ends that decide on all of it."""
@@ -130,6 +145,10 @@ def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) 
     return out
 
 
+def _lies_in(box: Box, other: Box) -> bool:
+    return bool((box.lo >= other.lo).all() and (box.hi <= other.hi).all())
+
+
 class _Programs:
     """The linear programs on one box: one polyhedron, many objectives."""
 
@@ -142,6 +161,13 @@ class _Programs:
         self._positions = {variable: columns[k] for variable, k in structure.positions.items()}
         self._engine = self._relaxation.load(engine)
         self.count = 0
+        r = self._relaxation
+        self._products, self._kept = r.products.tolist(), list(zip(r.kept.tolist(), r.exponents.tolist(), strict=True))
+
+    @property
+    def rows(self) -> tuple[Indices, Bools]:
+        """The rows of the structure that some point of the box may violate, and the monomials that occur in any."""
+        return self._relaxation.kept, self._relaxation.occurring
 
     @property
     def variables(self) -> Collection[int]:
@@ -191,15 +217,15 @@ class _Programs:
 
     def _carriers(self, solution: LinearSolution) -> Carriers:
         """The rows that carry a proof, and their weights in a form that can be checked."""
-        r, system = self._relaxation, self._structure.system
-        on_products = solution.rows < len(r.products)
-        places = solution.rows[~on_products] - len(r.products)
-        rows = r.kept[places]
-        weights = np.ldexp(solution.multipliers[~on_products], -r.exponents[places]).tolist()
-        origin, part = system.origin[rows].tolist(), system.part[rows].tolist()
-        carried = tuple((c, p, k, w) for (c, k), p, w in zip(origin, part, weights, strict=True))
-        products = zip(r.products[solution.rows[on_products]], solution.multipliers[on_products].tolist(), strict=True)
-        return tuple((c, k) for c, k in origin), self._weights(carried, products)
+        known, first = self._structure.named, len(self._products)
+        carried, products = [], []
+        for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
+            if row < first:
+                products.append((self._products[row], weight))
+            else:
+                k, exponent = self._kept[row - first]
+                carried.append((*known[k], math.ldexp(weight, -exponent)))
+        return tuple((c, k) for c, _, k, _ in carried), self._weights(tuple(carried), products)
 
     def _weights(
         self, rows: tuple[tuple[int, int, int, float], ...], products: Iterable[tuple[int, float]]

@@ -7,14 +7,15 @@ holds at every solution in the box is what the linear programs work on, and what
 from __future__ import annotations
 
 from collections import Counter
-from functools import lru_cache
+from dataclasses import replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from contractors.centred import CentredRows, Shift
 from contractors.monomials import ProductRows, column_bounds, product_rows
 from contractors.packing import packed, reach, scaled
-from cpcal.common.arrays import Bools, Floats
+from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.linear import LinearEngine
 from cpcal.solver.network import PolynomialSystem
@@ -25,21 +26,44 @@ _SMALLEST = 1e-290
 
 
 class Structure:
-    """What the relaxations of one system on all boxes have in common."""
+    """What the relaxations of one system on all boxes have in common.
 
-    def __init__(self, system: PolynomialSystem) -> None:
+    `whole`: of which it is a part, and the monomials that occur in rows that it has not.
+    """
+
+    def __init__(self, system: PolynomialSystem, whole: tuple[Structure, Bools] | None = None) -> None:
         self.system = system
         shift = _shift(system.monomials, len(system.names))
         self.rows = CentredRows(shift, system.coefficients)
         self.guards = CentredRows(shift, _guards(system)) if system.guarded.any() else None
         # A monomial whose coefficients all contain zero is bounded, not given a column.
         self._divisors = _divisors(system.monomials)
-        self.used = self.with_divisors(self.rows.matters[1:])
+        self.used: Bools = self.with_divisors(self.rows.matters[1:]) if whole is None else whole[0].used
+        self._beyond = np.zeros(len(self.used), np.bool_) if whole is None else whole[1]
         self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], dtype=np.bool_)
         self.bounds = column_bounds(system.monomials)
         self.products = _products(system.monomials, self.used.tobytes())
         self.factors = self.products.matrix != 0.0
         self.positions = {m[0]: k - 1 for k, m in enumerate(system.monomials) if len(m) == 1 and self.used[k - 1]}
+
+    def part(self, rows: Indices, occurring: Bools) -> Structure:
+        """Of these rows alone, for boxes within one where no point violates the others.
+
+        `occurring`: the monomials of u that have a coefficient there. They keep their columns, so that the programs are
+        those of the whole system.
+        """
+        return Structure(_restricted(self.system, rows), (self, occurring | self._beyond))
+
+    def columns(self, highest: Floats, radius: Floats) -> Bools:
+        """The monomials that get a column on a box; `highest`: their largest coefficients in the rows there are."""
+        moving = np.array([all(radius[i] > 0.0 for i in m) for m in self.system.monomials[1:]], dtype=np.bool_)
+        return self.with_divisors(self.used & (self.linear | (highest > 0.0) | (self._beyond & moving)))
+
+    @cached_property
+    def named(self) -> list[tuple[int, int, int]]:
+        """Constraint, part and element of each row."""
+        origin, part = self.system.origin.tolist(), self.system.part.tolist()
+        return [(c, p, k) for (c, k), p in zip(origin, part, strict=True)]
 
     def with_divisors(self, monomials: Bools) -> Bools:
         """Those monomials (without the constant), and all that divide one of them."""
@@ -52,6 +76,18 @@ def _guards(system: PolynomialSystem) -> IntervalArray:
     lo, hi = np.zeros((2, *own.shape[:2], len(system.monomials)))
     lo[..., system.guard_monomials], hi[..., system.guard_monomials] = own.lo, own.hi
     return IntervalArray(lo, hi)
+
+
+def _restricted(system: PolynomialSystem, rows: Indices) -> PolynomialSystem:
+    """Some rows of a system."""
+    return replace(
+        system,
+        coefficients=system.coefficients[:, rows],
+        guarded=system.guarded[rows],
+        guards=system.guards[:, rows],
+        origin=system.origin[rows],
+        part=system.part[rows],
+    )
 
 
 # What follows depends on the monomials alone, which the boxes of one system share.
@@ -90,7 +126,8 @@ class Relaxation:
             rhs = widening - rows[0] + 4.0 * _UNIT * (np.abs(widening) + np.abs(rows[0]))
         rows = rows[1:]
         exponents, highest = scaled(rows, rhs)
-        has_column = structure.with_divisors(structure.used & (structure.linear | (highest > 0.0)))
+        self.occurring = highest > 0.0
+        has_column = structure.columns(highest, self.radius)
         self.columns = np.flatnonzero(has_column)
         self.kept = np.flatnonzero(reach(rows, rhs, has_column, structure.bounds.lo, structure.bounds.hi))
         self.bounds, self.exponents = structure.bounds[self.columns], exponents[self.kept]

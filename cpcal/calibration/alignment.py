@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
 
 from cpcal.calibration.hand_eye_methods import nearest_rotation
 from cpcal.calibration.refine import cross_matrix
@@ -56,6 +55,8 @@ class Alignment:
     @property
     def coverage_factor(self) -> float:
         """k for 95 % with so few degrees of freedom (Student)."""
+        from scipy import special  # here: it takes a third of a second to load
+
         return float(special.stdtrit(self.freedom, 0.975))
 
 

@@ -17,7 +17,6 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
 
 from cpcal.calibration.leg_equations import Form, LegEquations, weighted_jacobian
 from cpcal.calibration.losses import Loss, pseudo_residuals
@@ -79,7 +78,7 @@ class Fit:
 
     @property
     def converged(self) -> bool:
-        """Whether scipy met a convergence criterion for every leg, and the weights came to rest."""
+        """Whether the fit of every leg converged, and the weights came to rest."""
         return self.estimate.converged
 
     @cached_property
@@ -140,6 +139,8 @@ class Fit:
 
         Normal quantiles when the covariance comes from the noise, Student's with `freedom` when from the residuals.
         """
+        from scipy import special  # here: it takes a third of a second to load
+
         if not 0 < level < 1:
             raise InputError([Problem("option level", f"has no meaning: {level!r}", "give a number between 0 and 1")])
         upper = 0.5 + 0.5 * level

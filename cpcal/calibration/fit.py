@@ -15,11 +15,11 @@ from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize
 
 from cpcal.calibration.estimate import Estimate, Fit
 from cpcal.calibration.leg_equations import Form, LegEquations, weighted_jacobian
 from cpcal.calibration.losses import LOSSES, Loss, robust_scale
+from cpcal.calibration.sum_of_squares import sum_of_squares
 from cpcal.calibration.weights import Noise, Weights, whitening
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
@@ -67,7 +67,7 @@ def fit(
                 "residuals": from their scatter, correlations between legs included; takes model error for noise.
                 Left out: "noise" if given and the loss is linear, unless it does not explain the residuals
     start       (n, 7) mm; left out: the campaign's nominal parameters
-    tolerance   scipy's ftol, xtol and gtol
+    tolerance   ends where a step changes sum of squares and parameters by less than this share (scipy's ftol, xtol)
 
     Data that do not determine all parameters give one of the many minima, near the start, and the fit says so. Raises
     InputError for options without a meaning.
@@ -123,7 +123,7 @@ def _weighted(equations: LegEquations, noise: Noise | None, start: Floats, optio
 
 
 def _solved(equations: LegEquations, weight: Floats, start: Floats, options: _Options) -> tuple[Floats, float, bool]:
-    """Parameters (m, 7), the loss's scale, and whether scipy met a criterion, for legs that are fitted together."""
+    """Parameters (m, 7), the loss's scale, and whether a criterion was met, for legs that are fitted together."""
 
     def values(x: Floats) -> Floats:
         return np.asarray(np.einsum("kij,kj->ki", weight, equations.values(x.reshape(-1, 7))).ravel())
@@ -132,11 +132,13 @@ def _solved(equations: LegEquations, weight: Floats, start: Floats, options: _Op
         return weighted_jacobian(equations, weight, x.reshape(-1, 7))
 
     def minimum(x: Floats, loss: Loss, scale: float) -> tuple[Floats, bool]:
+        from scipy import optimize  # here: it takes half a second to load, for robust losses alone
+
         t = options.tolerance
         found = optimize.least_squares(values, x, jac=jacobian, loss=loss, f_scale=scale, ftol=t, xtol=t, gtol=t)
         return np.asarray(found.x, dtype=np.float64), bool(found.success)
 
-    x, reached = minimum(start.ravel(), "linear", 1.0)
+    x, reached = sum_of_squares(values, jacobian, start.ravel(), options.tolerance)
     if options.loss == "linear":
         return x.reshape(-1, 7), 1.0, reached
     scale = options.loss_scale or robust_scale(values(x)) or 1.0  # residuals that are all zero need no scale

@@ -8,7 +8,7 @@ from cpcal.calibration.fit import fit
 from cpcal.common.arrays import Floats
 from cpcal.robot import Campaign
 
-_TOLERANCE = 1e-8  # scipy's own; a box of X0 is centred here, so closer adds nothing
+_TOLERANCE = 1e-8  # a box of X0 is centred here, so closer adds nothing
 
 
 def least_squares(campaign: Campaign, leg: int) -> Floats:

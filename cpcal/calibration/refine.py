@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
 
 from cpcal.calibration.pose_pairs import Pairs
 from cpcal.common.arrays import Floats
@@ -115,6 +114,8 @@ def _moved_to_minimum(pairs: Pairs, x: Pose, z: Pose, sigma: Floats, tied: bool)
         return _values(pairs, *at(step), sigma)
 
     start = np.zeros(size)
+    from scipy.optimize import least_squares  # here: it takes half a second to load
+
     found = least_squares(values, start, jac=slopes, method="lm", xtol=_END, ftol=_END, gtol=_END, max_nfev=_STEPS)
     return at(found.x)
 

@@ -12,7 +12,6 @@ is near 0 for good data, where first-order propagation holds, and near 1 where s
 from __future__ import annotations
 
 import numpy as np
-from scipy import special
 
 from cpcal.calibration.leg_equations import LegEquations, weighted_jacobian
 from cpcal.calibration.weights import Noise
@@ -53,6 +52,8 @@ def _moved(equations: LegEquations, move: Floats, turn: Floats, longer: Floats) 
 
 def chances(square: float, freedom: float, known: float) -> tuple[float, float]:
     """Of so small, and so large, a sum of squares in standard deviations known with so many degrees of freedom."""
+    from scipy import special  # here: it takes a third of a second to load
+
     if np.isinf(known):
         return float(special.chdtr(freedom, square)), float(special.chdtrc(freedom, square))
     ratio = square / freedom

@@ -19,7 +19,7 @@ from cpcal.certify.certified_ranges import range_eps
 from cpcal.certify.leg_tasks import HERE, Place, answers
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
-from cpcal.legs import PARAMETERS, LegModel, ModelResiduals, leg_box, leg_network
+from cpcal.legs import PARAMETERS, LegModel, leg_box, leg_network, model_jacobian
 from cpcal.results import LegResult, Projection, Projections, Result, model_of
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
@@ -118,7 +118,7 @@ def _most_correlated(campaign: Campaign, leg: int, model: LegModel, x: Floats) -
 
     In floating point, from the linearised equations: it chooses what is drawn, not what is proved.
     """
-    jacobian = ModelResiduals(campaign, leg, model).jacobian(x)
+    jacobian = model_jacobian(campaign, leg, x, model)
     covariance = np.linalg.pinv(jacobian.T @ jacobian)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     correlation = np.abs(covariance / np.outer(spread, spread))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.legs import LegModel, ModelResiduals
+from cpcal.legs import LegModel, model_jacobian
 from cpcal.results.determination import Determination
 from cpcal.robot import Campaign
 
@@ -17,10 +17,11 @@ _SHARE = 0.1  # of a parameter in such a direction, from which it is called unde
 
 def determination(campaign: Campaign, leg: int, x: Floats, model: LegModel) -> Determination:
     """At parameters x (n,) of one leg and the centres of the reading sets."""
-    jacobian = ModelResiduals(campaign, leg, model).jacobian(x)
+    jacobian = model_jacobian(campaign, leg, x, model)
     scale = np.sqrt(np.mean(jacobian**2, axis=0))
     columns = jacobian / np.where(scale > 0.0, scale, 1.0) / np.sqrt(len(jacobian))
-    _, values, right = np.linalg.svd(columns)
+    few = len(columns) < columns.shape[1]
+    _, values, right = np.linalg.svd(columns, full_matrices=few)  # of many rows the left side alone fills the memory
     seen = np.zeros(len(right), dtype=bool)
     seen[: len(values)] = values > _SEEN
     hidden = np.linalg.norm(right[~seen], axis=0)

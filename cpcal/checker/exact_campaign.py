@@ -45,10 +45,10 @@ class ExactCampaign:
 
     def measurement(self, k: int, leg: int) -> Measurement:
         """Row k from 0, leg from 1."""
-        numbers = tuple(map(F, self._rows[k][2:]))
-        radii = numbers[7 + self.legs :]
-        turned = tuple(r / 2 for r in radii[3:6])
-        return Measurement(numbers[:3], numbers[3:7], numbers[6 + leg], (*radii[:3], *turned, radii[5 + leg]))
+        cells, radii = self._rows[k], self._rows[k][9 + self.legs :]
+        length, *pose = map(F, (cells[8 + leg], *cells[2:9]))
+        d_x, d_y, d_z, s_x, s_y, s_z, e = map(F, (*radii[:6], radii[5 + leg]))
+        return Measurement(tuple(pose[:3]), tuple(pose[3:]), length, (d_x, d_y, d_z, s_x / 2, s_y / 2, s_z / 2, e))
 
 
 def _row(cells: tuple[Any, ...], legs: int) -> tuple[Any, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction as F
 from functools import reduce
-from operator import or_
+from operator import itemgetter, or_
 
 from .refusal import Refused
 
@@ -80,13 +80,14 @@ def combined(parts: Iterable[tuple[int, Polynomial]], spend: Spend) -> Polynomia
     spend(5 * len(held) + terms // 4)
     lowest = min((p.exponent for _, p in held), default=0)
     out: dict[int, int] = {}
+    known = out.get
     for factor, p in held:
         shift = p.exponent - lowest
         if factor.bit_length() + shift > _MOST_BITS:
             raise _too_many(_MOST_BITS, "bits of a coefficient")
         multiple = factor << shift
         for m, c in p.terms.items():
-            out[m] = out.get(m, 0) + multiple * c
+            out[m] = known(m, 0) + multiple * c
         if len(out) > _MOST_TERMS:
             raise _too_many(_MOST_TERMS, "terms of a polynomial")
     return Polynomial({m: c for m, c in out.items() if c}, lowest, spend)
@@ -172,25 +173,49 @@ def _least(terms: dict[int, int], mask: int) -> int:
     return low
 
 
+class Remainder:
+    """What is left of polynomials with these monomials without their readings: at their reference, less the penalties.
+
+    The penalty of a reading is of all monomials in which it is the first: divided by it, where it begins at an end.
+    """
+
+    def __init__(self, monomials: Sequence[int], signs: str, mask: int) -> None:
+        of_readings = (1 << FIELD * READINGS) - 1
+        divided = [0 if sign == "0" else 1 << FIELD * j for j, sign in enumerate(signs)]
+        kept: list[int] = []
+        lists: list[list[list[int]]] = [[[], [], []] for _ in signs]
+        for place, monomial in enumerate(monomials):
+            reading = monomial & of_readings
+            if not reading:
+                kept.append(place)
+                continue
+            j = ((reading & -reading).bit_length() - 1) // FIELD
+            rest = monomial - divided[j]
+            lists[j][0 if rest & mask else 1 if rest else 2].append(place)
+        self._monomials = [monomials[place] for place in kept]
+        self._kept = _picked(kept)
+        self._readings = [tuple(map(_picked, own)) for own in lists if any(own)]
+
+    def of(self, coefficients: Sequence[int]) -> dict[int, int]:
+        """Coefficients of what is left, by monomial, from those of the monomials."""
+        left = dict(zip(self._monomials, self._kept(coefficients), strict=True))
+        penalty = 0
+        for signed, falling, alone in self._readings:
+            low = sum(alone(coefficients)) - sum(map(abs, signed(coefficients)))
+            low += sum(c for c in falling(coefficients) if c < 0)
+            penalty += min(low, 0)
+        left[0] = left.get(0, 0) + penalty
+        return left
+
+
 def settled(p: Polynomial, signs: str, mask: int) -> Polynomial:
-    """What is left of `p` without its readings: at their reference, less the penalties."""
+    """`p` without its readings: see `Remainder`."""
     p.spend(len(p.terms) // 4)
-    kept: dict[int, int] = {0: 0}
-    of_readings = (1 << FIELD * READINGS) - 1
-    divided = [0 if sign == "0" else 1 << FIELD * j for j, sign in enumerate(signs)]
-    lowest, first = [0] * len(signs), dict[int, int]()
-    for monomial, c in p.terms.items():
-        reading = monomial & of_readings
-        if not reading:
-            kept[monomial] = c
-            continue
-        if reading not in first:
-            first[reading] = ((reading & -reading).bit_length() - 1) // FIELD
-        j = first[reading]
-        rest = monomial - divided[j]
-        if rest & mask:
-            lowest[j] -= abs(c)
-        elif c < 0 or not rest:
-            lowest[j] += c
-    kept[0] += sum(low for low in lowest if low < 0)
-    return Polynomial(kept, p.exponent, p.spend)
+    return Polynomial(Remainder(list(p.terms), signs, mask).of(list(p.terms.values())), p.exponent, p.spend)
+
+
+def _picked(places: list[int]) -> Callable[[Sequence[int]], Sequence[int]]:
+    """The numbers at these places."""
+    if len(places) < 2:  # of one place itemgetter gives no tuple
+        return lambda numbers: [numbers[place] for place in places]
+    return itemgetter(*places)

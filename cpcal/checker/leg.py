@@ -8,9 +8,9 @@ from fractions import Fraction as F
 from functools import lru_cache
 from typing import NamedTuple
 
-from .exact_polynomial import FIELD, READINGS, Polynomial, constant, shortened, unknown
-from .problem import SIDES, Problem, Unknowns, beyond, end_of
-from .program import Degree, Program, Traced
+from .exact_polynomial import FIELD, READINGS, Polynomial, Remainder, constant, settled, shortened, unknown
+from .problem import ENDS, SIDES, Problem, Unknowns, beyond
+from .program import Degree, Dyadic, Formula, Program, Traced, dyadic
 
 _AXES = (0, 1, 2)
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
@@ -18,7 +18,6 @@ EXTRA = {"plain": (), "gain": ("s",), "linear": ("s", "cx", "cy", "cz", "tx", "t
 _SURE = ("plain", "lateral")
 _KEPT = 4096  # measurements
 Quaternion = list[Traced]
-Formed = tuple[dict[int, int], Degree]  # places of the coefficients
 
 
 class Measurement(NamedTuple):
@@ -30,9 +29,26 @@ class Measurement(NamedTuple):
     radii: tuple[F, ...]
 
 
+class Stated:
+    """A measurement as programs take it."""
+
+    def __init__(self, m: Measurement) -> None:
+        self.radii, self.uncertain = m.radii, any(m.radii)
+        fixed = (*m.quaternion, *m.position, m.length, m.length - m.radii[6])
+        self.fixed = list(map(dyadic, fixed))
+        self._reach = list(map(dyadic, m.radii))
+
+    def reading(self, signs: str, way: int) -> list[Dyadic]:
+        """Its components, or with `way` 0 what they are made of: see `ENDS`."""
+        ends = [(ENDS[sign], *reach) for sign, reach in zip(signs, self._reach, strict=True)]
+        if way:
+            return [(way * end * m, power) for (end, _), m, power in ends]
+        return [(end * m, power) for (end, _), m, power in ends] + [(slope * m, power) for (_, slope), m, power in ends]
+
+
 def leg_problem(rows: Callable[[int], Measurement], count: int, model: str, only: tuple[int, ...] | None) -> Problem:
     """`count` measurements of a leg, or `only` those."""
-    names, known = (*PARAMETERS, *EXTRA[model], "eps"), lru_cache(_KEPT)(rows)
+    names, known = (*PARAMETERS, *EXTRA[model], "eps"), lru_cache(_KEPT)(lambda k: Stated(rows(k)))
     chosen = tuple(range(count)) if only is None else only
     return Problem(
         names, len(names) - 1, count, chosen,
@@ -45,50 +61,80 @@ def leg_problem(rows: Callable[[int], Measurement], count: int, model: str, only
 class LegConstraint:
     """The constraint of a measurement on a box."""
 
-    m: Measurement
+    m: Stated
     model: str
     x: Unknowns
     signs: str
     way: int
 
-    def row(self, side: str, mask: int) -> Polynomial:
-        """At most zero at every solution, in u and y."""
-        if side != "lower" or self.sure:
-            return self.parts(side)[0]
+    def rows(self, sides: Sequence[str], mask: int) -> list[Polynomial]:
+        """Each at most zero at every solution, in u and y."""
+        if self.sure or "lower" not in sides:
+            return self.parts(*sides)
+        return [self._lower(mask) if side == "lower" else self.parts(side)[0] for side in sides]
+
+    def _lower(self, mask: int) -> Polynomial:
         row, low, factor = self.parts("lower", "at_least", "factor")
         return row - constant(beyond(low, factor, mask), self.x.spend)
 
+    def settled(self, side: str, signs: str, mask: int) -> Polynomial:
+        """A row at the reference reading, less the penalties."""
+        if side == "lower" and not self.sure:
+            return settled(self._lower(mask), signs, mask)
+        formed = self._formed((side,))
+        values, units = formed.formula.run(self.numbers(), self.x.spend)
+        self.x.spend(len(formed.places[0]) // 4)
+        ((p, q),) = formed.degrees
+        terms = formed.remainder(signs, mask).of(values)
+        return shortened(terms, -(units[0] * p + units[1] * q), self.x.spend)
+
     def parts(self, *names: str) -> list[Polynomial]:
         """Rows by their sides, or what they are made of by its name in `_Constraint`, in u and y."""
-        program, found = leg_program(self.model, any(self.x.radii), self._reads, names)
-        v, units = program.run(self.numbers(), self.x.spend)
-        return [
-            shortened({m: v[k] for m, k in places.items()}, -(units[0] * p + units[1] * q), self.x.spend)
-            for places, (p, q) in found
-        ]
+        formed = self._formed(names)
+        values, units = formed.formula.run(self.numbers(), self.x.spend)
+        found, out = iter(values), []
+        for places, (p, q) in zip(formed.places, formed.degrees, strict=True):
+            terms = dict(zip(places, found))  # noqa: B905 - the others are of the parts that follow
+            out.append(shortened(terms, -(units[0] * p + units[1] * q), self.x.spend))
+        return out
+
+    def _formed(self, names: tuple[str, ...]) -> LegFormula:
+        return leg_formula(self.model, any(self.x.radii), self._reads, names)
 
     @property
     def _reads(self) -> int:
-        return any(self.m.radii) * (1 if self.way else 2)
+        return self.m.uncertain * (1 if self.way else 2)
 
     @property
     def sure(self) -> bool:
         """Whether at_least is not negative at any solution."""
         return self.model in _SURE
 
-    def numbers(self) -> list[F]:
+    def numbers(self) -> list[Dyadic]:
         """What its program takes."""
-        position, quaternion, length, radii = self.m
-        found = [*quaternion, *position, length, length - radii[6], *self.x.centers]
-        found += self.x.radii if any(self.x.radii) else ()
-        if self._reads:
-            ends = [end_of(sign, r, self.way) for sign, r in zip(self.signs, radii, strict=True)]
-            found += [at for at, _ in ends] + [slope for _, slope in ends if not self.way]
-        return found
+        reading = self.m.reading(self.signs, self.way) if self._reads else ()
+        return [*self.m.fixed, *self.x.numbers, *reading]
+
+
+class LegFormula(NamedTuple):
+    """A program, the places of the coefficients of some parts by monomial, their degrees, and all of it as code."""
+
+    program: Program
+    places: list[dict[int, int]]
+    degrees: list[Degree]
+    formula: Formula
+    remainders: dict[tuple[str, int], Remainder]
+
+    def remainder(self, signs: str, mask: int) -> Remainder:
+        """Of the only part, for readings with these signs."""
+        key = "".join("0" if sign == "0" else "+" for sign in signs), mask
+        if key not in self.remainders:
+            self.remainders[key] = Remainder(list(self.places[0]), *key)
+        return self.remainders[key]
 
 
 @lru_cache(maxsize=256)
-def leg_program(model: str, moves: bool, reads: int, names: tuple[str, ...]) -> tuple[Program, list[Formed]]:
+def leg_formula(model: str, moves: bool, reads: int, names: tuple[str, ...]) -> LegFormula:
     """Of polynomials in u if the box `moves`, that is, has a width; `reads`: 0 exactly, 1 one reading, 2 sets, in y."""
     n = 8 + len(EXTRA[model])
     program = Program([0] * 4 + [1] * (5 + n * (1 + moves) + READINGS * reads))
@@ -102,7 +148,9 @@ def leg_program(model: str, moves: bool, reads: int, names: tuple[str, ...]) -> 
     found = _constraint(model, program.one(), (position, quaternion, length, shortest), x, reading)
     parts = [found.part(name) for name in names]
     program.highest = max(p.degree[0] for p in parts), max(p.degree[1] for p in parts)
-    return program, [(part.places(), part.degree) for part in parts]
+    places = [part.places() for part in parts]
+    formula = program.formula([k for part in places for k in part.values()])
+    return LegFormula(program, places, [part.degree for part in parts], formula, {})
 
 
 class _Constraint(NamedTuple):

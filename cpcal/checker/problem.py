@@ -17,10 +17,10 @@ from .exact_polynomial import (
     constant,
     least,
     products,
-    settled,
     signed,
     substituted,
 )
+from .program import Dyadic, dyadic
 
 SIDES = ("upper", "lower", "sign", "body")
 
@@ -66,6 +66,11 @@ class Unknowns:
     def radii(self) -> list[F]:
         return [self.radius(i) for i in range(len(self))]
 
+    @cached_property
+    def numbers(self) -> list[Dyadic]:
+        """Centers, and radii of a box that has a width, as programs take them."""
+        return list(map(dyadic, [*self.centers, *(self.radii if any(self.radii) else ())]))
+
     def variable(self, field: int, middle: F, factor: F) -> Polynomial:
         """middle + factor * the variable in that field."""
         number, u = constant(middle, self.spend), Polynomial({1 << FIELD * field: 1}, 0, self.spend)
@@ -84,8 +89,12 @@ class Unknowns:
 class OnBox(Protocol):
     """A constraint in the coordinates of a box, and of its readings."""
 
-    def row(self, side: str, mask: int) -> Polynomial:
-        """At most zero at every solution; the zero polynomial where there is no such bound."""
+    def rows(self, sides: Sequence[str], mask: int) -> list[Polynomial]:
+        """Each at most zero at every solution; the zero polynomial where there is no such bound."""
+        ...
+
+    def settled(self, side: str, signs: str, mask: int) -> Polynomial:
+        """A row at the reference reading, less the penalties."""
         ...
 
 
@@ -106,7 +115,13 @@ class Constraint:
         low, high = (None if p is None else substituted(p, images) for p in (self.at_least, self.at_most))
         return Constraint(substituted(self.body, images), low, high, self.factor)
 
-    def row(self, side: str, mask: int) -> Polynomial:
+    def rows(self, sides: Sequence[str], mask: int) -> list[Polynomial]:
+        return [self._row(side, mask) for side in sides]
+
+    def settled(self, side: str, signs: str, mask: int) -> Polynomial:
+        return self._row(side, mask)
+
+    def _row(self, side: str, mask: int) -> Polynomial:
         body, low, high, factor = self.body, self.at_least, self.at_most, self.factor
         if side == "upper" and high is not None:
             return body - (high if factor is None else factor * (high * high))
@@ -125,13 +140,9 @@ def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
     return -least(factor.times(-1), mask) * lowest**2 if lowest else F(0)
 
 
-def end_of(sign: str, radius: F, way: int) -> tuple[F, F]:
-    """A reading is the first number plus the second times y: |y| <= 1 about 0, or 0 <= y <= 1 from its end.
-
-    `way`: 1 for the reading that the signs name itself, -1 for the opposite one.
-    """
-    end, factor = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}[sign]
-    return (way or 1) * end * radius, F(0) if way else factor * radius
+# A reading is the first number plus the second times y, in half-widths: |y| <= 1 about 0, or 0 <= y <= 1 from its end.
+# With `way` 1 it is the reading that its sign names itself, -1 the opposite one.
+ENDS = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}
 
 
 def _exact(k: int) -> tuple[F, ...]:
@@ -155,14 +166,14 @@ class Problem:
 
     def row(self, x: Unknowns, side: str, k: int, signs: str) -> Polynomial:
         """In u, at most zero at every solution in the box: at the reference reading, less the penalties."""
-        mask = signed(len(x), signs)
-        return settled(self.constraint(k, x, signs, 0).row(side, mask), signs, mask)
+        return self.constraint(k, x, signs, 0).settled(side, signs, signed(len(x), signs))
 
     def holds(self, x: Unknowns, k: int, signs: str) -> bool:
         """Whether it is proved that the point, a box of width zero, satisfies k for some reading between two ends."""
-        long, short = (self.constraint(k, x, signs, way) for way in (1, -1))
-        sides = {side: short if side in ("upper", "sign") else long for side in self.conditions}
-        return all(at.row(side, 0).constant <= 0 for side, at in sides.items())
+        above = [side for side in self.conditions if side in ("upper", "sign")]
+        below = [side for side in self.conditions if side not in above]
+        found = (self.constraint(k, x, signs, way).rows(sides, 0) for way, sides in ((1, below), (-1, above)))
+        return all(row.constant <= 0 for rows in found for row in rows)
 
     def fails(self, x: Unknowns, side: str, k: int, signs: str) -> bool:
         """Whether it is proved that it does not for any reading."""

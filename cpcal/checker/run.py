@@ -146,8 +146,8 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
     if asked is not None:  # only that one is spoken of
         yield "cap", exact(asked), claims.cap
     elif claims.enclosure is not None:  # it holds all up to eps_hi, and up to any eps where none is known
-        everything = _all_of_it(campaign, leg["leg"], accepted)
-        yield "eps up to which the enclosure holds", True, everything if at is None else claims.cap == at[-1]
+        holds = _all_of_it(campaign, leg["leg"], accepted) if at is None else claims.cap == at[-1]
+        yield "eps up to which the enclosure holds", True, holds
     elif at is not None and claims.infeasible:
         yield "eps up to which there is no solution", lo, claims.cap
     yield "eps_lo", leg["eps_lo"], lo

@@ -22,8 +22,8 @@ from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record
 from cpcal.common.errors import InputError, printable
 from cpcal.execution.stopping import Reason, Stopped, asked
-from cpcal.files.run_folder import RUN, answers_into
-from cpcal.report import REPORT_NAME, write_report
+from cpcal.files.run_folder import REPORT_NAME, RUN, answers_into
+from cpcal.report import write_report
 from cpcal.results import Explained, LegResult, Result, result_text, save_result, verdict_of
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict

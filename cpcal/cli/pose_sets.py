@@ -1,9 +1,8 @@
-"""`cpcal pose-sets`: from images to boxes of poses that are proved, with certificates; and their verification."""
+"""`cpcal pose-sets`: from images to boxes of poses that are proved, with certificates."""
 
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from cpcal.checker import POSE_SET_SUFFIX, PoseSetChecked, Unusable, check_pose_set, check_pose_sets
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.progress import bar
 from cpcal.cli.talk import Talk, record, talking
@@ -146,52 +144,3 @@ def _say(rows: Sequence[Enclosed], folder: Path, talk: Talk) -> None:
         talk.say(f"Half-widths, median: {sides[0]} mm, {sides[1]} degrees. Table: {folder / TABLE}")
     talk.say(f"Certificates: cpcal verify {folder}")
     record("enclosed", images=len(rows), proved=len(proved), output=str(folder))
-
-
-def verify_pose_sets(target: Path, sources: Sequence[Path], talk: Talk) -> bool:
-    """Check one claim or a folder of them, say what is proved. Raises InputError where there is nothing to check."""
-    try:
-        found = check_pose_sets(target) if target.is_dir() else [check_pose_set(target)]
-    except Unusable as reason:
-        raise InputError([Problem(str(target), str(reason), "name what cpcal pose-sets wrote")]) from None
-    good = all(one.refused is None for one in found)
-    for one in found:
-        talk.say(f"{one.name}: {_proved(one)}")
-    for path in sources:
-        good = _same_source(path, found, talk) and good
-    return good
-
-
-def _proved(one: PoseSetChecked) -> str:
-    if one.refused is not None:
-        return f"REFUSED, {one.refused}"
-    but = f" but at most {one.outliers}" if one.outliers else ""
-    count = f"{len(one.certificates)} certificates, assumptions SHA-256 {one.digest[:16]}"
-    if one.radii is None:
-        return f"no pose shows all {one.dots} dots{but} in their boxes of pixels: PROVED, {count}"
-    position = " x ".join(at_most(float(v), 3) for v in one.radii[:3])
-    turn = " x ".join(at_most(float(np.degrees(float(v))), 3) for v in one.radii[3:])
-    sides = f"{position} mm and {turn} degrees"
-    return f"all poses that show all {one.dots} dots{but} are within {sides} of the stated one: PROVED, {count}"
-
-
-def _same_source(path: Path, found: Sequence[PoseSetChecked], talk: Talk) -> bool:
-    """Whether a file is the one that all pose sets name, byte for byte."""
-    try:
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError([Problem(str(path), f"cannot be read: {error.strerror}", "name a file")]) from None
-    stated = {sha for one in found for name, sha in one.files if name == path.name}
-    if stated == {digest}:
-        talk.say(f"{path.name}: the file that the pose sets name, by its SHA-256")
-        return True
-    what = "no pose set names it" if not stated else "it is another file than the pose sets name: its SHA-256 differs"
-    talk.say(f"{path.name}: REFUSED, {what}")
-    return False
-
-
-def is_pose_set(target: Path) -> bool:
-    """Whether a path is a claim, or a folder of them."""
-    if target.is_dir():
-        return any(target.glob("*" + POSE_SET_SUFFIX))
-    return target.name.endswith(POSE_SET_SUFFIX)

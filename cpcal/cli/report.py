@@ -10,14 +10,14 @@ import typer
 from cpcal.certify.recomputed import stated_otherwise
 from cpcal.cli.checked import checked_legs, result_of
 from cpcal.cli.folders import FITS, PIXEL_RUN, RUN, check_writable, output_path
+from cpcal.cli.other_statements import other_fits
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import holds_study, study_found
 from cpcal.cli.terminal import terminal
-from cpcal.cli.verify import other_fits
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
-from cpcal.report import REPORT_NAME
+from cpcal.files.run_folder import REPORT_NAME
 from cpcal.report.page import render
 from cpcal.report.study_report import render_study
 from cpcal.results import Result, load_result

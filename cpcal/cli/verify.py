@@ -3,38 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
-from cpcal.certify.fits import FITS_NAME, load_fits
 from cpcal.certify.recomputed import stated_otherwise
-from cpcal.checker import ROBUST_NAME, Accepted, Refused, Unusable, check
+from cpcal.checker import POSE_SET_SUFFIX, ROBUST_NAME, Accepted
 from cpcal.cli.checked import checked_certificate, checked_legs, result_of
 from cpcal.cli.claims import sentences
-from cpcal.cli.pose_sets import is_pose_set, verify_pose_sets
-from cpcal.cli.robust import robust_verified
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import nearest
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
-from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, unfinished
-from cpcal.handeye.hand_eye_files import load_hand_eye
-from cpcal.handeye.verify_hand_eye import verify_hand_eye
-from cpcal.handeye.verify_wrong_images import verify_wrong_images
-from cpcal.report import REPORT_NAME
-from cpcal.results import (
-    COMPARISON_NAME,
-    INFORMATION,
-    RESULT_NAME,
-    Entry,
-    Uncertified,
-    information,
-    load_comparison,
-)
+from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, REPORT_NAME, unfinished
+from cpcal.results import INFORMATION, RESULT_NAME, Uncertified, information
 
 _AGAIN = {  # what to do about a run in which no leg is certified
     Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
@@ -67,28 +50,43 @@ def verify(
     rounding. docs/certificate-format.md says what a certificate claims and when it is accepted.
     """
     same = campaign is None or _same_campaign(target, campaign, talk)
-    if is_pose_set(target):
+    if target.name.endswith(POSE_SET_SUFFIX) or (target.is_dir() and any(target.glob("*" + POSE_SET_SUFFIX))):
+        from cpcal.cli.verify_pose_sets import verify_pose_sets
+
         accepted = verify_pose_sets(target, source or [], talk)
-    elif not target.is_dir():
-        accepted = _certificate(target, talk)
-    elif (target / HANDEYE.head).exists():
-        accepted = _all_accepted(verify_hand_eye(target), talk)
-    elif (target / HANDEYE_WRONG.head).exists():
-        accepted = _all_accepted(verify_wrong_images(target), talk)
-    elif (target / ROBUST_NAME).exists():
-        accepted = robust_verified(target, talk)
-    elif (target / RESULT_NAME).exists():
-        accepted = _run(target, talk)
     else:
-        found = [_certificate(path, talk) for path in _certificates(target)]
-        accepted = all(found) and _as_stated(target, talk)
+        accepted = _verified(target, talk) if target.is_dir() else _certificate(target, talk)
     record("verified", target=str(target), accepted=bool(accepted and same))
     raise typer.Exit(0 if accepted and same else 1)
+
+
+def _verified(folder: Path, talk: Talk) -> bool:
+    """A folder, by what it holds; what other verbs write is loaded where it is found."""
+    if (folder / HANDEYE.head).exists():
+        from cpcal.handeye.verify_hand_eye import verify_hand_eye
+
+        return _all_accepted(verify_hand_eye(folder), talk)
+    if (folder / HANDEYE_WRONG.head).exists():
+        from cpcal.handeye.verify_wrong_images import verify_wrong_images
+
+        return _all_accepted(verify_wrong_images(folder), talk)
+    if (folder / ROBUST_NAME).exists():
+        from cpcal.cli.robust import robust_verified
+
+        return robust_verified(folder, talk)
+    if (folder / RESULT_NAME).exists():
+        return _run(folder, talk)
+    from cpcal.cli.other_statements import as_stated
+
+    found = [_certificate(path, talk) for path in _certificates(folder)]
+    return all(found) and as_stated(folder, talk)
 
 
 def _same_campaign(target: Path, campaign: Path, talk: Talk) -> bool:
     """Whether the run's campaign, or hand-eye study, is the one in the folder. Raises InputError."""
     if any((target / kind.head).exists() for kind in (HANDEYE, HANDEYE_WRONG)):
+        from cpcal.handeye.hand_eye_files import load_hand_eye
+
         if load_hand_eye(target) == load_hand_eye(campaign):
             return True
         talk.say("study: REFUSED, the hand-eye study is another one")
@@ -162,90 +160,6 @@ def _tell(talk: Talk, name: str, accepted: Accepted, seconds: float | None = Non
     work = f"{accepted.steps} steps" + ("" if seconds is None else f", {nearest(seconds, 1)} s")
     for sentence in sentences(accepted):
         talk.say(f"{name}: {sentence}: PROVED, {work}")
-
-
-def _as_stated(folder: Path, talk: Talk) -> bool:
-    """Whether the accepted certificates claim what the folder's compare.json, fits.json or accuracy.json states.
-
-    Raises InputError.
-    """
-    wrong = [*_other_comparison(folder, talk), *other_fits(folder), *_other_sets(folder, talk)]
-    for line in wrong:
-        talk.say(f"{line}: REFUSED, states other numbers than are proved")
-    return not wrong
-
-
-def _other_comparison(folder: Path, talk: Talk) -> Iterator[str]:
-    if not (folder / COMPARISON_NAME).exists():
-        return
-    comparison = load_comparison(folder)
-    for entry in comparison.entries:
-        if entry.certificate is None:
-            talk.say(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}")
-            continue
-        accepted = _claimed(folder, entry.certificate)
-        of_legs = accepted.campaign == comparison.campaign_sha256 and accepted.leg is not None
-        if of_legs and (entry.subject, entry.model) != (f"leg {accepted.leg}", accepted.model):
-            yield f"{entry.subject}, {entry.model}, by the certificate of another"
-        elif _stated(entry) != _proved(accepted):
-            yield f"{entry.subject}, {entry.model}"
-
-
-Numbers = tuple[float, float, tuple[tuple[float, float], ...] | None]  # eps_lo, eps_hi, the enclosure at eps_hi
-
-
-def _stated(entry: Entry) -> Numbers:
-    box = entry.enclosure
-    sides = None if box.is_empty else tuple((float(lo), float(hi)) for lo, hi in zip(box.lo, box.hi, strict=True))
-    return entry.eps_lo, entry.eps_hi, sides
-
-
-def _proved(accepted: Accepted) -> Numbers:
-    claims, inf = accepted.claims, float("inf")
-    lo = inf if claims.infeasible else float(claims.eps_lo or 0)
-    hi = inf if claims.eps_hi is None else float(claims.eps_hi)
-    if claims.enclosure is None or (claims.eps_hi is not None and claims.cap != claims.eps_hi):
-        return lo, hi, None
-    pairs = enumerate(zip(*claims.enclosure, strict=True))
-    return lo, hi, tuple((float(a), float(b)) for k, (a, b) in pairs if k != accepted.objective)
-
-
-def _other_sets(folder: Path, talk: Talk) -> Iterator[str]:
-    """Of the sets of parameters on which the bounds of an accuracy run rest."""
-    if not (folder / ACCURACY_NAME).exists():
-        return
-    for box in load_accuracy(folder).boxes:
-        if box.certificate is None:
-            talk.say(f"set of leg {box.leg}: NOT CERTIFIED")
-            continue
-        accepted = _claimed(folder, box.certificate)
-        claims = accepted.claims
-        lo, hi = (tuple(map(float, side[:-1])) for side in claims.enclosure or ((None,), (None,)))
-        proved = (accepted.leg, None if claims.cap is None else float(claims.cap), lo, hi)
-        if claims.infeasible != (not box.lo) or proved != (box.leg, box.eps, box.lo, box.hi):
-            yield f"set of leg {box.leg}"
-    said = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
-    talk.say(f"{ACCURACY_NAME}: {said}")
-
-
-def other_fits(folder: Path) -> Iterator[str]:
-    if not (folder / FITS_NAME).exists():
-        return
-    for name, fits in load_fits(folder).both:
-        for fit in fits:
-            accepted = _claimed(folder, fit.certificate)
-            point = accepted.claims.point
-            found = (0, 0) if point is None else (len(point.holds), len(point.fails))
-            if (accepted.leg, *found) != (fit.leg, fit.verified.holds, fit.verified.fails):
-                yield f"{name}, leg {fit.leg}"
-
-
-def _claimed(folder: Path, name: str) -> Accepted:
-    """The claims of a certificate in the folder. Raises InputError for one that is missing or refused."""
-    try:
-        return check(folder / Path(name).name)
-    except (Unusable, Refused) as reason:
-        raise InputError([Problem(str(folder / name), str(reason), "run the command again that wrote it")]) from None
 
 
 def _all_accepted(found: list[tuple[bool, str]], talk: Talk) -> bool:

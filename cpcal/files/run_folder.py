@@ -21,6 +21,7 @@ from cpcal.files.file_lock import exclusive
 from cpcal.robot import Campaign
 
 LOCK_NAME = ".cpcal-lock"
+REPORT_NAME = "report.html"
 _DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
 _JSON = rb'\s*\{\s*"format":\s*"cpcal-'
 _PAGE = rb'<!doctype html>.{0,400}<meta name="generator" content="cpcal'
@@ -43,7 +44,7 @@ class FolderKind:
         return sorted(found, key=lambda name: (name != self.head, name))
 
 
-RUN = FolderKind("result.json", (r"report\.html",))
+RUN = FolderKind("result.json", (re.escape(REPORT_NAME),))
 COMPARED = FolderKind("compare.json", (r"compare\.html",))
 ACCURACY = FolderKind("accuracy.json", (r"accuracy\.html",))
 FITTED = FolderKind("fits.json")

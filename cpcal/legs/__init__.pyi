@@ -14,6 +14,7 @@ from .leg_statement import (
 from .model_fit import (
     ModelResiduals,
     fit_model,
+    model_jacobian,
     model_residuals,
     reading_sensitivities,
 )
@@ -44,6 +45,7 @@ __all__ = [
     "leg_model",
     "leg_network",
     "leg_statement",
+    "model_jacobian",
     "model_residuals",
     "model_statement",
     "reading_sensitivities",

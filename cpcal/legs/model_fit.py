@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize
 
-from cpcal.calibration import least_squares
+from cpcal.calibration.least_squares import least_squares
+from cpcal.calibration.leg_equations import LegEquations
+from cpcal.calibration.sum_of_squares import sum_of_squares
 from cpcal.common.arrays import Floats
 from cpcal.legs.equation import leg_box, leg_equation, residuals
 from cpcal.legs.models import PLAIN, LegModel
 from cpcal.robot import Campaign
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network.rows import Extremes, Rows
+
+Function = Callable[[Floats], Floats]
+
+_TOLERANCE = 1e-8  # of the fit, relative: it proves nothing
 
 
 class ModelResiduals:
@@ -34,6 +40,14 @@ class ModelResiduals:
 
     def jacobian(self, x: npt.ArrayLike) -> Floats:
         return self._rows.linearize(np.asarray(x, np.float64)).jacobian
+
+
+def model_jacobian(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
+    """dg/dx (N, n) at the centres of the reading sets; of the plain model from its formula."""
+    point = np.asarray(x, np.float64)
+    if model.name == PLAIN.name:
+        return LegEquations.of(campaign, [leg]).by_parameters(point[None])[:, 0]
+    return ModelResiduals(campaign, leg, model).jacobian(point)
 
 
 _READ = ("position", "rotation", "length")
@@ -68,15 +82,18 @@ def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN) -> Floats:
     def jacobian(x: Floats) -> Floats:
         return of.jacobian(full(x))[:, free]
 
-    found = optimize.least_squares(
-        values,
-        start[free],
-        jac=jacobian,
-        bounds=(-reach, reach),
-        x_scale=np.where(np.isfinite(reach), reach, 1.0),
-        method="trf",
-    )
-    return full(found.x)
+    inside, reached = sum_of_squares(values, jacobian, start[free], _TOLERANCE)
+    if reached and bool(np.all(np.abs(inside) <= reach)):
+        return full(inside)
+    return full(_bounded(values, jacobian, start[free], reach))
+
+
+def _bounded(values: Function, jacobian: Function, start: Floats, reach: Floats) -> Floats:
+    from scipy import optimize  # here: it takes half a second to load
+
+    scale = np.where(np.isfinite(reach), reach, 1.0)
+    found = optimize.least_squares(values, start, jac=jacobian, bounds=(-reach, reach), x_scale=scale, method="trf")
+    return np.asarray(found.x)
 
 
 def reading_sensitivities(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel) -> Floats:

@@ -1,4 +1,4 @@
-from .page import REPORT_NAME, write_page, write_report
+from .page import write_page, write_report
 from .result_table import ResultTable, result_table
 from .sensitivity import reading_sensitivity
 from .words import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
@@ -7,7 +7,6 @@ __all__ = [
     "FRAME",
     "LONGER",
     "QUANTIFIER",
-    "REPORT_NAME",
     "ResultTable",
     "center_sentence",
     "leg_sentence",

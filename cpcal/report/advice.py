@@ -181,7 +181,7 @@ def _where(campaign: Campaign, names: tuple[str, ...], found: Fitted) -> str:
     """A pose, of the corners of the workspace and a little beyond, that the undetermined parameters would show in."""
     scale = np.sqrt(np.mean(found.jacobian**2, axis=0))
     scale = np.where(scale > 0.0, scale, 1.0)
-    weakest = np.linalg.svd(found.jacobian / scale, full_matrices=True)[2][-1][:7]
+    weakest = np.linalg.svd(found.jacobian / scale, full_matrices=len(found.jacobian) < len(scale))[2][-1][:7]
     reach = np.maximum(0.5 * np.ptp(campaign.position, axis=0), 0.1 * float(np.mean(campaign.length)))
     middle = 0.5 * (campaign.position.min(axis=0) + campaign.position.max(axis=0))
     best, share = (middle, np.zeros(3)), -1.0

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpcal.calibration import CalibrationRecord
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.results import Result
 from cpcal.robot import rotation_matrix
+
+if TYPE_CHECKING:
+    from cpcal.calibration import CalibrationRecord
 
 FRAME = (
     "a: base joint centre, in the base frame of the robot's drawing; b: mobile joint centre, in its mobile frame; "

@@ -11,6 +11,7 @@ from markupsafe import Markup
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, PluginError
 from cpcal.common.numbers import stated
+from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN, LegModel
 from cpcal.report import drawing_frames
 from cpcal.report.assumptions import assumptions
@@ -26,8 +27,6 @@ from cpcal.report.words import FRAME, LONGER, QUANTIFIER, missing_legs, overall,
 from cpcal.results import INFORMATION, Result, model_of
 from cpcal.robot import Campaign
 from cpcal.robot.suspicions import suspicions
-
-REPORT_NAME = "report.html"
 
 _HEAD = ("date", "operator", "serial")  # of the campaign's provenance, shown at the top of the page
 

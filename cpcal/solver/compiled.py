@@ -15,7 +15,9 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Mapping
+from functools import update_wrapper
 from pathlib import Path
+from threading import RLock
 from types import FunctionType
 from typing import Any, TypeVar
 
@@ -23,6 +25,37 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _stamps: dict[str, str] = {}  # of every module with compiled functions
 _said: set[str] = set()
+_making = RLock()
+
+
+class Compiled:
+    """A function that numba compiles when it is first called; until then numba, which takes half a second, waits.
+
+    numba sees the functions that it calls as they are in their modules, themselves compiled.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        update_wrapper(self, function)
+        self.py_func = function
+        self._made: Callable[..., Any] | None = None
+        _stamp(function)  # now, while the module's globals are what the function's file puts before it
+
+    def __call__(self, *args: Any) -> Any:
+        return (self._made or self.made)(*args)
+
+    def __reduce__(self) -> str:
+        return self.py_func.__qualname__
+
+    @property
+    def made(self) -> Callable[..., Any]:
+        """The dispatcher; the plain function where numba is missing."""
+        with _making:
+            if self._made is None:
+                self._made, scope = _made(self.py_func)
+                for name in self.py_func.__code__.co_names:  # after it is made: it may call itself
+                    if isinstance(scope.get(name), Compiled):
+                        scope[name] = scope[name].made
+        return self._made
 
 
 def compiled(function: F) -> F:
@@ -33,14 +66,26 @@ def compiled(function: F) -> F:
     """
     if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         return function
+    return Compiled(function)  # type: ignore[return-value]
+
+
+def ready(function: Callable[..., Any]) -> Callable[..., Any]:
+    """What a compiled function calls: the dispatcher; the function itself where nothing is compiled."""
+    return function.made if isinstance(function, Compiled) else function
+
+
+def _made(function: Callable[..., Any]) -> tuple[Callable[..., Any], dict[str, Any]]:
+    """The dispatcher, and the globals that its function sees."""
     try:
         import numba
     except ImportError:
         _say_once("numba is not installed: cpcal runs its kernels in plain Python, hundreds of times slower")
-        return function
-    dispatcher = numba.njit(nogil=True, error_model="numpy")(function)
+        return function, {}
+    scope = dict(function.__globals__)
+    copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, function.__closure__)
+    dispatcher = numba.njit(nogil=True, error_model="numpy")(update_wrapper(copy, function))
     _keep(dispatcher, function)
-    return dispatcher  # type: ignore[no-any-return]
+    return dispatcher, scope
 
 
 def plain(function: F) -> F:

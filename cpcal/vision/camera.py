@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -10,13 +11,11 @@ import numpy.typing as npt
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, shown
 from cpcal.common.values import Value, frozen_array
+from cpcal.vision.lens_kernel import all_bent, unbent
 from cpcal.vision.lens_models import LENSES, Lens
 
 BROWN = "brown"  # the model that cameras are calibrated with; only it has a covariance
 CAMERA_NUMBERS = ("fx", "fy", "cx", "cy", *LENSES[BROWN].names)
-
-_NEWTON_STEPS = 50
-_LAST = 1e-8  # of a normalised coordinate: after so short a step of Newton the error is its square
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +60,11 @@ class Camera(Value):
         """fx, fy, cx, cy and the lens's numbers; (9,) in the order of CAMERA_NUMBERS for the model "brown"."""
         return np.concatenate([self.focal, self.center, self.distortion])
 
+    @cached_property
+    def packed(self) -> Floats:
+        """(13,) as compiled code takes them: fx, fy, cx, cy and the lens (`cpcal.vision.lens_kernel`)."""
+        return np.concatenate([self.focal, self.center, self.lens.packed(self.distortion)])
+
     def with_numbers(self, numbers: Floats) -> Camera:
         """The same image size and model, other numbers. Raises InputError when they make no camera."""
         return Camera(self.width, self.height, numbers[:2], numbers[2:4], numbers[4:], self.model)
@@ -76,32 +80,24 @@ class Camera(Value):
 
     def distorted(self, normalised: npt.ArrayLike) -> Floats:
         """d(x, y), (..., 2) -> (..., 2)."""
-        p = np.asarray(normalised, dtype=np.float64)
-        return np.stack(self.lens.bent(p[..., 0], p[..., 1], self.distortion), axis=-1)
+        return self._bent(normalised)[..., :2]
 
     def distortion_jacobian(self, normalised: npt.ArrayLike) -> Floats:
         """The derivatives of d by (x, y), (..., 2) -> (..., 2, 2)."""
-        p = np.asarray(normalised, dtype=np.float64)
-        xx, cross, yy = self.lens.slopes(p[..., 0], p[..., 1], self.distortion)
-        return np.stack([np.stack([xx, cross], axis=-1), np.stack([cross, yy], axis=-1)], axis=-2)
+        return self._bent(normalised)[..., [[2, 3], [3, 4]]]
+
+    def _bent(self, normalised: npt.ArrayLike) -> Floats:
+        """d (2) and the three parts of its symmetric derivative, (..., 5)."""
+        points = np.array(normalised, dtype=np.float64, order="C")
+        out = np.empty((*points.shape[:-1], 5))
+        all_bent(self.packed[4:], points.reshape(-1, 2), out.reshape(-1, 5))
+        return out
 
     def normalised(self, pixels: npt.ArrayLike) -> Floats:
         """The directions (..., 2) that pixels (..., 2) show, by Newton's method; nan where there is none nearby."""
-        wanted = (np.asarray(pixels, dtype=np.float64) - self.center) / self.focal
-        u, v = np.ascontiguousarray(np.moveaxis(wanted, -1, 0))
-        x, y = u, v
-        lens, numbers = self.lens, self.distortion
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for _ in range(_NEWTON_STEPS):
-                (dx, dy), (xx, xy, yy) = lens.bent(x, y, numbers), lens.slopes(x, y, numbers)
-                off_x, off_y, determinant = u - dx, v - dy, xx * yy - xy * xy
-                step_x, step_y = (yy * off_x - xy * off_y) / determinant, (xx * off_y - xy * off_x) / determinant
-                x, y = x + step_x, y + step_y
-                if not ((np.abs(step_x) > _LAST) | (np.abs(step_y) > _LAST)).any():
-                    break
-            dx, dy = lens.bent(x, y, numbers)
-            found = np.stack([x, y], axis=-1)
-            found[~((np.abs(dx - u) < 1e-9) & (np.abs(dy - v) < 1e-9))] = np.nan
+        wanted = np.ascontiguousarray((np.asarray(pixels, dtype=np.float64) - self.center) / self.focal)
+        found = np.empty(wanted.shape)
+        unbent(self.packed[4:], wanted.reshape(-1, 2), found.reshape(-1, 2))
         return found
 
 

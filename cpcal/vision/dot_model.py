@@ -27,6 +27,7 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
+from cpcal.vision.dot_kernel import all_placed_centers
 from cpcal.vision.lens import Jet, jets_by_coefficient
 from cpcal.vision.target import Target
 
@@ -55,33 +56,31 @@ def predicted_centers(target: Target, camera: Camera, pose: Pose) -> Floats:
 
 def centers_of(dots: Floats, radius: float, camera: Camera, pose: Pose) -> Floats:
     """`predicted_centers` for dots (n, 2) mm of a given radius."""
-    points, normal = _placed(dots, pose)
-    center, shape = _ellipse(_dual(points, normal, radius))
-    lens = camera.lens.jet(center, camera.distortion)
-    return np.asarray(camera.center + camera.focal * _bent(lens, shape, _growth(lens)[1]))
+    return _placed_centers(dots, radius, camera, pose, False)[0]
 
 
 def predict(
     dots: Floats, radius: float, camera: Camera, pose: Pose, *, by_camera: bool = False, by_dots: bool = False
 ) -> Prediction:
     """The centres of dots (n, 2) mm with their derivatives by the pose and, on request, by camera and dots."""
-    points, normal = _placed(dots, pose)
-    dual = _dual(points, normal, radius)
-    center, shape = _ellipse(dual)
-    lens = camera.lens.jet(center, camera.distortion)
-    growth = _growth(lens)
-    bent = _bent(lens, shape, growth[1])
-    slope = camera.focal[:, None, None] * _by_dual(dual, lens, shape, growth)  # (..., n, 2, 3, 3)
-    by_point = -2.0 * (slope @ points[..., None, :, None])[..., 0]
-    by_normal = (-2.0 * radius * radius) * (slope @ normal[..., None, :, None])[..., 0]
-    arm = (points - pose.position[..., None, :])[..., None, :]
-    by_turn = _crossed(arm, by_point) + _crossed(normal[..., None, :], by_normal)
+    centers, by_pose = _placed_centers(dots, radius, camera, pose, True)
     return Prediction(
-        camera.center + camera.focal * bent,
-        np.concatenate([by_point, by_turn], axis=-1),
-        _by_camera(center, camera, lens, bent, shape, growth) if by_camera else None,
-        by_point @ pose.rotation[..., None, :, :2] if by_dots else None,
+        centers,
+        by_pose,
+        _by_camera(dots, radius, camera, pose, (centers - camera.center) / camera.focal) if by_camera else None,
+        by_pose[..., :3] @ pose.rotation[..., None, :, :2] if by_dots else None,
     )
+
+
+def _placed_centers(dots: Floats, radius: float, camera: Camera, pose: Pose, slope: bool) -> tuple[Floats, Floats]:
+    """Centres (..., n, 2), and derivatives (..., n, 2, 6) when they are asked for, by compiled code."""
+    given = np.array(dots, dtype=np.float64)  # not read-only, which would be compiled once more
+    shape = (*np.shape(pose.position)[:-1], len(given))
+    turns, places = pose.rotation.reshape(-1, 3, 3), np.array(pose.position).reshape(-1, 3)
+    centers = np.empty((len(places), len(given), 2))
+    by_pose = np.empty((len(places), len(given) if slope else 1, 2, 6))
+    all_placed_centers(given, radius, camera.packed, turns, places, slope, centers, by_pose)
+    return centers.reshape(*shape, 2), by_pose.reshape(*shape, 2, 6) if slope else by_pose
 
 
 def _placed(dots: Floats, pose: Pose) -> tuple[Floats, Floats]:
@@ -108,32 +107,6 @@ def _outer(left: Floats, right: Floats) -> Floats:
     return left[..., :, None] * right[..., None, :]
 
 
-def _crossed(left: Floats, right: Floats) -> Floats:
-    """The vector product, several times faster than numpy's."""
-    a, b, c = left[..., 0], left[..., 1], left[..., 2]
-    x, y, z = right[..., 0], right[..., 1], right[..., 2]
-    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
-
-
-def _by_dual(dual: Floats, lens: Jet, shape: Floats, growth: tuple[Floats, Floats]) -> Floats:
-    """M (..., n, 2, 3, 3), symmetric: the distorted centre moves by M : dD when the dual conic moves by dD.
-
-    With D = [[B, a], [a', w]]: c = a / w and S = c c' - B / w, so dc = (da - c dw) / w and
-    dS = dc c' + c dc' - dB / w + B dw / w^2.
-    """
-    center, scale = dual[..., :2, 2] / dual[..., 2:, 2], dual[..., None, 2, 2]
-    turned = lens.first[..., :, None] * growth[1][..., None, None, :]
-    by_shape = 0.125 * (lens.second + turned + np.swapaxes(turned, -1, -2))
-    by_center = np.swapaxes(_bent_direction(lens, shape, _along_axes(lens), growth), -1, -2)
-    by_center = by_center + 2.0 * (by_shape @ center[..., None, :, None])[..., 0]
-    out = np.empty((*by_center.shape[:-1], 3, 3))
-    out[..., :2, :2] = -by_shape / scale[..., None, None]
-    out[..., :2, 2] = out[..., 2, :2] = 0.5 * by_center / scale[..., None]
-    by_block = np.einsum("...iab,...ab->...i", by_shape, dual[..., :2, :2])
-    out[..., 2, 2] = (by_block / scale - np.einsum("...ia,...a->...i", by_center, center)) / scale
-    return out
-
-
 def _growth(lens: Jet) -> tuple[Floats, Floats]:
     """J^-1 (..., 2, 2) and g = grad log det J (..., 2)."""
     j = lens.first
@@ -141,20 +114,6 @@ def _growth(lens: Jet) -> tuple[Floats, Floats]:
     determinant = j[..., 0, 0] * j[..., 1, 1] - j[..., 0, 1] * j[..., 1, 0]
     inverse = np.asarray(adjugate / determinant[..., None, None])
     return inverse, np.einsum("...ba,...abc->...c", inverse, lens.second)
-
-
-def _bent(lens: Jet, shape: Floats, growth: Floats) -> Floats:
-    """The distorted centre (..., 2): d + (H : S + 2 J S g) / 8."""
-    second = (lens.second * shape[..., None, :, :]).sum(axis=(-1, -2))
-    first = lens.first @ (shape @ growth[..., None])
-    return np.asarray(lens.value + 0.125 * (second + 2.0 * first[..., 0]))
-
-
-def _along_axes(lens: Jet) -> Jet:
-    """How the jet changes along x and y: an axis of 2 after those of the points. (Third derivatives: not needed.)"""
-    return Jet(
-        np.swapaxes(lens.first, -1, -2), np.moveaxis(lens.second, -1, -3), np.moveaxis(lens.third, -1, -4), lens.third
-    )
 
 
 def _bent_direction(lens: Jet, shape: Floats, moved: Jet, growing: tuple[Floats, Floats]) -> Floats:
@@ -173,14 +132,14 @@ def _bent_direction(lens: Jet, shape: Floats, moved: Jet, growing: tuple[Floats,
     return np.asarray(moved.value + 0.125 * (second + 2.0 * (first + last)))
 
 
-def _by_camera(
-    center: Floats, camera: Camera, lens: Jet, bent: Floats, shape: Floats, growth: tuple[Floats, Floats]
-) -> Floats:
-    """(..., n, 2, 9) by fx, fy, cx, cy, k1, k2, p1, p2, k3."""
+def _by_camera(dots: Floats, radius: float, camera: Camera, pose: Pose, bent: Floats) -> Floats:
+    """(..., n, 2, 9) by fx, fy, cx, cy, k1, k2, p1, p2, k3, at dots whose distorted centres are `bent` (..., n, 2)."""
+    center, shape = _ellipse(_dual(*_placed(dots, pose), radius))
+    lens = camera.lens.jet(center, camera.distortion)
     out = np.zeros((*bent.shape, 9))
     for axis in range(2):
         out[..., axis, axis] = bent[..., axis]
         out[..., axis, 2 + axis] = 1.0
-    by_lens = _bent_direction(lens, shape, jets_by_coefficient(center), growth)
+    by_lens = _bent_direction(lens, shape, jets_by_coefficient(center), _growth(lens))
     out[..., 4:] = np.swapaxes(by_lens * camera.focal, -1, -2)
     return out

@@ -18,9 +18,8 @@ from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Pose, normalised
 from cpcal.vision.camera import Camera
-from cpcal.vision.dot_model import centers_of, predict
 from cpcal.vision.median import median
-from cpcal.vision.pose_fit import NoPose, PoseFit, fit, plain_model, same_pose, turned_over
+from cpcal.vision.pose_fit import NoPose, Pixels, PoseFit, fit, plain_model, same_pose, turned_over
 from cpcal.vision.shared_errors import shared_part
 from cpcal.vision.target import Target
 from cpcal.vision.two_by_two import determinants
@@ -96,7 +95,7 @@ def estimate_pose(
     second = fit(plain, turned_over(first.pose, dots))
     if second.chi_square < first.chi_square:
         first, second = second, first
-    pixels = _Pixels(dots, seen, factors, target.radius, camera)
+    pixels = Pixels(dots, seen, factors, target.radius, camera)
     used, final, residuals = _screened(pixels, first.pose)
     degrees = 2 * int(used.sum()) - 6
     kept = pixels.only(used)
@@ -122,7 +121,7 @@ def estimate_pose(
     )
 
 
-def _rival(first: PoseFit, second: PoseFit, final: PoseFit, pixels: _Pixels, used: Bools, scale: float) -> float:
+def _rival(first: PoseFit, second: PoseFit, final: PoseFit, pixels: Pixels, used: Bools, scale: float) -> float:
     """By how much at least the plane's second pose fits worse than the final one, over `scale`; inf: it is the same."""
     if same_pose(second.pose, first):
         return np.inf
@@ -161,39 +160,7 @@ def _check_spread(dots: Floats) -> None:
         raise NoPose("the dots lie on a line or nearly so")
 
 
-@dataclass(frozen=True, eq=False)
-class _Pixels:
-    """The dot model: residuals of m dots in standard deviations, (2 m,), and minus their derivatives (2 m, 6).
-
-    factors (m, 2, 2), lower triangular: their squares are the covariances
-    """
-
-    dots: Floats
-    seen: Floats
-    factors: Floats
-    radius: float
-    camera: Camera
-
-    def __call__(self, pose: Pose, slope: bool) -> tuple[Floats, Floats | None]:
-        if not slope:
-            centers = centers_of(self.dots, self.radius, self.camera, pose)
-            return self.whitened((self.seen - centers)[..., None]).ravel(), None
-        predicted = predict(self.dots, self.radius, self.camera, pose)
-        residuals = self.whitened((self.seen - predicted.centers)[..., None])
-        return residuals.ravel(), self.whitened(predicted.by_pose).reshape(-1, 6)
-
-    def whitened(self, pixels: Floats) -> Floats:
-        """The factors' inverses times (m, 2, k)."""
-        out = np.empty_like(pixels)
-        out[:, 0] = pixels[:, 0] / self.factors[:, 0, 0, None]
-        out[:, 1] = (pixels[:, 1] - self.factors[:, 1, 0, None] * out[:, 0]) / self.factors[:, 1, 1, None]
-        return out
-
-    def only(self, used: Bools) -> _Pixels:
-        return _Pixels(self.dots[used], self.seen[used], self.factors[used], self.radius, self.camera)
-
-
-def _screened(model: _Pixels, pose: Pose) -> tuple[Bools, PoseFit, Floats]:
+def _screened(model: Pixels, pose: Pose) -> tuple[Bools, PoseFit, Floats]:
     """The fit without dots that are too far off, and the residuals of all (m, 2), pixels.
 
     Too far is beyond the level that one good dot exceeds in a hundred images; where the residuals are larger than the
@@ -203,7 +170,7 @@ def _screened(model: _Pixels, pose: Pose) -> tuple[Bools, PoseFit, Floats]:
     cut = 2.0 * np.log(len(used) / OUTLIER)
     while True:
         found = fit(model.only(used), pose)
-        residuals = (found.residuals if used.all() else model(found.pose, False)[0]).reshape(-1, 2)
+        residuals = found.residuals.reshape(-1, 2) if used.all() else model.residuals(found.pose)
         square = (residuals * residuals).sum(axis=1)
         level = max(1.0, median(square) / _MEDIAN)
         good = square <= cut * level

@@ -1,29 +1,59 @@
-"""Fits of a pose, and the plain pinhole model that starts them."""
+"""Fits of a pose, and the two models that are fitted: the plain pinhole, which starts, and the dots' pixels."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Bools, Floats
 from cpcal.common.errors import CpcalError
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_from_matrix, quaternion_product, rotation_vector
-
-# residuals (k,) and, on request, minus their slopes (k, 6)
-Model = Callable[[Pose, bool], tuple[Floats, Floats | None]]
-
-_STEPS = 200  # most fits need five, those of a small distant target a hundred
-_SMALL = 1e-3  # standard deviations: a step that ends the fit
-_ROUGH = 1e-9  # of chi-square: a decrease that ends the fit when the residuals are large
-_BY_POSITION = np.eye(9, 6, -6)  # h = (r_1, r_2, t) by position and, yet to be filled in, by rotation vector
-_TINY = 1e-3  # rad, and of the distance: a step that leaves the derivatives as they are
+from cpcal.vision.camera import Camera
+from cpcal.vision.dot_model import centers_of
+from cpcal.vision.pose_kernel import ENDLESS, SINGULAR, STEPS, fit_pose
 
 
 class NoPose(CpcalError):
     """The dots determine no pose, or more than one. Its text is the reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class PinholeEquations:
+    """The pinhole model of points: matrix (9, 9); its residuals are minus it times (r_1, r_2, t)."""
+
+    matrix: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """The dot model: dots (n, 2) mm that are seen at (n, 2) pixels, with lower triangular factors (n, 2, 2) whose
+    squares are the covariances. Its residuals are standard deviations."""
+
+    dots: Floats
+    seen: Floats
+    factors: Floats
+    radius: float
+    camera: Camera
+
+    def residuals(self, pose: Pose) -> Floats:
+        """(n, 2) at a pose."""
+        centers = centers_of(self.dots, self.radius, self.camera, pose)
+        return self.whitened((self.seen - centers)[..., None])[..., 0]
+
+    def whitened(self, pixels: Floats) -> Floats:
+        """The factors' inverses times (n, 2, k)."""
+        out = np.empty_like(pixels)
+        out[:, 0] = pixels[:, 0] / self.factors[:, 0, 0, None]
+        out[:, 1] = (pixels[:, 1] - self.factors[:, 1, 0, None] * out[:, 0]) / self.factors[:, 1, 1, None]
+        return out
+
+    def only(self, used: Bools) -> Pixels:
+        """Of some (n,) of the dots."""
+        return Pixels(self.dots[used], self.seen[used], self.factors[used], self.radius, self.camera)
+
+
+Model = PinholeEquations | Pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,58 +65,21 @@ class PoseFit:
 
 
 def fit(model: Model, pose: Pose) -> PoseFit:
-    """Levenberg-Marquardt; ends when a step is a small part of the standard deviations. After a step that is small
-    beside the distance the derivatives are kept, until they lead astray."""
-    damping, kept = 0.0, False
-    residuals, slope = model(pose, True)
-    if slope is None or not np.isfinite(residuals).all():
-        return PoseFit(pose, np.inf, np.eye(6), residuals)
-    chi_square = float(residuals @ residuals)
-    for _ in range(_STEPS):
-        normal = slope.T @ slope
-        damped = normal + damping * np.diag(np.diag(normal)) if damping > 0.0 else normal
-        try:
-            step: Floats = np.asarray(np.linalg.solve(damped, slope.T @ residuals))
-        except np.linalg.LinAlgError:
-            raise NoPose("the dots do not determine the pose") from None
-        moved = moved_by(pose, step)
-        if step @ normal @ step < max(_SMALL**2, _ROUGH * chi_square) and damping < 1e-3:
-            residuals = residuals - slope @ step
-            return PoseFit(moved, float(residuals @ residuals), normal, residuals)
-        tiny = _largest(step[:3]) < _TINY * abs(pose.position[2]) and _largest(step[3:]) < _TINY
-        trial, trial_slope = model(moved, not tiny)
-        trial_square = float(trial @ trial)
-        if trial_square <= chi_square:
-            pose, residuals, chi_square, damping = moved, trial, trial_square, 0.1 * damping
-            slope, kept = (slope, True) if trial_slope is None else (trial_slope, False)
-        elif kept:
-            fresh, kept = model(pose, True)[1], False
-            slope = slope if fresh is None else fresh
-        else:
-            damping = max(10.0 * damping, 1e-4)
-    raise NoPose(f"the fit has not ended after {_STEPS} steps")
-
-
-def _largest(values: Floats) -> float:
-    return float(max(map(abs, values.tolist())))
-
-
-def moved_by(pose: Pose, step: Floats) -> Pose:
-    """position + step[:3] and R(step[3:]) R; in plain floats, because this is done a dozen times an image."""
-    x, y, z = step[3:].tolist()
-    angle = math.sqrt(x * x + y * y + z * z)
-    c, s = math.cos(0.5 * angle), 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
-    x, y, z = s * x, s * y, s * z
-    w0, x0, y0, z0 = pose.quaternion.tolist()
-    turned = np.array(
-        [
-            c * w0 - x * x0 - y * y0 - z * z0,
-            c * x0 + x * w0 + y * z0 - z * y0,
-            c * y0 + y * w0 + z * x0 - x * z0,
-            c * z0 + z * w0 + x * y0 - y * x0,
-        ]
-    )
-    return Pose(pose.position + step[:3], turned / math.sqrt(float(turned @ turned)))
+    """Levenberg-Marquardt from a pose; ends when a step is a small part of the standard deviations."""
+    packed, normal = np.concatenate([pose.position, pose.quaternion]), np.eye(6)
+    if isinstance(model, PinholeEquations):
+        residuals = np.empty(9)
+        none, camera, flat = np.empty((0, 2)), np.empty(13), np.empty((0, 2, 2))
+        ended, square = fit_pose(model.matrix, none, none, flat, 0.0, camera, packed, residuals, normal)
+    else:
+        residuals = np.empty(2 * len(model.dots))
+        seen = model.dots, model.seen, model.factors, model.radius, model.camera.packed
+        ended, square = fit_pose(np.empty((0, 9)), *seen, packed, residuals, normal)
+    if ended == SINGULAR:
+        raise NoPose("the dots do not determine the pose")
+    if ended == ENDLESS:
+        raise NoPose(f"the fit has not ended after {STEPS} steps")
+    return PoseFit(Pose(packed[:3], packed[3:]), float(square), normal, residuals)
 
 
 def same_pose(pose: Pose, other: PoseFit) -> bool:
@@ -96,7 +89,7 @@ def same_pose(pose: Pose, other: PoseFit) -> bool:
     return bool(step @ other.normal @ step < 1.0)
 
 
-def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[Model, Pose]:
+def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[PinholeEquations, Pose]:
     """The pinhole model of points, and the pose whose plane has the homography of the dots' directions.
 
     A dot (x, y) seen in the direction (u, v, 1) says X - u Z = 0 and Y - v Z = 0, linear in the nine numbers
@@ -115,22 +108,7 @@ def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[Model, Po
     left, _, right = np.linalg.svd(np.stack([h[0], h[1], np.cross(h[0], h[1])], axis=1))
     turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     start = Pose(h[2], quaternion_from_matrix(turn))
-    return _Equations(triangle * (np.repeat([size, size, 1.0], 3) * sharpness / h[2, 2])), start
-
-
-@dataclass(frozen=True, eq=False)
-class _Equations:
-    """Residuals of the pinhole model: matrix (9, 9) times h = (r_1, r_2, t), and minus their derivatives (9, 6)."""
-
-    matrix: Floats
-
-    def __call__(self, pose: Pose, slope: bool) -> tuple[Floats, Floats | None]:
-        turn = pose.rotation
-        residuals = self.matrix @ -np.concatenate([turn[:, 0], turn[:, 1], pose.position])
-        (x, u, _), (y, v, _), (z, w, _) = turn.tolist()
-        moved = _BY_POSITION.copy()
-        moved[:6, 3:] = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0), (0.0, w, -v), (-w, 0.0, u), (v, -u, 0.0))
-        return residuals, self.matrix @ moved
+    return PinholeEquations(triangle * (np.repeat([size, size, 1.0], 3) * sharpness / h[2, 2])), start
 
 
 def turned_over(pose: Pose, dots: Floats) -> Pose:

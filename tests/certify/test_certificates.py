@@ -100,7 +100,7 @@ def test_a_proved_tolerance_has_a_point(asked: Asked) -> None:
 
 
 def test_what_was_proved_before_the_time_was_over(asked: Asked) -> None:
-    leg, run = asked({"seed": 1, "joint_error": 10.0, "factor": 0.0}, delta=100.0, time_limit=0.02)
+    leg, run = asked({"seed": 1, "joint_error": 10.0, "factor": 0.0}, delta=100.0, time_limit=0.002)
     assert leg.verdict is cpcal.Verdict.UNKNOWN
     assert leg.eps_lo < leg.eps_hi
     agrees(leg, accepted(run, leg.certificate))
@@ -112,7 +112,7 @@ def test_an_irreducible_support_proves_the_bound_alone(asked: Asked, factor: flo
     found = accepted(run, "leg1.support.cert.jsonl")
     ids = cpcal.load_campaign(run.parent / "campaign").measurement_ids
     assert tuple(ids[k] for k in found.chosen) == leg.support
-    assert 1 <= len(found.chosen) <= 12
+    assert 1 <= len(found.chosen) < 16
     assert found.count == 16
     assert found.used <= set(found.chosen)
     claims = found.claims

@@ -15,7 +15,7 @@ OPTIONS = {"legs": [2, 3], "delta": 200.0}
 
 @pytest.fixture(scope="module")
 def campaign():
-    return cpcal.simulate(seed=1, joint_error=40.0, factor=0.0, extremal=False, random_poses=10)
+    return cpcal.simulate(seed=1, joint_error=60.0, factor=0.0, extremal=False, random_poses=10)
 
 
 @pytest.fixture(scope="module")

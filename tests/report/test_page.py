@@ -13,8 +13,9 @@ from rich.console import Console
 import cpcal
 from cpcal.cli.show import show_result
 from cpcal.files import campaign_sha256
+from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
-from cpcal.report import QUANTIFIER, REPORT_NAME, reading_sensitivity, write_report
+from cpcal.report import QUANTIFIER, reading_sensitivity, write_report
 from cpcal.report.page import render
 from tests.report.made import made_result
 

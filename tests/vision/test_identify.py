@@ -11,8 +11,11 @@ from cpcal.common.arrays import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import centers_of, predicted_centers
 from cpcal.vision.identify import Identification, Unidentified, identify
+from cpcal.vision.identify.hypotheses import followed, hypotheses
 from cpcal.vision.identify.identify import ACCIDENTS, MARGIN
+from cpcal.vision.identify.runs import straightness
 from cpcal.vision.identify.symmetry import self_maps
+from cpcal.vision.identify.views import guesses, seen_by
 from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
 
 SMALL = two_diagonals(
@@ -206,3 +209,55 @@ def test_half_of_the_rows_hidden_is_enough_when_the_grid_is_seen():
         assert found.margin >= 4
         right += 1
     assert right >= 9
+
+
+def test_a_guess_of_the_pose_changes_no_answer():
+    """Right, a little off, turned to a near-symmetry, mirrored, or anywhere: the guess saves time or is of no use."""
+    rng = np.random.default_rng(21)
+    poses = facing_poses(rng, 8)
+    maps, used = self_maps(DELTALAB_TARGET), 0
+    for k in range(8):
+        pose = one(poses, k)
+        noise, kind = 0.02, KINDS[k % len(KINDS)]
+        centers, labels = found_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, pose, noise=noise, **spoiled(rng, kind))
+        try:
+            wanted = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
+        except Unidentified:
+            continue
+        true = np.column_stack([pose.rotation[:, :2], pose.position])
+        turn = np.eye(3)
+        turn[:2, :2], turn[:2, 2] = maps.matrix[k % len(maps.shift)], maps.shift[k % len(maps.shift)]
+        moved = true + np.outer(rng.normal(0.0, 2.0, 3), [0.0, 0.0, 1.0])
+        for guess in (true, moved, true @ np.linalg.inv(turn), true @ np.diag([1.0, -1.0, 1.0]), np.eye(3)):
+            found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA, near=guess)
+            assert np.array_equal(found.found, wanted.found)
+            assert np.array_equal(found.numbers, wanted.numbers)
+            assert (found.margin, len(found.missing)) == (wanted.margin, len(wanted.missing))
+            assert np.array_equal(labels[found.found], found.numbers)
+        view = seen_by(DELTALAB_CAMERA, centers, None)
+        used += followed(view, DELTALAB_TARGET, moved) is not None
+    assert used >= 4  # otherwise no guess was ever followed
+
+
+def test_the_straightest_guesses_are_those_that_suit_the_lens():
+    """Without a camera the dearer efforts look at few guesses of the distortion: a right one is among them."""
+    rng = np.random.default_rng(22)
+    for k, bend in enumerate((-0.35, -0.2, 0.05)):
+        camera = Camera(1024, 768, DELTALAB_CAMERA.focal, DELTALAB_CAMERA.center, [bend, -0.4 * bend, 0.0, 0.0, 0.0])
+        pose = one(facing_poses(rng, 1), 0)
+        centers, labels = found_dots(rng, DELTALAB_TARGET, camera, pose, noise=0.02, false=3 * k, on_rows=True)
+        views = tuple(guesses(centers, (1024, 768), None))
+        order = sorted(range(len(views)), key=lambda i: straightness(views[i].points, views[i].fine), reverse=True)
+        assert any(len(_fits(views[i], labels)) for i in order[:3])
+
+
+def _fits(view, labels):
+    """The hypotheses of a view that are right."""
+    tried = (fit for effort in ((8, 3), (8, 5)) for fit, _ in hypotheses(view, DELTALAB_TARGET, *effort))
+    return [fit for fit in tried if len(fit.found) > 60 and (labels[fit.found] == fit.numbers).mean() > 0.9]
+
+
+def test_a_mirror_image_is_refused_without_a_camera():
+    centers, _ = lists(DELTALAB_TARGET, 1, seed=23)[0]
+    with pytest.raises(Unidentified, match="mirror"):
+        identify(centers * [-1.0, 1.0] + [1023.0, 0.0], DELTALAB_TARGET, None, size=(1024, 768))

@@ -29,8 +29,8 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import stated
 from cpcal.execution.stopping import heard
 from cpcal.files import load_campaign, load_study, save_study
+from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
-from cpcal.report import REPORT_NAME
 from cpcal.report.images import IMAGES_NAME, save_images
 from cpcal.report.study_report import write_study_page
 from cpcal.results import Result, save_result

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpcal.checker.exact_polynomial import FIELD, READINGS
-from cpcal.checker.leg import LegConstraint, leg_program
+from cpcal.checker.leg import LegConstraint, leg_formula
 from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 
@@ -86,18 +86,19 @@ class _Plan:
 
     def swept(self, leg: LegConstraint) -> tuple[Floats, Floats]:
         """Coefficients (T,) and their errors."""
-        given = np.array([float(value) for value in leg.numbers()])
+        given = np.array([number / (1 << power) for number, power in leg.numbers()])
         v, e = _swept(self.notes, given, self.fixed, self.numbers, self.size)
         return v[self.places], e[self.places]
 
 
 def _plan(leg: LegConstraint, side: str) -> _Plan:
-    return _planned(leg.model, any(leg.x.radii), any(leg.m.radii), side)
+    return _planned(leg.model, any(leg.x.radii), leg.m.uncertain, side)
 
 
 @lru_cache(maxsize=64)
 def _planned(model: str, moves: bool, reads: bool, side: str) -> _Plan:
-    program, ((places, _),) = leg_program(model, moves, 2 * reads, (side,))
+    formed = leg_formula(model, moves, 2 * reads, (side,))
+    program, (places,) = formed.program, formed.places
     of_readings = (1 << FIELD * READINGS) - 1
     kept = [0, *(m for m in places if m and not m & of_readings)]
     number = {m: k for k, m in enumerate(kept)}

@@ -18,11 +18,18 @@ from cpcal.solver.network.coefficient_kernels import added, multiplied, summed
 
 # Factor that covers the rounding of the few dozen float64 operations below that are not interval operations.
 _ROUND_UP = 1.0 + 64 * np.finfo(np.float64).eps
+_MAX = np.finfo(np.float64).max
 _ROUND_DOWN = 1.0 - 64 * np.finfo(np.float64).eps
 
 
 def is_zero(c: IntervalArray) -> bool:
     return not (c.lo.any() or c.hi.any())
+
+
+def doubled(c: IntervalArray) -> IntervalArray:
+    """Exactly, but where it overflows."""
+    with np.errstate(over="ignore"):
+        return IntervalArray(np.minimum(2.0 * c.lo, _MAX), np.maximum(2.0 * c.hi, -_MAX))
 
 
 def padded(c: IntervalArray, slots: int) -> IntervalArray:

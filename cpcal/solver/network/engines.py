@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.solver.compiled import rebound
+from cpcal.solver.compiled import ready, rebound
 from cpcal.solver.interval import Arithmetic, IntervalArray, functions, inverse_functions, kernels
 from cpcal.solver.network import derivatives, inverses, operations, sweeps
 from cpcal.solver.network.expression import Expr
@@ -40,7 +40,8 @@ def in_arithmetic(name: str, source: ModuleType) -> Any:
     sources = [*_SOURCES, source] if source not in _SOURCES else list(_SOURCES)
     functions = [function for module in sources for function in _defined_in(module)]
     if name == "float64":
-        return SimpleNamespace(**{f.__name__: f if hasattr(f, "py_func") else _quiet(f) for f in functions})
+        found = {f.__name__: ready(f) for f in functions}
+        return SimpleNamespace(**{name: f if hasattr(f, "py_func") else _quiet(f) for name, f in found.items()})
     from cpcal.solver.interval.arb_primitives import PRIMITIVES, in_arb
 
     return SimpleNamespace(**{k: in_arb(v) for k, v in rebound(functions, PRIMITIVES).items()})

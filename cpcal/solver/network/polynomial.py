@@ -189,11 +189,10 @@ class Expander:
     def _square(self, node: Expr, x: PolynomialArray) -> dict[Monomial, IntervalArray]:
         e, out = self._engine, dict[Monomial, IntervalArray]()
         items = list(x.terms.items())
-        two = IntervalArray.point(2.0)
         for i, (p, c) in enumerate(items):
             self._accumulate(out, p + p, e.sqr(c) if c.shape[0] == 1 else coef.mul(e, c, c))
             for q, d in items[i + 1 :]:
-                self._accumulate(out, p + q, e.mul(two, coef.mul(e, c, d)))
+                self._accumulate(out, p + q, coef.doubled(coef.mul(e, c, d)))
         return out
 
     def _power(self, node: Expr, x: PolynomialArray) -> dict[Monomial, IntervalArray]:

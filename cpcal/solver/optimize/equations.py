@@ -7,7 +7,6 @@ chosen far from the ends of their domains and so that the square Jacobian is far
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 
 from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.existence import Equalities, UniquenessProver, reads
@@ -86,7 +85,9 @@ class Equations:
             scaled = jacobian * np.where(free, room, 0.0)
         if len(rows) > len(point) or not np.isfinite(scaled).all():
             return None
-        _, r, order = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
+        from scipy import linalg  # here: it takes a third of a second to load
+
+        _, r, order = linalg.qr(scaled, mode="economic", pivoting=True)
         pivots = np.abs(np.diag(r))
         if not pivots[-1] > _SINGULAR * pivots[0]:
             return None

@@ -36,6 +36,7 @@ class Incumbent:
         self._prover = WitnessProver(network, objective, engine)
         self._local = LocalSearch(network, objective, self._prover.equations)
         self._minimax = all(self._enters(c) for c in network.constraints)
+        self._one_value = bool(self.domain.lo[objective] == self.domain.hi[objective])
         self.calls = 0  # of `propose`
         self.witness: Witness | None = None
 
@@ -79,7 +80,8 @@ class Incumbent:
     def propose(self, start: Floats) -> bool:
         """Fit from a point and keep what is proved, if it is better; whether it is.
 
-        Where every constraint bounds the objective, the sequence of linear programs ends in the optimum, a vertex.
+        Where every constraint bounds the objective, the sequence of linear programs ends in the optimum, a vertex,
+        which tells whether there is a point for one value that is asked about, too.
         Other problems have a local search that takes longer: it runs at the first proposals, then ever less often.
         """
         self.calls += 1
@@ -87,7 +89,7 @@ class Incumbent:
         if self._minimax or not self._local.applies:
             better = self._keep(fit_of_many(self._network, self._rows, self.objective, start, Dense()))
         better = better or self._keep(start)
-        if self._local.applies and not (self._minimax and better) and _due(self.calls):
+        if self._local.applies and not (self._minimax and (better or self._one_value)) and _due(self.calls):
             for point in self._local.proposals(start):
                 kept = self._keep(point)
                 better = better or kept

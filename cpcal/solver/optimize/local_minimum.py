@@ -21,6 +21,7 @@ from cpcal.solver.network.rows import Rows, RowValues
 _ITERATIONS = 60
 _PENALTY = 1e3  # weight of a violated row that the objective cannot mend, per unit
 _TOLERANCE = 1e-13  # relative decrease below which the fit has converged
+_ROUGH = 1e-3  # and while measurements may still be missing
 _SMALLEST_RADIUS = 1e-12  # of the trust region, relative to the box
 _MANY = 2048  # elements of constraints, beyond which those that matter are looked for
 _WORST = 256  # of each side of a constraint, those that enter at a time
@@ -91,18 +92,24 @@ def fit_of_many(network: ConstraintNetwork, rows: Rows, objective: int, start: F
     if sum(int(np.prod(c.body.shape)) for c in network.constraints) <= _MANY:
         return fit(rows, objective, box, start, engine)
     point, chosen = np.asarray(start, np.float64), [np.zeros(0, np.intp)] * len(network.constraints)
+    some: Rows | None = None
     for _ in range(_EXTENSIONS):
         worst = rows.likely(box.with_bounds(point, point), _WORST)
         more = [np.union1d(old, new) for old, new in zip(chosen, worst, strict=True)]
         if all(len(new) == len(old) for new, old in zip(more, chosen, strict=True)):
             break
         chosen = more
-        point = fit(Rows(restricted(network, chosen)), objective, box, point, engine)
-    return point
+        some = Rows(restricted(network, chosen))
+        point = fit(some, objective, box, point, engine, _ROUGH)
+    return point if some is None else fit(some, objective, box, point, engine)
 
 
-def fit(rows: Rows, objective: int, box: Box, start: Floats, engine: LinearEngine) -> Floats:
+def fit(
+    rows: Rows, objective: int, box: Box, start: Floats, engine: LinearEngine, tolerance: float = _TOLERANCE
+) -> Floats:
     """A local minimiser in `box`, from `start` (n,); `objective` is the component to minimise.
+
+    It ends where the next step promises a relative decrease below `tolerance`.
 
     The objective's own lower bound is ignored: a negative optimum means room to spare.
     """
@@ -114,7 +121,7 @@ def fit(rows: Rows, objective: int, box: Box, start: Floats, engine: LinearEngin
         if step is None:
             break
         promised = -float(step[objective])
-        if not promised > _TOLERANCE * max(abs(state.merit), _FLOOR):
+        if not promised > tolerance * max(abs(state.merit), _FLOOR):
             break
         trial = problem.state(state.point + step)
         length = float(np.max(np.abs(step / problem.scale), where=problem.free, initial=0.0))

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import scipy.optimize
 
 from cpcal.common.arrays import Floats
 from cpcal.solver.existence import reads
@@ -25,8 +24,6 @@ _ITERATIONS = 100
 _LARGEST = 600  # rows and components, beyond which a dense local method takes too long
 _REACH = 1e-5  # how far, in scales, the linear program moves at most
 _ROUNDS = 4
-_linprog: Any = scipy.optimize.linprog  # typed for other arguments than these
-_minimize: Any = scipy.optimize.minimize
 
 _WIDE = 1e4  # a domain beyond this says nothing about the size of its component
 
@@ -81,8 +78,9 @@ class LocalSearch:
         low = np.clip((self._domain.lo - point) / scale, -_REACH, 0.0) / _REACH
         high = np.clip((self._domain.hi - point) / scale, 0.0, _REACH) / _REACH
         low, high = np.where(self._whole, 0.0, low), np.where(self._whole, 0.0, high)
+        linprog: Any = _scipy().linprog  # typed for other arguments than these
         n = len(point)  # the step is p - q, of the least sum |p| + |q|: where it need not move, it does not
-        found = _linprog(
+        found = linprog(
             np.ones(2 * n),
             A_ub=_twice(matrix[near]) if near.any() else None,
             b_ub=limits if near.any() else None,
@@ -119,7 +117,7 @@ class LocalSearch:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             try:
-                found = _minimize(
+                found = _scipy().minimize(
                     lambda y: float(y[self._objective]),
                     np.clip(start / scale, lo, hi),
                     jac=lambda y: direction,
@@ -132,6 +130,13 @@ class LocalSearch:
                 return None
         point = np.asarray(found.x * scale)
         return np.clip(point, self._domain.lo, self._domain.hi) if np.isfinite(point).all() else None
+
+
+def _scipy() -> Any:
+    """scipy's optimisers, which take half a second to load: few problems come here."""
+    from scipy import optimize
+
+    return optimize
 
 
 class _Known:

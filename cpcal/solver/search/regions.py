@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.float64 import Float64
@@ -35,6 +33,9 @@ def clusters(boxes: Sequence[Box]) -> npt.NDArray[np.intp]:
     Clusters are numbered in the order of their first box. Sorted by one component (of the most different ends), boxes
     are compared only with those that begin before they end.
     """
+    from scipy.sparse import coo_array  # here: it takes a third of a second to load
+    from scipy.sparse.csgraph import connected_components
+
     count = len(boxes)
     if count == 0 or len(boxes[0]) == 0:
         return np.zeros(count, dtype=np.intp)

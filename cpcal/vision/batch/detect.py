@@ -1,7 +1,7 @@
 """Poses for thousands of images without a human: in parallel, resumable, the same table whatever the workers.
 
-Every image is measured alone, so nothing depends on the order. What is done is kept in a journal as it comes; who
-writes a table sorts it.
+Nothing depends on the order: the pose of the image before is a guess that saves time and changes no answer. What is
+done is kept in a journal as it comes; who writes a table sorts it.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from cpcal.common.arrays import Floats
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError
 from cpcal.execution.stopping import heard
+from cpcal.robot import Pose
 from cpcal.vision.batch.journal import Journal
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera
@@ -152,37 +153,43 @@ class _Work:
     def __call__(self, names: Sequence[str]) -> tuple[list[Detection], dict[str, float]]:
         waited: dict[str, float] = {}
         start = time.process_time()
-        rows = [self._one(name, waited) for name in names]
+        rows, near = [], None
+        for name in names:
+            row, near = self._one(name, waited, near)
+            rows.append(row)
         share = (time.process_time() - start) / max(sum(waited.values()), 1e-9)
         return rows, {stage: share * seconds for stage, seconds in waited.items()}
 
-    def _one(self, name: str, waited: dict[str, float]) -> Detection:
+    def _one(self, name: str, waited: dict[str, float], near: Pose | None) -> tuple[Detection, Pose | None]:
+        """The row of an image, and the pose to look for first in the next."""
         start = time.perf_counter()
         try:
             image = self.source.read(name)
             _add(waited, {self.source.stage: time.perf_counter() - start})
-            return self._measured(name, image, waited)
+            return self._measured(name, image, waited, near)
         except UnreadableImageError as error:
-            return Detection(name, str(error))
+            return Detection(name, str(error)), near
         except InputError as error:
-            return Detection(name, "; ".join(problem.what for problem in error.problems))
+            return Detection(name, "; ".join(problem.what for problem in error.problems)), near
         except MissingExtraError:
             raise
         except Exception as error:  # one image must never stop thousands
-            return Detection(name, f"{_UNEXPECTED}: {type(error).__name__}: {error}"[:200])
+            return Detection(name, f"{_UNEXPECTED}: {type(error).__name__}: {error}"[:200]), near
 
-    def _measured(self, name: str, image: np.ndarray[Any, np.dtype[Any]], waited: dict[str, float]) -> Detection:
+    def _measured(
+        self, name: str, image: np.ndarray[Any, np.dtype[Any]], waited: dict[str, float], near: Pose | None
+    ) -> tuple[Detection, Pose | None]:
         width = min(image.shape[1], _WIDEST)
         try:
-            found = measure_pose(image, self.target, self.camera, self.camera_covariance)
+            found = measure_pose(image, self.target, self.camera, self.camera_covariance, near=near)
         except NotMeasured as reason:
             if self.overlays is not None:
                 write_file(self._picture(self.overlays, name), refusal(image, str(reason), self.target.bright, width))
-            return Detection(name, str(reason))
+            return Detection(name, str(reason)), near
         _add(waited, found.seconds)
         if self.overlays is not None:
             write_file(self._picture(self.overlays, name), overlay(image, found, self.target, self.camera, width))
-        return detection(name, found)
+        return detection(name, found), found.pose
 
     @staticmethod
     def _picture(folder: Path, name: str) -> Path:

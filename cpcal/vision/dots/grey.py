@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem
+from cpcal.solver.compiled import compiled
 from cpcal.vision.opencv import opencv
 
 Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
@@ -68,14 +69,24 @@ def eight_bits(grey: Grey) -> npt.NDArray[np.uint8]:
 def noise_level(image: Grey) -> float:
     """The standard deviation of the pixels' noise (grey levels), from the median second difference along rows of
     pixels spread over the image; at least that of rounding."""
-    step = max(1, int(np.sqrt(image.size / 10_000)))
-    rows = image[::step].astype(np.int32)
-    if rows.shape[1] < 3:
-        return _ROUNDING
-    second = np.abs(rows[:, 2::step] - 2 * rows[:, 1:-1:step] + rows[:, :-2:step])
-    # the median between whole numbers: those that are equal are spread evenly over one grey level
-    counts = np.bincount(second.ravel())
-    below = np.cumsum(counts) - counts
-    at = int(np.searchsorted(below, 0.5 * second.size, side="right")) - 1
-    median = max(at - 0.5 + (0.5 * second.size - below[at]) / counts[at], 0.0)
-    return max(float(median) / _MEDIAN, _ROUNDING)
+    return max(_median_second(image, max(1, int(np.sqrt(image.size / 10_000)))) / _MEDIAN, _ROUNDING)
+
+
+@compiled
+def _median_second(image: Grey, step: int) -> float:
+    """The median of absolute second differences along rows, of one row and of one column in so many. Between whole
+    numbers: those that are equal are spread evenly over one grey level."""
+    height, width = image.shape
+    counts, total = np.zeros(2 << (8 * image.itemsize), np.int64), 0
+    for row in range(0, height, step):
+        for column in range(0, width - 2, step):
+            second = int(image[row, column + 2]) - 2 * int(image[row, column + 1]) + int(image[row, column])
+            counts[abs(second)] += 1
+            total += 1
+    below = 0
+    for level in range(len(counts)):
+        if below + counts[level] > 0.5 * total:
+            middle: float = level - 0.5 + (0.5 * total - below) / counts[level]
+            return max(middle, 0.0)
+        below += counts[level]
+    return 0.0

@@ -9,18 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.common.arrays import Floats
+from cpcal.solver.compiled import compiled
 from cpcal.vision.dots.grey import Grey
 from cpcal.vision.dots.segmentation import Spots
 from cpcal.vision.median import median
-from cpcal.vision.two_by_two import inverses
 
 _MOST_DEGREE = 4
 _EACH = 6  # dots for each coefficient
 _BESIDE = 4.5  # pixels beyond the edge of a dark dot, at most
 _OUTLYING = 4.0  # robust standard deviations
-_TURNS = np.arange(16) * (np.pi / 8.0)
-_AROUND = np.stack([np.cos(_TURNS), np.sin(_TURNS)], axis=1)
-_CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
 
 
 def light_gradient(grey: Grey, found: Spots, gap: Floats) -> Floats:
@@ -52,25 +49,62 @@ def light_gradient(grey: Grey, found: Spots, gap: Floats) -> Floats:
 
 def _levels(grey: Grey, found: Spots, gap: Floats) -> Floats:
     """Grey levels (n,) of the bright surface: in the middle of bright dots, beside dark ones."""
+    out = np.empty(len(found))
     if found.bright:
-        points = found.center[:, None, :] + _CORNERS
+        _middles(grey, found.center, out)
     else:
-        inverse = inverses(found.spread)
-        reach = 2.0 / np.sqrt(np.einsum("ki,nij,kj->nk", _AROUND, inverse, _AROUND))
-        beside = np.clip(0.5 * gap, 1.5, _BESIDE)
-        points = found.center[:, None, :] + (reach + beside[:, None])[..., None] * _AROUND
-    at = np.clip(np.rint(points).astype(np.int64), 0, np.array(grey.shape[::-1]) - 1)
-    return np.asarray(grey[at[..., 1], at[..., 0]].mean(axis=1))
+        _surroundings(grey, found.center, found.spread, np.clip(0.5 * gap, 1.5, _BESIDE), out)
+    return out
+
+
+@compiled
+def _middles(grey: Grey, center: Floats, out: Floats) -> None:
+    """The mean of the nine pixels about each centre."""
+    height, width = grey.shape
+    for i in range(len(center)):
+        total = 0.0
+        for k in range(9):
+            x, y = int(np.rint(center[i, 0] + k % 3 - 1)), int(np.rint(center[i, 1] + k // 3 - 1))
+            total += grey[min(max(y, 0), height - 1), min(max(x, 0), width - 1)]
+        out[i] = total / 9.0
+
+
+@compiled
+def _surroundings(grey: Grey, center: Floats, spread: Floats, beside: Floats, out: Floats) -> None:
+    """The mean of sixteen pixels round each ellipse, so many beyond its edge."""
+    height, width = grey.shape
+    for i in range(len(center)):
+        total = 0.0
+        xx, xy, yy = spread[i, 0, 0], spread[i, 0, 1], spread[i, 1, 1]
+        for k in range(16):
+            right, down = np.cos(np.pi / 8.0 * k), np.sin(np.pi / 8.0 * k)
+            square = (yy * right * right - 2.0 * xy * right * down + xx * down * down) / (xx * yy - xy * xy)
+            reach = 2.0 / np.sqrt(square) + beside[i]
+            x, y = int(np.rint(center[i, 0] + reach * right)), int(np.rint(center[i, 1] + reach * down))
+            total += grey[min(max(y, 0), height - 1), min(max(x, 0), width - 1)]
+        out[i] = total / 16.0
 
 
 def _terms(at: Floats, degree: int) -> tuple[Floats, Floats, Floats]:
     """The monomials of x and y up to a degree and their derivatives, each (n, terms)."""
-    i, j = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]).T
-    powers = np.ones((degree + 1, *at.shape))
-    for k in range(degree):
-        powers[k + 1] = powers[k] * at
-    x, y = powers[..., 0].T, powers[..., 1].T  # (n, degree + 1)
-    values = x[:, i] * y[:, j]
-    by_x = i * x[:, np.maximum(i - 1, 0)] * y[:, j]
-    by_y = j * x[:, i] * y[:, np.maximum(j - 1, 0)]
-    return values, by_x, by_y
+    terms = (degree + 1) * (degree + 2) // 2
+    out = np.zeros((3, len(at), terms))
+    _monomials(at, degree, out)
+    return out[0], out[1], out[2]
+
+
+@compiled
+def _monomials(at: Floats, degree: int, out: Floats) -> None:
+    for n in range(len(at)):
+        term, by_x = 0, 1.0  # x^i
+        for i in range(degree + 1):
+            by_y = by_x
+            for j in range(degree + 1 - i):
+                out[0, n, term] = by_y
+                if i > 0:
+                    out[1, n, term] = i * at[n, 1] ** j * at[n, 0] ** (i - 1)
+                if j > 0:
+                    out[2, n, term] = j * by_x * at[n, 1] ** (j - 1)
+                by_y *= at[n, 1]
+                term += 1
+            by_x *= at[n, 0]

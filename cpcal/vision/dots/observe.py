@@ -54,6 +54,7 @@ class Dots:
     spots       where they were looked for, to fit them again
     gap         (n,) pixels between them and the next spots
     light       (n, 2) the share per pixel by which the light of all spots grows
+    strangers   whether there were spots that are none of these dots, and told of the light as well
     """
 
     centers: Floats
@@ -64,6 +65,7 @@ class Dots:
     spots: Spots
     gap: Floats
     light: Floats
+    strangers: bool = True
 
     def __post_init__(self) -> None:
         for name in ("centers", "covariance", "quality", "axes", "gap", "light"):
@@ -103,6 +105,8 @@ def refitted(image: object, dots: Dots, members: npt.NDArray[Any]) -> Dots:
     The light of a background's spots is not that of the plate, and would shift all dots of the target together. Where
     it makes no difference all stay. Raises InputError when `image` is none.
     """
+    if len(members) == len(dots) and not dots.strangers:
+        return dots
     grey = grey_levels(image)
     spots, gap = dots.spots.kept(members), dots.gap[members]
     light = light_gradient(grey, spots, gap)
@@ -133,7 +137,7 @@ def _observed(grey: Grey, found: Spots, usual: float) -> Dots:
     keep = keep[_alike(edges, keep, usual)]
     covariance = edges.covariance[keep] + FLOOR**2 * np.eye(2)
     told = edges.center[keep], covariance, quality[keep], edges.axes[keep], found.bright
-    return Dots(*told, found.kept(keep), gap[keep], light[keep])
+    return Dots(*told, found.kept(keep), gap[keep], light[keep], len(keep) < len(found))
 
 
 def _none(bright: bool) -> Dots:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.common.arrays import Bools, Floats, Ints
+from cpcal.vision.dots.asymmetry import TERMS, excesses, term_values
 from cpcal.vision.dots.edge import CUBIC, LINEAR, PLAIN, Edges, fitted_edges
 from cpcal.vision.dots.grey import Grey
 from cpcal.vision.dots.segmentation import Spots
@@ -19,15 +20,12 @@ from cpcal.vision.median import median
 
 _STRANGE = 1.5  # residuals, relative to the usual ones, that ask for light of the dot's own
 _BETTER = 0.95  # residuals with it relative to those without, then
-_TERMS = 6  # of the light: its growth, and its cubic
 _RARE = {6: 22.5, 4: 18.5, 2: 13.8}  # chi-square by degrees of freedom: what one ordinary dot of a thousand exceeds
 _MEDIAN = {6: 5.35, 4: 3.36, 2: 1.39}
 _ALL_WRONG = 6.0  # times what noise makes of the centres' moves: then the light of all is wrong, and of no use
 _IMPERFECT = (
     0.006  # of the contrast: what the model of an edge leaves out, symmetric, and seems not to be by the pixels' places
 )
-_HOPELESS = 9.0  # variance of such a move, relative to the centre's: the dot is too small to tell its light
-_WORTH = 0.004  # pixels: a smaller move is not worth the accuracy that light of a dot's own costs
 _ENOUGH = 20  # dots that tell what is common to all
 
 
@@ -50,7 +48,7 @@ def fitted_under(grey: Grey, found: Spots, room: Floats, light: Floats) -> Edges
         return edges
     common = _common(edges, 0, LINEAR - PLAIN)
     own = fitted_edges(grey, found.center[again], found.spread[again], room[again], light[again], LINEAR)
-    own.center[:] -= common @ edges.odd[again, :, _TERMS + 1 :]
+    own.center[:] -= common @ edges.odd[again, :, TERMS + 1 :]
     better = ~(noisy[again] & (own.noise > _BETTER * edges.noise[again]))
     return _cubic(grey, found, room, light, edges.replaced(again[better], own.kept(better)), again[better])
 
@@ -80,23 +78,10 @@ def _cubic(grey: Grey, found: Spots, room: Floats, light: Floats, edges: Edges, 
 def _excess(edges: Edges, first: int) -> tuple[Floats, Floats]:
     """The chi-squares (n,) of the terms from `first` on against those that dots have in common, and of the moves of the
     centre that they would make; zero where there is nothing to tell."""
-    odd = edges.odd[:, first:]
     sharpness = edges.noise**2 / (edges.noise**2 + (_IMPERFECT * edges.contrast) ** 2)
-    information = sharpness[:, None, None] * odd[..., first:_TERMS]
-    off = sharpness[:, None] * odd[..., _TERMS] - (information @ _common(edges, first)[first:])
-    sound = np.flatnonzero((np.trace(information, axis1=1, axis2=2) > 0.0) & np.isfinite(off).all(axis=1))
-    covariance = np.linalg.inv(_regular(information[sound]))
-    values = (covariance @ off[sound][..., None])[..., 0]
-    by_term = odd[sound][..., _TERMS + 1 :]
-    moved = (values[:, None, :] @ by_term)[:, 0]
-    spread = np.swapaxes(by_term, 1, 2) @ covariance @ by_term
-    own = np.trace(edges.covariance[sound], axis1=1, axis2=2)
-    told = (np.trace(spread, axis1=1, axis2=2) < _HOPELESS * own) & ((moved * moved).sum(axis=1) > _WORTH**2)
-    shapes, moves = np.zeros(len(odd)), np.zeros(len(odd))
-    shapes[sound] = np.where(told, (off[sound] * values).sum(axis=1), 0.0)
-    moves[sound] = np.where(
-        told, (moved * np.linalg.solve(_regular(spread), moved[..., None])[..., 0]).sum(axis=1), 0.0
-    )
+    variance = np.trace(edges.covariance, axis1=1, axis2=2)
+    shapes, moves = np.empty(len(variance)), np.empty(len(variance))
+    excesses(edges.odd, sharpness, variance, _common(edges, first), first, shapes, moves)
     return shapes, moves
 
 
@@ -111,16 +96,12 @@ def _beyond(shapes: Floats, moves: Floats, degrees: int) -> Bools:
     return out
 
 
-def _common(edges: Edges, first: int, last: int = _TERMS) -> Floats:
+def _common(edges: Edges, first: int, last: int = TERMS) -> Floats:
     """The medians (6,) of the terms from `first` to `last` over dots, zero for the others."""
-    out = np.zeros(_TERMS)
+    out = np.zeros(TERMS)
     odd = edges.odd[~np.isnan(edges.noise)]
     if len(odd) >= _ENOUGH:
-        values = np.linalg.solve(_regular(odd[:, first:last, first:last]), odd[:, first:last, _TERMS, None])[..., 0]
+        values = np.empty((len(odd), last - first))
+        term_values(odd, first, last, values)
         out[first:last] = np.median(values, axis=0)
     return out
-
-
-def _regular(matrices: Floats) -> Floats:
-    size = matrices.shape[-1]
-    return np.asarray(matrices + (1e-9 * np.trace(matrices, axis1=1, axis2=2)[:, None, None] + 1e-30) * np.eye(size))

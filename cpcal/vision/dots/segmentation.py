@@ -6,7 +6,8 @@ are and whether they are bright; the second uses a neighbourhood made for them, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,22 +16,22 @@ import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
 from cpcal.vision.dots.grey import noise_level
+from cpcal.vision.dots.outlines import ellipses
 from cpcal.vision.median import median
 from cpcal.vision.opencv import opencv
-from cpcal.vision.two_by_two import determinants, eigenvalues
+from cpcal.vision.two_by_two import determinants
 
 Grey8 = npt.NDArray[np.uint8]
 
 _WIDEST = 61  # neighbourhood in the half image, for dots of at most 45 pixels radius in the whole one
 _NARROW = 31  # in the whole image, for small dots close together, where the first tells none apart
+_LARGE = 4_000_000  # pixels of an image whose half is looked at first
 _ENOUGH, _SMALL = 10, 3.5  # spots, and pixels of their radius, to do without the other
 _LIKELY = 0.4  # number of spots of one kind, relative to the other's, that makes it likely, too
 _NEIGHBOURHOOD = 6.0  # radii of a dot
 _NOISE = 5.0  # standard deviations of noise that a spot must stand out by
 _CONTRAST = 0.2  # of the usual contrast that it must stand out by
 _LEAST = 4.0  # grey levels of 256 that it must stand out by
-_SLIMMEST = 0.2  # ratio of the axes of a spot
-_ELLIPTIC = 0.85  # least ratio of a spot's area to that of the ellipse of the same second moments
 _ONE_SIZE = 1.8  # ratio of the largest to the smallest radius of an image's dots
 _NEXT_SIZE = 1.25  # ratio between these and other spots that are looked at by themselves
 _SIZES, _MANY = 3, 12  # so many sizes at most, of so many spots at least
@@ -72,12 +73,20 @@ class Survey:
     contrast: float
 
 
-def surveys(image: Grey8, bright: bool | None = None) -> list[Survey]:
+def surveys(image: Grey8, bright: bool | None = None) -> Iterator[Survey]:
     """First looks at an image's dots, the likelier first: of both kinds only where both are likely, and of each size
     that many spots have, because specks of a background may outnumber the dots. None without spots. `bright` states
-    the kind."""
-    if min(image.shape) < _SMALLEST:
-        return []
+    the kind. Of a large image those of its half come first, where it shows spots that are large enough for that."""
+    if image.size >= _LARGE:
+        least = max(_NOISE * noise_level(image), _LEAST)
+        for one in surveys(_halved(image), bright):
+            if one.number >= _ENOUGH and 2.0 * _SMALL <= one.radius <= 0.5 * _LARGEST:
+                yield replace(one, radius=2.0 * one.radius, contrast=max(least, one.contrast))
+    if min(image.shape) >= _SMALLEST:
+        yield from _looked_at(image, bright)
+
+
+def _looked_at(image: Grey8, bright: bool | None) -> list[Survey]:
     cv2 = opencv()
     half = _halved(image)
     least = max(_NOISE * noise_level(half), _LEAST)
@@ -165,19 +174,12 @@ def _standing_out(excess: Grey8, least: float, bright: bool, usual: float | None
     if _too_many(mask):
         return _none(bright)
     outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)  # corners do
-    outlines = [outline for outline in outlines if len(outline) >= 4]
     if not outlines:
         return _none(bright)
-    area, center, moments = _moments(outlines)
-    inner = eigenvalues(np.where((area > 0.0)[:, None, None], moments, np.eye(2)))
-    elliptic = area > _ELLIPTIC * 4.0 * np.pi * np.sqrt(np.maximum(inner[:, 0] * inner[:, 1], 0.0))
-    # an outline runs through the centres of pixels: the region reaches half a pixel farther, in every direction
-    growth = (0.25 + np.sqrt(np.maximum(inner, 1e-4))) ** 2 - inner
-    spread = moments + growth.mean(axis=1)[:, None, None] * np.eye(2)
-    slim = np.sqrt((inner[:, 0] + growth[:, 0]) / (inner[:, 1] + growth[:, 1]))
-    low, high = _boxes(outlines)
-    clear = (low > 0).all(axis=1) & (high < [mask.shape[1] - 1, mask.shape[0] - 1]).all(axis=1)
-    keep = (area > 0.0) & elliptic & clear & (slim > _SLIMMEST)
+    count = len(outlines)
+    center, spread, keep = np.empty((count, 2)), np.empty((count, 2, 2)), np.empty(count, dtype=bool)
+    ends = np.cumsum(np.fromiter(map(len, outlines), dtype=np.int64, count=count))
+    ellipses(np.concatenate(outlines)[:, 0], ends, mask.shape[1], mask.shape[0], center, spread, keep)
     found = Spots(center[keep], spread[keep], bright)
     return _alike(found.kept(found.radius < _LARGEST), usual)
 
@@ -188,44 +190,6 @@ def _too_many(mask: Grey8) -> bool:
         return False
     corners = (mask[1:, 1:] > 0) & (mask[:-1, 1:] == 0) & (mask[1:, :-1] == 0)
     return int(np.count_nonzero(corners)) > _MOST_SPOTS
-
-
-def _boxes(outlines: list[npt.NDArray[np.int32]]) -> tuple[Floats, Floats]:
-    points = np.concatenate(outlines)[:, 0, :]
-    first = np.cumsum([0] + [len(outline) for outline in outlines[:-1]])
-    return np.minimum.reduceat(points, first), np.maximum.reduceat(points, first)
-
-
-def _moments(outlines: list[npt.NDArray[np.int32]]) -> tuple[Floats, Floats, Floats]:
-    """Area (n,), centroid (n, 2) and second moments (n, 2, 2) of polygons by Green's formula; holes have negative
-    areas."""
-    size = np.array([len(outline) for outline in outlines])
-    first = np.cumsum(size) - size
-    points = np.concatenate(outlines)[:, 0, :].astype(np.float64)
-    start = points[first]
-    points -= np.repeat(start, size, axis=0)
-    after = np.arange(1, len(points) + 1)
-    after[first + size - 1] = first
-    (x0, y0), (x1, y1) = points.T, points[after].T
-    cross = x1 * y0 - x0 * y1  # OpenCV goes round a region with y/x turned this way
-    sums = np.stack(
-        [
-            cross,
-            cross * (x0 + x1),
-            cross * (y0 + y1),
-            cross * (x0 * x0 + x0 * x1 + x1 * x1),
-            cross * (2.0 * (x0 * y0 + x1 * y1) + x0 * y1 + x1 * y0),
-            cross * (y0 * y0 + y0 * y1 + y1 * y1),
-        ]
-    )
-    area, x, y, xx, xy, yy = (
-        np.add.reduceat(sums, first, axis=1) * np.array([1 / 2, 1 / 6, 1 / 6, 1 / 12, 1 / 24, 1 / 12])[:, None]
-    )
-    weight = np.where(area == 0.0, 1.0, area)
-    x, y = x / weight, y / weight
-    xx, xy, yy = xx / weight - x * x, xy / weight - x * y, yy / weight - y * y
-    moments = np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
-    return area, start + np.stack([x, y], axis=-1), moments
 
 
 def _alike(found: Spots, usual: float | None) -> Spots:

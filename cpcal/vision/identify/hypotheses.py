@@ -12,6 +12,7 @@ from scipy.special import bdtrc
 from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.vision.homography import fitted, mapped, orientation
 from cpcal.vision.identify import lattice, one_row
+from cpcal.vision.identify.nearest import mutually_nearest
 from cpcal.vision.identify.runs import RowMatches, collinear, match_rows
 from cpcal.vision.identify.symmetry import self_maps
 from cpcal.vision.identify.views import View
@@ -21,6 +22,7 @@ from cpcal.vision.target import Target
 _PER_EFFORT = 30  # hypotheses followed
 _CROSSING = 0.3  # of the spacing: how far apart two rows may see their crossing point
 _NEAREST = 0.3  # of the spacing: no further from its predicted place is a dot looked for
+_STRAYED = 0.3  # of the spacing: how far dots may be from where the image before has them
 _NEARLY_ALL = 0.9  # of the dots: a homography that needs no more growing
 ONE_ROW = 12  # from this span on, one row is tried with two dots beside it
 _BEYOND = 8  # dots that make a hypothesis and so do not speak for it
@@ -86,6 +88,19 @@ def from_grid(view: View, target: Target) -> Iterator[tuple[Hypothesis, int]]:
             return
 
 
+def followed(view: View, target: Target, homography: Floats) -> Hypothesis | None:
+    """The fit that a homography near the true one begins, where it leaves no choice: nearly all dots are where the
+    target has them, and none lies between there and the next. None otherwise."""
+    found, numbers = pairs(view, mapped(homography, target.dots), _STRAYED * view.spacing)
+    if len(found) < _NEARLY_ALL * min(len(target.dots), len(view.points)):
+        return None
+    fit = _grown(view, target, found, numbers)
+    if fit is None or len(fit.found) < _NEARLY_ALL * len(view.points):
+        return None
+    wider = pairs(view, mapped(fit.homography, target.dots), _STRAYED * view.spacing)[1]
+    return fit if np.array_equal(wider, fit.numbers) else None
+
+
 def _crossing_pairs(
     target: Target, k: int, m: int, one: RowMatches, other: RowMatches, view: View
 ) -> list[tuple[int, int]]:
@@ -131,14 +146,9 @@ def _grown(view: View, target: Target, found: Ints, numbers: Ints) -> Hypothesis
 
 def pairs(view: View, predicted: Floats, reach: float) -> tuple[Ints, Ints]:
     """Found dots and predicted ones (n, 2) that are each other's nearest, within `reach`."""
-    dx = view.points[:, 0] - predicted[:, None, 0]
-    dy = view.points[:, 1] - predicted[:, None, 1]
-    square = dx * dx + dy * dy
-    square[np.isnan(square)] = np.inf
-    nearest = square.argmin(axis=1)
-    away = square[np.arange(len(predicted)), nearest]
-    mutual = square.argmin(axis=0)[nearest] == np.arange(len(predicted))
-    numbers = np.flatnonzero(mutual & (away <= reach * reach))
+    nearest = np.empty(len(predicted), dtype=np.int64)
+    mutually_nearest(view.points, predicted, reach, nearest)
+    numbers = np.flatnonzero(nearest >= 0)
     return nearest[numbers], numbers
 
 

@@ -28,7 +28,8 @@ import numpy.typing as npt
 from cpcal.common.arrays import Floats, Ints
 from cpcal.common.errors import CpcalError
 from cpcal.vision.camera import Camera
-from cpcal.vision.identify.hypotheses import Hypothesis, accidents, apart, best_rival, from_grid, hypotheses
+from cpcal.vision.identify.hypotheses import Hypothesis, accidents, apart, best_rival, followed, from_grid, hypotheses
+from cpcal.vision.identify.runs import straightness
 from cpcal.vision.identify.views import View, guesses, seen_by
 from cpcal.vision.target import Target
 
@@ -42,6 +43,7 @@ _NEARLY = 0.1  # errors per dot with which no better guess of the distortion is 
 _APART = 2 * 10 - MARGIN + 1  # errors between two ways to lay the target, so that no ten errors exchange them
 _GRID_AFTER = 5  # the span after which the target's regular part is looked for
 _EFFORTS = ((8, 3), (8, 5), (10, 7), (24, 16))  # near neighbours that lines start from; span of compared dots
+_LOOKS = (13, 8, 3, 3)  # guesses of the distortion that each effort looks at, the straightest: a refusal costs a second
 
 
 class Unidentified(CpcalError):
@@ -78,13 +80,16 @@ def identify(
     *,
     size: tuple[int, int] | None = None,
     tolerance: float | None = None,
+    near: Floats | None = None,
 ) -> Identification:
     """Which of the centres (n, 2), pixels, is which dot of the target.
 
     With a camera its distortion is taken away first. Without one an ordinary lens is allowed for: radial distortion of
     one parameter is searched for, about the middle of the image when its `size` (width, height) is given.
     `tolerance` is how far a dot may be off its predicted place, as a share of the median distance between nearest
-    neighbours (default 0.015 with a camera, 0.06 without).
+    neighbours (default 0.015 with a camera, 0.06 without). `near` (3, 3) is a homography from the target's plane (mm)
+    to the camera's directions that may be near the true one, as that of the image before: it saves the search where it
+    leaves no choice, and what it leads to passes the same tests.
 
     Raises Unidentified with the reason. Centres that are not finite count as false dots.
     """
@@ -101,7 +106,7 @@ def identify(
         seen = (replace(view, points=view.points[shown]),)
     if not seen[0].spacing > 0.0:
         raise Unidentified("most dots lie on one another")
-    found = _identified(seen, target)
+    found = _followed(seen[0], target, near) or _identified(seen, target)
     if camera is not None:
         _check_alone(seen[0], target, found)
     mine = usable[found.found]
@@ -128,10 +133,18 @@ def _check_alone(view: View, target: Target, found: Identification) -> None:
             raise Unidentified("ambiguous: the target and its mirror image are in sight")
 
 
+def _followed(view: View, target: Target, near: Floats | None) -> Identification | None:
+    fit = None if near is None else followed(view, target, near)
+    answer = None if fit is None else _judgement(view, target, fit, 1)
+    return answer if isinstance(answer, Identification) else None
+
+
 def _identified(seen: tuple[View, ...], target: Target) -> Identification:
     """The first view that explains nearly all, or the best of the first effort that finds anything."""
     reason = "no two rows of the target were recognised among the dots"
-    for neighbours, span in _EFFORTS:
+    for (neighbours, span), looks in zip(_EFFORTS, _LOOKS, strict=True):
+        if looks < len(seen):
+            seen = _straightest(seen, looks)
         best: Identification | None = None
         for view in seen:
             answer = _in_view(view, target, neighbours, span)
@@ -139,7 +152,7 @@ def _identified(seen: tuple[View, ...], target: Target) -> Identification:
                 answer = _on_grid(view, target) or answer
             if isinstance(answer, _Refusal):
                 reason = answer.reason or reason
-                if answer.final and len(seen) == 1:
+                if answer.final and (len(seen) == 1 or answer.errors <= _NEARLY * len(view.points)):
                     raise Unidentified(reason)
                 continue
             if best is None or len(answer.found) > len(best.found):
@@ -151,12 +164,19 @@ def _identified(seen: tuple[View, ...], target: Target) -> Identification:
     raise Unidentified(reason)
 
 
+def _straightest(seen: tuple[View, ...], count: int) -> tuple[View, ...]:
+    """The views in which most dots stand in line: where the distortion is guessed best, its rows are straight."""
+    return tuple(sorted(seen, key=lambda view: straightness(view.points, view.fine), reverse=True)[:count])
+
+
 @dataclass(frozen=True)
 class _Refusal:
-    """Why not ("" when that is not worth telling), and whether no other hypothesis could change that."""
+    """Why not ("" when that is not worth telling), whether no other hypothesis could change that, and the errors that
+    the refused one makes."""
 
     reason: str
     final: bool = False
+    errors: int = 0
 
 
 def _in_view(view: View, target: Target, neighbours: int, span: int) -> Identification | _Refusal:
@@ -189,10 +209,12 @@ def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> 
         return _Refusal(f"only {len(fit.found)} of the {len(view.points)} dots found would be the target's")
     margin, reflected = best_rival(view, target, fit, MARGIN)
     if fit.mirrored:
-        return _Refusal(_MIRRORED if margin >= MARGIN else "", margin >= MARGIN)
+        return _Refusal(_MIRRORED if margin >= MARGIN else "", margin >= MARGIN, fit.errors)
     if margin < MARGIN:
         other = "the target's mirror image fits" if reflected else "another assignment fits"
-        return _Refusal(f"ambiguous: {other} as well or nearly so", margin > -MARGIN)  # else the other is to be found
+        return _Refusal(
+            f"ambiguous: {other} as well or nearly so", margin > -MARGIN, fit.errors
+        )  # else it is to be found
     false = _others(len(view.points), fit.found)
     unseen = _others(len(target.dots), fit.numbers)
     missing = unseen[fit.in_view[unseen]]

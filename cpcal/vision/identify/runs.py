@@ -23,6 +23,7 @@ from cpcal.vision.target import Target
 
 _SAMPLE = [0, 1, 3]  # of four matched dots, those that fix the 1-D homography; the fourth agrees by its cross-ratio
 _KEPT = 60  # matches of each row
+_FEW = 8  # neighbours of a dot, to see whether lines are straight
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +79,14 @@ def collinear(points: Floats, tolerance: float, neighbours: int) -> DotLines:
     inside = np.abs(_across(points, origin, direction)) <= tolerance
     first = _distinct_rows(inside)
     return _ordered(points, inside[first], origin[first], direction[first])
+
+
+def straightness(points: Floats, tolerance: float) -> tuple[int, int]:
+    """How many dots the longest line holds, and how much all lines hold within half of the tolerance (squares of their
+    numbers of dots): larger where less of a lens's distortion is left."""
+    longest = (collinear(points, tolerance, _FEW).members >= 0).sum(axis=1).max(initial=0)
+    counts = (collinear(points, 0.5 * tolerance, _FEW).members >= 0).sum(axis=1)
+    return int(longest), int((counts[counts > 4] ** 2).sum())
 
 
 def _near_pairs(points: Floats, neighbours: int) -> tuple[Ints, Ints]:

@@ -51,7 +51,7 @@ def test_rows_are_the_formula_and_penalties_cover_the_set(model: str, side: str,
         problem, x = leg(m, model), unknowns(box)
         ends = "".join(rng.choice("-0+") for _ in range(7))
         for signs in (row_of(problem, x, side, 0)[2], ends, "0" * 7):
-            row = problem.constraint(0, x, signs, 0).row(side, signed(len(x), signs))
+            row = problem.constraint(0, x, signs, 0).rows([side], signed(len(x), signs))[0]
             settled = problem.row(x, side, 0, signs)
             assert all(monomial >> FIELD * READINGS or not monomial for monomial in settled.terms)
             for _ in range(3):

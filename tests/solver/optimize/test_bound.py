@@ -264,3 +264,5 @@ def test_a_fit_of_many_measurements_is_that_of_all_of_them() -> None:
     of_all = fit(rows, 3, net.domain, start, Dense())
     of_some = fit_of_many(net, rows, 3, start, Dense())
     np.testing.assert_allclose(of_some, of_all, atol=1e-9)
+    easy = np.array([0.0, 0.0, 0.0, 9.0])  # no measurement is violated there
+    np.testing.assert_array_equal(fit_of_many(net, rows, 3, easy, Dense()), easy)

@@ -1,0 +1,114 @@
+"""The compiled pieces of detection say what the formulas that they stand for say, compiled or not."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmarks.vision_scenes import facing_poses, one
+from cpcal.solver.compiled import plain
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.dot_kernel import placed_centers
+from cpcal.vision.dots import observe_dots, segmentation
+from cpcal.vision.dots.grey import noise_level
+from cpcal.vision.dots.outlines import ellipses
+from cpcal.vision.identify.nearest import mutually_nearest
+from cpcal.vision.pose_fit import Pixels, fit
+from cpcal.vision.pose_kernel import fit_pose
+from cpcal.vision.render import Scene, render
+from cpcal.vision.target import DELTALAB_TARGET
+
+RATIONAL = Camera(1024, 768, [900.0] * 2, [510.0, 380.0], [0.4, 0.2, 2e-3, -1e-3, 0.02, 0.6, 0.25, 0.03], "rational")
+FISHEYE = Camera(1024, 768, [700.0] * 2, [510.0, 380.0], [-0.03, 0.01, -4e-3, 5e-4], "fisheye")
+DOTS, RADIUS = DELTALAB_TARGET.dots, DELTALAB_TARGET.radius
+
+
+@pytest.mark.parametrize("camera", [DELTALAB_CAMERA, RATIONAL, FISHEYE])
+def test_the_plain_python_of_a_kernel_says_the_same(camera):
+    pose = one(facing_poses(np.random.default_rng(1), 1), 0)
+    answers = []
+    for run in (placed_centers, plain(placed_centers)):
+        centers, by_pose = np.empty((len(DOTS), 2)), np.empty((len(DOTS), 2, 6))
+        run(DOTS, RADIUS, camera.packed, pose.rotation, pose.position, True, centers, by_pose)
+        answers.append((centers, by_pose))
+    np.testing.assert_allclose(answers[0][0], answers[1][0], rtol=1e-12)
+    np.testing.assert_allclose(answers[0][1], answers[1][1], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("camera", [DELTALAB_CAMERA, RATIONAL, FISHEYE])
+def test_a_fit_ends_where_the_gradient_vanishes(camera):
+    rng = np.random.default_rng(2)
+    pose = one(facing_poses(rng, 1), 0)
+    centers, by_pose = np.empty((len(DOTS), 2)), np.empty((len(DOTS), 2, 6))
+    placed_centers(DOTS, RADIUS, camera.packed, pose.rotation, pose.position, True, centers, by_pose)
+    seen = centers + 0.01 * rng.standard_normal(centers.shape)
+    factors = np.tile(0.01 * np.eye(2), (len(DOTS), 1, 1))
+    away = type(pose)(pose.position + [20.0, -10.0, 30.0], pose.quaternion)
+    found = fit(Pixels(DOTS, seen, factors, RADIUS, camera), away)
+    placed_centers(DOTS, RADIUS, camera.packed, found.pose.rotation, found.pose.position, True, centers, by_pose)
+    residuals, slope = ((seen - centers) / 0.01).ravel(), (by_pose / 0.01).reshape(-1, 6)
+    step = np.linalg.solve(slope.T @ slope, slope.T @ residuals)
+    assert step @ slope.T @ slope @ step < 1e-6  # of a standard deviation, squared
+    assert found.chi_square == pytest.approx(float(residuals @ residuals), rel=1e-6)
+    np.testing.assert_allclose(found.normal, slope.T @ slope, rtol=1e-2, atol=1e-2 * np.abs(found.normal).max())
+    packed = np.concatenate([away.position, away.quaternion])
+    given = np.empty((0, 9)), DOTS, seen, factors, RADIUS, camera.packed
+    plain(fit_pose)(*given, packed, np.empty(2 * len(DOTS)), np.empty((6, 6)))
+    np.testing.assert_allclose(packed[:3], found.pose.position, atol=1e-9)
+
+
+def test_moments_of_outlines_are_opencvs():
+    mask = np.zeros((200, 300), dtype=np.uint8)
+    for x, y, axes, angle in ((60, 50, (20, 12), 30.0), (200, 120, (9, 8), 0.0), (150, 60, (30, 25), 110.0)):
+        cv2.ellipse(mask, (x, y), axes, angle, 0.0, 360.0, 255, -1)
+    for corner in ((30, 180), (60, 130)):
+        cv2.rectangle(mask, (20, 120), corner, 255, -1)  # an angle is no ellipse
+    cv2.circle(mask, (298, 30), 10, 255, -1)  # touches the border
+    outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
+    count = len(outlines)
+    center, spread, keep = np.empty((count, 2)), np.empty((count, 2, 2)), np.empty(count, dtype=bool)
+    ellipses(np.concatenate(outlines)[:, 0], np.cumsum([len(o) for o in outlines]), 300, 200, center, spread, keep)
+    assert keep.sum() == 3
+    for outline, place, moments in zip(
+        *([a[k] for k in np.flatnonzero(keep)] for a in (outlines, center, spread)), strict=True
+    ):
+        theirs = cv2.moments(outline)
+        area = theirs["m00"]
+        np.testing.assert_allclose(place, [theirs["m10"] / area, theirs["m01"] / area], rtol=1e-9)
+        assert moments[0, 1] == pytest.approx(theirs["mu11"] / area, rel=1e-6, abs=1e-6)
+        assert moments[0, 0] - moments[1, 1] == pytest.approx(
+            (theirs["mu20"] - theirs["mu02"]) / area, rel=1e-6, abs=1e-6
+        )
+
+
+@pytest.mark.parametrize(("kind", "top"), [(np.uint8, 255), (np.uint16, 65_535)])
+def test_the_noise_level_is_that_of_the_pixels(kind, top):
+    rng = np.random.default_rng(3)
+    for noise in (0.0, 2.0, 8.0):
+        image = np.clip(np.rint(100.0 + noise * rng.standard_normal((600, 800))), 0, top).astype(kind)
+        assert noise_level(image) == pytest.approx(np.hypot(noise, np.sqrt(1 / 12)), rel=0.05)
+
+
+def test_pairs_are_each_others_nearest():
+    rng = np.random.default_rng(4)
+    points, places = rng.random((60, 2)), rng.random((50, 2))
+    places[3] = np.nan
+    found = np.empty(50, dtype=np.int64)
+    mutually_nearest(points, places, 0.1, found)
+    square = ((places[:, None] - points) ** 2).sum(axis=2)
+    square[3] = np.inf
+    for i in range(50):
+        k = int(square[i].argmin())
+        mutual = square[i, k] <= 0.01 and square[:, k].argmin() == i
+        assert found[i] == (k if mutual else -1)
+
+
+def test_a_first_look_at_half_of_a_large_image_finds_the_same_dots(monkeypatch):
+    pose = one(facing_poses(np.random.default_rng(5), 1, depth=(560.0, 560.0), tilt=10.0), 0)
+    image = render(DELTALAB_TARGET, DELTALAB_CAMERA, pose, Scene(gradient=(0.2, 0.1)), seed=1)
+    usual = observe_dots(image, bright=True)
+    monkeypatch.setattr(segmentation, "_LARGE", image.size)
+    found = observe_dots(image, bright=True)
+    assert len(found) == len(usual)
+    assert np.abs(np.sort(found.centers, axis=0) - np.sort(usual.centers, axis=0)).max() < 1e-3
