@@ -164,8 +164,9 @@ class _Chain:
                 lines = Lines(stream, self.work)
                 accepted = check_lines(lines, formed)
             self._follows(Stated(accepted, kept), power, rows, before)
-        except Refused as error:
-            raise Refused(f"{shown(file)}: {error}", error.code, 0) from None
+        except (Refused, Unusable) as error:
+            code = error.code if isinstance(error, Refused) else "run"
+            raise Refused(f"{shown(file)}: {error}", code, 0) from None
         return accepted
 
     def _follows(self, stated: Stated, power: int, rows: Any, before: list[Bounds] | None) -> None:
