@@ -13,6 +13,7 @@ from cpcal.solver.interval import Box, Interval
 from cpcal.solver.interval.box import Variable
 from cpcal.solver.optimize.incumbent import Incumbent
 from cpcal.solver.optimize.witness import Witness
+from cpcal.solver.row_use import RowUse
 from cpcal.solver.search import ContractorUse
 
 _DIGITS = 10  # of two lower bounds that differ
@@ -92,6 +93,7 @@ class Minimum:
     names: tuple[str, ...] = ()  # of the components of points
     relax: float = 0.0  # by how much equations may be missed
     method: str = ""  # which contractors, and why these
+    row_use: RowUse | None = None
 
     @property
     def solution(self) -> Point | None:
