@@ -16,8 +16,9 @@ import numpy.typing as npt
 from cpcal.common import numbers
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
-from cpcal.execution.executors import Here, executor_for
+from cpcal.execution.executors import Here, Place, executor_for
 from cpcal.execution.stopping import asked, heard
+from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
@@ -35,6 +36,7 @@ from cpcal.solver.questions import (
     named_order,
     named_strategy,
     relaxed,
+    remaining,
     start_point,
     width_sentence,
     with_objective,
@@ -120,7 +122,7 @@ class Network(ConstraintNetwork):
         see `Paving`.
 
         `workers` processes, a Dask `scheduler` or an `executor` (see `cpcal.certify`) decide the boxes of each round;
-        the answer is the same. It pays where a box takes a millisecond or more.
+        the answer is the same. It pays where a box takes some tenths of a millisecond or more.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
@@ -146,14 +148,14 @@ class Network(ConstraintNetwork):
         left = partial(_contracted, contracting, choice.methods[0], network.domain)
         finest, reach = default_width(network, left) if width is None else (checked_width(width), _everywhere(network))
 
-        def search(method: SearchMethod, place: tuple[Executor, int]) -> Search:
+        def search(method: SearchMethod, place: Place) -> Search:
             contractor = contracting(method)
             by = named_strategy(network, method.strategy if strategy is None else strategy, finest, reach, arithmetic)
             process = Divide(contractor, by, inside=inside)
             spread = process if isinstance(place[0], Here) else Spread(process, place)
             return Search([network.domain], spread, priority, outside=inner, abreast=_ABREAST)
 
-        with heard(), executor_for(workers, scheduler, executor) as place:
+        with heard(), linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor) as place:
             race = Race([Contender(m.name, partial(search, m, place), m.slice, m.turns) for m in choice.methods])
             try:
                 for event in race:
@@ -222,13 +224,13 @@ class Network(ConstraintNetwork):
         first = None if start is None else start_point(network, start, len(self.names))
 
         def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
-            with executor_for(workers, scheduler, executor) as place:
+            with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor) as place:
                 states = minimize(
                     network,
                     name,
                     named,
                     engine=engine,
-                    limits=limit,
+                    limits=remaining(clock),
                     start=first,
                     prover=prover,
                     observe=observe,

@@ -21,13 +21,22 @@ _DIGITS = 10  # of two lower bounds that differ
 
 @dataclass(frozen=True)
 class Bracket:
-    """The state of a minimisation: the optimum lies in `[lo, hi]` (hi infinite: no point proved yet)."""
+    """The state of a minimisation: the optimum lies in `[lo, hi]` (hi infinite: no point proved yet).
+
+    `pending` boxes are undecided.
+    """
 
     lo: float
     hi: float
     nodes: int
     programs: int
     seconds: float
+    pending: int = 0
+
+    @property
+    def rate(self) -> float:
+        """Boxes a second."""
+        return self.nodes / self.seconds if self.seconds > 0.0 else 0.0
 
 
 @dataclass(frozen=True)

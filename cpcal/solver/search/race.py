@@ -52,7 +52,7 @@ class Contender:
 
     @property
     def ended(self) -> bool:
-        return self.search is not None and not self.search.pending
+        return self.search is not None and not self.search.waiting
 
 
 class Race:
