@@ -17,6 +17,7 @@ from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.vision.dots.asymmetry import TERMS, excesses, term_values
 from cpcal.vision.dots.edge import CUBIC, LINEAR, PLAIN, Edges, fitted_edges
 from cpcal.vision.dots.grey import Grey
+from cpcal.vision.dots.light import light_misfit
 from cpcal.vision.dots.segmentation import Spots
 from cpcal.vision.median import median
 
@@ -25,7 +26,11 @@ _BETTER = 0.95  # residuals with it relative to those without, then
 _RARE = {6: 22.5, 4: 18.5, 2: 13.8}  # chi-square by degrees of freedom: what one ordinary dot of a thousand exceeds
 _FREQUENT = {4: 9.5, 2: 6.0}  # one of twenty: where the light of all is wrong, more dots are doubted
 _MEDIAN = {6: 5.35, 4: 3.36, 2: 1.39}
-_ALL_WRONG = 3.0  # times what noise makes of the centres' moves: then the light of all is wrong, and of no use
+_ALL_WRONG = 6.0  # times what noise makes of the centres' moves: then the light of all is wrong, and of no use
+_BENT, _LEFT = (
+    2.5,
+    1.2,
+)  # so it is from this on where it leaves as much of the levels, as a share of the noise: usual is 0.3
 _IMPERFECT = (
     0.006  # of the contrast: what the model of an edge leaves out, symmetric, and seems not to be by the pixels' places
 )
@@ -42,7 +47,9 @@ def fitted_under(grey: Grey, found: Spots, room: Floats, light: Floats) -> Edges
     if not fitted.any():
         return edges
     excess = _excess(edges, 0)
-    if median(np.where(excess.worth, excess.moves, 0.0)[fitted]) > _ALL_WRONG * _MEDIAN[2]:
+    moved = median(np.where(excess.worth, excess.moves, 0.0)[fitted]) / _MEDIAN[2]
+    bent = moved > _BENT and light_misfit(grey, found, 2.0 * room) > _LEFT * median(edges.noise[fitted])
+    if moved > _ALL_WRONG or bent:
         return _all_alone(grey, found, room)
     usual = np.maximum(median(edges.noise[fitted]), _IMPERFECT * np.abs(edges.contrast))
     noisy = ~(edges.noise < _STRANGE * usual)
