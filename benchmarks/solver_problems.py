@@ -1,9 +1,12 @@
 """Classic systems and optimisation problems (`benchmarks/problems`) by `solve()` and `minimize()` without options.
 
-    python -m benchmarks.solver_problems [--limit 60] [--page] [NAME ...]
+    python -m benchmarks.solver_problems [--limit 60] [--codac 10] [--page] [NAME ...]
+    python -m benchmarks.solver_problems --contractors [--limit 5] [NAME ...]
 
 Each line: proved solutions beside the literature's count, or the proved bracket beside the literature's optimum, nodes,
-seconds of wall and of processor time. `--page` writes benchmarks/pages/problems.md and .json.
+seconds of wall and of processor time. `--limit` is processor time: other work on the machine changes nothing. `--codac`
+runs codac, too, so long. `--page` renews the rows of these problems in benchmarks/pages/problems.md and .json.
+`--contractors` prints the table of docs/choosing.md.
 """
 
 from __future__ import annotations
@@ -13,16 +16,36 @@ import json
 import math
 import platform
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import cpcal
+from benchmarks.problems_by_codac import by_codac
+from cpcal.execution.stopping import Reason, also_asked_by, heard
 from cpcal.problems.answer import answer
 from cpcal.problems.problem_files import load_problem
+from cpcal.problems.stated_problem import StatedProblem
 from cpcal.solver.contract import Verdict
 
 HERE = Path(__file__).parent
 PROBLEMS, PAGES = HERE / "problems", HERE / "pages"
+_BESIDE = (
+    "codac: one CtcInverse for each equation, depth first, the widest component halved; it has no proof of single",
+    "solutions in this form (clusters of boxes narrower than 1e-6 are counted) and no minimiser. ibex was not run: the",
+    "column has what its repository, github.com/ibex-team/ibex-lib, publishes: doc/solver.rst (kin1), or the folder of",
+    "benchs/optim in which it keeps the problem (easy, medium); empty where it publishes nothing.",
+)
+_COMBINATIONS = (
+    (("hc4", "newton"), "smear-relative"),
+    (("hc4", "newton"), "largest"),
+    (("hc4", "cid", "newton"), "smear-relative"),
+    (("hc4", "newton", "beaumont"), "smear-relative"),
+    (("hc4", "newton", "lifted"), "smear-relative"),
+    (("lifted", "newton"), "largest"),
+)
 _CLOSE, _PRINTED = 2e-6, 5e-7  # relative: the literature prints seven digits; and half a unit of its sixth decimal
 
 
@@ -40,13 +63,24 @@ class ProblemRow:
     seconds: float
     processor: float
     method: str
+    codac: str = ""  # what it leaves; empty where it was not run
+    ibex: str = ""  # what its authors publish
 
 
-def run(name: str, limit: float) -> ProblemRow:
-    """One problem without options but the time limit."""
+@contextmanager
+def processor_limit(seconds: float) -> Iterator[None]:
+    """Searches within are asked to stop after so much processor time."""
+    until = time.process_time() + seconds
+    with heard(), also_asked_by(lambda: Reason.INTERRUPTED if time.process_time() > until else None):
+        yield
+
+
+def run(name: str, limit: float, codac: float = 0.0) -> ProblemRow:
+    """One problem without options but the limit of processor time, and another for codac (0: not at all)."""
     problem, known = load_problem(PROBLEMS / f"{name}.bch"), literature()[name]
     wall, began = time.perf_counter(), time.process_time()
-    found = answer(problem, limits=cpcal.Limits(seconds=limit))
+    with processor_limit(limit):
+        found = answer(problem)
     seconds, processor = time.perf_counter() - wall, time.process_time() - began
     if found.objective is not None:
         lo, hi = found.objective
@@ -64,12 +98,22 @@ def run(name: str, limit: float) -> ProblemRow:
     method = "" if source is None else source.method
     rows = sum(math.prod(c.body.shape) for c in problem.network.constraints)
     size = len(problem.network.names)
-    return ProblemRow(name, size, rows, said, text, complete, found.nodes, seconds, processor, method)
+    beside = _beside(problem, codac), str(known.get("ibex", ""))
+    return ProblemRow(name, size, rows, said, text, complete, found.nodes, seconds, processor, method, *beside)
 
 
-def literature() -> dict[str, dict[str, float]]:
-    """By name the number of solutions in the domain, or the least value."""
-    found: dict[str, dict[str, float]] = json.loads((PROBLEMS / "literature.json").read_text())
+def _beside(problem: StatedProblem, limit: float) -> str:
+    if not limit:
+        return ""
+    if problem.objective is not None:
+        return "no minimiser"
+    found = by_codac(problem.network, limit)
+    return f"{found.text}, {found.nodes} nodes, {found.processor:.2f} s"
+
+
+def literature() -> dict[str, dict[str, Any]]:
+    """By name the number of solutions in the domain, or the least value; and what ibex's authors publish."""
+    found: dict[str, dict[str, Any]] = json.loads((PROBLEMS / "literature.json").read_text())
     return found
 
 
@@ -81,43 +125,76 @@ def page(rows: list[ProblemRow], limit: float) -> str:
         "# Classic problems",
         "",
         f"`python -m benchmarks.solver_problems --limit {limit:g} --page`: `solve()` and `minimize()` without options,",
-        f"{limit:g} s of wall time each, one process, {platform.machine()}, Python {platform.python_version()}, on a",
-        "machine with other work.",
+        f"{limit:g} s of processor time each, one process, {platform.machine()}, Python {platform.python_version()}.",
+        "Wall time is that of a machine with other work.",
         "",
         f"{done}. Misses: {', '.join(missed) or 'none'}.",
         "",
-        "| problem | unknowns | rows | literature | proved | complete | nodes | s | processor s |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        *_BESIDE,
+        "",
+        "| problem | unknowns | rows | literature | proved | complete | nodes | s | processor s | codac | ibex |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for r in rows:
         word = "yes" if r.complete else "no"
         cells = (r.name, r.unknowns, r.constraints, r.literature, r.found, word, r.nodes)
-        lines.append(f"| {' | '.join(map(str, cells))} | {r.seconds:.2f} | {r.processor:.2f} |")
+        lines.append(f"| {' | '.join(map(str, cells))} | {r.seconds:.2f} | {r.processor:.2f} | {r.codac} | {r.ibex} |")
     return "\n".join(lines) + "\n"
+
+
+def by_contractors(names: list[str], limit: float) -> Iterator[str]:
+    """The lines of a table: each combination alone on each system, proved solutions and nodes, or how far it got."""
+    yield "| system | " + " | ".join(f"`{', '.join(c)}` by {by}" for c, by in _COMBINATIONS) + " |"
+    yield "| --- " * (1 + len(_COMBINATIONS)) + "|"
+    for name in names:
+        network, known = load_problem(PROBLEMS / f"{name}.bch").network, literature()[name]["solutions"]
+        cells = []
+        for contractors, strategy in _COMBINATIONS:
+            with processor_limit(limit):
+                paving = network.solve(contractors=contractors, strategy=strategy)
+            proved = sum(s.verdict is Verdict.PROVED for s in paving.solutions)
+            whole = paving.complete and proved == known == len(paving.solutions)
+            cells.append(f"{proved} of {known} ({paving.nodes:,})" if whole else f"{proved}, not finished")
+        yield f"| {name} | {' | '.join(cells)} |"
+
+
+def _renew(row: ProblemRow, limit: float) -> None:
+    """The page with this row, beside those of earlier runs."""
+    PAGES.mkdir(exist_ok=True)
+    file = PAGES / "problems.json"
+    before = [ProblemRow(**known) for known in json.loads(file.read_text())] if file.exists() else []
+    rows = sorted([r for r in before if r.name != row.name and r.name in literature()] + [row], key=lambda r: r.name)
+    file.write_text(json.dumps([asdict(r) for r in rows], indent=1) + "\n")
+    (PAGES / "problems.md").write_text(page(rows, limit))
 
 
 def main() -> None:
     """Run the named problems, or all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*")
-    parser.add_argument("--limit", type=float, default=60.0)
+    parser.add_argument("--limit", type=float, default=60.0, metavar="SECONDS")
+    parser.add_argument("--codac", type=float, default=0.0, metavar="SECONDS")
+    parser.add_argument("--contractors", action="store_true")
     parser.add_argument("--page", action="store_true")
     given = parser.parse_args()
     load = cpcal.Network("warm")
     x = load.variable("x", 2, (-2, 2))
     load.add([x[0] ** 2 + x[1] ** 2 == 1, x[0] == x[1]])
     load.solve()  # compiles and loads
+    if given.contractors:
+        systems = [name for name, known in literature().items() if "solutions" in known]
+        for line in by_contractors(given.names or systems, given.limit):
+            print(line, flush=True)
+        return
     rows = []
     for name in given.names or sorted(literature()):
-        row = run(name, given.limit)
+        row = run(name, given.limit, given.codac)
         rows.append(row)
+        if given.page:
+            _renew(row, given.limit)
         cost = f"{row.nodes:>7} {row.seconds:>7.2f} {row.processor:>7.2f}"
         print(f"{' ' if row.complete else '*'} {row.name:24} {row.literature:>16}  {row.found:36} {cost}", flush=True)
     print(f"{sum(row.complete for row in rows)} of {len(rows)} complete")
-    if given.page:
-        PAGES.mkdir(exist_ok=True)
-        (PAGES / "problems.md").write_text(page(rows, given.limit))
-        (PAGES / "problems.json").write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n")
 
 
 if __name__ == "__main__":

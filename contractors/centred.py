@@ -8,10 +8,10 @@ that size in the value, and one number for each row covers them all.
 from __future__ import annotations
 
 from collections import Counter
-from itertools import product
 
 import numpy as np
 
+from contractors.monomials import divisors
 from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, IntervalArray
@@ -27,14 +27,13 @@ class Shift:
     def __init__(self, monomials: tuple[Monomial, ...], variables: int) -> None:
         column = {m: k for k, m in enumerate(monomials)}
         degree = max((len(m) for m in monomials), default=0)
-        pairs: Counter[tuple[int, int, tuple[int, ...]]] = Counter()
+        pairs: dict[tuple[int, int, tuple[int, ...]], int] = {}
         for alpha in monomials:
-            for chosen in product((False, True), repeat=len(alpha)):
-                beta = tuple(i for i, moves in zip(alpha, chosen, strict=True) if moves)
+            for beta, ways in divisors(alpha):
                 # positions in the vector (1, c_0 .. c_n-1, r_0 .. r_n-1)
-                factors = sorted(1 + i + variables * moves for i, moves in zip(alpha, chosen, strict=True))
-                padded = tuple(factors) + (0,) * (degree - len(factors))
-                pairs[column[beta], column[alpha], padded] += 1
+                still = (Counter(alpha) - Counter(beta)).elements()
+                factors = sorted(1 + i for i in still) + [1 + i + variables for i in beta]
+                pairs[column[beta], column[alpha], tuple(factors) + (0,) * (degree - len(factors))] = ways
         terms = sorted(pairs.items())
         self.size = len(monomials)
         self.beta = np.array([key[0] for key, _ in terms], dtype=np.intp)

@@ -58,8 +58,6 @@ class Lifted(Composable):
         self._engine = engine
         self._network = network
         self._many = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints) > _MANY
-        # with readings boxes have rows of their own, the same ones where the same ends of the readings decide
-        self._structure = None if any(map(reads, network.constraints)) else Structure(self._forms.on())
         self._last: tuple[bytes, Structure] | None = None
         self._within: tuple[Structure, Box, Structure] | None = None  # what is left of the first on boxes in that one
         self._objective = None if objective is None else network.names.index(objective)
@@ -74,7 +72,24 @@ class Lifted(Composable):
 
     @cached_property
     def _forms(self) -> PolynomialForms:
-        return PolynomialForms(self._network, self._arithmetic)
+        return PolynomialForms(self._network, self._arithmetic, self.deadline)
+
+    @cached_property
+    def _structure(self) -> Structure | None:
+        """The same on all boxes; made when it is needed: then the deadline is known.
+
+        With readings boxes have rows of their own, the same ones where the same ends of the readings decide: None.
+        """
+        return None if any(map(reads, self._network.constraints)) else Structure(self._forms.on())
+
+    @property
+    def unused_constraints(self) -> frozenset[int]:
+        """Those without polynomial form."""
+        domain = self._network.domain
+        if self._structure is None and not domain.is_bounded:
+            return frozenset()
+        system = (self._structure or self._structure_on(domain)).system
+        return frozenset(constraint for constraint, _ in system.leftover)
 
     def contract(self, box: Box) -> Contraction:
         if box.is_empty or not box.is_bounded:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from itertools import product
+from math import comb
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from cpcal.solver.network.polynomial import Monomial
 
 # Where the parabola of a square is touched from below; its ends and the column bound w >= 0 do the rest.
 _TANGENTS = (-1.0, -0.5, 0.5, 1.0)
+_ALL_FACTORINGS = 4  # degree up to which a column is tied to the others by each of its factorings
 
 
 @dataclass(frozen=True)
@@ -66,13 +67,22 @@ def product_rows(monomials: tuple[Monomial, ...], used: Bools) -> ProductRows:
 
 
 def _factorings(gamma: Monomial) -> list[tuple[Monomial, Monomial]]:
+    """Both ways round are one. Beyond degree 4 one factor is a single variable: the others pay little."""
     found = set()
-    for chosen in product((False, True), repeat=len(gamma)):
-        beta = tuple(i for i, take in zip(gamma, chosen, strict=True) if take)
-        delta = tuple(i for i, take in zip(gamma, chosen, strict=True) if not take)
-        if beta and delta and beta <= delta:
+    for beta, _ in divisors(gamma):
+        delta = tuple((Counter(gamma) - Counter(beta)).elements())
+        if beta and delta and beta <= delta and (len(gamma) <= _ALL_FACTORINGS or 1 in (len(beta), len(delta))):
             found.add((beta, delta))
     return sorted(found)
+
+
+def divisors(monomial: Monomial) -> list[tuple[Monomial, int]]:
+    """All of them, 1 and itself included, and in how many ways the factors of each can be chosen."""
+    powers = sorted(Counter(monomial).items())
+    out: list[tuple[Monomial, int]] = [((), 1)]
+    for variable, power in powers:
+        out = [(m + (variable,) * k, ways * comb(power, k)) for m, ways in out for k in range(power + 1)]
+    return out
 
 
 def _bound_products(beta: Monomial, delta: Monomial) -> list[tuple[float, float, float, float]]:

@@ -36,6 +36,7 @@ class Newton(Composable):
         self._engine = get_arithmetic(arithmetic)
         self._operator, self._most = operator, most
         self._equalities = Equalities(network)
+        self.unused_constraints = self._equalities.inequalities
 
     def contract(self, box: Box) -> Contraction:
         left = self.contract_batch(box.array[None])

@@ -6,7 +6,6 @@ holds at every solution in the box is what the linear programs work on, and what
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 from functools import cached_property, lru_cache
 
@@ -23,6 +22,7 @@ from cpcal.solver.network.polynomial import Monomial
 
 _UNIT = 2.0**-53
 _SMALLEST = 1e-290
+_COLUMNS = 150  # beyond, linear programs take too long at each node
 
 
 class Structure:
@@ -38,7 +38,10 @@ class Structure:
         self.guards = CentredRows(shift, _guards(system)) if system.guarded.any() else None
         # A monomial whose coefficients all contain zero is bounded, not given a column.
         self._divisors = _divisors(system.monomials)
-        self.used: Bools = self.with_divisors(self.rows.matters[1:]) if whole is None else whole[0].used
+        paying = (
+            _paying(self._divisors, self.rows.matters[1:], system.monomials[1:]) if whole is None else whole[0].used
+        )
+        self.used: Bools = paying
         self._beyond = np.zeros(len(self.used), np.bool_) if whole is None else whole[1]
         self.linear = np.array([len(m) < 2 for m in system.monomials[1:]], dtype=np.bool_)
         self.bounds = column_bounds(system.monomials)
@@ -68,6 +71,22 @@ class Structure:
     def with_divisors(self, monomials: Bools) -> Bools:
         """Those monomials (without the constant), and all that divide one of them."""
         return np.asarray(self._divisors[monomials].any(axis=0))
+
+
+def _paying(divisors: Bools, monomials: Bools, degrees: tuple[Monomial, ...]) -> Bools:
+    """Which monomials get a column: those given and all that divide them; where these are many, the first so-many.
+
+    Low degrees come first: on a box of half-width r the others count for r^degree only. Of one degree those that divide
+    most. What has no column is bounded.
+    """
+    used = np.asarray(divisors[monomials].any(axis=0))
+    if np.count_nonzero(used) <= _COLUMNS:
+        return used
+    shared = divisors[monomials].sum(axis=0)
+    order = sorted(np.flatnonzero(used).tolist(), key=lambda m: (len(degrees[m]), -shared[m], m))
+    out = np.zeros(len(used), np.bool_)
+    out[[m for k, m in enumerate(order) if k < _COLUMNS or len(degrees[m]) < 2]] = True
+    return out
 
 
 def _guards(system: PolynomialSystem) -> IntervalArray:
@@ -106,8 +125,12 @@ def _products(monomials: tuple[Monomial, ...], used: bytes) -> ProductRows:
 @lru_cache(maxsize=16)
 def _divisors(monomials: tuple[Monomial, ...]) -> Bools:
     """Which monomials (columns) divide which (rows), each itself included; the constant is left out."""
-    count = [Counter(m) for m in monomials[1:]]
-    return np.array([[d <= m for d in count] for m in count], dtype=np.bool_).reshape(len(count), len(count))
+    variables = sorted({i for m in monomials for i in m})
+    count = np.array([[m.count(i) for i in variables] for m in monomials[1:]], np.int16)
+    out = np.ones((len(count), len(count)), np.bool_)
+    for powers in count.T if len(count) else ():
+        out &= powers[None] <= powers[:, None]
+    return out
 
 
 class Relaxation:

@@ -20,11 +20,35 @@ from cpcal.results import SupportProof, Uncertified
 from cpcal.solver.certificate.affordable import UncheckableError
 from cpcal.solver.certificate.recording import Claims, Recording, claims_of
 from cpcal.solver.certificate.statement import Statement
+from cpcal.solver.certificate.writer import WeightProver
+from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
 from cpcal.solver.optimize import Bracket, Minimum, Trial, minimize, run
-from cpcal.solver.search import Contracting, Event, StepProver
+from cpcal.solver.search import Contracting, Event, Proof, StepProver
+
+
+class LegProver:
+    """Proves steps of a leg as its certificate will say them, wherever the boxes of its search are decided.
+
+    It travels without the statement, whose equations are functions, and forms it again.
+    """
+
+    def __init__(self, question: Question, leg: int, domain: Box) -> None:
+        self._asked = (replace(question, place=None, progress=None, checkpoints=None), leg, domain)
+        self._prover: StepProver | None = None
+
+    def __call__(self, box: Box, proposed: Contraction) -> Proof:
+        if self._prover is None:
+            question, leg, domain = self._asked
+            statement = question.statement(leg, domain)
+            assert statement is not None
+            self._prover = WeightProver(statement)
+        return self._prover(box, proposed)
+
+    def __reduce__(self) -> tuple[type[LegProver], tuple[Question, int, Box]]:
+        return LegProver, self._asked
 
 
 @dataclass(frozen=True)
@@ -71,6 +95,7 @@ def by_bound(
             observe=observe,
             resume=None if keeper is None else keeper.resumed(),
             keep=keeper,
+            place=question.place,
         )
         found = run(states, tell)
         if keeper is not None and not _torn(found):
@@ -82,7 +107,7 @@ def by_bound(
     if statement is None:
         return Answered(solved(None, None, None))
     with ProofFile(statement, network.domain) as proof:
-        found = solved(proof.recording.prover, proof.event, proof.recording)
+        found = solved(LegProver(question, leg, network.domain), proof.event, proof.recording)
         if _torn(found) or (found.witness is None and found.lo <= network.domain["eps"].lo):
             return Answered(found)  # nothing is proved, or the last step may be half written
         claims = claims_of(found, network.domain, "eps") | ({"point": None} if hull_only else {})

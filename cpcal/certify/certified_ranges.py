@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.certify.bracket import by_bound
-from cpcal.certify.leg_tasks import HERE, Place, answers
+from cpcal.certify.leg_tasks import HERE, answers
 from cpcal.certify.question import Question
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError
+from cpcal.execution.executors import Place
 from cpcal.legs import LegModel
 from cpcal.results import LegResult, Options, Ranges, Result, model_of
 from cpcal.robot import Campaign

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 from cpcal.certify.asked_model import chosen_model
 from cpcal.certify.certify_leg import certify_leg
 from cpcal.certify.checkpoints import Checkpoints
-from cpcal.certify.leg_tasks import HERE, Place, answers
+from cpcal.certify.leg_tasks import HERE, answers, placed
 from cpcal.certify.question import Progress, Question, absent_legs
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.version import __version__
-from cpcal.execution.executors import executor_for
+from cpcal.execution.executors import Here, Place, executor_for
 from cpcal.execution.stopping import heard, within_memory
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
@@ -142,17 +142,20 @@ def answered(question: Question, place: Place = HERE) -> Result:
     numbers = question.options.legs or tuple(range(1, campaign.legs + 1))
     kept = question.checkpoints
     done = {} if kept is None else _resumed(question, kept, numbers)
+    left = [leg for leg in numbers if leg not in done]
+    question, place = placed(question, len(left), place)
+    here = isinstance(place[0], Here)
     interrupted = False
     try:
-        for answer in answers(question, certify_leg, [leg for leg in numbers if leg not in done], place):
+        for answer in answers(question, certify_leg, left, place):
             leg, stopped = answer.found
             interrupted = interrupted or stopped
             done[answer.asked] = _written(question, answer.files, leg)
             if kept is not None and not (stopped or leg.pending or leg.not_certified is Uncertified.UNWRITTEN):
                 kept.keep_answer(leg, answer.files)
-            if question.progress is not None and place is not HERE:
+            if question.progress is not None and not here:
                 question.progress(leg.leg, Bracket(leg.eps_lo, leg.eps_hi, leg.nodes, leg.programs, leg.seconds))
-            if stopped and place is HERE:
+            if stopped and here:
                 break
     except KeyboardInterrupt:
         interrupted = True

@@ -6,7 +6,6 @@ What travels is the question and the answer, with the files that prove it: a wor
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from pickle import PicklingError
@@ -15,15 +14,13 @@ from typing import Generic, TypeVar
 
 from cpcal.certify.question import Question
 from cpcal.common.errors import InputError, Problem
-from cpcal.execution.executors import Here, Processes
+from cpcal.execution.executors import Here, Place, Processes
 from cpcal.execution.outcomes import LostWorkerError, outcomes
 from cpcal.execution.stopping import Stopped, asked
 from cpcal.execution.threads import linear_algebra_on_one_thread
 
 A = TypeVar("A")
 T = TypeVar("T")
-
-Place = tuple[Executor, int]  # and how many tasks it is given at a time
 
 HERE: Place = (Here(), 1)
 
@@ -42,10 +39,11 @@ def answers(
 ) -> Iterator[TaskAnswer[A, T]]:
     """`work(question, leg)` for each of `of`, as they are done; certificates are written aside and come as bytes.
 
-    Progress is told by work that is done here. When the process is asked to stop, those not begun are missing.
-    Raises what the work raises, and InputError for a question that cannot travel.
+    A single one is done here, and the boxes of its search are the tasks. Progress is told by work that is done here.
+    When the process is asked to stop, those not begun are missing. Raises what the work raises, and InputError for a
+    question that cannot travel.
     """
-    executor, most = place
+    question, (executor, most) = placed(question, len(of), place)
     if not isinstance(executor, Here):
         question = replace(question, progress=None)
     if not isinstance(executor, Here | Processes):  # perhaps of another machine, without our folders
@@ -63,6 +61,16 @@ def answers(
             )
             raise LostWorkerError(said)
         yield outcome.value
+
+
+def placed(question: Question, count: int, place: Place) -> tuple[Question, Place]:
+    """A question about so many legs, and where it is asked; about one it is here, and place is where boxes are decided.
+
+    No process is begun for a search that closes in few boxes.
+    """
+    if count != 1 or isinstance(place[0], Here):
+        return question, place
+    return replace(question, place=place), HERE
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,10 @@ from itertools import combinations
 import numpy as np
 
 from cpcal.certify.certified_ranges import range_eps
-from cpcal.certify.leg_tasks import HERE, Place, answers
+from cpcal.certify.leg_tasks import HERE, answers
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
+from cpcal.execution.executors import Place
 from cpcal.legs import PARAMETERS, LegModel, leg_box, leg_network, model_jacobian
 from cpcal.results import LegResult, Projection, Projections, Result, model_of
 from cpcal.robot import Campaign

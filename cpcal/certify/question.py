@@ -11,6 +11,7 @@ import numpy as np
 from cpcal.certify.checkpoints import Checkpoints
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import Problem
+from cpcal.execution.executors import Place
 from cpcal.legs import PLAIN, LegModel, fit_model, leg_box, leg_network, model_statement
 from cpcal.results import Options
 from cpcal.robot import Campaign
@@ -28,7 +29,7 @@ Progress = Callable[[int, Bracket], None]
 class Question:
     """Options, and what they are asked of. `certificates`: the folder for them; `prefix`: of their names.
 
-    `checkpoints`: where what is done is kept meanwhile.
+    `checkpoints`: where what is done is kept meanwhile. `place`: where boxes of a search are decided; None: here.
     """
 
     campaign: Campaign
@@ -38,6 +39,7 @@ class Question:
     prefix: str = ""
     progress: Progress | None = None
     checkpoints: Checkpoints | None = None
+    place: Place | None = None
 
     @property
     def engine(self) -> Arithmetic:

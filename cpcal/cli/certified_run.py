@@ -13,7 +13,7 @@ import typer
 from cpcal.certify.certified_ranges import with_ranges
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.checkpoints import Checkpoints
-from cpcal.certify.leg_tasks import HERE, Place
+from cpcal.certify.leg_tasks import HERE
 from cpcal.certify.projections import with_projections
 from cpcal.certify.question import Progress, Question
 from cpcal.cli.progress import watch
@@ -21,6 +21,7 @@ from cpcal.cli.show import show_result
 from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record
 from cpcal.common.errors import InputError, printable
+from cpcal.execution.executors import Place
 from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.files.run_folder import REPORT_NAME, RUN, answers_into
 from cpcal.report import write_report
@@ -74,7 +75,7 @@ def certified_into(
         if failure is None:
             talk.say(f"Report: {run / REPORT_NAME}")
     if failure is not None:
-        if kept.folder.is_dir():
+        if any(kept.folder.glob("*.answer")):
             said = f"cpcal: what is answered is kept in {kept.folder}: --resume writes it, once there is room"
             typer.echo(printable(said), err=True)
         raise failure
@@ -103,7 +104,8 @@ def _recorded(progress: Progress | None) -> Progress:
     """A callback that also keeps a record of every bracket."""
 
     def tell(leg: int, bracket: Bracket) -> None:
-        record("bracket", leg=leg, eps_lo=bracket.lo, eps_hi=bracket.hi, nodes=bracket.nodes, seconds=bracket.seconds)
+        done = {"nodes": bracket.nodes, "pending": bracket.pending, "rate": bracket.rate, "seconds": bracket.seconds}
+        record("bracket", leg=leg, eps_lo=bracket.lo, eps_hi=bracket.hi, **done)
         if progress is not None:
             progress(leg, bracket)
 

@@ -131,9 +131,9 @@ def certify(
         if as_json:
             raise InputError([Problem("option --json", "prints one result", "read summary.csv, or name one campaign")])
         check_writable(run)
-        work = CampaignWork(given, checker=not no_checker)
+        work = CampaignWork(given, checker=not no_checker, resume=options.resume)
         with options.place() as place:
-            status = certified_all(campaigns, run, work, place, resume=options.resume, talk=talk)
+            status = certified_all(campaigns, run, work, place, talk=talk)
         raise typer.Exit(status)
     (campaign,) = campaigns
     check_target(run, RUN, campaign)

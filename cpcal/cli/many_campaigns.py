@@ -13,7 +13,7 @@ import typer
 
 from cpcal.certify.certified_ranges import with_ranges
 from cpcal.certify.certify import answered, checked_options
-from cpcal.certify.leg_tasks import Place
+from cpcal.certify.checkpoints import Checkpoints
 from cpcal.certify.projections import with_projections
 from cpcal.certify.question import Question
 from cpcal.cli.certified_run import status_of
@@ -22,7 +22,8 @@ from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.version import __version__
-from cpcal.execution.outcomes import outcomes
+from cpcal.execution.executors import Here, Place, Processes
+from cpcal.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
 from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.files import campaign_sha256, load_campaign
@@ -35,34 +36,41 @@ from cpcal.robot import Campaign
 
 @dataclass(frozen=True)
 class CampaignTask:
-    """A campaign to be certified; a pure value."""
+    """A campaign to be certified; a pure value. `run`: its folder, where the work can keep checkpoints in it."""
 
     name: str
     campaign: Campaign
+    run: Path | None = None
 
 
 @dataclass(frozen=True)
 class CertifiedCampaign:
-    """What was found, and the files of its run."""
+    """What was found, the files of its run, and what was kept meanwhile."""
 
     result: Result
     files: Mapping[str, bytes]
+    kept: Checkpoints | None = None
 
 
 @dataclass(frozen=True)
 class CampaignWork:
-    """What is asked of each campaign."""
+    """What is asked of each campaign; with `resume` legs, and a search, go on from where a stopped run was."""
 
     given: Mapping[str, Any]
     checker: bool
+    resume: bool = False
 
     def __call__(self, task: CampaignTask) -> CertifiedCampaign:
         """Raises InputError for a campaign that cannot be asked it."""
         campaign = task.campaign
         options, model = checked_options(campaign, **self.given)
+        kept = None
+        if task.run is not None:
+            kept = Checkpoints.for_run(task.run, campaign, options, model, resume=self.resume)
+            kept.begin()
         with linear_algebra_on_one_thread(), TemporaryDirectory(prefix="cpcal-", ignore_cleanup_errors=True) as name:
             folder = Path(name)
-            question = Question(campaign=campaign, options=options, model=model, certificates=folder)
+            question = Question(campaign=campaign, options=options, model=model, certificates=folder, checkpoints=kept)
             result = answered(question)
             if result.interrupted and not result.legs:
                 raise Stopped(asked() or Reason.INTERRUPTED)
@@ -70,41 +78,42 @@ class CampaignWork:
             result = with_projections(campaign, result, model)
             save_result(result, folder, campaign)
             write_report(campaign, result, folder, checker=self.checker)
-            return CertifiedCampaign(result, {path.name: path.read_bytes() for path in sorted(folder.iterdir())})
+            return CertifiedCampaign(result, {path.name: path.read_bytes() for path in sorted(folder.iterdir())}, kept)
 
 
-def certified_all(
-    folders: Sequence[Path], runs: Path, work: CampaignWork, place: Place, *, resume: bool, talk: Talk
-) -> Status:
+def certified_all(folders: Sequence[Path], runs: Path, work: CampaignWork, place: Place, *, talk: Talk) -> Status:
     """Certify each campaign into a folder of `runs` that is called as its own; say which are worst; the exit status.
 
-    One that cannot be used stops no other. With `resume` those that are answered already stay as they are.
+    One that cannot be used stops no other. Where the work resumes those that are answered already stay as they are.
     """
     names = _names(folders)
     rows: list[CampaignRow] = []
     failed: list[str] = []
     count = len(folders)
+    near = isinstance(place[0], Here | Processes)  # else perhaps of another machine, without our folders
 
     def tasks() -> Iterator[CampaignTask]:
         for name, folder in zip(names, folders, strict=True):
             try:
                 campaign = load_campaign(folder)
-                earlier = _earlier(runs / name, campaign, work.given) if resume else None
+                earlier = _earlier(runs / name, campaign, work.given) if work.resume else None
             except InputError as error:
                 _fail(failed, name, error)
                 continue
             if earlier is None:
-                yield CampaignTask(name, campaign)
+                yield CampaignTask(name, campaign, runs / name if near else None)
             else:
                 rows.append(row_of(name, earlier))
 
     began = time.monotonic()
     with bar("campaigns", quiet=talk.quiet) as progress:
         executor, most = place
-        for outcome in outcomes(executor, most, work, tasks()):
+        for outcome in _while_reachable(outcomes(executor, most, work, tasks())):
             try:
                 found = outcome.value
                 put(runs / outcome.task.name, outcome.task.campaign, found)
+                if found.kept is not None:
+                    found.kept.end_after(found.result)
             except (CpcalError, OSError) as error:
                 _fail(failed, outcome.task.name, error)
             else:
@@ -113,6 +122,17 @@ def certified_all(
             if progress is not None:
                 progress(len(rows) + len(failed), count)
     return _ended(rows, failed, count, runs, talk)
+
+
+def _while_reachable(
+    found: Iterator[TaskOutcome[CampaignTask, CertifiedCampaign]],
+) -> Iterator[TaskOutcome[CampaignTask, CertifiedCampaign]]:
+    """Outcomes until nobody is there to work any more: those not begun stay so."""
+    try:
+        yield from found
+    except LostWorkerError as error:
+        record("lost", message=str(error))
+        typer.echo(f"cpcal: {error}; what is done is kept, and --resume goes on with the others", err=True)
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -171,6 +191,6 @@ def _ended(rows: list[CampaignRow], failed: list[str], count: int, runs: Path, t
         typer.echo(printable(f"Summary: {page.path}"))
     if interrupted:
         return Status(reason or Reason.INTERRUPTED)
-    if failed:
+    if failed or missing:
         return Status.UNUSABLE
     return Status.ANSWERED if all(status_of(row.result) is Status.ANSWERED for row in rows) else Status.UNKNOWN

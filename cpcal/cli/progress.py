@@ -30,6 +30,7 @@ from cpcal.solver.optimize import Bracket
 
 _CLOSED = 1e-9  # mm, as in Limits.gap_absolute
 _WAITING = "waiting"
+_TELLING = 10  # boxes from which on a rate tells something
 _EVERY = 10.0  # seconds between lines where no terminal is
 
 
@@ -77,7 +78,7 @@ class Watch:
             self._tasks[leg],
             completed=share,
             state=_state(bracket),
-            work=f"nodes {bracket.nodes:,}  LPs {bracket.programs:,}",
+            work=_work(bracket),
         )
         if share == 1.0:
             self._begin(self._after(leg))
@@ -118,13 +119,22 @@ class ProgressLines:
         now = self._clock()
         if now - self._last >= _EVERY:
             self._last = now
-            state = f"leg {leg}: {_state(bracket)}, {nearest(bracket.seconds, 0)} s"
+            state = f"leg {leg}: {_state(bracket)}, {nearest(bracket.seconds, 0)} s, {_work(bracket)}"
             self._console.print(state, soft_wrap=True)
 
 
 def _state(bracket: Bracket) -> str:
     lo, hi = bracket_text(bracket.lo, bracket.hi)
     return f"eps in [{lo}, {hi}] mm" if bracket.lo <= bracket.hi < math.inf else f"eps >= {lo} mm"
+
+
+def _work(bracket: Bracket) -> str:
+    """What is done and what waits; how long that takes if no more comes of it."""
+    done = f"{bracket.nodes:,} box{'' if bracket.nodes == 1 else 'es'}"
+    if bracket.nodes < _TELLING or not bracket.pending:
+        return done
+    left = nearest(bracket.pending / bracket.rate, 0)
+    return f"{done}, {nearest(bracket.rate, 1)} a second, {bracket.pending:,} pending, at least {left} s left"
 
 
 @contextmanager

@@ -10,8 +10,7 @@ from typing import Annotated
 
 import typer
 
-from cpcal.certify.leg_tasks import Place
-from cpcal.execution.executors import executor_for
+from cpcal.execution.executors import Place, executor_for
 from cpcal.execution.stopping import heard, within_memory
 
 _PANEL = "Where it runs"

@@ -12,7 +12,7 @@ from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.numbers import about, nearest
+from cpcal.common.numbers import about, nearest, stated
 from cpcal.execution.stopping import asked, heard
 from cpcal.problems.answer import Answer, answer
 from cpcal.problems.problem_files import load_problem
@@ -89,4 +89,6 @@ def _show(found: Answer, output: Path, talk: Talk) -> None:
         talk.say(f"  and {len(solutions) - shown:,} more")
     if found.point is not None:
         talk.say("  at " + ", ".join(f"{name} = {about(value, 9)}" for name, value in found.point.items()))
+    width = "" if found.paving is None else f"; boxes are divided down to {stated(found.paving.width)}"
+    talk.say(f"Method: {found.method.rstrip('.')}{width}.")
     talk.say(f"{found.nodes:,} nodes, {nearest(found.seconds, 2)} s: {output}")

@@ -6,6 +6,7 @@ their arguments pure values, so that both travel.
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -13,6 +14,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any, TypeVar
 
 from cpcal.common.errors import InputError, Problem
@@ -21,7 +23,10 @@ from cpcal.execution.stopping import Reason
 
 T = TypeVar("T")
 
+Place = tuple[Executor, int]  # and how many tasks it is given at a time
+
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_LOGGER = logging.getLogger("cpcal")
 _ELSEWHERE = 64  # workers that an executor is taken to have that does not tell
 
 
@@ -45,38 +50,41 @@ class Here(Executor):
 class Processes(Executor):
     """Processes of this machine. They end with this one however it ends, and hear of a stop from it alone.
 
-    A pool in which a process was killed is broken; `renew` makes another.
+    None begins before the first task. A pool in which a process was killed is broken; `renew` makes another.
     """
 
     def __init__(self, count: int) -> None:
         self.count = count
         self._context = multiprocessing.get_context("spawn")  # the same everywhere, and safe beside threads
-        self._stop = self._context.Event()
-        self._pool = self._new()
+        self._pool: ProcessPoolExecutor | None = None
+
+    @cached_property
+    def _stop(self) -> Any:
+        return self._context.Event()
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         with _without_signals():  # which a new process inherits: Ctrl-C is for this one
+            if self._pool is None:
+                given = (self._stop,)
+                self._pool = ProcessPoolExecutor(self.count, self._context, initializer=_begin, initargs=given)
             return self._pool.submit(fn, *args, **kwargs)
 
     def ask_to_stop(self) -> None:
         """Tasks that are at work see it by `stopping.asked`."""
-        self._stop.set()
+        if self._pool is not None:
+            self._stop.set()
 
     def renew(self) -> None:
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        self._pool = self._new()
+        self.shutdown(wait=False, cancel_futures=True)
+        self._pool = None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        self._pool.shutdown(wait, cancel_futures=cancel_futures)
-
-    def _new(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self.count, mp_context=self._context, initializer=_begin, initargs=(self._stop,))
+        if self._pool is not None:
+            self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
 
 @contextmanager
-def executor_for(
-    workers: int | None = None, scheduler: str | None = None, executor: Any = None
-) -> Iterator[tuple[Executor, int]]:
+def executor_for(workers: int | None = None, scheduler: str | None = None, executor: Any = None) -> Iterator[Place]:
     """The executor asked for, and how many tasks it is given at a time; none asked for: the work is done here.
 
     workers    processes of this machine; 1: none
@@ -122,11 +130,27 @@ def _cluster(address: str) -> Iterator[Any]:
         remedy = "start `dask scheduler`, and give the address that it prints"
         what = f"no Dask scheduler answers there ({str(error)[:200]})"
         raise InputError([Problem(f"scheduler {address}", what, remedy)]) from None
-    with client:
+    if not client.scheduler_info()["workers"]:
+        _LOGGER.warning("cpcal: warning: the scheduler %s has no workers: the work waits for them", address)
+    with client, _silent("distributed"):
         yield client
 
 
-def _through(client: Any) -> tuple[Executor, int]:
+@contextmanager
+def _silent(name: str) -> Iterator[None]:
+    """No messages of a library and its parts: what fails is told by us, once."""
+    known = [one for one in logging.root.manager.loggerDict if one == name or one.startswith(f"{name}.")]
+    before = {one: logging.getLogger(one).level for one in known}
+    for one in known:
+        logging.getLogger(one).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for one, level in before.items():
+            logging.getLogger(one).setLevel(level)
+
+
+def _through(client: Any) -> Place:
     """Of a Dask client."""
     return client.get_executor(pure=False), at_a_time(max(_ELSEWHERE, sum(client.ncores().values())))
 

@@ -48,9 +48,10 @@ class TaskOutcome(Generic[A, T]):
 def outcomes(executor: Executor, most: int, work: Callable[[A], T], tasks: Iterable[A]) -> Iterator[TaskOutcome[A, T]]:
     """`work(task)` for all tasks, `most` of them given out at a time, in the order in which they are done.
 
-    A task whose worker is killed is begun again, three times at most, the last time alone, so that it harms no other;
-    then its outcome is a LostWorkerError. When the process is asked to stop, no task is begun any more; those at work
-    in processes of ours are told, and what they answer still comes.
+    A task whose worker is killed, or whose scheduler begins anew, is begun again, three times at most, the last time
+    alone, so that it harms no other; then its outcome is a LostWorkerError. When the process is asked to stop, no task
+    is begun any more; those at work in processes of ours are told, and what they answer still comes. Raises
+    LostWorkerError where nobody takes tasks any more.
     """
     road = _Road(executor, work, iter(tasks), most)
     try:
@@ -89,6 +90,8 @@ class _Road(Generic[A, T]):
             except BrokenExecutor:
                 self._again.append((task, begun))
                 self._renew()
+            except (RuntimeError, ValueError, OSError) as error:  # of a client whose scheduler did not come back, say
+                raise LostWorkerError(f"the executor takes no more tasks ({error})") from None
 
     def _alone(self) -> bool:
         return any(begun >= _TRIES for _, begun in self.running.values())
@@ -98,8 +101,11 @@ class _Road(Generic[A, T]):
         finished, _ = wait(self.running, _LOOK, FIRST_COMPLETED)
         for future in finished:
             task, begun = self.running.pop(future)
-            if future.cancelled():
-                yield _lost(task, "it was cancelled: the scheduler is gone, or was started again")
+            if future.cancelled():  # by a Dask client that lost its scheduler, and looks for it again
+                if begun < _TRIES and not asked():
+                    self._again.append((task, begun))
+                else:
+                    yield _lost(task, "it was cancelled: the scheduler is gone, or was started again too often")
             elif isinstance(future.exception(), Stopped):
                 continue
             elif not isinstance(future.exception(), BrokenExecutor):
@@ -108,7 +114,7 @@ class _Road(Generic[A, T]):
                 self._again.append((task, begun))
             else:
                 yield _lost(task, _KILLED)
-        if self._again and not self.running:
+        if self._again and not self.running and isinstance(self._executor, Processes):
             self._renew()
         if asked() and not self._stopping:
             self._stop()

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from cpcal.execution.executors import Place
 from cpcal.execution.outcomes import outcomes
 from cpcal.execution.stopping import Reason, Stopped, asked
+from cpcal.execution.threads import linear_algebra_on_one_thread
 
 A = TypeVar("A")
 T = TypeVar("T")
@@ -27,7 +28,7 @@ class Shared(Generic[V]):
         self._bytes = pickle.dumps(value)
         self._digest = hashlib.sha256(self._bytes).hexdigest()
 
-    def mapped(self, place: tuple[Executor, int], work: Callable[[V, A], T], items: Sequence[A]) -> list[T]:
+    def mapped(self, place: Place, work: Callable[[V, A], T], items: Sequence[A]) -> list[T]:
         """`work(value, item)` for every item, in their order, wherever the executor is.
 
         The value goes with as many tasks as may be at work, or where a worker asks for it. Raises what the work raises,
@@ -40,8 +41,9 @@ class Shared(Generic[V]):
         while left:
             tasks = [_Task(work, self._digest, content, items[k], k) for k in left]
             for outcome in outcomes(executor, most, _done, tasks):
-                if not isinstance(outcome.error, _MissingError):
-                    found[outcome.task.place] = outcome.value
+                value = outcome.value
+                if not isinstance(value, _Missing):
+                    found[outcome.task.place] = value
             again = [k for k in left if k not in found]
             if asked() and again:
                 raise Stopped(asked() or Reason.INTERRUPTED)
@@ -49,8 +51,8 @@ class Shared(Generic[V]):
         return [found[k] for k in range(len(items))]
 
 
-class _MissingError(Exception):
-    """This worker has never seen the value."""
+class _Missing:
+    """Says that this worker has never seen the value. No error, which a cluster would log."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +64,12 @@ class _Task(Generic[V, A, T]):
     place: int
 
 
-def _done(task: _Task[V, A, T]) -> T:
+def _done(task: _Task[V, A, T]) -> T | _Missing:
     if task.digest not in _here:
         if task.content is None:
-            raise _MissingError(task.digest)
+            return _Missing()
         while len(_here) >= _KEPT:
             del _here[next(iter(_here))]
         _here[task.digest] = pickle.loads(task.content)
-    return task.work(_here[task.digest], task.item)
+    with linear_algebra_on_one_thread():
+        return task.work(_here[task.digest], task.item)

@@ -39,6 +39,15 @@ class Answer:
     best: Minimum | None = None
 
     @property
+    def method(self) -> str:
+        """Contractors and strategy, and why these; rows that one of them cannot use."""
+        found = self.best or self.paving
+        if found is None:
+            return ""
+        unused = "" if found.row_use is None else found.row_use.sentence
+        return f"{found.method.rstrip('.')}. {unused[:1].upper()}{unused[1:]}." if unused else found.method
+
+    @property
     def objective(self) -> tuple[float, float] | None:
         """The bracket of the objective as it was asked for: of a maximum the signs are turned."""
         if self.best is None:
@@ -70,8 +79,17 @@ class Answer:
             "pending": self.pending,
             "nodes": self.nodes,
             "seconds": round(self.seconds, 3),
+            "method": self.method,
+            "width": None if self.paving is None else self.paving.width,
+            "rows": self._rows(),
         }
         return (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+    def _rows(self) -> dict[str, int | dict[str, int]] | None:
+        """How many rows there are, how many a contractor cannot use, and how many none can."""
+        found = self.best or self.paving
+        use = None if found is None else found.row_use
+        return None if use is None else {"all": use.rows, "unused": dict(use.unused), "used by none": use.by_none}
 
 
 def answer(

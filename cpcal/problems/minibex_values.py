@@ -96,7 +96,7 @@ def as_operand(value: Value) -> Any:
 
 
 def power(base: Value, exponent: Value) -> Value:
-    """A whole exponent, or an exponent as the solver knows it."""
+    """Whole exponents are products; others as the solver has it, x^y where x > 0 (and 0 to a positive power is 0)."""
     if isinstance(base, np.ndarray):
         return entrywise(lambda entry: power(entry, exponent), base)
     if isinstance(exponent, Fraction) and exponent.denominator == 1 and abs(exponent) <= LARGEST_POWER:
@@ -104,7 +104,11 @@ def power(base: Value, exponent: Value) -> Value:
         if isinstance(base, Fraction) and base == 0 and count < 0:
             raise ModelError("0 has no negative power")
         return _powered(base, lambda value: value**count)
-    raise ModelError("an exponent must be a whole number here: write exp(y*ln(x)) for another")
+    if isinstance(exponent, np.ndarray):
+        raise ModelError("an exponent must be a scalar")
+    if isinstance(exponent, Fraction) and exponent == Fraction(1, 2):
+        return applied("sqrt", [base])
+    return mathematics.power(as_operand(base), as_operand(exponent))
 
 
 def _powered(value: Value, operation: Callable[[Any], Any]) -> Value:

@@ -57,7 +57,6 @@ class _Parts:
     linear: dict[int, list[tuple[int, Fraction]]] = field(default_factory=dict)
     gradients: dict[int, list[tuple[int, Fraction]]] = field(default_factory=dict)
     row_bounds: list[tuple[float, float]] = field(default_factory=list)
-    start: dict[int, float] = field(default_factory=dict)
 
 
 def read_nl(text: str, where: str) -> StatedProblem:
@@ -174,13 +173,8 @@ class _Reader(NlLines):
     def variable_bounds(self, told: list[str]) -> None:
         self.at += self.count  # read already
 
-    def guess(self, told: list[str]) -> None:
-        for _ in range(int(told[0])):
-            number, value = self.next().split()
-            self.parts.start[int(number)] = float(value)
-
     def skipped(self, told: list[str]) -> None:
-        """Duals, column counts, suffixes: so many lines."""
+        """The start, duals, column counts, suffixes: so many lines."""
         count = int(told[1]) if len(told) > 1 else int(told[0])
         self.at += count
 
@@ -237,8 +231,6 @@ class _Reader(NlLines):
         if code in _NAMED:
             return applied(_NAMED[code], [first])
         second = self.expression(depth)
-        if code in (5, 76) and second == Fraction(1, 2):
-            return applied("sqrt", [first])
         if code in _BINARY:
             return _BINARY[code](first, second)
         return applied("atan2", [first, second])
@@ -266,7 +258,7 @@ _SEGMENTS: dict[str, Callable[[_Reader, list[str]], None]] = {
     "G": _Reader.gradient,
     "r": _Reader.ranges,
     "b": _Reader.variable_bounds,
-    "x": _Reader.guess,
+    "x": _Reader.skipped,
     "d": _Reader.skipped,
     "k": _Reader.skipped,
     "S": _Reader.skipped,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, polynomial_form
 from cpcal.solver.network.dag import topological
 
-_LIFTED_UNKNOWNS, _LIFTED_COLUMNS = 40, 150  # beyond, a linear program of all products takes too long at each node
+_LIFTED_UNKNOWNS, _LIFTED_PRODUCTS = 40, 1000  # beyond, linear programs of products take too long at each node
 _DENSE_UNKNOWNS = 100  # for the linear programs of beaumont, one row and two programs an unknown
 _TURNS = (16, 8)  # of hc4 and newton alone, and of cid and beaumont, where there is lifted
 _SHALLOW = {"add", "sub", "neg", "mul", "sqr", "index", "sum", "constant", "variable", "power", "div"}
@@ -31,6 +32,7 @@ class SearchMethod:
         return f"{', '.join(self.contractors)} by {self.strategy}"
 
 
+CERTIFYING = (("lifted",), "it gives weights")
 AS_ASKED = (SearchMethod(("as asked",), "largest", 64),)
 
 
@@ -42,11 +44,11 @@ class Choice:
     why: str
 
 
-def choice_to_solve(network: ConstraintNetwork) -> Choice:
-    """What to solve a network by."""
+def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> Choice:
+    """What to solve a network by; what is not polynomial at `deadline` (of time.monotonic()) counts as not."""
     unknowns = int(np.sum(network.domain.hi > network.domain.lo))
     equations = Equalities(network)
-    lifted = _lifts(network)
+    lifted = _lifts(network, deadline)
     if equations.count != unknowns or equations.reads:
         kind = "fewer equations than unknowns" if equations.count < unknowns else "more equations than unknowns"
         why = f"{kind if not equations.reads else 'equations with readings'}: there is nothing for newton to prove"
@@ -58,15 +60,16 @@ def choice_to_solve(network: ConstraintNetwork) -> Choice:
         methods.append(SearchMethod(("hc4", "newton", "beaumont"), "smear-relative", 16, few))
     if lifted:
         methods.append(SearchMethod(("hc4", "newton", "lifted"), "smear-relative", 128))
+        methods.append(SearchMethod(("lifted", "newton"), "largest", 128))
     kind = "polynomial" if lifted else "not polynomial, or with too many products for lifted"
     return Choice(tuple(methods), f"{unknowns} equations in as many unknowns, {kind}")
 
 
-def choice_to_minimize(network: ConstraintNetwork) -> tuple[tuple[str, ...], str]:
-    """The contractors to minimise by, and why."""
+def choice_to_minimize(network: ConstraintNetwork, deadline: float = math.inf) -> tuple[tuple[str, ...], str]:
+    """The contractors to minimise by, and why; `deadline` as in `choice_to_solve`."""
     if any(map(reads, network.constraints)):
         return ("lifted",), "readings: lifted takes them at the ends that decide"
-    if not _lifts(network):
+    if not _lifts(network, deadline):
         return ("hc4", "beaumont"), "no row is polynomial, or there are too many products for lifted"
     left = [c for c in network.constraints if any(node.op not in _SHALLOW for node in topological((c.body,)))]
     if left:
@@ -74,7 +77,7 @@ def choice_to_minimize(network: ConstraintNetwork) -> tuple[tuple[str, ...], str
     return ("hc4", "lifted"), "polynomial, or with roots and divisions that are multiplied out"
 
 
-def _lifts(network: ConstraintNetwork) -> bool:
+def _lifts(network: ConstraintNetwork, deadline: float) -> bool:
     """Whether lifted has rows to work on, and not too many products."""
     if any(map(reads, network.constraints)):
         return True
@@ -82,5 +85,5 @@ def _lifts(network: ConstraintNetwork) -> bool:
         linear_time = all(len(c.body.shape) for c in network.constraints)
         if not linear_time:
             return False
-    system = polynomial_form(network, get_arithmetic("float64"))
-    return bool(len(system.origin)) and len(system.monomials) <= _LIFTED_COLUMNS
+    system = polynomial_form(network, get_arithmetic("float64"), deadline=deadline)
+    return bool(len(system.origin)) and len(system.monomials) <= _LIFTED_PRODUCTS

@@ -10,33 +10,38 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
 import numpy.typing as npt
 
 from cpcal.common import numbers
+from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
-from cpcal.execution.executors import Here, executor_for
+from cpcal.execution.executors import Here, Place, executor_for
 from cpcal.execution.stopping import asked, heard
+from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
-from cpcal.solver.choice import AS_ASKED, Choice, SearchMethod, choice_to_minimize, choice_to_solve
-from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy, Then, until
+from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
+from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy, Then, in_sequence, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.network.divisions import with_products
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.questions import (
-    FINE_WIDTH,
     checked_limits,
     checked_width,
     default_width,
     named_order,
     named_strategy,
     relaxed,
+    remaining,
     start_point,
+    width_sentence,
     with_objective,
 )
+from cpcal.solver.row_use import row_use
 from cpcal.solver.search import (
     Contender,
     Contracting,
@@ -105,8 +110,8 @@ class Network(ConstraintNetwork):
 
         Without `width` it is 1e-6 where equations leave single points. Where they leave curves or regions, one is
         chosen that cuts them into some hundred to some thousand boxes, and `Paving.method` says which. Half of it takes
-        twice as long along a curve, four times on a surface: set `limits` with it, and where solutions reach to
-        infinity.
+        twice as long along a curve, four times on a surface: set `limits` with it. Where solutions may run to infinity,
+        boxes further than 100 from 0 are not divided; with a width that is asked for they are: set `limits`.
 
         Where there are as many equations as unknowns, boxes are proved to hold exactly one solution if they do.
         Without `contractors` and `strategy` several combinations that suit the network's structure take turns, and the
@@ -117,7 +122,7 @@ class Network(ConstraintNetwork):
         see `Paving`.
 
         `workers` processes, a Dask `scheduler` or an `executor` (see `cpcal.certify`) decide the boxes of each round;
-        the answer is the same. It pays where a box takes a millisecond or more.
+        the answer is the same. It pays where a box takes some tenths of a millisecond or more.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
@@ -125,31 +130,32 @@ class Network(ConstraintNetwork):
         network, clock = self._as_asked(), checked_limits(limits).clock()
         engine = get_arithmetic(arithmetic)
         chooses = contractors is None and strategy is None
-        choice = choice_to_solve(network) if chooses else Choice(AS_ASKED, "as asked for")
+        choice = choice_to_solve(network, clock.deadline) if chooses else Choice(AS_ASKED, "as asked for")
         priority, inside = named_order(network, order), Inside(network, engine) if inner else None
+        built: dict[SearchMethod, list[tuple[str, Contractor]]] = {}
+        nodes = 0
 
         def contracting(method: SearchMethod) -> Contractor:
             names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
-            contractor = plugins.build(network, names, arithmetic=arithmetic)
+            parts = plugins.build_each(network, names, arithmetic=arithmetic)
+            built[method] = list(zip(map(plugins.name_of, names), parts, strict=True))
+            contractor = in_sequence(parts)
             if network.whole.any():
                 contractor = Then(contractor, WholeNumbers(network.whole))
             until(contractor, clock.deadline)
             return contractor
 
-        def left() -> Box:
-            return contracting(choice.methods[0]).contract(network.domain).box
+        left = partial(_contracted, contracting, choice.methods[0], network.domain)
+        finest, reach = default_width(network, left) if width is None else (checked_width(width), _everywhere(network))
 
-        finest = default_width(network, left) if width is None else checked_width(width)
-
-        def search(method: SearchMethod, place: tuple[Executor, int]) -> Search:
+        def search(method: SearchMethod, place: Place) -> Search:
             contractor = contracting(method)
-            by = named_strategy(network, method.strategy if strategy is None else strategy, finest, arithmetic)
+            by = named_strategy(network, method.strategy if strategy is None else strategy, finest, reach, arithmetic)
             process = Divide(contractor, by, inside=inside)
             spread = process if isinstance(place[0], Here) else Spread(process, place)
             return Search([network.domain], spread, priority, outside=inner, abreast=_ABREAST)
 
-        nodes = 0
-        with heard(), executor_for(workers, scheduler, executor) as place:
+        with heard(), linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor) as place:
             race = Race([Contender(m.name, partial(search, m, place), m.slice, m.turns) for m in choice.methods])
             try:
                 for event in race:
@@ -162,11 +168,10 @@ class Network(ConstraintNetwork):
                 pass
             found = race.leader.search or search(choice.methods[0], place)
             paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
+            used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
         said = f"{choice.why}: {race.sentence()}" if chooses else choice.why
-        if width is None and finest != FINE_WIDTH:
-            shape, chosen = "Solutions form curves or regions", f"width {numbers.stated(finest)} was chosen"
-            said += f" {shape}: {chosen}, width=... asks for another."
-        return replace(paving, method=said)
+        said += width_sentence(finest, reach) if width is None else ""
+        return replace(paving, method=said, width=finest, row_use=used)
 
     def minimize(
         self,
@@ -202,12 +207,11 @@ class Network(ConstraintNetwork):
         """
         limit, network = checked_limits(limits), self._as_asked()
         network, name = with_objective(relaxed(network, relax), objective)
-        clock = limit.clock()
-        engine, exact = get_arithmetic(arithmetic), certificate is not None
-        stated = with_products(network, instead=exact)
+        clock, engine, exact = limit.clock(), get_arithmetic(arithmetic), certificate is not None
+        stated, origin = with_products(network, instead=exact)
         why = "asked for"
         if contractors is None:
-            contractors, why = (("lifted",), "it gives weights") if exact else choice_to_minimize(stated)
+            contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
         network._check_bounded(name, contractors, chosen=why != "asked for")
         parts = plugins.build_each(stated, contractors, objective=name, arithmetic=arithmetic)
         for part in parts:
@@ -220,13 +224,13 @@ class Network(ConstraintNetwork):
         first = None if start is None else start_point(network, start, len(self.names))
 
         def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
-            with executor_for(workers, scheduler, executor) as place:
+            with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor) as place:
                 states = minimize(
                     network,
                     name,
                     named,
                     engine=engine,
-                    limits=limit,
+                    limits=remaining(clock),
                     start=first,
                     prover=prover,
                     observe=observe,
@@ -235,7 +239,8 @@ class Network(ConstraintNetwork):
                 found = run(states, progress)
             status = found.status + (f" Equations were relaxed to within {numbers.stated(relax)}." if relax else "")
             method = f"{', '.join(called for called, _ in named)}: {why}"
-            return replace(found, status=status, relax=float(relax), names=network.names, method=method)
+            used = row_use(network, named[: len(parts)], origin)
+            return replace(found, status=status, relax=float(relax), names=network.names, method=method, row_use=used)
 
         if certificate is None:
             with heard():
@@ -262,6 +267,16 @@ class Network(ConstraintNetwork):
         bounds = [box[component] for component in self.names if component != objective and not box.is_empty]
         if not all(one.is_bounded for one in bounds):
             raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
+
+
+def _contracted(contracting: Callable[[SearchMethod], Contractor], method: SearchMethod, box: Box) -> Box:
+    """What the contractors of a method leave of a box."""
+    return contracting(method).contract(box).box
+
+
+def _everywhere(network: ConstraintNetwork) -> Floats:
+    """How far from 0 the components are divided where a width is asked for."""
+    return np.full(len(network.names), np.inf)
 
 
 def _check_weights(named: list[tuple[str, Contractor]]) -> None:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
+from cpcal.common.numbers import stated
 from cpcal.solver import plugins
-from cpcal.solver.contract import Limits, Strategy
+from cpcal.solver.contract import Clock, Limits, Strategy
 from cpcal.solver.existence import Equalities
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.number import float_bounds
@@ -21,6 +25,7 @@ from cpcal.solver.network.expression import as_expr
 from cpcal.solver.search import ORDERS, STRATEGIES, Priority
 
 FINE_WIDTH = 1e-6  # of the boxes about single points
+REACH = 100.0  # from 0, of boxes that are divided where solutions may run to infinity and nobody asks for a width
 _BOXES = 256  # about as many make up the set of solutions, or some times as many
 _WHOLE = 0.5  # so that boxes of whole numbers are points
 
@@ -55,22 +60,35 @@ def with_objective(network: N, objective: Expr) -> tuple[N, str]:
     return network, name
 
 
-def default_width(network: ConstraintNetwork, left: Callable[[], Box]) -> float:
+def default_width(network: ConstraintNetwork, left: Callable[[], Box]) -> tuple[float, Floats]:
     """1e-6 where solutions are single points; else what cuts `left`, which holds them, into some hundred boxes or more.
 
     Solutions that leave `freedom` of the unknowns open form a set of that dimension: each of its directions gets its
-    share of the boxes.
+    share of the boxes. And how far from 0 each component (n,) is divided: where `left` is unbounded, up to `REACH`.
     """
     free, equations = network.domain.hi > network.domain.lo, Equalities(network)
     freedom = int(free.sum()) - (0 if equations.reads else equations.count)
+    everywhere = np.full(len(free), np.inf)
     if freedom <= 0:
-        return FINE_WIDTH
-    widths = left().width[free]
-    widest = float(np.max(widths, where=np.isfinite(widths), initial=0.0))
+        return FINE_WIDTH, everywhere
+    widths = left().width
+    reach = np.where(np.isinf(widths), REACH, np.inf)
+    widest = float(np.max(np.minimum(widths, 2.0 * reach), where=free, initial=0.0))
     if not widest > 0.0:
-        return FINE_WIDTH
+        return FINE_WIDTH, everywhere
     width: float = min(widest * _BOXES ** (-1.0 / freedom), _WHOLE if network.whole.any() else np.inf)
-    return round(width, -math.floor(math.log10(width)))  # one digit
+    return round(width, -math.floor(math.log10(width))), reach  # one digit
+
+
+def width_sentence(width: float, reach: Floats) -> str:
+    """What `default_width` chose, to follow a sentence; empty for the width of single points."""
+    if width == FINE_WIDTH:
+        return ""
+    shape, chosen = "Solutions form curves or regions", f"width {stated(width)} was chosen"
+    said = f" {shape}: {chosen}, width=... asks for another."
+    if np.isfinite(reach).any():
+        said += f" They may run to infinity: further than {REACH:g} from 0 boxes are not divided."
+    return said
 
 
 def checked_width(width: float) -> float:
@@ -92,6 +110,12 @@ def checked_limits(limits: Limits | None) -> Limits:
     return limits
 
 
+def remaining(clock: Clock) -> Limits:
+    """The limits of a clock with the seconds that are left."""
+    left = max(0.0, clock.deadline - time.monotonic())
+    return clock.limits if clock.limits.seconds is None else replace(clock.limits, seconds=left)
+
+
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
@@ -104,13 +128,15 @@ def start_point(network: ConstraintNetwork, start: npt.ArrayLike, count: int) ->
     return np.concatenate([point, network.domain.hi[count:]])
 
 
-def named_strategy(network: ConstraintNetwork, strategy: str | Strategy, width: float, arithmetic: str) -> Strategy:
+def named_strategy(
+    network: ConstraintNetwork, strategy: str | Strategy, width: float, reach: Floats, arithmetic: str
+) -> Strategy:
     if not isinstance(strategy, str):
         if not hasattr(strategy, "split"):
             raise ModelError(f"strategy={strategy!r} divides no box: give a name or an object with split(box)")
         return strategy
     if strategy in STRATEGIES:
-        return STRATEGIES[strategy](network, width)
+        return STRATEGIES[strategy](network, width).within(reach)
     return plugins.load_strategy(strategy, STRATEGIES)(network, width, arithmetic=arithmetic)
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -102,6 +103,27 @@ def test_a_stopped_run_goes_on_with_what_is_missing(folders, tmp_path):
     assert certified(folders, tmp_path, "day1", "day2", "day3", more=["--resume"]).exit_code == 0
     assert (tmp_path / "day1" / "result.json").stat().st_mtime_ns == before
     assert len(rows(tmp_path)) == 6
+
+
+def test_a_campaign_that_was_at_work_goes_on_from_its_legs(folders, done, tmp_path, monkeypatch):
+    source = lambda: Reason.INTERRUPTED if any(tmp_path.glob("day1/checkpoint/*.answer")) else None  # noqa: E731
+    with also_asked_by(source):
+        assert certified(folders, tmp_path, "day1", "day2").exit_code == 130
+    assert [leg.leg for leg in cpcal.load_result(tmp_path / "day1").legs] == [1]
+    asked, module = [], sys.modules["cpcal.certify.certify"]
+    ask = module.certify_leg
+
+    def asking(question, leg):
+        asked.append(leg)
+        return ask(question, leg)
+
+    monkeypatch.setattr(module, "certify_leg", asking)
+    assert certified(folders, tmp_path, "day1", "day2", more=["--resume"]).exit_code == 0
+    assert asked == [2, 1, 2]
+    assert not any(tmp_path.glob("*/checkpoint"))
+    for name in ("day1", "day2"):
+        for path in (tmp_path / name).glob("*.cert.jsonl"):
+            assert path.read_bytes() == (done[0] / name / path.name).read_bytes()
 
 
 def test_two_of_one_name_are_refused(folders, tmp_path):

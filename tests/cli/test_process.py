@@ -101,7 +101,7 @@ def test_progress_shows_the_bracket_of_each_leg():
     text = written(console)
     assert "leg 1" in text
     assert "eps in [0.2500000, 0.5000000] mm" in text
-    assert "nodes 2  LPs 56" in text
+    assert "2 boxes" in text
 
 
 def test_without_a_terminal_a_line_is_written_every_ten_seconds():
@@ -109,7 +109,9 @@ def test_without_a_terminal_a_line_is_written_every_ten_seconds():
     progress = ProgressLines(console, lambda: next(now))
     for k in range(5):
         progress(2, Bracket(0.25, 0.5, k, 12, float(k)))
-    assert written(console).splitlines() == [f"leg 2: eps in [0.2500000, 0.5000000] mm, {k} s" for k in (2, 4)]
+    assert written(console).splitlines() == [
+        f"leg 2: eps in [0.2500000, 0.5000000] mm, {k} s, {k} boxes" for k in (2, 4)
+    ]
     with watch([1], 1e-6, Console(file=io.StringIO())) as quiet:
         assert isinstance(quiet, ProgressLines)
 

@@ -57,3 +57,36 @@ def test_a_guard_that_may_fail_is_paid_for(engine: str) -> None:
     inside = net.domain.replace("y", lo=0.125)
     assert all(rows_hold(net, inside, [0.25, 0.5], engine))
     assert rows_hold(net, inside, [0.25, 0.5009], engine).count(False) == 1
+
+
+def test_columns_are_capped_and_the_rows_still_hold() -> None:
+    """A product of degree 11 of each three of five unknowns has hundreds of divisors; what has no column is bounded."""
+    net = ConstraintNetwork()
+    x = net.variable("x", 5, (-1, 1))
+    point = np.array([0.5, -0.25, 0.75, -0.5, 0.125])
+    for k in range(5):
+        a, b, c = x[k], x[(k + 1) % 5], x[(k + 2) % 5]
+        row = a - 0.5 * a**3 * b**4 * c**4 + b**5 * c**6
+        value = Fraction(0)
+        i, j, m = (Fraction(v) for v in (point[k], point[(k + 1) % 5], point[(k + 2) % 5]))
+        value = i - Fraction(1, 2) * i**3 * j**4 * m**4 + j**5 * m**6
+        net.add(row <= float(np.nextafter(float(value), np.inf)))
+    structure = Structure(polynomial_form(net, get_arithmetic("float64")))
+    assert len(structure.system.monomials) > 300
+    assert structure.used.sum() <= 150
+    assert len(structure.positions) == 5
+    for size in (2.0, 0.1, 1e-3):
+        box = net.domain.with_bounds(np.maximum(point - size, -1.0), np.minimum(point + size, 1.0))
+        assert all(rows_hold(net, box, point.tolist()))
+
+
+def test_rows_with_too_many_products_are_left_over_and_named() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 30, (-1, 1))
+    product = x[0]
+    for k in range(1, 30):
+        product = product * x[k]  # a billion divisors
+    net.add([product == 0.5, x.sum() == 1, (x.sum() + 1) ** 12 <= 3])
+    system = polynomial_form(net, get_arithmetic("float64"))
+    assert {constraint for constraint, _ in system.leftover} == {0, 2}
+    assert set(system.origin[:, 0].tolist()) == {1}

@@ -11,6 +11,7 @@ from cpcal.common.errors import InputError
 from cpcal.common.errors import Problem as Wrong
 from cpcal.problems.minibex_meaning import read_minibex
 from cpcal.problems.stated_problem import StatedProblem
+from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.network import evaluate
 
@@ -152,7 +153,7 @@ def test_an_objective_needs_no_constraints() -> None:
         ("Variables x in [2,1]; Constraints x = 1; end", 1, "is not an interval"),
         ("Constants a = b; Variables x; Constraints x = 1; end", 1, "'b' is not declared"),
         ("Variables x in [0,x]; Constraints x = 1; end", 1, "'x' is not declared"),
-        ("Variables x; Constraints x^1.5 = 1; end", 1, "an exponent must be a whole number"),
+        ("Variables x, y[2]; Constraints x^y = 1; end", 1, "an exponent must be a scalar"),
         ("Variables x; Constraints 1 = 1; end", 1, "a constraint without a variable"),
         ("Variables x; Constraints x/0 = 1; end", 1, "a division by 0"),
         ("Variables x; Constraints 1 <= x <= 2; end", 1, "a second relation follows"),
@@ -199,3 +200,10 @@ def told(text: str) -> tuple[Wrong, ...]:
     except InputError as error:
         return tuple(error.problems)
     return ()
+
+
+def test_exponents_are_numbers_and_expressions() -> None:
+    network = read("Variables x in [0.1,5]; y in [0.1,5]; Constraints x^1.5 = 8; y^x = 16; y^0.5 <= 2; end").network
+    (only,) = network.solve().solutions
+    assert only.verdict is Verdict.PROVED
+    assert only.box.mid == pytest.approx([4.0, 2.0])

@@ -192,6 +192,8 @@ def test_the_command_writes_json_and_sol(tmp_path: Path) -> None:
     assert "exactly one" in run.output
     said = json.loads((tmp_path / "two.json").read_text())
     assert (said["format"], said["status"], said["objective"]) == ("cpcal-solution/1", "complete", None)
+    assert said["method"].rstrip(".") in " ".join(run.output.split())
+    assert (said["width"], said["rows"]) == (1e-6, {"all": 2, "unused": {}, "used by none": 0})
     assert [s["status"] for s in said["solutions"]] == ["proved", "proved"]
     roots = sorted(s["box"]["x"][0] for s in said["solutions"])
     assert roots == pytest.approx([-(2**0.5), 2**0.5])

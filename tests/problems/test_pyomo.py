@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cpcal.solver.contract import Verdict
@@ -95,3 +96,15 @@ def test_whole_numbers_are_taken_as_such() -> None:
     solver().solve(m)
     assert pyo.value(m.x) == 3
     assert pyo.value(m.y) == pytest.approx(1.25, abs=1e-5)
+
+
+def test_variables_stand_in_exponents_too() -> None:
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(bounds=(0.5, 3)), pyo.Var(bounds=(0.5, 3))
+    m.c = pyo.Constraint(expr=m.x**m.y == 4)
+    m.goal = pyo.Objective(expr=m.x + m.y**1.5)
+    results = solver().solve(m, rel_gap=1e-3)
+    x = np.linspace(1.6, 3.0, 2001)  # y is at most 3
+    least = float((x + (np.log(4) / np.log(x)) ** 1.5).min())
+    assert results.objective_bound <= least
+    assert results.incumbent_objective <= least * (1 + 2e-3)

@@ -10,6 +10,8 @@ from contractors import HC4
 from cpcal.common.errors import ModelError
 from cpcal.solver.choice import choice_to_minimize, choice_to_solve
 from cpcal.solver.contract import Contraction, Limits, Verdict
+from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.network.polynomial_rows import PolynomialForms
 from cpcal.solver.search import Contender, Divide, LargestFirst, Race, Search
 
 
@@ -27,7 +29,8 @@ def test_a_square_system_is_solved_without_options_and_says_by_what() -> None:
 
 
 def test_the_choice_follows_the_structure() -> None:
-    assert [m.contractors for m in choice_to_solve(circle_and_line()).methods][-1] == ("hc4", "newton", "lifted")
+    methods = [(m.contractors, m.strategy) for m in choice_to_solve(circle_and_line()).methods]
+    assert methods[-2:] == [(("hc4", "newton", "lifted"), "smear-relative"), (("lifted", "newton"), "largest")]
     net = cpcal.Network()
     x = net.variable("x", 2, (-2, 2))
     net.add(np.sin(x[0]) + x[1] <= 1)
@@ -183,3 +186,53 @@ def test_a_contender_without_progress_sits_out_and_comes_back() -> None:
         turns.append((stuck.nodes, steady.nodes))
     assert race.leader is steady
     assert 1 < stuck.nodes < steady.nodes / 2
+
+
+def test_rows_that_a_contractor_cannot_use_are_counted() -> None:
+    net = cpcal.Network()
+    x = net.variable("x", 2, (-2, 2))
+    net.add([np.sin(x[0]) + x[1] <= 1, x[0] ** 2 / (x[1] + 3) <= 2, x >= -1])
+    found = net.minimize(x[1], limits=Limits(nodes=1), contractors=["lifted"])
+    assert found.row_use is not None
+    assert (found.row_use.rows, found.row_use.unused, found.row_use.by_none) == (4, (("lifted", 1),), 1)
+    assert found.row_use.sentence == "lifted cannot use 1 of 4 rows; 1 is used by none"
+    both = net.minimize(x[1], limits=Limits(nodes=1))
+    assert both.row_use is not None
+    assert both.row_use.by_none == 0
+    paving = circle_and_line().solve()
+    assert paving.row_use is not None
+    assert (paving.row_use.sentence, paving.width) == ("", 1e-6)
+
+
+def test_a_curve_that_runs_to_infinity_is_divided_within_100_of_zero() -> None:
+    net = cpcal.Network()
+    x, y = net.variable("x"), net.variable("y")
+    net.add(x * y == 1)
+    paving = net.solve()
+    assert paving.complete
+    assert "further than 100 from 0 boxes are not divided" in paving.method
+    for point in ((2.0, 0.5), (-0.25, -4.0), (1e9, 1e-9), (-(2.0**-600), -(2.0**600))):
+        assert any(np.array(point) in box for box in paving.boundary)
+    near = [box for box in paving.boundary if (np.abs(box.mid) < 50).all()]
+    assert max(box.width.max() for box in near) <= paving.width
+
+
+def test_boxes_that_a_single_row_excludes_are_not_left_open() -> None:
+    """Newton shrinks boxes about (0, 0, 3) to some 1e-15, where x y z = 1 is far from true."""
+    net = cpcal.Network()
+    x = net.variable("x", 3, (-10, 10))
+    net.add([x[0] + x.sum() == 4, x[1] + x.sum() == 4, x[0] * x[1] * x[2] == 1])
+    paving = net.solve()
+    assert paving.complete
+    assert {s.verdict for s in paving.solutions} == {Verdict.PROVED}
+    assert any(np.ones(3) in s.box for s in paving.solutions)
+
+
+def test_a_time_limit_holds_while_rows_are_expanded() -> None:
+    net = cpcal.Network()
+    x = net.variable("x", 6, (-1, 1))
+    net.add([(x.sum() + k) ** 12 + x[k] == 1 for k in range(6)])
+    forms = PolynomialForms(net, get_arithmetic("float64"), deadline=0.0).on()
+    assert {constraint for constraint, _ in forms.leftover} == set(range(6))
+    assert {reason for _, reason in forms.leftover} == {"the time limit came first"}
+    assert net.solve(limits=Limits(seconds=0.0)).nodes <= 1

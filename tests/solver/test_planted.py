@@ -63,6 +63,6 @@ def test_a_planted_solution_is_not_lost_and_bounds_the_least_value(part: int) ->
         paving = net.solve(width=0.5, limits=Limits(nodes=20))
         assert any(point in s.box for s in paving.solutions), seed
         value = float(cpcal.evaluate(net, objective, cpcal.Box(net.names, point, point)).hi)
-        best = net.minimize(objective, limits=Limits(nodes=5))
+        best = net.minimize(objective, limits=Limits(nodes=1 + seed % 5))
         assert best.lo <= value, seed
         assert best.lo <= best.hi, seed

@@ -61,7 +61,7 @@ class PixelRun:
 
 
 def certify_pixels(
-    done: ImageStudy, campaign: Campaign, legs: Sequence[int] | None, folder: Path, talk: Talk
+    done: ImageStudy, campaign: Campaign, legs: Sequence[int] | None, folder: Path, talk: Talk, *, resume: bool
 ) -> PixelRun:
     """One image of each configuration of `campaign`, whose legs' reading sets are kept. Raises InputError."""
     images, found = done.shots["calibration"], done.found["calibration"]
@@ -88,7 +88,7 @@ def certify_pixels(
         },
     )
     save_campaign(pixel, folder / PIXEL_CAMPAIGN)
-    result = certified_into(folder / PIXEL_RUN, pixel, {"legs": legs}, talk=talk)
+    result = certified_into(folder / PIXEL_RUN, pixel, {"legs": legs}, talk=talk, resume=resume)
     return PixelRun(sets, pixel, result)
 
 

@@ -69,6 +69,9 @@ def demo(
         bool, typer.Option("--full", help="With --images: all 14,784 of the paper, not kept, instead of some hundred.")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not empty.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from where a stopped demo of the same options was.")
+    ] = False,
     *,
     talk: Talk,
 ) -> None:
@@ -92,10 +95,12 @@ def demo(
     record = _calibrated(output, seed, console)
     campaign = load_campaign(output / CAMPAIGN)
     _fits(campaign, record, output / FITS, console)
-    result = _unless_stopped(lambda: certified_into(output / RUN, campaign, {"legs": PLAN.legs}, talk=talk))
+    result = _unless_stopped(
+        lambda: certified_into(output / RUN, campaign, {"legs": PLAN.legs}, talk=talk, resume=resume)
+    )
     _unless_stopped(lambda: _timeout(campaign, output / TIMEOUT, talk))
     if photos is not None:
-        _pixels(photos, campaign, result, output, talk)
+        _pixels(photos, campaign, result, output, talk, resume)
     accepted, found = study_found(output)
     console.print(found.checked, soft_wrap=True)
     page = write_study_page(found, output / REPORT_NAME, run=output / RUN)
@@ -137,11 +142,11 @@ def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, console: 
             console.print(f"Leg {fit.leg}: {fit.verified.sentence(name)}", soft_wrap=True)
 
 
-def _pixels(photos: ImageStudy, campaign: Campaign, result: Result, output: Path, talk: Talk) -> None:
+def _pixels(photos: ImageStudy, campaign: Campaign, result: Result, output: Path, talk: Talk, resume: bool) -> None:
     """Reading sets from pixels, certified, and what the page says of the images."""
     talk.say(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
     with heard(terminate=True):
-        run = certify_pixels(photos, campaign, PLAN.legs, output, talk)
+        run = certify_pixels(photos, campaign, PLAN.legs, output, talk, resume=resume)
         if run.result.interrupted:
             raise typer.Exit(status_of(run.result))
     try:

@@ -29,15 +29,18 @@ class Linearization:
 class Equalities:
     """All elements of constraints whose two bounds are one number: m equations in the n components of a box.
 
-    `rest` is the network of everything else. `reads` says whether an equation contains a reading: then its zeros
-    are no single points.
+    `rest` is the network of everything else, `inequalities` the numbers of constraints without any equation. `reads`
+    says whether an equation contains a reading: then its zeros are no single points.
     """
 
     def __init__(self, network: ConstraintNetwork) -> None:
         self.rest = network.without_constraints()
         roots: list[Expr] = []
-        for constraint in network.constraints:
+        self.inequalities: set[int] = set()
+        for k, constraint in enumerate(network.constraints):
             equal = _equalities(constraint)
+            if not equal.any():
+                self.inequalities.add(k)
             if equal.any():
                 roots.append(_difference(constraint, equal))
             if not equal.all():

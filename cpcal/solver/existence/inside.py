@@ -19,7 +19,7 @@ class Inside:
 
     def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
         self._engine, self._domain = engine, network.domain
-        self._plain = Tape(network, [e for c in network.constraints if not reads(c) for e in _sides(c)])
+        self._plain = Tape(network, [e for c in network.constraints if not reads(c) for e in sides(c)])
         self._reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
 
     def __call__(self, box: Box) -> bool:
@@ -44,6 +44,6 @@ def _hold(engine: Arithmetic, tape: Tape, box: IntervalArray) -> bool:
     return tape.defined(engine, slots) and highest(tape.values(slots)) <= 0.0
 
 
-def _sides(constraint: Constraint) -> tuple[Expr, Expr]:
+def sides(constraint: Constraint) -> tuple[Expr, Expr]:
     """The two expressions that are at most zero where the constraint holds."""
     return constraint.body - constraint.upper, constraint.lower - constraint.body

@@ -11,10 +11,10 @@ import numpy as np
 from cpcal.common.arrays import Floats, Indices
 from cpcal.common.errors import ModelError
 from cpcal.solver.existence.equalities import Equalities
-from cpcal.solver.existence.inside import Inside
+from cpcal.solver.existence.inside import Inside, sides
 from cpcal.solver.existence.operators import Operator, hansen_sengupta, image, inside, krawczyk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network import ConstraintNetwork, Tape
 
 _POLISH = 12  # Newton steps in floating point before anything is proved
 _AROUND = 4  # inflations of a box
@@ -46,6 +46,7 @@ class UniquenessProver:
         self._domain = network.domain
         self._equalities = Equalities(network)
         self._rest = Inside(self._equalities.rest, engine)
+        self._rows = Tape(network, [side for constraint in network.constraints for side in sides(constraint)])
         self._choose(np.flatnonzero(self._domain.hi > self._domain.lo))
 
     def _choose(self, unknowns: Indices) -> None:
@@ -85,11 +86,15 @@ class UniquenessProver:
         return self._grown(around, center, _AROUND) or self._grown(IntervalArray.point(center), center, _FROM_POINT)
 
     def narrowed(self, box: Box) -> Box:
-        """The part of a bounded box that the operator leaves: it holds all its solutions, and may be empty."""
+        """The part of a bounded box that the operator, then each row by itself leave; it holds all solutions."""
         if not self.applies or box.is_empty or not box.is_bounded:
             return box
         left = self._narrowed(box.array)
-        return box.intersect(box.with_bounds(left.lo, left.hi))
+        tight = box.intersect(box.with_bounds(left.lo, left.hi))
+        if tight.is_empty:
+            return tight
+        left = self._rows.contract(self._engine, tight.array[None])[0]
+        return tight.intersect(tight.with_bounds(left.lo, left.hi))
 
     def _narrowed(self, x: IntervalArray) -> IntervalArray:
         """N(X) again and again, as long as it halves some width; NaN where X holds no zero."""

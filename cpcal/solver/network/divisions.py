@@ -32,17 +32,21 @@ def multiplied_out(network: ConstraintNetwork) -> list[tuple[int, list[Constrain
     return out
 
 
-def with_products(network: ConstraintNetwork, *, instead: bool = False) -> ConstraintNetwork:
-    """The network with those equivalents besides, or instead of the constraints with divisions."""
+def with_products(network: ConstraintNetwork, *, instead: bool = False) -> tuple[ConstraintNetwork, list[int]]:
+    """The network with those equivalents besides, or instead of the constraints with divisions.
+
+    And for each of its constraints the number of the one that it stands for.
+    """
     found = dict(multiplied_out(network))
     if not found:
-        return network
-    out = network.without_constraints()
+        return network, list(range(len(network.constraints)))
+    out, origin = network.without_constraints(), list[int]()
     for number, constraint in enumerate(network.constraints):
-        if number not in found or not instead:
-            out.add(constraint)
-        out.add(found.get(number, []))
-    return out
+        stated = found.get(number, [])
+        stated = stated if number in found and instead else [constraint, *stated]
+        out.add(stated)
+        origin += [number] * len(stated)
+    return out, origin
 
 
 def _divides(node: Expr) -> bool:

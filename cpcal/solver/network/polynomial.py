@@ -6,6 +6,10 @@ elements of an array share their monomials, which is what makes N measurements c
 
 from __future__ import annotations
 
+import math
+import time
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +22,8 @@ from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
 
 Monomial = tuple[int, ...]
+_MOST_PRODUCTS = 50_000  # of terms in one multiplication, about half a second
+MOST_PAIRS = 50_000  # of monomials and divisors: what it takes to write a network on a box in the box's coordinates
 
 
 class NotPolynomial(Exception):
@@ -53,7 +59,8 @@ Found = PolynomialArray | NotPolynomial
 class Expander:
     """Expands expressions of one network; every node once.
 
-    `fixed` keeps what depends on no reading: one for all expanders of a network, whatever their `sets`.
+    `fixed` keeps what depends on no reading: one for all expanders of a network, whatever their `sets`. What is not
+    expanded at `deadline` (of time.monotonic()), or would have very many terms, counts as not polynomial.
     """
 
     def __init__(
@@ -63,8 +70,9 @@ class Expander:
         roots: tuple[Expr, ...],
         sets: dict[bytes, IntervalArray] | None = None,
         fixed: dict[bytes, Found] | None = None,
+        deadline: float = math.inf,
     ) -> None:
-        self._engine = engine
+        self._engine, self._deadline = engine, deadline
         self._fixed: dict[bytes, Found] = {} if fixed is None else fixed
         self._start: dict[bytes, int] = {}
         start = 0
@@ -181,7 +189,9 @@ class Expander:
 
     def _product(self, node: Expr, x: PolynomialArray, y: PolynomialArray) -> dict[Monomial, IntervalArray]:
         out: dict[Monomial, IntervalArray] = {}
+        self._check_size(len(x.terms) * len(y.terms))
         for p, c in x.terms.items():
+            self._check_size(len(y.terms))
             for q, d in y.terms.items():
                 self._accumulate(out, p + q, coef.mul(self._engine, _aligned(c, node.ndim), _aligned(d, node.ndim)))
         return out
@@ -189,6 +199,7 @@ class Expander:
     def _square(self, node: Expr, x: PolynomialArray) -> dict[Monomial, IntervalArray]:
         e, out = self._engine, dict[Monomial, IntervalArray]()
         items = list(x.terms.items())
+        self._check_size(len(items) ** 2)
         for i, (p, c) in enumerate(items):
             self._accumulate(out, p + p, e.sqr(c) if c.shape[0] == 1 else coef.mul(e, c, c))
             for q, d in items[i + 1 :]:
@@ -201,11 +212,22 @@ class Expander:
             out = PolynomialArray(node.shape, self._product(node, out, x))
         return out.terms
 
+    def _check_size(self, products: int) -> None:
+        if products > _MOST_PRODUCTS:
+            raise NotPolynomial(f"a product of {products} terms")
+        if time.monotonic() > self._deadline:
+            raise NotPolynomial("the time limit came first")
+
     def _accumulate(self, out: dict[Monomial, IntervalArray], monomial: Monomial, c: IntervalArray) -> None:
         if coef.is_zero(c):
             return
         key = tuple(sorted(monomial))
         out[key] = coef.add(self._engine, out[key], c) if key in out else c
+
+
+def pairs(monomials: Iterable[Monomial]) -> int:
+    """How many pairs of two there are such that one divides the other, and it one of these."""
+    return sum(math.prod((k + 1) * (k + 2) // 2 for k in Counter(m).values()) for m in monomials)
 
 
 def _check_rows(node: Expr, args: list[PolynomialArray]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,15 @@ import numpy.typing as npt
 
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.polynomial import Expander, Found, Monomial, NotPolynomial, PolynomialArray
+from cpcal.solver.network.polynomial import (
+    MOST_PAIRS,
+    Expander,
+    Found,
+    Monomial,
+    NotPolynomial,
+    PolynomialArray,
+    pairs,
+)
 from cpcal.solver.network.rewrite import ReadingSets, Row, one_sided_rows, rewritten
 
 
@@ -39,28 +48,36 @@ Expanded = tuple[Row, PolynomialArray, PolynomialArray | None]
 
 
 class PolynomialForms:
-    """The polynomial forms of one network for any parts of its reading sets; what they share is done once."""
+    """The polynomial forms of one network for any parts of its reading sets; what they share is done once.
 
-    def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
-        self._network, self._engine = network, engine
+    Rows that are not expanded at `deadline` (of time.monotonic()) have none.
+    """
+
+    def __init__(self, network: ConstraintNetwork, engine: Arithmetic, deadline: float = math.inf) -> None:
+        self._network, self._engine, self._deadline = network, engine, deadline
         self._first = one_sided_rows(network)
         self._parts = [rewritten(row, engine) for row in self._first]
         self._fixed: dict[bytes, Found] = {}
 
     def _expander(self, rows: Sequence[Row], sets: ReadingSets | None = None) -> Expander:
-        return Expander(self._network, self._engine, tuple(row.expr for row in rows), sets, self._fixed)
+        return Expander(self._network, self._engine, tuple(row.expr for row in rows), sets, self._fixed, self._deadline)
 
     def _expanded(self, sets: Sequence[ReadingSets] | None) -> tuple[list[Expanded], list[tuple[int, str]]]:
         """All rows with their polynomials and guards, and what was left over and why."""
         expanded: list[Expanded] = []
         leftover: list[tuple[int, str]] = []
-        shared = self._expander(self._first)
+        shared, monomials, size = self._expander(self._first), set[Monomial](), 0
         for k, (row, parts) in enumerate(zip(self._first, self._parts, strict=True)):
             expander = self._expander([row], sets[k]) if sets and sets[k] else shared
             for part in parts:
                 try:
                     guard = None if part.guard is None else expander.expand(part.guard)
-                    expanded.append((part, expander.expand(part.expr), guard))
+                    body = expander.expand(part.expr)
+                    more = {*body.terms, *(() if guard is None else guard.terms)} - monomials
+                    if size + pairs(more) > MOST_PAIRS:
+                        raise NotPolynomial("with the other rows, too many products")
+                    monomials, size = monomials | more, size + pairs(more)
+                    expanded.append((part, body, guard))
                 except NotPolynomial as reason:
                     leftover.append((part.constraint, str(reason)))
         return expanded, leftover
@@ -75,10 +92,13 @@ class PolynomialForms:
 
 
 def polynomial_form(
-    network: ConstraintNetwork, engine: Arithmetic, sets: Sequence[ReadingSets] | None = None
+    network: ConstraintNetwork,
+    engine: Arithmetic,
+    sets: Sequence[ReadingSets] | None = None,
+    deadline: float = math.inf,
 ) -> PolynomialSystem:
     """`PolynomialForms` for one collection of reading sets."""
-    return PolynomialForms(network, engine).on(sets)
+    return PolynomialForms(network, engine, deadline).on(sets)
 
 
 def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tuple[int, str]]) -> PolynomialSystem:

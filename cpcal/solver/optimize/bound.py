@@ -7,12 +7,13 @@ Below, the contractors raise the objective's lower bound; above, a local fit pro
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 
 from cpcal.common.arrays import Floats
+from cpcal.execution.executors import Place
 from cpcal.execution.stopping import asked
 from cpcal.solver.contract import Contractor, Limits, Strategy
 from cpcal.solver.interval import Arithmetic, Box
@@ -36,7 +37,7 @@ from cpcal.solver.search import (
 
 Named = tuple[str, Contractor]
 
-_ROUND = 16  # nodes, at most
+_ROUND = 64  # nodes, at most
 _WAITING = 8  # pending nodes for each of a round: few that a better point would spare are looked at
 
 
@@ -59,7 +60,7 @@ def minimize(
     observe: Callable[[Event], None] | None = None,
     resume: Saved | None = None,
     keep: Callable[[Callable[[], Saved]], None] | None = None,
-    place: tuple[Executor, int] | None = None,
+    place: Place | None = None,
 ) -> Generator[Bracket | Minimum, None, None]:
     """Brackets of the smallest value of the variable `objective`, then the `Minimum` as the last item.
 
@@ -78,26 +79,31 @@ def minimize(
     if strategy is None:
         strategy = LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
     named = contractors if isinstance(contractors, Sequence) else [("", contractors)]
-    incumbent = Incumbent(network, index, limits, engine)
+    incumbent = Incumbent(network, index, limits, engine, clock.deadline)
     process = Bounding(incumbent, Contracting(named, prover), strategy, enclose, place)
     search = Search(
-        [Piece(domain, Branch(domain, fresh=True))], process, lambda node: float(node.box.lo[index]), abreast=_abreast
+        [Piece(domain, Branch(domain, fresh=True))],
+        process,
+        lambda node: float(node.box.lo[index]),
+        abreast=_abreast,
+        subtrees=True,
     )
-    tally = _Tally(process)
+    tally = _Tally(process, index)
     if resume is not None:
         search.restore(resume.pending, resume.kept, resume.created)
         incumbent.learn(resume.known, incumbent.state)
         tally.restore(resume)
 
     def bracket() -> Bracket:
-        lo = _lowest([node.box for node in search.pending] + [piece.box for piece in search.kept], incumbent)
-        return Bracket(lo, incumbent.hi, tally.nodes, tally.programs, time.monotonic() - began)
+        lo = min(incumbent.hi, tally.kept_from, np.inf if search.lowest is None else search.lowest)
+        spent = time.monotonic() - began
+        return Bracket(lo, incumbent.hi, tally.nodes, tally.programs, spent, search.waiting)
 
     interrupted = False
     try:
         if resume is None:
             incumbent.propose(domain.mid if start is None else np.asarray(start, np.float64))
-        while search.pending and not clock.over(tally.nodes):
+        while search.waiting and not clock.over(tally.nodes):
             for event in search:  # of one round: a state between two of them can be gone on from
                 tally.add(event)
                 if observe is not None:
@@ -115,9 +121,10 @@ def minimize(
 class _Tally:
     """What the events add up to."""
 
-    def __init__(self, process: Bounding) -> None:
-        self._process = process
+    def __init__(self, process: Bounding, objective: int) -> None:
+        self._process, self._objective = process, objective
         self.nodes = self.programs = 0
+        self.kept_from = np.inf  # the objective's lowest bound in what was kept
         self.used: set[Row] = set()
         self.decisive: set[Row] = set()  # rows of the steps that decided the leaves
         self.uses: tuple[ContractorUse, ...] = ()
@@ -125,6 +132,7 @@ class _Tally:
     def restore(self, saved: Saved) -> None:
         self.nodes, self.programs, self.uses = saved.nodes, saved.programs, saved.uses
         self.used, self.decisive = set(saved.used), set(saved.decisive)
+        self._keep(piece.box for piece in saved.kept)
 
     def add(self, event: Event) -> None:
         step = event.contraction
@@ -134,11 +142,17 @@ class _Tally:
         self.used.update(row for s in step.steps for row in s.rows)
         if event.kind in (EventKind.PRUNED, EventKind.KEPT):
             self.decisive |= self._process.raising(step.steps) or event.node.state.rows
+        if event.kind is EventKind.KEPT:
+            self._keep(piece.box for piece in event.decision.pieces)
+
+    def _keep(self, boxes: Iterable[Box]) -> None:
+        self.kept_from = min([self.kept_from, *(float(box.lo[self._objective]) for box in boxes)])
 
 
 def _saved(search: Search, incumbent: Incumbent, tally: _Tally, seconds: float) -> Saved:
     return Saved(
-        pending=search.pending,
+        names=incumbent.domain.names,
+        pending=search.undecided(),
         kept=tuple(search.kept),
         created=search.created,
         known=incumbent.state,
@@ -151,19 +165,16 @@ def _saved(search: Search, incumbent: Incumbent, tally: _Tally, seconds: float) 
     )
 
 
-def _lowest(boxes: Sequence[Box], incumbent: Incumbent) -> float:
-    lowest = [float(box.lo[incumbent.objective]) for box in boxes if not box.is_empty]
-    return min([*lowest, incumbent.hi])
-
-
 def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: _Tally, interrupted: bool) -> Minimum:
-    leaves: list[Node | Piece] = [*search.pending, *search.kept]
-    boxes = [incumbent.cut(leaf.box) for leaf in leaves]
-    found = [incumbent.cut(leaf.state.found) for leaf in leaves]
-    pending = boxes[: len(search.pending)]
-    undecided = sum(not box.is_empty and not incumbent.settled(box) for box in pending)
-    enclosure = _hull(boxes, incumbent)
-    reached = Found(_lowest(found, incumbent), _hull(found, incumbent))
+    undecided, least = 0, incumbent.hi
+    enclosure = around = Box.empty(incumbent.domain.names)
+    leaves: Iterator[Node | Piece] = chain(search.undecided(), search.kept)
+    for leaf in leaves:  # one at a time: many of them may be on disk
+        box, found = incumbent.cut(leaf.box), incumbent.cut(leaf.state.found)
+        undecided += isinstance(leaf, Node) and not box.is_empty and not incumbent.settled(box)
+        enclosure, around = enclosure.hull(box), around.hull(found)
+        least = least if found.is_empty else min(least, float(found.lo[incumbent.objective]))
+    reached = Found(least, around)
     verdict, status = status_of(last, incumbent, undecided)
     more = reached.lo > last.lo or reached.enclosure != enclosure
     return Minimum(
@@ -184,13 +195,6 @@ def _minimum(search: Search, incumbent: Incumbent, last: Bracket, tally: _Tally,
         contractors_used=tally.uses,
         found=reached if more else None,
     )
-
-
-def _hull(boxes: Sequence[Box], incumbent: Incumbent) -> Box:
-    out = Box.empty(incumbent.domain.names)
-    for box in boxes:
-        out = out.hull(box)
-    return out
 
 
 def run(states: Generator[Bracket | Minimum, None, None], progress: Callable[[Bracket], None] | None) -> Minimum:

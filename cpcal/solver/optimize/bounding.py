@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Executor
+import heapq
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
+from cpcal.execution.executors import Place
 from cpcal.execution.shared import Shared
 from cpcal.execution.stopping import Stopped, asked
 from cpcal.solver.contract import Contraction, Step, Strategy, shrunk
@@ -18,6 +19,7 @@ Row = tuple[int, int]  # constraint, element
 
 _SHRINK = 0.8  # go on with a node while some width falls below this share of what it was
 _SETTLE = 0.95  # the same for a node that was closed from the start, where only the enclosure is at stake
+_SUBTREE = 4  # boxes that are decided for each of a round of several: few that a better point would spare
 _THIN = 1e-12  # a width below this share of the domain's does not count
 
 
@@ -48,7 +50,7 @@ class Bounding:
         contracting: Contracting,
         strategy: Strategy,
         enclose: bool,
-        place: tuple[Executor, int] | None = None,
+        place: Place | None = None,
     ) -> None:
         self._incumbent, self._contracting, self._strategy, self._enclose = incumbent, contracting, strategy, enclose
         self._place = place  # where rounds of several nodes are decided; None: here
@@ -59,29 +61,54 @@ class Bounding:
         return decision
 
     def all(self, nodes: Sequence[Node]) -> list[Decision]:
-        """The decisions of a round: each from the incumbent as it is at its beginning, so that their order, and where
-        they are made, change nothing. What they find counts from its end. Raises Stopped between two nodes.
+        """The decisions of a round, each from the incumbent as it is at its beginning, so that their order, and where
+        they are made, change nothing. What they find counts from its end.
+
+        In a round of several nodes each is the root of a subtree: pieces carry the decisions about them. Raises Stopped
+        between two nodes.
         """
         before = self._incumbent.state
-        if self._place is None or len(nodes) == 1:
-            made = list(self._made(nodes, before))
+        if len(nodes) == 1:
+            made = [self._grown(nodes[0], before, 1)]
+        elif self._place is None:
+            made = self.grown(nodes, before)
         else:
-            made = self._shared().mapped(self._place, _made, [(node, before) for node in nodes])
+            size = -(-len(nodes) // self._place[1])
+            parts = [(nodes[k : k + size], before) for k in range(0, len(nodes), size)]
+            made = [one for part in self._shared().mapped(self._place, _grown, parts) for one in part]
         for _, known in made:
             self._incumbent.learn(known, before)
         return [decision for decision, _ in made]
 
-    def made(self, node: Node, before: Known) -> tuple[Decision, Known]:
-        """The decision with the incumbent in this state, and its state after it."""
-        known = self._incumbent.at(before)
-        return self._decision(node, known), known.state
+    def grown(self, nodes: Sequence[Node], before: Known) -> list[tuple[Decision, Known]]:
+        """The subtrees of some nodes, and the incumbent after each of them, if it was `before` at its beginning."""
+        return [self._grown(node, before, _SUBTREE) for node in nodes]
 
-    def _made(self, nodes: Sequence[Node], before: Known) -> Iterator[tuple[Decision, Known]]:
-        for k, node in enumerate(nodes):
-            reason = asked() if k else None
+    def _grown(self, root: Node, before: Known, most: int) -> tuple[Decision, Known]:
+        """Decide a node, then what comes of it, most urgent first: so many boxes at most."""
+        known = self._incumbent.at(before)
+        made: list[Decision] = []
+        links: list[tuple[int, int]] = []  # of each decision: that of its parent, and which piece of it
+        frontier = [(0.0, 0, 0, root)]
+        while frontier and len(made) < most:
+            reason = asked() if most > 1 else None  # the whole round begins anew some day
             if reason is not None:
                 raise Stopped(reason)
-            yield self.made(node, before)
+            _, parent, place, node = heapq.heappop(frontier)
+            decision = self._decision(node, known)
+            if decision.kind in (EventKind.SPLIT, EventKind.CONTRACTED):
+                depth = node.depth + (decision.kind is EventKind.SPLIT)
+                for k, piece in enumerate(decision.pieces):
+                    child = Node(piece.box, depth, -1, piece.state)
+                    heapq.heappush(frontier, (float(piece.box.lo[known.objective]), len(made), k, child))
+            made.append(decision)
+            links.append((parent, place))
+        for k in range(len(made) - 1, 0, -1):
+            parent, place = links[k]
+            pieces = list(made[parent].pieces)
+            pieces[place] = replace(pieces[place], decided=made[k])
+            made[parent] = replace(made[parent], pieces=tuple(pieces))
+        return made[0], known.state
 
     def _shared(self) -> Shared[Bounding]:
         """All but the point and the executor, for workers."""
@@ -148,5 +175,13 @@ class Bounding:
         )
 
 
-def _made(bounding: Bounding, item: tuple[Node, Known]) -> tuple[Decision, Known]:
-    return bounding.made(*item)
+def _grown(bounding: Bounding, item: tuple[Sequence[Node], Known]) -> list[tuple[Decision, Known]]:
+    return [(_light(decision), known) for decision, known in bounding.grown(*item)]
+
+
+def _light(decision: Decision) -> Decision:
+    """Without what only the contractors needed."""
+    steps = tuple(replace(step, weights=None) for step in decision.contraction.steps)
+    pieces = tuple(p if p.decided is None else replace(p, decided=_light(p.decided)) for p in decision.pieces)
+    contraction = replace(decision.contraction, steps=steps, point=None, polyhedron=None)
+    return replace(decision, contraction=contraction, pieces=pieces)

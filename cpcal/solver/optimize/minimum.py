@@ -13,6 +13,7 @@ from cpcal.solver.interval import Box, Interval
 from cpcal.solver.interval.box import Variable
 from cpcal.solver.optimize.incumbent import Incumbent
 from cpcal.solver.optimize.witness import Witness
+from cpcal.solver.row_use import RowUse
 from cpcal.solver.search import ContractorUse
 
 _DIGITS = 10  # of two lower bounds that differ
@@ -20,13 +21,22 @@ _DIGITS = 10  # of two lower bounds that differ
 
 @dataclass(frozen=True)
 class Bracket:
-    """The state of a minimisation: the optimum lies in `[lo, hi]` (hi infinite: no point proved yet)."""
+    """The state of a minimisation: the optimum lies in `[lo, hi]` (hi infinite: no point proved yet).
+
+    `pending` boxes are undecided.
+    """
 
     lo: float
     hi: float
     nodes: int
     programs: int
     seconds: float
+    pending: int = 0
+
+    @property
+    def rate(self) -> float:
+        """Boxes a second."""
+        return self.nodes / self.seconds if self.seconds > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -92,6 +102,7 @@ class Minimum:
     names: tuple[str, ...] = ()  # of the components of points
     relax: float = 0.0  # by how much equations may be missed
     method: str = ""  # which contractors, and why these
+    row_use: RowUse | None = None
 
     @property
     def solution(self) -> Point | None:

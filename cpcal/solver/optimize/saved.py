@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,15 +18,17 @@ from cpcal.solver.search import ContractorUse, Node, Piece
 
 @dataclass(frozen=True)
 class Saved:
-    """Everything that the rest of a minimisation depends on.
+    """Everything that the rest of a minimisation depends on. `pending` may come from a search that must stand still.
 
+    names                    of the boxes
     pending, kept, created   of the search: undecided nodes, pieces that are fine enough, nodes that were ever made
     known                    of the incumbent
     nodes ... uses           what was counted
     seconds                  that it took until then
     """
 
-    pending: tuple[Node, ...]
+    names: tuple[str, ...]
+    pending: Iterable[Node]
     kept: tuple[Piece, ...]
     created: int
     known: Known
@@ -39,10 +41,9 @@ class Saved:
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """A head, then a line a box; infinite numbers are texts."""
-        names = (self.pending or self.kept)[0].box.names if self.pending or self.kept else ()
         witness = self.known.witness
         yield {
-            "names": list(names),
+            "names": list(self.names),
             "witness": None if witness is None else {"point": witness.point.tolist(), "value": witness.value},
             "calls": self.known.calls,
             "created": self.created,
@@ -68,6 +69,7 @@ class Saved:
         if witness is not None:
             witness = Witness(np.array(witness["point"], np.float64), float(witness["value"]))
         return cls(
+            names=names,
             pending=tuple(
                 Node(box, int(line["depth"]), int(line["serial"]), branch)
                 for line, box, branch in read

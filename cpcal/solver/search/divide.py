@@ -54,7 +54,8 @@ class Divide:
         before = node.box if node.state is None else node.state
         done = self._contracting.contract(node.box, before)
         kind, pieces = self._next(node, before, done.contraction.box, done.found)
-        children = tuple(Piece(piece, done.found.intersect(piece)) for piece in pieces)
+        proves = self._contracting.proves  # else the two boxes of a node are one
+        children = tuple(Piece(piece, done.found.intersect(piece) if proves else piece) for piece in pieces)
         return Decision(kind, done.contraction, children, done.uses, done.proof)
 
     def _next(self, node: Node, before: Box, box: Box, found: Box) -> tuple[EventKind, tuple[Box, ...]]:

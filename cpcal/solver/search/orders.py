@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,12 +15,16 @@ from cpcal.solver.network.rows import Rows
 
 @dataclass(frozen=True)
 class Node:
-    """An undecided box; `serial` counts nodes in order of creation, `state` is what the parent's decision handed on."""
+    """An undecided box; `serial` counts nodes in order of creation, `state` is what the parent's decision handed on.
+
+    `decided`: the decision, where whoever made the parent's has made this one, too.
+    """
 
     box: Box
     depth: int
     serial: int
     state: Any = None
+    decided: Any = field(default=None, compare=False, repr=False)
 
 
 Priority = Callable[[Node], float]

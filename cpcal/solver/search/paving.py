@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box, Interval, IntervalArray
 from cpcal.solver.interval.box import Variable
+from cpcal.solver.row_use import RowUse
 from cpcal.solver.search.regions import hull, volume
 
 
@@ -42,6 +43,8 @@ class Paving:
     inside: tuple[Box, ...] = ()
     outside: tuple[Box, ...] = ()
     method: str = ""  # contractors and strategy: what was chosen, and why
+    width: float = 0.0  # of boxes that are not divided further
+    row_use: RowUse | None = None  # of the contractors that came to this answer
 
     @property
     def boundary(self) -> tuple[Box, ...]:

@@ -1,9 +1,9 @@
 """Several searches of the same domain take turns; the first that ends is the answer.
 
 Which contractors suit a problem shows only while they work. So each contender gets a slice of nodes a round. One that
-decided next to nothing in its turn sits out a round, then two, four and so on until it gets on again; the one that has
-decided most of the domain never does. Some give up after so many rounds. All of it is counted in nodes, so that a race
-has one course.
+decided next to nothing in its turn, or has decided less than half of what the first has, sits out a round, then two,
+four and so on until it gets on again; the one that has decided most of the domain never does. Some give up after so
+many rounds. All of it is counted in nodes, so that a race has one course.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class Contender:
     rest: int = 0
     search: Search | None = field(default=None, repr=False)
 
-    def turn(self) -> Iterator[Event]:
-        """The events of one turn; fewer when the search ends."""
+    def turn(self, most: float = 0.0) -> Iterator[Event]:
+        """The events of one turn; fewer when the search ends. `most`: what the first has decided."""
         if self.search is None:
             self.search = self.start()
         before = self.decided
@@ -48,11 +48,11 @@ class Contender:
                 self.decided += 2.0**-event.node.depth
             yield event
         stalled = self.decided - before < _PROGRESS * (1.0 - before)
-        self.rest = max(1, 2 * self.rest) if stalled else 0
+        self.rest = max(1, 2 * self.rest) if stalled or self.decided < most / 2 else 0
 
     @property
     def ended(self) -> bool:
-        return self.search is not None and not self.search.pending
+        return self.search is not None and not self.search.waiting
 
 
 class Race:
@@ -74,7 +74,7 @@ class Race:
             for contender in tuple(self._alive):
                 if contender is not first and self.rounds < back[id(contender)]:
                     continue
-                yield from contender.turn()
+                yield from contender.turn(first.decided)
                 if contender.ended:
                     return
                 back[id(contender)] = self.rounds + 1 + contender.rest

@@ -18,7 +18,7 @@ def difference(box: Box, part: Box) -> tuple[Box, ...]:
     if part.is_empty:
         return () if box.is_empty else (box,)
     pieces = []
-    for k in range(len(box)):
+    for k in np.flatnonzero((part.lo > box.lo) | (part.hi < box.hi)).tolist():
         if part.lo[k] > box.lo[k]:
             pieces.append(box.replace(k, hi=part.lo[k]))
         if part.hi[k] < box.hi[k]:

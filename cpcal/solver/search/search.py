@@ -7,14 +7,14 @@ the node: its box, and the `state` that the decision which made it handed on.
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
+from cpcal.solver.search.frontier import Frontier
 from cpcal.solver.search.orders import Node, Priority, depth_first
 from cpcal.solver.search.passes import ContractorUse
 from cpcal.solver.search.regions import difference
@@ -32,10 +32,11 @@ class EventKind(Enum):
 
 @dataclass(frozen=True)
 class Piece:
-    """A box and what later decisions about it depend on besides."""
+    """A box and what later decisions about it depend on besides; `decided`: the next one, where it is made already."""
 
     box: Box
     state: Any = None
+    decided: Decision | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ class Search(Iterator[Event]):
     With `abreast` the most urgent so many nodes (or as many as it says for a number of pending ones) are taken as one
     round, one after the other, before any that came of them; `process.all(nodes)`, if there is one, decides `batch` of
     them at a time. The size of batches changes nothing else. Of a round that is not over, the rest is pending.
+    With `subtrees` pieces that come with their decision belong to the round of their parent; else they wait their turn.
 
     `kept` holds the pieces that were fine enough and `inside` the boxes that hold nothing but solutions; `outside`, if
     wanted, what was proved to hold none. At every moment these three and `pending` cover the roots.
@@ -98,10 +100,11 @@ class Search(Iterator[Event]):
         outside: bool = False,
         abreast: int | Callable[[int], int] = 1,
         batch: int = 64,
+        subtrees: bool = False,
     ) -> None:
         self._process, self._priority, self.wants_outside = process, priority, outside
-        self._abreast, self._batch = abreast, batch
-        self._heap: list[tuple[float, int, Node]] = []
+        self._abreast, self._batch, self._subtrees = abreast, batch, subtrees
+        self._frontier = Frontier(priority)
         self._round: list[Node] = []  # the next one last
         self._decided: dict[int, Decision] = {}  # by serial, of the round
         self._created = 0
@@ -123,45 +126,65 @@ class Search(Iterator[Event]):
 
     def restore(self, pending: Iterable[Node], kept: Iterable[Piece], created: int) -> None:
         """Stand where another search of the same process and priority stood between two nodes."""
-        self._heap = [(self._priority(node), node.serial, node) for node in pending]
-        heapq.heapify(self._heap)
+        self._frontier = Frontier(self._priority)
+        self._frontier.extend(pending)
         self._round, self._decided = [], {}
         self.kept, self._created = list(kept), created
 
     @property
     def pending(self) -> tuple[Node, ...]:
         """The undecided nodes, most urgent first."""
-        queued = tuple(node for _, _, node in sorted(self._heap, key=lambda entry: entry[:2]))
+        queued = sorted(self._frontier, key=lambda node: (self._priority(node), node.serial))
         return (*reversed(self._round), *queued)
+
+    @property
+    def waiting(self) -> int:
+        """How many nodes are undecided."""
+        return len(self._round) + len(self._frontier)
+
+    @property
+    def lowest(self) -> float | None:
+        """The least priority of an undecided node; None where there is none."""
+        rest = self._frontier.lowest
+        return min([*map(self._priority, self._round), *([] if rest is None else [rest])], default=None)
+
+    def undecided(self) -> Iterator[Node]:
+        """The same as `pending`, in no order, and not all in memory at a time. The search stands still meanwhile."""
+        yield from reversed(self._round)
+        yield from self._frontier
 
     def __next__(self) -> Event:
         # Ctrl-C may strike between any two lines: a node is listed as undecided (perhaps twice) until all that
         # follows from it is stored.
         if not self._round:
-            if not self._heap:
+            if not len(self._frontier):
                 raise StopIteration
-            abreast = self._abreast if isinstance(self._abreast, int) else self._abreast(len(self._heap))
-            chosen = heapq.nsmallest(abreast, self._heap) if abreast > 1 else self._heap[:1]
-            self._round = [node for _, _, node in reversed(chosen)]
-            for _ in chosen:
-                heapq.heappop(self._heap)
+            abreast = self._abreast if isinstance(self._abreast, int) else self._abreast(len(self._frontier))
+            for _ in range(min(abreast, len(self._frontier))):
+                self._round.insert(0, self._frontier.first())
+                self._frontier.drop()
         node = self._round[-1]
         decision = self._decision(node)
         removed = difference(node.box, decision.box) if self.wants_outside else ()
         children = self._stored(node, decision)
         self.outside.extend(removed)
-        self._round.pop()
+        if self._subtrees:
+            self._round = [*self._round[:-1], *(child for child in reversed(children) if child.decided is not None)]
+        else:
+            self._round.pop()
         self._decided.pop(node.serial, None)
         return Event(node, decision, children)
 
     def _decision(self, node: Node) -> Decision:
+        made: Decision | None = node.decided or self._decided.get(node.serial)
+        if made is not None:
+            return made
         together = getattr(self._process, "all", None)
         if together is None or len(self._round) == 1 or self._batch == 1:
-            return self._decided.get(node.serial) or self._process(node)
-        if node.serial not in self._decided:
-            nodes = self._round[-self._batch :][::-1]
-            decisions = together(nodes)
-            self._decided = {one.serial: decision for one, decision in zip(nodes, decisions, strict=True)}
+            return self._process(node)
+        nodes = [one for one in self._round[::-1] if one.decided is None][: self._batch]
+        decisions = together(nodes)
+        self._decided = {one.serial: decision for one, decision in zip(nodes, decisions, strict=True)}
         return self._decided[node.serial]
 
     def _stored(self, node: Node, decision: Decision) -> tuple[Node, ...]:
@@ -176,7 +199,8 @@ class Search(Iterator[Event]):
         return ()
 
     def _push(self, piece: Piece, depth: int) -> Node:
-        node = Node(piece.box, depth, self._created, piece.state)
+        node = Node(piece.box, depth, self._created, piece.state, piece.decided)
         self._created += 1
-        heapq.heappush(self._heap, (self._priority(node), node.serial, node))
+        if not (self._subtrees and piece.decided is not None):
+            self._frontier.push(node)
         return node

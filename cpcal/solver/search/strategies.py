@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -44,8 +46,16 @@ class LargestFirst:
     Other strategies of this kind derive from it and give another score.
     """
 
+    _reach: Floats | float = np.inf
+
     def __init__(self, width: float = 0.0, scale: npt.ArrayLike = 1.0, skip: Iterable[str] = ()) -> None:
         self._width, self._scale, self._skip = width, np.asarray(scale, np.float64), frozenset(skip)
+
+    def within(self, reach: Floats) -> Self:
+        """The same, but no component (n,) is divided further than its `reach` from 0."""
+        out = copy(self)
+        out._reach = reach
+        return out
 
     def split(self, box: Box) -> tuple[Box, ...]:
         return self._halves(box, 0)
@@ -71,6 +81,7 @@ class LargestFirst:
     def _best(self, names: Sequence[str], lo: Floats, hi: Floats, score: Floats) -> tuple[Ints, Floats]:
         cut = _middle(lo, hi)
         able = (_width(lo, hi) / self._scale > self._width) & (lo < cut) & (cut < hi)
+        able &= (lo < self._reach) & (hi > -self._reach)
         if self._skip:
             able &= np.array([name not in self._skip for name in names])
         component = np.argmax(np.where(able, score, -np.inf), axis=1)

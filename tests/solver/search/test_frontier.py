@@ -1,0 +1,59 @@
+"""Nodes that wait on disk come in the same order as from memory, and none is lost."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from cpcal.solver.interval import Box
+from cpcal.solver.search import Node
+from cpcal.solver.search import frontier as module
+from cpcal.solver.search.frontier import Frontier
+
+
+def urgency(node: Node) -> float:
+    return float(node.box.lo[0])
+
+
+def some(count: int, seed: int) -> list[Node]:
+    """Of few different priorities, so that age decides often."""
+    numbers = random.Random(seed)
+    return [Node(Box(["x"], [float(numbers.randrange(40))], [99.0]), 0, k) for k in range(count)]
+
+
+@pytest.mark.parametrize("waste", [0, 2**26])
+def test_the_order_is_that_of_memory_alone(monkeypatch: pytest.MonkeyPatch, waste: int) -> None:
+    monkeypatch.setattr(module, "_CHUNK", 7)
+    monkeypatch.setattr(module, "_WASTE", waste)
+    small, large, numbers = Frontier(urgency, 20), Frontier(urgency), random.Random(1)
+    seen = 0
+    for node in some(600, 2):
+        small.push(node)
+        large.push(node)
+        seen = max(seen, small.on_disk)
+        while numbers.random() < 0.45 and len(large):
+            assert small.first() == large.first()
+            assert small.lowest == large.lowest
+            small.drop()
+            large.drop()
+    assert seen > 100
+    assert len(small) == len(large)
+    assert sorted(node.serial for node in small) == sorted(node.serial for node in large)
+    while len(large):
+        assert small.first() == large.first()
+        small.drop()
+        large.drop()
+    assert not len(small)
+
+
+def test_a_full_disk_keeps_all_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", full)
+    frontier = Frontier(urgency, 10)
+    nodes = some(50, 3)
+    frontier.extend(nodes)
+    assert not frontier.on_disk
+    assert {node.serial for node in frontier} == {node.serial for node in nodes}
