@@ -44,7 +44,6 @@ EXAMPLES: dict[str, Callable[[Names], Any]] = {  # and how the names that a file
     "pyomo/concrete/sodacan.py": lambda file: file["M"],
     "pyomo/amplbook2/diet.py": lambda file: file["model"].create_instance("diet.dat"),
     "pyomo/amplbook2/prod.py": lambda file: file["model"].create_instance("prod.dat"),
-    "pyomo/amplbook2/dieti.py": lambda file: file["model"].create_instance("dietu.dat"),
     "pyomo/amplbook2/econmin.py": lambda file: file["model"].create_instance("econ.dat"),
     "pyomo/amplbook2/steel3.py": lambda file: file["model"].create_instance("steel3.dat"),
     "gdp/small_lit/ex1_Lee.py": lambda file: file["build_model"](),

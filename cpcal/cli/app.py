@@ -60,6 +60,8 @@ VERBS = {
     "robust": Verb("cpcal.cli.robust", "robust_brackets", "robust campaign --outliers 1 -o robust", STATUS_HELP),
     "handeye": Verb("cpcal.cli.hand_eye", "hand_eye", "handeye study -o run --tolerance 1", STATUS_HELP),
     "handeye-wrong": Verb("cpcal.cli.hand_eye_wrong", "wrong_images", "handeye-wrong study -o wrong --outliers 1"),
+    "handeye-next": Verb("cpcal.cli.hand_eye_next", "hand_eye_next", "handeye-next study --poses reachable.csv"),
+    "handeye-legs": Verb("cpcal.cli.hand_eye_legs", "hand_eye_legs", "handeye-legs run --frames frames"),
     "handeye-study": Verb("cpcal.cli.make_hand_eye_study", "hand_eye_study", "handeye-study --simulate 20 -o study"),
     "export": Verb("cpcal.cli.export", "export", "export run --format toml -o parameters.toml"),
     "report": Verb("cpcal.cli.report", "report", "report run"),

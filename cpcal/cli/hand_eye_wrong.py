@@ -10,11 +10,12 @@ import typer
 from cpcal.cli.folders import check_writable, output_path
 from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, talking
-from cpcal.common.numbers import at_least, at_most
 from cpcal.files.run_folder import HANDEYE_WRONG, answers_into, check_replaceable
 from cpcal.handeye.certify_hand_eye import Within
 from cpcal.handeye.hand_eye_files import hand_eye_files, load_hand_eye
-from cpcal.handeye.wrong_images import WrongImages, find_wrong_images, save_wrong_images
+from cpcal.handeye.hand_eye_words import wrong_sentences
+from cpcal.handeye.wrong_images import find_wrong_images, save_wrong_images
+from cpcal.report.wrong_images_page import WRONG_PAGE, write_wrong_images
 
 
 @talking
@@ -56,22 +57,8 @@ def wrong_images(
             tell=talk.progress(),
         )
         save_wrong_images(found, draft)
-    for text in _sentences(found):
+        write_wrong_images(loaded, found, draft)
+    for text in wrong_sentences(found):
         talk.say(text)
+    talk.say(f"Page: {folder / WRONG_PAGE}")
     raise typer.Exit(Status.ANSWERED if found.eps_lo > 0.0 else Status.UNKNOWN)
-
-
-def _sentences(found: WrongImages) -> list[str]:
-    low, high = at_least(found.eps_lo, 5), at_most(found.eps_hi, 5)
-    left = ", ".join(found.left_out)
-    said = [f"All images but {left} are explained to within {high} px by some frames (proved)."]
-    if found.eps_lo > 0.0:
-        said.append(f"Whichever {found.outliers} are left out, no frames explain all others to {low} px (proved).")
-    tolerance = at_most(found.tolerance, 5)
-    for image, _ in found.blamed:
-        said.append(f"{image} is wrong, if at most {found.outliers} are and right ones fit to {tolerance} px (proved).")
-    proved = {image for image, _ in found.blamed}
-    open_ = [image for image in found.left_out if image not in proved]
-    if open_:
-        said.append(f"Of {', '.join(open_)} it is not proved that they are wrong.")
-    return said

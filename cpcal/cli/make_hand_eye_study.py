@@ -11,13 +11,17 @@ import typer
 
 from cpcal.cli.folders import check_new, output_path
 from cpcal.common.errors import InputError, Problem, printable
+from cpcal.files import load_study
 from cpcal.handeye.board_photos import REMEDY, PrintedBoard, study_of_photos
 from cpcal.handeye.hand_eye_files import load_hand_poses, save_hand_eye
 from cpcal.handeye.hand_eye_study import HandEyeStudy, Setup
 from cpcal.handeye.pose_pair_files import read_pose_pairs
 from cpcal.handeye.pose_pairs_study import study_of_pairs
+from cpcal.handeye.robot_study import platform_poses, study_of_robot, with_half_widths
 from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
+from cpcal.handeye.target_photos import TARGET, study_of_target_photos
 from cpcal.vision.files.camera_file import load_camera
+from cpcal.vision.files.target_file import load_target
 
 
 class SetupName(StrEnum):
@@ -40,6 +44,13 @@ def hand_eye_study(
         Path | None, typer.Option(metavar="YAML", help="Pairs of poses: MoveIt's samples, OpenCV's lists, ROS.")
     ] = None,
     millimetres: Annotated[bool, typer.Option("--mm", help="Translations of --pairs are in mm, not m.")] = False,
+    robot: Annotated[
+        Path | None,
+        typer.Option(metavar="STUDY", help="A parallel robot's study: its drawing and legs say where the platform is."),
+    ] = None,
+    off: Annotated[
+        str | None, typer.Option(metavar="MM,DEG", help="How far each pose of the robot may be off, on each axis.")
+    ] = None,
     size: Annotated[float, typer.Option(metavar="MM", help="Of the square that stands in for a marker.")] = 100.0,
     simulated: Annotated[int | None, typer.Option("--simulate", metavar="N", help="Simulate N images.")] = None,
     pixel_error: Annotated[float, typer.Option(metavar="PX", help="With --simulate: at most, on each axis.")] = 0.2,
@@ -48,19 +59,28 @@ def hand_eye_study(
     seed: Annotated[int, typer.Option(help="With --simulate.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Write into a folder that holds something.")] = False,
 ) -> None:
-    """Make a study for `cpcal handeye`: from --photos of a board, from --pairs of poses, or with --simulate."""
-    sources = [name for name, value in (("--photos", photos), ("--pairs", pairs), ("--simulate", simulated)) if value]
-    if len(sources) != 1:
-        raise InputError([Problem("handeye-study", "needs one source", "give --photos, --pairs or --simulate N")])
+    """Make a study for `cpcal handeye`: from --photos of a board, from --pairs of poses, or with --simulate.
+
+    With --robot the poses are those of a parallel robot's platform, as its drawing has them; its photographs are named
+    POSE/RUN or POSE/RUN/IMAGE, and without --photos the poses that its camera saw stand in for them.
+    """
+    sources = [bool(photos or robot), bool(pairs), simulated is not None]
+    if sum(sources) != 1:
+        remedy = "give --photos, --pairs, --simulate N, or --robot with or without --photos"
+        raise InputError([Problem("handeye-study", "needs one source", remedy)])
     check_new(output, force=force)
     left: list[str] = []
     if photos is not None:
-        study, left = _of_photos(photos, board, camera, poses, setup.value)
+        study, left = _of_photos(photos, board, camera, poses, robot, setup.value)
+    elif robot is not None:
+        study = study_of_robot(load_study(robot))
     elif pairs is not None:
-        hand, seen = read_pose_pairs(pairs, metres=not millimetres)
+        hand, seen = read_pose_pairs(pairs, setup=setup.value, metres=not millimetres)
         study = study_of_pairs(hand, seen, setup=setup.value, size=size)
     else:
         study = _simulated(simulated or 0, setup.value, pixel_error, position_error, rotation_error, seed)
+    if off is not None:
+        study = with_half_widths(study, off)
     save_hand_eye(study, output)
     for text in left:
         typer.echo(printable(f"left out: {text}"))
@@ -87,11 +107,19 @@ _TURNED = (
 
 
 def _of_photos(
-    photos: Path, board: str | None, camera: Path | None, poses: Path | None, setup: Setup
+    photos: Path, board: str | None, camera: Path | None, poses: Path | None, robot: Path | None, setup: Setup
 ) -> tuple[HandEyeStudy, list[str]]:
-    if board is None or camera is None or poses is None:
-        raise InputError([Problem("option --photos", "is not enough", "give --board, --camera and --poses too")])
-    given = load_hand_poses(poses)
+    if board is None or camera is None or (poses is None) == (robot is None):
+        remedy = "give --board, --camera and --poses (or --robot) too"
+        raise InputError([Problem("option --photos", "is not enough", remedy)])
+    if poses is not None:
+        given = load_hand_poses(poses)
+    else:
+        assert robot is not None
+        given, setup = platform_poses(load_study(robot)), "eye-to-hand"
+    if board.startswith(TARGET):
+        target = load_target(board.removeprefix(TARGET))
+        return study_of_target_photos(photos, target, camera=load_camera(camera).camera, poses=given, setup=setup)
     printed = PrintedBoard.parsed(board)
     if printed.looks_the_same_turned:
         typer.echo(f"warning: the board {printable(board)} looks the same upside down: {_TURNED}", err=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,12 @@ from cpcal.vision.opencv import opencv
 
 REMEDY = (
     "write chessboard:COLUMNSxROWS:PITCH (inner corners), charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY (squares) or "
-    "grid:COLUMNSxROWS:MARKER:GAP:DICTIONARY; mm; dictionaries such as 4X4_50, APRILTAG_36h11"
+    "grid:COLUMNSxROWS:MARKER:GAP:DICTIONARY; mm; dictionaries such as 4X4_50, APRILTAG_36h11; or target:FILE, a "
+    "target.toml"
 )
+
+Found = tuple[list[str], Floats, Floats]
+NOTHING: Found = ([], np.zeros((0, 2)), np.zeros((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -64,15 +69,30 @@ def study_of_photos(
     Raises InputError where no photograph has both a pose and a board, UnreadableImageError, MissingExtraError.
     """
     find = _finder(board)
+    return study_of_found(folder, lambda image: find(_grey(image)), camera=camera, poses=poses, setup=setup)
+
+
+def study_of_found(
+    folder: Path,
+    find: Callable[[Any], Found],
+    *,
+    camera: Camera,
+    poses: dict[str, tuple[float, ...]],
+    setup: Setup,
+) -> tuple[HandEyeStudy, list[str]]:
+    """As `study_of_photos`, with what `find` finds in an image: names, pixels (n, 2) and points (n, 3) in mm.
+
+    A photograph in a folder below goes by its path, as "folder/name", if its name alone has no pose.
+    """
     seen: list[tuple[str, list[str], Floats, Floats]] = []
     left: list[str] = []
     for name in image_files(folder):
-        stem = Path(name).stem
-        if stem not in poses:
+        stem = next((key for key in (Path(name).stem, Path(name).with_suffix("").as_posix()) if key in poses), None)
+        if stem is None:
             left.append(f"{name} has no pose")
             continue
         image = read_image(folder / name, (camera.width, camera.height))
-        names, pixels, points = find(_grey(image))
+        names, pixels, points = find(image)
         if len(names) < 6:
             left.append(f"{name}: the board is not found")
             continue
@@ -84,7 +104,7 @@ def study_of_photos(
     study = HandEyeStudy(
         setup=setup,
         camera=camera,
-        images=tuple(stem for stem, *_ in seen),
+        images=tuple(stem.replace("/", "-") for stem, *_ in seen),
         poses=Pose(given[:, :3], given[:, 3:]),
         image=np.concatenate([np.full(len(names), k) for k, (_, names, *_) in enumerate(seen)]),
         names=tuple(name for _, names, *_ in seen for name in names),
@@ -121,14 +141,10 @@ def _finder(board: PrintedBoard) -> Any:
     return lambda grey: _markers(markers.detectMarkers(grey), printed)
 
 
-Found = tuple[list[str], Floats, Floats]
-_NOTHING: Found = ([], np.zeros((0, 2)), np.zeros((0, 3)))
-
-
 def _chessboard(cv2: Any, grey: Any, board: PrintedBoard) -> Found:
     found, corners = cv2.findChessboardCornersSB(grey, (board.columns, board.rows), flags=cv2.CALIB_CB_ACCURACY)
     if not found:
-        return _NOTHING
+        return NOTHING
     pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
     grid = np.stack(np.meshgrid(np.arange(board.columns), np.arange(board.rows)), axis=-1).reshape(-1, 2)
     points = np.concatenate([board.lengths[0] * grid, np.zeros((len(grid), 1))], axis=1)
@@ -138,7 +154,7 @@ def _chessboard(cv2: Any, grey: Any, board: PrintedBoard) -> Found:
 def _corners(detected: Any, board: Floats) -> Found:
     corners, numbers, *_ = detected
     if numbers is None or not len(numbers):
-        return _NOTHING
+        return NOTHING
     places: Indices = np.asarray(numbers).ravel().astype(np.intp)
     pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
     return [f"c{k}" for k in places], pixels, np.asarray(board, dtype=np.float64).reshape(-1, 3)[places]
@@ -147,7 +163,7 @@ def _corners(detected: Any, board: Floats) -> Found:
 def _markers(detected: Any, board: Any) -> Found:
     corners, numbers, *_ = detected
     if numbers is None or not len(numbers):
-        return _NOTHING
+        return NOTHING
     printed = zip(board.getIds().ravel().tolist(), board.getObjPoints(), strict=True)
     known = {number: np.asarray(points, dtype=np.float64) for number, points in printed}
     names, pixels, points = [], [], []
@@ -156,4 +172,4 @@ def _markers(detected: Any, board: Any) -> Found:
             names += [f"m{number}c{k}" for k in range(4)]
             pixels.append(np.asarray(four, dtype=np.float64).reshape(4, 2))
             points.append(known[number].reshape(4, 3))
-    return (names, np.concatenate(pixels), np.concatenate(points)) if names else _NOTHING
+    return (names, np.concatenate(pixels), np.concatenate(points)) if names else NOTHING

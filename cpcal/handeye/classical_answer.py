@@ -1,6 +1,8 @@
 """The classical answer: a closed form from the poses of single images, then least squares on all pixels.
 
-All of this is ordinary estimation: nothing here is proved.
+Where the study says how far the robot's poses may be off, they are weighed too (`weighted_fit`): least squares on
+pixels alone gives way to every robot error, for the pixels are finer. All of this is ordinary estimation: nothing is
+proved.
 """
 
 from __future__ import annotations
@@ -12,9 +14,12 @@ import numpy as np
 from cpcal.calibration import calibrate_frames
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import nearest
 from cpcal.common.values import Value, frozen_array
 from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
 from cpcal.handeye.pixel_model import PARAMETERS, PixelModel, moved
+from cpcal.handeye.pose_readings import ReadingModel
+from cpcal.handeye.weighted_fit import weighted_fit
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
 from cpcal.vision.pose_fit import NoPose, fit, plain_model
 
@@ -22,6 +27,12 @@ _STEPS = 100
 _LEAST_POINTS = 6
 _LEAST_IMAGES = 3
 _CONDITION = 1e10  # of the scaled normal matrix: beyond it some combination is not determined
+_LEAST_PIXEL = 1e-6  # px, where single images fit without error
+_APART = 2.0  # how many times more all images together leave than single ones, where the robot's poses matter
+_ROBOT = (
+    "single images fit to {alone} px rms, all together to {rms} px: the robot's poses are off by more than the pixels. "
+    "With half-widths in poses.csv (docs/hand-eye.md) they are weighed"
+)
 _NAMES = ("rotation of E", "translation of E", "rotation of F", "translation of F")
 
 
@@ -30,7 +41,8 @@ class ClassicalAnswer(Value):
     """Least squares on pixels.
 
     frames      E and F
-    residuals   (N, 2) px, undistorted
+    readings    (n, 6) of the poses, mm and rad, see `cpcal.handeye.pose_readings`; 0 for poses taken as exact
+    residuals   (N, 2) px, undistorted, at these readings
     covariance  (12, 12) by linearisation, errors of pixels independent and as large as the residuals: rotation vector
                 of E (rad, camera frame), its translation (mm), then those of F
     rms         px per axis
@@ -39,6 +51,7 @@ class ClassicalAnswer(Value):
     """
 
     frames: HandEyeFrames
+    readings: Floats
     residuals: Floats
     covariance: Floats
     rms: float
@@ -46,7 +59,7 @@ class ClassicalAnswer(Value):
     remarks: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for name in ("residuals", "covariance"):
+        for name in ("readings", "residuals", "covariance"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
 
     @property
@@ -78,14 +91,35 @@ def classical_answer(study: HandEyeStudy, *, method: str = "shah") -> ClassicalA
         raise InputError([Problem("the closed form", what, "check the setup, and which pose belongs to which image")])
     frames, residuals = _fitted(model, start)
     covariance, weak = _covariance(model.jacobian(frames), residuals)
+    readings = np.zeros((len(study.images), 6))
+    alone = single_rms(study, kept, seen)
+    if study.pose_half_width.any():
+        reading = ReadingModel(study)
+        at, covariance = weighted_fit(reading, frames, max(alone, _LEAST_PIXEL))
+        frames, readings, residuals = at.frames, at.readings, reading(at)
+    elif alone > 0.0 and float(np.sqrt(np.mean(residuals**2))) > _APART * alone:
+        weak = [*weak, _ROBOT.format(alone=nearest(alone, 2), rms=nearest(float(np.sqrt(np.mean(residuals**2))), 2))]
     return ClassicalAnswer(
         frames=frames,
+        readings=readings,
         residuals=residuals.reshape(2, -1).T,
         covariance=covariance,
         rms=float(np.sqrt(np.mean(residuals**2))),
         method=method,
         remarks=(*found.remarks, *weak),
     )
+
+
+def single_rms(study: HandEyeStudy, kept: list[int], seen: Pose) -> float:
+    """px per axis: what the poses of single images, each fitted to its own pixels, leave; no robot error enters."""
+    camera, rays, turn = study.camera, study.rays, seen.rotation
+    square, free = 0.0, 0
+    for k, image in enumerate(kept):
+        mine = np.flatnonzero(study.image == image)
+        x = study.points[mine] @ turn[k].T + seen.position[k]
+        off = camera.center + camera.focal * x[:, :2] / x[:, 2:] - rays[mine]
+        square, free = square + float(np.sum(off**2)), free + max(off.size - 6, 0)
+    return float(np.sqrt(square / max(free, 1)))
 
 
 def image_poses(study: HandEyeStudy) -> tuple[list[int], Pose]:

@@ -7,16 +7,18 @@ divided by |q|^2.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 
-from cpcal.handeye.exact_rows import exact_motions
+from cpcal.handeye.exact_rows import exact_poses
 from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
 from cpcal.robot import quaternion_from_matrix
 from cpcal.robot.rotation import rotation_numerators
 
 Vector = list[F]
 Matrix = list[Vector]
+Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.handeye.pose_readings`
 
 
 @dataclass(frozen=True)
@@ -48,13 +50,32 @@ def exact_rotation(quaternion: tuple[float, ...]) -> Matrix:
     return [[value / norm for value in row] for row in rows]
 
 
-def exact_errors(study: HandEyeStudy, placed: PlacedFrames) -> list[F | None]:
+def read_motions(study: HandEyeStudy, readings: Sequence[Reading]) -> list[tuple[Matrix, Vector]]:
+    """H_i at the readings (at the stated poses where there are none)."""
+    found = []
+    for k, (turn, shift) in enumerate(exact_poses(study)):
+        if readings:
+            d, w = ([F(v) for v in readings[k][part]] for part in (slice(0, 3), slice(3, 6)))
+            rows, norm = rotation_numerators([F(1), *(v / 2 for v in w)])
+            more = [[value / norm for value in row] for row in rows]
+            turn = [
+                [sum((a * row[j] for a, row in zip(line, turn, strict=True)), F(0)) for j in range(3)] for line in more
+            ]
+            shift = [a + b for a, b in zip(shift, d, strict=True)]
+        if study.setup == "eye-in-hand":
+            turn = [list(column) for column in zip(*turn, strict=True)]
+            shift = [-value for value in _times(turn, shift)]
+        found.append((turn, shift))
+    return found
+
+
+def exact_errors(study: HandEyeStudy, placed: PlacedFrames, readings: Sequence[Reading] = ()) -> list[F | None]:
     """For each point the larger excess `|residual| - half-width` of its two axes, px; None where x_3 > 0 fails."""
     turn_x, turn_f = exact_rotation(placed.camera_quaternion), exact_rotation(placed.target_quaternion)
     t_x, t_f = ([F(v) for v in t] for t in (placed.camera_position, placed.target_position))
     camera = study.camera
     focal, center = ([F(float(v)) for v in values] for values in (camera.focal, camera.center))
-    maps = [_map(turn_x, t_x, turn, shift, turn_f, t_f) for turn, shift in exact_motions(study)]
+    maps = [_map(turn_x, t_x, turn, shift, turn_f, t_f) for turn, shift in read_motions(study, readings)]
     found: list[F | None] = []
     rows = zip(study.image.tolist(), study.rays.tolist(), study.points.tolist(), study.half_width.tolist(), strict=True)
     for image, ray, point, width in rows:

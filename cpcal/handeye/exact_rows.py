@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction as F
-from typing import Any
+from typing import Any, Protocol
 
 from cpcal.checker import FORMAT
 from cpcal.checker.problem import Constraint, Problem, Unknowns
-from cpcal.handeye.frame_equations import EQUATIONS, R_F, R_X, T_F, T_X, UNKNOWNS, Monomial
+from cpcal.handeye.frame_equations import EQUATIONS, R_F, R_X, T_F, T_X, UNKNOWNS
 from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.handeye.pose_slack import pose_slack
+from cpcal.handeye.quadratic_rows import Monomial
 from cpcal.robot import rotation_matrix
 from cpcal.solver.certificate.statement import Given, Stated, limits, number
 from cpcal.solver.interval import Box
@@ -84,11 +85,9 @@ class ExactRows:
 
 
 def exact_motions(study: HandEyeStudy) -> list[tuple[list[list[F]], list[F]]]:
-    """H_i as exact numbers: the float64 matrix of the pose and its position, or the exact inverse of these."""
+    """H_i as exact numbers: the stated pose, or its exact inverse."""
     found = []
-    for position, quaternion in zip(study.poses.position, study.poses.quaternion, strict=True):
-        turn = [[F(float(v)) for v in row] for row in rotation_matrix(quaternion)]
-        shift = [F(float(v)) for v in position]
+    for turn, shift in exact_poses(study):
         if study.setup == "eye-in-hand":
             turn = [list(column) for column in zip(*turn, strict=True)]
             shift = [-sum((row[j] * shift[j] for j in range(3)), F(0)) for row in turn]
@@ -96,12 +95,42 @@ def exact_motions(study: HandEyeStudy) -> list[tuple[list[list[F]], list[F]]]:
     return found
 
 
+def exact_poses(study: HandEyeStudy) -> list[tuple[list[list[F]], list[F]]]:
+    """The stated poses as exact numbers: the float64 matrix of each rotation, and the position."""
+    found = []
+    for position, quaternion in zip(study.poses.position, study.poses.quaternion, strict=True):
+        turn = [[F(float(v)) for v in row] for row in rotation_matrix(quaternion)]
+        found.append((turn, [F(float(v)) for v in position]))
+    return found
+
+
+class StatedRows(Protocol):
+    """Constraints by number, in exact numbers."""
+
+    def __len__(self) -> int: ...
+    def stated(self, k: int) -> Stated: ...
+
+
+@dataclass(frozen=True)
+class ListedRows:
+    """Constraints that are all there."""
+
+    items: tuple[Stated, ...]
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def stated(self, k: int) -> Stated:
+        return self.items[k]
+
+
 @dataclass
 class HandEyeStatement:
     """What a certificate is about, as its writer needs it; `used` gathers the constraints that some step speaks of."""
 
-    rows: ExactRows
+    rows: StatedRows
     about: str
+    unknowns: tuple[str, ...] = UNKNOWNS
     used: dict[int, Stated] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -114,7 +143,7 @@ class HandEyeStatement:
             return kept[k].on(x.images)
 
         count = len(self.rows)
-        self.problem = Problem(UNKNOWNS, None, count, tuple(range(count)), constraint)
+        self.problem = Problem(self.unknowns, None, count, tuple(range(count)), constraint)
 
     def place(self, constraint: int, part: int, element: int) -> tuple[str, int] | None:
         """Part 0 is the side "upper", 1 "lower" (of an equation)."""
@@ -130,7 +159,7 @@ class HandEyeStatement:
         yield {
             "format": FORMAT,
             "about": self.about,
-            "unknowns": list(UNKNOWNS),
+            "unknowns": list(self.unknowns),
             "objective": None,
             "constraints": len(chosen),
             **limits(domain),

@@ -11,13 +11,14 @@ which are stated although they follow from each other: together they bound the l
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import combinations_with_replacement
 
 import numpy as np
 
 from cpcal.common.arrays import Floats, Indices
 from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
+from cpcal.handeye.quadratic_rows import Layout, Monomial, Quadratics, Terms
 
 R_X, T_X, R_F, T_F = range(9), range(9, 12), range(12, 21), range(21, 24)
 UNKNOWNS = (
@@ -27,8 +28,6 @@ UNKNOWNS = (
     *(f"F.t{a}" for a in "xyz"),
 )
 SIZE = len(UNKNOWNS)
-Monomial = tuple[int, ...]
-Terms = dict[Monomial, float]
 
 
 def _pairs() -> Indices:
@@ -38,8 +37,9 @@ def _pairs() -> Indices:
     return np.array(between + within, dtype=np.intp)
 
 
-PAIRS = _pairs()
-PLACE: dict[Monomial, int] = {(int(i), int(j)): k for k, (i, j) in enumerate(PAIRS)}
+FRAMES = Layout(UNKNOWNS, _pairs())
+PAIRS = FRAMES.pairs
+PLACE = FRAMES.place
 
 
 def unknowns_of(frames: HandEyeFrames) -> Floats:
@@ -47,36 +47,6 @@ def unknowns_of(frames: HandEyeFrames) -> Floats:
     x = frames.e_rotation.T
     parts = (x.ravel(), -x @ frames.e_translation, frames.f_rotation.ravel(), frames.f_translation)
     return np.concatenate(parts)
-
-
-@dataclass(frozen=True, eq=False)
-class Quadratics:
-    """Rows `constant + linear x + products x_i x_j <= 0`: (M,), (M, SIZE) and (M, P), in float64."""
-
-    constant: Floats
-    linear: Floats
-    products: Floats
-
-    def __len__(self) -> int:
-        return len(self.constant)
-
-    def centred(self, center: Floats, radius: Floats) -> Quadratics:
-        """In u, where x = center + radius u."""
-        i, j = PAIRS.T
-        constant = self.constant + self.linear @ center + self.products @ (center[i] * center[j])
-        spread = np.zeros((len(PAIRS), SIZE))  # what a product adds to the linear terms
-        np.add.at(spread, (np.arange(len(PAIRS)), i), center[j])
-        np.add.at(spread, (np.arange(len(PAIRS)), j), center[i])
-        linear = (self.linear + self.products @ spread) * radius
-        return Quadratics(constant, linear, self.products * (radius[i] * radius[j]))
-
-    @staticmethod
-    def joined(parts: list[Quadratics]) -> Quadratics:
-        return Quadratics(
-            np.concatenate([p.constant for p in parts]),
-            np.concatenate([p.linear for p in parts]),
-            np.concatenate([p.products for p in parts]),
-        )
 
 
 def pixel_rows(study: HandEyeStudy, eps: float, slack: Floats) -> Quadratics:
@@ -101,41 +71,31 @@ def pixel_rows(study: HandEyeStudy, eps: float, slack: Floats) -> Quadratics:
             focal, third = sign * study.camera.focal[a], (-sign * off[:, a] - width)[:, None]
             lin.append(focal * linear[a] + third * linear[2])
             pro.append(focal * products[a] + third * products[2])
-    return Quadratics(-np.repeat(slack, 2, axis=0).ravel(), np.concatenate(lin), np.concatenate(pro))
+    return Quadratics(FRAMES, -np.repeat(slack, 2, axis=0).ravel(), np.concatenate(lin), np.concatenate(pro))
 
 
-def rotation_equations() -> list[Terms]:
-    """Polynomials that are zero: 21 of each rotation."""
+def rotation_equations(part: Sequence[int]) -> list[Terms]:
+    """21 polynomials that are zero for the entries of a rotation, whose numbers row by row are in `part`."""
     found: list[Terms] = []
-    for part in (R_X, R_F):
-        r = [[part[3 * a + b] for b in range(3)] for a in range(3)]
-        for lines in (r, [list(column) for column in zip(*r, strict=True)]):
-            for a in range(3):
-                for b in range(a, 3):
-                    terms: Terms = {(min(i, j), max(i, j)): 1.0 for i, j in zip(lines[a], lines[b], strict=True)}
-                    found.append(terms | ({(): -1.0} if a == b else {}))
+    r = [[part[3 * a + b] for b in range(3)] for a in range(3)]
+    for lines in (r, [list(column) for column in zip(*r, strict=True)]):
         for a in range(3):
-            for b in range(3):
-                p, q, s, t = (a + 1) % 3, (a + 2) % 3, (b + 1) % 3, (b + 2) % 3
-                first, second = (r[p][s], r[q][t]), (r[p][t], r[q][s])
-                found.append({(r[a][b],): 1.0, (min(first), max(first)): -1.0, (min(second), max(second)): 1.0})
+            for b in range(a, 3):
+                terms: dict[Monomial, float] = {
+                    (min(i, j), max(i, j)): 1.0 for i, j in zip(lines[a], lines[b], strict=True)
+                }
+                found.append(terms | ({(): -1.0} if a == b else {}))
+    for a in range(3):
+        for b in range(3):
+            p, q, s, t = (a + 1) % 3, (a + 2) % 3, (b + 1) % 3, (b + 2) % 3
+            first, second = (r[p][s], r[q][t]), (r[p][t], r[q][s])
+            found.append({(r[a][b],): 1.0, (min(first), max(first)): -1.0, (min(second), max(second)): 1.0})
     return found
 
 
-EQUATIONS = rotation_equations()
+EQUATIONS = [*rotation_equations(R_X), *rotation_equations(R_F)]
 
 
 def rotation_rows() -> Quadratics:
     """The equations, then their negatives, as rows (84)."""
-    constant = np.zeros(len(EQUATIONS))
-    linear, products = np.zeros((len(EQUATIONS), SIZE)), np.zeros((len(EQUATIONS), len(PAIRS)))
-    for k, terms in enumerate(EQUATIONS):
-        for monomial, value in terms.items():
-            if not monomial:
-                constant[k] = value
-            elif len(monomial) == 1:
-                linear[k, monomial[0]] = value
-            else:
-                products[k, PLACE[monomial]] = value
-    one = Quadratics(constant, linear, products)
-    return Quadratics.joined([one, Quadratics(-constant, -linear, -products)])
+    return Quadratics.of(FRAMES, [*EQUATIONS, *({m: -c for m, c in terms.items()} for terms in EQUATIONS)])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.arrays import Bools, Floats, Indices
-from cpcal.handeye.frame_equations import EQUATIONS, PAIRS, SIZE, UNKNOWNS, Quadratics
+from cpcal.handeye.quadratic_rows import Layout, Quadratics
 from cpcal.solver.contract import Contraction, Step, StepWeights
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
@@ -21,7 +21,6 @@ from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
 _MET = 1e-3  # a bound that some vertex meets to this (in [-1, 1]) needs no program
 _WORTH = 0.02  # of a half-width: what a bound must gain to be kept
 _TANGENTS = (-1.0, -0.5, 0.5, 1.0)
-_SQUARE = PAIRS[:, 0] == PAIRS[:, 1]
 
 
 @dataclass(frozen=True)
@@ -36,14 +35,15 @@ class _Product:
 
 
 class FramePrograms:
-    """The linear programs of some rows on one box. The first 84 rows are those of the rotations."""
+    """The linear programs of some rows on one box."""
 
-    def __init__(self, rows: Quadratics, box: Box, columns: Bools) -> None:
-        """`columns` (P,): which products have one."""
+    def __init__(self, rows: Quadratics, places: Indices, box: Box, columns: Bools) -> None:
+        """`places` (M, 2): constraint and part of each row; `columns` (P,): which products have one."""
+        self.layout = layout = rows.layout
         self.box, self.count = box, 0
         centred = rows.centred(box.mid, box.rad)
         chosen = np.flatnonzero(columns & (np.abs(centred.products).max(axis=0) > 0.0))
-        beside = np.where(_SQUARE, np.maximum(-centred.products, 0.0), np.abs(centred.products))
+        beside = np.where(layout.square, np.maximum(-centred.products, 0.0), np.abs(centred.products))
         beside[:, chosen] = 0.0
         matrix = np.concatenate([centred.linear, centred.products[:, chosen]], axis=1)
         rhs = beside.sum(axis=1) - centred.constant
@@ -51,11 +51,12 @@ class FramePrograms:
         with np.errstate(divide="ignore", invalid="ignore"):
             matters = (scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs)
         self._kept = np.flatnonzero(matters)
+        self._places = places[self._kept].tolist()
         self._scale = scale[self._kept]
-        self._products, above, sides = _product_rows(chosen)
-        self._columns = SIZE + len(chosen)
+        self._products, above, sides = _product_rows(chosen, layout)
+        self._columns = layout.size + len(chosen)
         lower = -np.ones(self._columns)
-        lower[SIZE:][_SQUARE[chosen]] = 0.0
+        lower[layout.size :][layout.square[chosen]] = 0.0
         self._engine = Dense()
         self._engine.load(
             np.concatenate([above, matrix[self._kept] / self._scale[:, None]]),
@@ -83,24 +84,18 @@ class FramePrograms:
                     tangents.append((product.i, product.t, weight))
                 continue
             place -= len(self._products)
-            number, part = row_place(int(self._kept[place]))
+            number, part = self._places[place]
             rows.append((number, part, 0, weight / float(self._scale[place])))
         return StepWeights(tuple(rows), tuple(pairs), tuple(tangents))
 
 
-def row_place(row: int) -> tuple[int, int]:
-    """Constraint and part of a row: an equation has two."""
-    count = len(EQUATIONS)
-    return (row, 0) if row < count else (row - count, int(row < 2 * count))
-
-
-def _product_rows(chosen: Indices) -> tuple[list[_Product], Floats, Floats]:
+def _product_rows(chosen: Indices, layout: Layout) -> tuple[list[_Product], Floats, Floats]:
     """Rows (K, columns) and right sides that tie the columns of the chosen products to their factors."""
     products: list[_Product] = []
     rows: list[tuple[int, float, int, float, int, float]] = []
     sides: list[float] = []
     for place, pair in enumerate(chosen.tolist()):
-        (i, j), column = PAIRS[pair].tolist(), SIZE + place
+        (i, j), column = layout.pairs[pair].tolist(), layout.size + place
         if i == j:
             for t in _TANGENTS:
                 products.append(_Product(i, i, 0.0, 0.0, t))
@@ -111,7 +106,7 @@ def _product_rows(chosen: Indices) -> tuple[list[_Product], Floats, Floats]:
             products.append(_Product(i, j, p, q))
             rows.append((i, -p, j, -q, column, -p * q))
             sides.append(1.0)
-    matrix = np.zeros((len(rows), SIZE + len(chosen)))
+    matrix = np.zeros((len(rows), layout.size + len(chosen)))
     for k, (i, a, j, b, column, c) in enumerate(rows):
         matrix[k, i] += a
         matrix[k, j] += b
@@ -121,11 +116,11 @@ def _product_rows(chosen: Indices) -> tuple[list[_Product], Floats, Floats]:
 
 def proposed(programs: FramePrograms) -> Contraction:
     """Bounds of all unknowns, by two programs each; those that vertices show to move by next to nothing are left."""
-    box = programs.box
+    box, names = programs.box, programs.layout.names
     lo, hi, radius, mid = box.lo.copy(), box.hi.copy(), box.rad, box.mid
-    lowest, highest = np.full(SIZE, np.inf), np.full(SIZE, -np.inf)
+    lowest, highest = np.full(len(names), np.inf), np.full(len(names), -np.inf)
     steps: list[Step] = []
-    for i in range(SIZE):
+    for i in range(len(names)):
         for side, sign in (("lo", 1.0), ("hi", -1.0)):
             met = lowest[i] < -1.0 + _MET if sign > 0.0 else highest[i] > 1.0 - _MET
             if radius[i] == 0.0 or met:
@@ -136,13 +131,13 @@ def proposed(programs: FramePrograms) -> Contraction:
                 return Contraction(Box.empty(box.names), (*steps, step), None, programs.count)
             if solution.status is not LinearStatus.OPTIMAL:
                 continue
-            u = solution.point[:SIZE]
+            u = solution.point[: len(names)]
             np.minimum(lowest, u, out=lowest)
             np.maximum(highest, u, out=highest)
             if sign * u[i] < -1.0 + _WORTH:
                 continue
             bound = float(mid[i] + radius[i] * u[i])
-            steps.append(Step("handeye", UNKNOWNS[i], side, bound, (), programs.weights(solution)))
+            steps.append(Step("handeye", names[i], side, bound, (), programs.weights(solution)))
             (lo if sign > 0.0 else hi)[i] = bound
     crossed = lo > hi
     lo[crossed] = hi[crossed] = mid[crossed]

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cpcal.files.codec import load, save
-from cpcal.handeye.exact_errors import PlacedFrames
+from cpcal.handeye.exact_errors import PlacedFrames, Reading
+from cpcal.handeye.frames_chain import Chain
 
-RESULT_FORMAT = "cpcal-handeye-result/1"
+RESULT_FORMAT = "cpcal-handeye-result/2"
 RESULT_NAME = "handeye.json"
-LOWER, RANGES = "lower", "ranges"  # certificates are called lower-1.cert.jsonl, and so on
+LOWER, RANGES = "lower", "ranges"  # with which the names of certificates begin
 
 PARAMETERS = tuple(f"{frame} {name}" for frame in ("camera", "target") for name in ("x", "y", "z", "rx", "ry", "rz"))
 
@@ -38,7 +39,7 @@ class FrameRanges:
 
     In the order of PARAMETERS: positions in mm, and the rotation vector in degrees by which a frame is turned from that
     of the point (in base or hand coordinates); infinite where nothing is known. `lo`, `hi` (24): of the unknowns.
-    `empty`: there are no such frames. `certificates`: each begins where the one before ended.
+    `empty`: there are no such frames. `chain`: the certificates, which begin with the box that was asked for.
     """
 
     eps: float
@@ -47,14 +48,15 @@ class FrameRanges:
     high: tuple[float, ...]
     lo: tuple[float, ...]
     hi: tuple[float, ...]
-    certificates: tuple[str, ...]
+    chain: Chain
 
 
 @dataclass(frozen=True)
 class ImageVerdict:
     """The classical answer in one image: its largest excess in px, exactly, rounded up; `ok`: at most the tolerance.
 
-    `largest` is infinite where a point is not in front of the camera.
+    At the classical answer's reading of an uncertain pose: another reading may do better. `largest` is infinite where a
+    point is not in front of the camera.
     """
 
     image: str
@@ -64,9 +66,13 @@ class ImageVerdict:
 
 @dataclass(frozen=True)
 class Classical:
-    """The least-squares answer, which proves nothing; `largest`: its largest excess, exactly, rounded up."""
+    """The least-squares answer, which proves nothing; `largest`: its largest excess, exactly, rounded up.
+
+    `readings`: of the robot's poses, image by image, where these are uncertain.
+    """
 
     placed: PlacedFrames
+    readings: tuple[Reading, ...]
     rms: float
     largest: float
     sigma: tuple[float, ...]  # in the order of E and F of `ClassicalAnswer.covariance`
@@ -78,9 +84,10 @@ class Classical:
 class HandEyeResult:
     """eps* lies in [eps_lo, eps_hi] px.
 
-    PROVED: no frames in the box explain every pixel to within `eps_lo`, where that is above 0 (certificates `lower`);
-    `point` explains every one to within `eps_hi` (exact arithmetic). `support`: image and point of each pixel row
-    with a weight in the last step of the proof. `gap`: relative, that was asked for.
+    PROVED: no frames in the box explain every pixel to within `eps_lo`, where that is above 0 (certificates `lower`,
+    which begin with the box of the ranges, if that is not empty); `point` explains every one to within `eps_hi` (exact
+    arithmetic), at the `readings` of uncertain poses, image by image. `support`: image and point of each pixel row with
+    a weight in the last step of the proof. `gap`: relative, that was asked for.
     """
 
     version: str
@@ -92,8 +99,9 @@ class HandEyeResult:
     eps_hi: float
     gap: float
     point: PlacedFrames
+    readings: tuple[Reading, ...]
     support: tuple[tuple[str, str], ...]
-    lower: tuple[str, ...]
+    lower: Chain
     tolerance: float | None
     ranges: FrameRanges
     classical: Classical
@@ -114,6 +122,11 @@ class HandEyeResult:
             return True
         refuted = self.ranges.empty and self.ranges.eps >= self.tolerance
         return False if refuted or self.eps_lo >= self.tolerance > 0.0 else None
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether the robot's poses have half-widths."""
+        return bool(self.readings)
 
 
 def save_hand_eye_result(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, stated
 from cpcal.handeye.hand_eye_result import PARAMETERS, HandEyeResult
+from cpcal.handeye.wrong_images import WrongImages
 
 
 def frames_of(setup: str) -> tuple[str, str]:
@@ -31,6 +32,8 @@ def sentences(found: HandEyeResult) -> list[str]:
         f"{found.setup}: {found.images} images, {found.points:,} points. "
         f"Searched: {turned}, positions within {stated(found.asked.reach)} mm of the least-squares answer.",
     ]
+    if found.uncertain:
+        said.append("Robot poses are uncertain: a pixel is explained at some reading of its image's pose.")
     if found.eps_lo > 0.0:
         said.append(f"No frames explain every pixel to within {low} px (proved); some explain every one to {high} px.")
     else:
@@ -42,8 +45,9 @@ def sentences(found: HandEyeResult) -> list[str]:
         said.append(f"Tolerance {stated(found.tolerance)} px: {word}.")
     classical = found.classical
     failing = [verdict.image for verdict in classical.images if not verdict.ok]
+    fit = "Least squares, at its own readings of the poses" if found.uncertain else "Least squares"
     said.append(
-        f"Least squares: rms {nearest(classical.rms, 3)} px, largest error {at_most(classical.largest, 4)} px; "
+        f"{fit}: rms {nearest(classical.rms, 3)} px, largest error {at_most(classical.largest, 4)} px; "
         f"over {at_least(found.ranges.eps, 4)} px in {len(failing)} of {found.images} images"
         + (f" ({', '.join(failing[:5])}{', ...' if len(failing) > 5 else ''})." if failing else ".")
     )
@@ -55,4 +59,21 @@ def sentences(found: HandEyeResult) -> list[str]:
     if not found.ranges.empty:
         at = at_least(found.ranges.eps, 4)
         said.append(f"Every pair of frames that explains all pixels to {at} px lies here (proved):")
+    return said
+
+
+def wrong_sentences(found: WrongImages) -> list[str]:
+    """What is proved when some images may be wrong, in a few lines."""
+    low, high = at_least(found.eps_lo, 5), at_most(found.eps_hi, 5)
+    left = ", ".join(found.left_out)
+    said = [f"All images but {left} are explained to within {high} px by some frames (proved)."]
+    if found.eps_lo > 0.0:
+        said.append(f"Whichever {found.outliers} are left out, no frames explain all others to {low} px (proved).")
+    tolerance = at_most(found.tolerance, 5)
+    for image, _ in found.blamed:
+        said.append(f"{image} is wrong, if at most {found.outliers} are and right ones fit to {tolerance} px (proved).")
+    proved = {image for image, _ in found.blamed}
+    open_ = [image for image in found.left_out if image not in proved]
+    if open_:
+        said.append(f"Of {', '.join(open_)} it is not proved that they are wrong.")
     return said

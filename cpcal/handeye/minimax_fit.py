@@ -1,16 +1,37 @@
 """The frames whose largest residual is least, near given ones: linear programs in a trust region, in float64.
 
-It gives the upper end of the bracket; that a point satisfies every pixel is proved elsewhere.
+With readings of the robot's poses these are unknowns of the programs too. It gives the upper end of the bracket; that a
+point satisfies every pixel is proved elsewhere.
 """
 
 from __future__ import annotations
 
+from typing import Protocol, TypeVar
+
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.handeye.hand_eye_study import HandEyeFrames
-from cpcal.handeye.pixel_model import PARAMETERS, PixelModel, moved
+from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.solver.linear import Dense, LinearStatus
+
+At = TypeVar("At")  # frames, or frames with readings
+
+
+class MinimaxModel(Protocol[At]):
+    """Residuals (2 N,) of what is fitted, in `size` unknowns.
+
+    `reach`: what counts as a step of one in each of them; `room`: the least and greatest step allowed.
+    """
+
+    study: HandEyeStudy
+    size: int
+
+    def __call__(self, at: At, /) -> Floats: ...
+    def jacobian(self, at: At, /) -> Floats: ...
+    def moved(self, at: At, step: Floats, /) -> At: ...
+    def reach(self, at: At, /) -> Floats: ...
+    def room(self, at: At, /) -> tuple[Floats, Floats]: ...
+
 
 _STEPS = 60
 _START = 0.05  # rad: the trust region of rotations; that of translations is as far as it moves a point
@@ -18,14 +39,14 @@ _LEAST = 1e-13
 _RESTARTS = 3
 
 
-def minimax_fit(model: PixelModel, frames: HandEyeFrames) -> tuple[HandEyeFrames, float]:
+def minimax_fit(model: MinimaxModel[At], at: At, *, restarts: int = _RESTARTS) -> tuple[At, float]:
     """Frames near those given, and their largest excess `|residual| - half-width` in px.
 
     The search begins again with a wide trust region until that finds nothing better: one that stops early leaves the
     bracket open.
     """
-    best, value = _descent(model, frames, _START)
-    for attempt in range(_RESTARTS):
+    best, value = _descent(model, at, _START)
+    for attempt in range(restarts):
         again, lower = _descent(model, best, _START * 0.2**attempt)
         if lower < value:
             better = value - lower > 1e-12 * value
@@ -36,45 +57,43 @@ def minimax_fit(model: PixelModel, frames: HandEyeFrames) -> tuple[HandEyeFrames
     return best, value
 
 
-def excess(model: PixelModel, frames: HandEyeFrames) -> float:
+def excess(model: MinimaxModel[At], at: At) -> float:
     """px: by how much the worst pixel is off beyond its half-width; from 0."""
-    off = np.abs(model(frames)) - np.tile(model.study.half_width, 2)
+    off = np.abs(model(at)) - np.tile(model.study.half_width, 2)
     return max(float(off.max()), 0.0)
 
 
-def _descent(model: PixelModel, frames: HandEyeFrames, radius: float) -> tuple[HandEyeFrames, float]:
-    value = excess(model, frames)
-    reach = float(np.linalg.norm(frames.in_camera(model.study), axis=1).mean())
-    size = np.tile(np.repeat([1.0, reach], 3), 2)  # a turn of 1 rad, and the way that it moves a point
+def _descent(model: MinimaxModel[At], at: At, radius: float) -> tuple[At, float]:
+    value, size = excess(model, at), model.reach(at)
     for _ in range(_STEPS):
-        step, promised = _step(model, frames, size * radius, value)
-        if promised >= value * (1.0 - 1e-14):
+        step, promised = _step(model, at, size * radius, value)
+        if promised >= value * (1.0 - 1e-11):
             break
-        trial = moved(frames, step)
+        trial = model.moved(at, step)
         found = excess(model, trial)
         if found < value:
             good = (value - found) > 0.5 * (value - promised)
-            frames, value, radius = trial, found, radius * (2.0 if good else 0.5)
+            at, value, radius = trial, found, radius * (2.0 if good else 0.5)
         else:
             radius *= 0.25
         if radius < _LEAST:
             break
-    return frames, value
+    return at, value
 
 
-def _step(model: PixelModel, frames: HandEyeFrames, reach: Floats, worst: float) -> tuple[Floats, float]:
+def _step(model: MinimaxModel[At], at: At, reach: Floats, worst: float) -> tuple[Floats, float]:
     """The step of the linear program within the trust region, and the excess that it promises."""
-    slope, residuals = model.jacobian(frames) * reach, model(frames)
+    slope, residuals = model.jacobian(at) * reach, model(at)
     width = np.tile(model.study.half_width, 2)
     scale = max(worst, 1e-9)
     matrix = np.concatenate([slope, -slope]) / scale
     matrix = np.concatenate([matrix, -np.ones((len(matrix), 1))], axis=1)
     rhs = np.concatenate([width - residuals, width + residuals]) / scale
     size = np.abs(matrix).max(axis=1)
-    bounds = np.append(np.ones(PARAMETERS), 2.0)
+    low, high = (np.clip(end / reach, -1.0, 1.0) for end in model.room(at))
     engine = Dense()
-    engine.load(matrix / size[:, None], rhs / size, np.append(-np.ones(PARAMETERS), 0.0), bounds)
-    solution = engine.minimize(np.append(np.zeros(PARAMETERS), 1.0))
+    engine.load(matrix / size[:, None], rhs / size, np.append(low, 0.0), np.append(high, 2.0))
+    solution = engine.minimize(np.append(np.zeros(model.size), 1.0))
     if solution.status is not LinearStatus.OPTIMAL:
-        return np.zeros(PARAMETERS), worst
-    return reach * solution.point[:PARAMETERS], scale * float(solution.point[-1])
+        return np.zeros(model.size), worst
+    return reach * solution.point[: model.size], scale * float(solution.point[-1])

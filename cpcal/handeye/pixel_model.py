@@ -18,6 +18,7 @@ class PixelModel:
         self.study, self.rays = study, study.rays
         turn, shift = study.motions
         self._turn, self._shift = turn[study.image], shift[study.image]
+        self.size = PARAMETERS
 
     def __call__(self, frames: HandEyeFrames) -> Floats:
         """(2 N,) px; infinite where a point is not in front of the camera."""
@@ -33,19 +34,34 @@ class PixelModel:
         on = moved @ frames.e_rotation.T
         return on + frames.e_translation, on, turned
 
+    def moved(self, frames: HandEyeFrames, step: Floats) -> HandEyeFrames:
+        return moved(frames, step)
+
+    def reach(self, frames: HandEyeFrames) -> Floats:
+        """A turn of 1 rad, and the way that it moves a point: (12,)."""
+        way = float(np.linalg.norm(frames.in_camera(self.study), axis=1).mean())
+        return np.tile(np.repeat([1.0, way], 3), 2)
+
+    def room(self, frames: HandEyeFrames) -> tuple[Floats, Floats]:
+        """No step is too far."""
+        return np.full(PARAMETERS, -np.inf), np.full(PARAMETERS, np.inf)
+
     def jacobian(self, frames: HandEyeFrames) -> Floats:
         """(2 N, 12) of the residuals by the motions of `moved`."""
-        x, on, turned = self._in_camera(frames)
+        _, on, turned = self._in_camera(frames)
         of_f = frames.e_rotation @ self._turn  # (N, 3, 3)
-        by = np.concatenate(
-            [-_cross(on), np.broadcast_to(np.eye(3), of_f.shape), -of_f @ _cross(turned), of_f], axis=2
-        )  # (N, 3, 12) of x
+        by = np.concatenate([-cross(on), np.broadcast_to(np.eye(3), of_f.shape), -of_f @ cross(turned), of_f], axis=2)
+        return self.of_points(frames, by)
+
+    def of_points(self, frames: HandEyeFrames, by: Floats) -> Floats:
+        """(2 N, K) of the residuals, from derivatives (N, 3, K) of the points in the camera frame."""
+        x = self._in_camera(frames)[0]
         focal, depth = self.study.camera.focal, x[:, 2]
         rows = [focal[a] * (by[:, a] - (x[:, a] / depth)[:, None] * by[:, 2]) / depth[:, None] for a in (0, 1)]
         return np.concatenate(rows)
 
 
-def _cross(vectors: Floats) -> Floats:
+def cross(vectors: Floats) -> Floats:
     """[v]x (N, 3, 3)."""
     x, y, z = vectors.T
     o = np.zeros_like(x)

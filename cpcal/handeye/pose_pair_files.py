@@ -4,9 +4,12 @@
 | --- | --- | --- |
 | MoveIt (hand-eye calibration) | samples | a list of `effector_wrt_world`, `object_wrt_sensor`: 16 numbers by rows |
 | OpenCV | `cv::FileStorage` or plain lists | `R_gripper2base`, `t_gripper2base`, `R_target2cam`, `t_target2cam` |
-| ROS, easy_handeye | transforms | a list under `samples` of `robot` and `tracking` (or `hand`, `camera_marker`, ...) |
+| easy_handeye2 | `NAME.samples` | a list under `samples` of `robot` and `tracking`, ROS transforms |
+| ROS | transforms | the same with `hand` and `camera_marker`, ... |
 
 A ROS transform is `translation: {x, y, z}` in m and `rotation: {x, y, z, w}`. Translations are in m unless said.
+With the camera beside the robot, easy_handeye2 stores under `robot` the base in the effector frame (handeye_sampler.py,
+`_get_transforms`); everything else is the hand in the base frame.
 """
 
 from __future__ import annotations
@@ -19,7 +22,8 @@ import numpy as np
 
 from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.files.documents import small_file
-from cpcal.robot import Pose, normalised, quaternion_from_matrix
+from cpcal.handeye.hand_eye_study import Setup
+from cpcal.robot import Pose, inverse, normalised, quaternion_from_matrix
 from cpcal.vision.files.camera_file import camera_yaml
 
 _REMEDY = "give samples of MoveIt, OpenCV's four lists, or ROS transforms: see docs/hand-eye.md"
@@ -28,7 +32,7 @@ _SEEN = ("tracking", "optical", "camera_marker", "object", "object_wrt_sensor")
 _MATRIX = 1e-3  # how far from a rotation a matrix may be
 
 
-def read_pose_pairs(path: Path, *, metres: bool = True) -> tuple[Pose, Pose]:
+def read_pose_pairs(path: Path, *, setup: Setup = "eye-in-hand", metres: bool = True) -> tuple[Pose, Pose]:
     """Hand in base and target in camera, (n, 3) mm and (n, 4), of a YAML file. Raises InputError."""
     problems = Problems()
     content = small_file(path, problems, _REMEDY)
@@ -41,11 +45,18 @@ def read_pose_pairs(path: Path, *, metres: bool = True) -> tuple[Pose, Pose]:
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError([Problem(str(path), f"holds no pairs of poses: {error!s:.80}", _REMEDY)]) from None
     scale = 1000.0 if metres else 1.0
-    return _scaled(hand, scale), _scaled(seen, scale)
+    stated = _scaled(hand, scale)
+    if setup == "eye-to-hand" and not lists and _of_easy_handeye(document):
+        stated = inverse(stated)
+    return stated, _scaled(seen, scale)
 
 
 def _scaled(poses: list[tuple[Any, Any]], scale: float) -> Pose:
     return Pose(np.array([p for p, _ in poses]) * scale, np.array([q for _, q in poses]))
+
+
+def _of_easy_handeye(document: Any) -> bool:
+    return isinstance(document, dict) and all({"robot", "tracking"} <= set(sample) for sample in document["samples"])
 
 
 def _listed(document: Any) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:

@@ -1,42 +1,31 @@
 """A run of `cpcal handeye` checked again: certificates by the checker, everything else in exact arithmetic.
 
-The checker decides whether a certificate proves what it claims of the constraints that it states. Here it is compared,
-character by character, with the constraints that the run's own study gives; and every number of handeye.json that is
-called proved is found in a claim or computed again.
+Every number of handeye.json that is called proved is found in a claim (`verify_chain`) or computed again.
 """
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from fractions import Fraction as F
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
-from cpcal.checker import Accepted, Refused, Unusable, check
+from cpcal.checker import Refused, Unusable
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import stated
-from cpcal.handeye.exact_errors import above, exact_errors, exact_rotation, largest
-from cpcal.handeye.exact_rows import ExactRows, row_meaning, row_number, stated_line
-from cpcal.handeye.frame_equations import EQUATIONS, R_F, R_X, SIZE, T_F, T_X, UNKNOWNS
+from cpcal.handeye.exact_errors import Reading, above, exact_errors, exact_rotation, largest
+from cpcal.handeye.frame_equations import R_F, R_X, SIZE, T_F, T_X, UNKNOWNS
 from cpcal.handeye.frames_proof import box_of
 from cpcal.handeye.hand_eye_files import load_hand_eye
 from cpcal.handeye.hand_eye_result import AskedBox, HandEyeResult, load_hand_eye_result
 from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.handeye.parameter_ranges import parameter_ranges
-from cpcal.solver.certificate.statement import number
-from cpcal.solver.certificate.writer import line
-from cpcal.solver.interval import Box
+from cpcal.handeye.verify_chain import NotAsStated, claimed
 
 _Run = TypeVar("_Run")  # what a run says, as it was read
-_WORK = 500_000_000  # what the check of one certificate may cost, in multiplications
-
-
-class NotAsStated(Exception):
-    """What is not as the run says."""
 
 
 def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
@@ -44,7 +33,10 @@ def verify_hand_eye(folder: str | os.PathLike[str]) -> list[tuple[bool, str]]:
     run = Path(folder)
     study, result = load_hand_eye(run), load_hand_eye_result(run)
     checks = (_the_box, _the_lower_end, _the_point, _the_ranges, _the_classical_answer)
-    return statements(checks, run, study, result, verb="handeye")
+    found = statements(checks, run, study, result, verb="handeye")
+    if not result.ranges.empty and not found[checks.index(_the_ranges)][0] and result.lower.certificates:
+        found[checks.index(_the_lower_end)] = False, "lower end: REFUSED, it begins with ranges that are not proved"
+    return found
 
 
 def statements(
@@ -96,46 +88,60 @@ def check_box(asked: AskedBox) -> str:
 
 
 def _the_lower_end(run: Path, study: HandEyeStudy, result: HandEyeResult) -> str:
-    if not result.lower:
+    if not result.lower.certificates:
         if result.eps_lo > 0.0 or result.support:
             raise NotAsStated("eps_lo is stated, and no certificate is there")
         return "lower end: NOT CERTIFIED, eps >= 0"
-    accepted, last = certified(run, result.lower, study, box_of(result.asked.lo, result.asked.hi), result.eps_lo)
-    if not accepted.claims.infeasible:
+    ranges = result.ranges
+    begins = (result.asked.lo, result.asked.hi) if ranges.empty else (ranges.lo, ranges.hi)
+    if not ranges.empty and result.eps_lo > ranges.eps:
+        raise NotAsStated("it begins with ranges at a smaller tolerance")
+    claim = claimed(run, result.lower, study, box_of(*begins), result.eps_lo, result.asked.center)
+    if not claim.infeasible:
         raise NotAsStated("the certificate does not claim that there are no frames")
-    if set(result.support) != last:
+    if set(result.support) != claim.last:
         raise NotAsStated("the support is not that of the last step")
-    return f"lower end: PROVED, no frames explain every pixel to {result.eps_lo!r} px ({accepted.steps} steps)"
+    return f"lower end: PROVED, no frames explain every pixel to {result.eps_lo!r} px ({claim.steps} steps)"
 
 
 def _the_point(run: Path, study: HandEyeStudy, result: HandEyeResult) -> str:
-    worst = largest(exact_errors(study, result.point))
+    check_readings(study, result.readings)
+    worst = largest(exact_errors(study, result.point, result.readings))
     if worst is None or worst > F(result.eps_hi):
         raise NotAsStated("the point does not satisfy every pixel to eps_hi")
     return f"upper end: PROVED, the point explains every pixel to {result.eps_hi!r} px"
 
 
+def check_readings(study: HandEyeStudy, readings: tuple[Reading, ...]) -> None:
+    """Raises NotAsStated for readings of poses beyond their half-widths."""
+    if not study.pose_half_width.any() and readings:
+        raise NotAsStated("readings are stated of poses that are exact")
+    if readings and np.shape(readings) != study.pose_half_width.shape:
+        raise NotAsStated("the readings are not those of the study's poses")
+    if readings and not (np.abs(np.array(readings)) <= study.pose_half_width).all():
+        raise NotAsStated("a reading of a pose is beyond its half-width")
+
+
 def _the_ranges(run: Path, study: HandEyeStudy, result: HandEyeResult) -> str:
-    ranges = result.ranges
-    if not ranges.certificates:
+    ranges, asked = result.ranges, result.asked
+    if not ranges.chain.certificates:
         return "ranges: NOT CERTIFIED, no certificate was written"
-    accepted, _ = certified(run, ranges.certificates, study, box_of(result.asked.lo, result.asked.hi), ranges.eps)
+    claim = claimed(run, ranges.chain, study, box_of(asked.lo, asked.hi), ranges.eps, asked.center)
     if ranges.empty:
-        if not accepted.claims.infeasible:
+        if not claim.infeasible:
             raise NotAsStated("the certificate does not claim that there are no frames")
         return f"ranges: PROVED, no frames explain every pixel to {ranges.eps!r} px"
-    hull = accepted.claims.enclosure
-    stated = tuple(map(F, ranges.lo)), tuple(map(F, ranges.hi))
-    if hull is None or hull != stated:
+    if claim.infeasible or (claim.lo, claim.hi) != (tuple(map(F, ranges.lo)), tuple(map(F, ranges.hi))):
         raise NotAsStated("the box of the unknowns is not the one that is proved")
     if parameter_ranges(ranges.lo, ranges.hi, result.point) != (ranges.low, ranges.high):
         raise NotAsStated("the ranges do not follow from the box of the unknowns")
-    return f"ranges: PROVED for all frames that explain every pixel to {ranges.eps!r} px ({accepted.steps} steps)"
+    return f"ranges: PROVED for all frames that explain every pixel to {ranges.eps!r} px ({claim.steps} steps)"
 
 
 def _the_classical_answer(run: Path, study: HandEyeStudy, result: HandEyeResult) -> str:
     classical, tolerance = result.classical, F(result.ranges.eps)
-    errors = exact_errors(study, classical.placed)
+    check_readings(study, classical.readings)
+    errors = exact_errors(study, classical.placed, classical.readings)
     if tuple(verdict.image for verdict in classical.images) != study.images:
         raise NotAsStated("it does not speak of the study's images")
     for k, verdict in enumerate(classical.images):
@@ -147,70 +153,3 @@ def _the_classical_answer(run: Path, study: HandEyeStudy, result: HandEyeResult)
         raise NotAsStated("its largest error is another one")
     failing = sum(not verdict.ok for verdict in classical.images)
     return f"classical answer: PROVED, over {result.ranges.eps!r} px in {failing} of {len(study.images)} images"
-
-
-def certified(
-    run: Path, names: tuple[str, ...], study: HandEyeStudy, box: Box, eps: float
-) -> tuple[Accepted, set[tuple[str, str]]]:
-    """What the last of some certificates proves of the study at eps, and image and point of its last step's rows.
-
-    The first begins with `box`, each other one with the box that the one before leaves. Raises Refused, Unusable,
-    NotAsStated.
-    """
-    for k, name in enumerate(names):
-        if Path(name).name != name:
-            raise NotAsStated(f"{name} is no name of a certificate")
-        accepted, last = _certificate(run / name, study, box, eps)
-        hull = accepted.claims.enclosure
-        if k + 1 < len(names):
-            if hull is None:
-                raise NotAsStated(f"{name} does not claim where the next certificate begins")
-            lo, hi = ([float(v) for v in side] for side in hull)
-            if (tuple(map(F, lo)), tuple(map(F, hi))) != hull:
-                raise NotAsStated(f"{name} claims a box that float64 does not hold")
-            box = box_of(lo, hi)
-    return accepted, last
-
-
-def _certificate(path: Path, study: HandEyeStudy, domain: Box, eps: float) -> tuple[Accepted, set[tuple[str, str]]]:
-    """What a certificate proves, once its constraints are found to be those of the study at eps, and its box `domain`.
-
-    And image and point of the constraints that its last step speaks of. Raises Refused, Unusable, NotAsStated.
-    """
-    accepted = check(path, work=_WORK)
-    box = tuple(number(v) for v in domain.lo), tuple(number(v) for v in domain.hi)
-    if tuple(tuple(number(v) for v in side) for side in (accepted.lo, accepted.hi)) != box:
-        raise NotAsStated(f"{path.name} speaks of another box")
-    if accepted.unknowns != UNKNOWNS:
-        raise NotAsStated(f"{path.name} speaks of other unknowns")
-    known = _numbers(study)
-    rows, stated = ExactRows(study, eps, domain), []
-    with path.open(encoding="utf-8") as lines:
-        next(lines)
-        for text, _ in zip(lines, range(accepted.count), strict=False):
-            k = known.get(str(json.loads(text)["name"]))
-            if k is None or json.loads(text) != json.loads(line(stated_line(rows.stated(k)))):
-                raise NotAsStated(f"{path.name} states a constraint that is not the study's at {eps!r} px")
-            stated.append(k)
-        *_, last = lines
-    return accepted, set(_pixels(study, stated, json.loads(last)))
-
-
-def _pixels(study: HandEyeStudy, stated: list[int], step: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    for _, place in step.get("rows", []):
-        meaning = row_meaning(stated[place], len(study.image))
-        if meaning is not None:
-            yield study.images[study.image[meaning[0]]], study.names[meaning[0]]
-
-
-def _numbers(study: HandEyeStudy) -> dict[str, int]:
-    """The number of each constraint by its name."""
-    count = len(study.image)
-    names = {f"rotation {k}": k for k in range(len(EQUATIONS))}
-    for point in range(count):
-        label = f"{study.images[study.image[point]]}/{study.names[point]}"
-        for axis in (0, 1):
-            for below in (False, True):
-                name = f"{label} {'uv'[axis]} {'below' if below else 'above'}"
-                names[name] = row_number(point, axis, below, count)
-    return names

@@ -12,7 +12,8 @@ from cpcal.handeye.exact_errors import exact_errors, largest
 from cpcal.handeye.frames_proof import box_of
 from cpcal.handeye.hand_eye_files import load_hand_eye
 from cpcal.handeye.hand_eye_study import HandEyeStudy
-from cpcal.handeye.verify_hand_eye import NotAsStated, certified, check_box, statements
+from cpcal.handeye.verify_chain import NotAsStated, claimed
+from cpcal.handeye.verify_hand_eye import check_box, check_readings, statements
 from cpcal.handeye.wrong_images import RefutedGroup, WrongImages, load_wrong_images
 
 
@@ -45,7 +46,9 @@ def _point(run: Path, study: HandEyeStudy, found: WrongImages) -> str:
     if len(set(found.left_out)) > found.outliers or not set(found.left_out) <= set(study.images):
         raise NotAsStated("too many images are left out")
     kept = [k for k, name in enumerate(study.images) if name not in found.left_out]
-    worst = largest(exact_errors(study.part(np.array(kept)), found.point))
+    part = study.part(np.array(kept))
+    check_readings(part, found.readings)
+    worst = largest(exact_errors(part, found.point, found.readings))
     if worst is None or worst > F(found.eps_hi):
         raise NotAsStated("the point does not satisfy every pixel to eps_hi")
     return f"upper end: PROVED, all but {', '.join(found.left_out)} are explained to {found.eps_hi!r} px"
@@ -71,9 +74,9 @@ def _disjoint(groups: list[tuple[str, ...]]) -> None:
 def _refuted(run: Path, study: HandEyeStudy, found: WrongImages, group: RefutedGroup, eps: float) -> None:
     """Raises NotAsStated, Refused, Unusable unless the certificates refute the group at eps."""
     strange = set(group.images) - set(study.images)
-    if group.eps != eps or strange or not group.certificates:
+    if group.eps != eps or strange:
         raise NotAsStated("a group is of other images, or at another tolerance")
     part = study.part(np.array([study.images.index(name) for name in group.images]))
-    accepted, _ = certified(run, group.certificates, part, box_of(found.asked.lo, found.asked.hi), eps)
-    if not accepted.claims.infeasible:
-        raise NotAsStated(f"{group.certificates[-1]} does not claim that there are no frames")
+    box = box_of(found.asked.lo, found.asked.hi)
+    if not claimed(run, group.chain, part, box, eps, found.asked.center).infeasible:
+        raise NotAsStated("a certificate does not claim that there are no frames")

@@ -23,18 +23,19 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most
 from cpcal.common.version import __version__
 from cpcal.files.codec import load, save
-from cpcal.handeye.certify_hand_eye import Within, about_study
+from cpcal.handeye.certify_hand_eye import Within, about_study, best_frames, stated_readings
 from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.exact_errors import PlacedFrames, above, exact_errors, largest
+from cpcal.handeye.exact_errors import PlacedFrames, Reading, above, exact_errors, largest
 from cpcal.handeye.frame_equations import UNKNOWNS, unknowns_of
-from cpcal.handeye.frames_proof import prove_in_turns
+from cpcal.handeye.frames_chain import Chain, prove_chain
 from cpcal.handeye.hand_eye_result import AskedBox
 from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
-from cpcal.handeye.minimax_fit import minimax_fit
+from cpcal.handeye.minimax_fit import excess
 from cpcal.handeye.pixel_model import PixelModel
+from cpcal.handeye.pose_readings import ReadingModel
 from cpcal.solver.interval import Box
 
-WRONG_FORMAT = "cpcal-handeye-wrong/1"
+WRONG_FORMAT = "cpcal-handeye-wrong/2"
 WRONG_NAME = "handeye-wrong.json"
 _LEAST = 4  # images of a group
 _TRIALS = 30  # of random images that the fit starts from
@@ -50,7 +51,7 @@ class RefutedGroup:
 
     images: tuple[str, ...]
     eps: float
-    certificates: tuple[str, ...]
+    chain: Chain
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,8 @@ class WrongImages:
     """When at most `outliers` images may be wrong.
 
     PROVED: whichever so many are left out, no frames in the box explain all others to within `eps_lo` px (`groups`);
-    `point` explains all but `left_out` to within `eps_hi`. At `tolerance` px each image of `blamed` is wrong, for
-    reasons that stand beside it; the others of `left_out` may be right.
+    `point` explains all but `left_out` to within `eps_hi`, at the `readings` of uncertain poses. At `tolerance` px each
+    image of `blamed` is wrong, for reasons that stand beside it; the others of `left_out` may be right.
     """
 
     version: str
@@ -68,6 +69,7 @@ class WrongImages:
     eps_lo: float
     eps_hi: float
     point: PlacedFrames
+    readings: tuple[Reading, ...]
     left_out: tuple[str, ...]
     groups: tuple[RefutedGroup, ...]
     tolerance: float
@@ -109,14 +111,15 @@ def find_wrong_images(
     frames, left = trimmed_fit(study, outliers, np.random.default_rng(seed))
     good = [k for k in range(len(study.images)) if k not in left]
     part = study.part(np.array(good))
-    best, _ = minimax_fit(PixelModel(part), frames)
-    point = PlacedFrames.of(best)
-    worst = largest(exact_errors(part, point))
+    best = best_frames(part, classical_answer(part))
+    point, readings = PlacedFrames.of(best.frames), stated_readings(part, best.readings)
+    worst = largest(exact_errors(part, point, readings))
     assert worst is not None  # the fit keeps all points in front of the camera
     eps_hi = above(worst)
     tell(f"all but {', '.join(study.images[k] for k in left)} are explained to {at_most(eps_hi)} px")
-    asked = (within or Within()).asked(PlacedFrames.of(frames), unknowns_of(frames))
-    prover = _Groups(study, Box(UNKNOWNS, asked.lo, asked.hi), best, folder, tell)
+    center = PlacedFrames.of(frames)
+    asked = (within or Within()).asked(center, unknowns_of(frames))
+    prover = _Groups(study, Box(UNKNOWNS, asked.lo, asked.hi), center, folder, tell)
     eps_lo, groups = prover.lower(_parted(list(range(len(study.images))), outliers + 1))
     at = _BEYOND * eps_hi if tolerance is None else tolerance
     blamed = []
@@ -132,6 +135,7 @@ def find_wrong_images(
         eps_lo=eps_lo,
         eps_hi=eps_hi,
         point=point,
+        readings=readings,
         left_out=tuple(study.images[k] for k in left),
         groups=groups,
         tolerance=at,
@@ -148,8 +152,8 @@ def _parted(images: list[int], count: int) -> list[list[int]]:
 class _Groups:
     """Proofs about some of the images."""
 
-    def __init__(self, study: HandEyeStudy, domain: Box, start: HandEyeFrames, folder: Path, tell: Tell) -> None:
-        self.study, self.domain, self.start, self.folder, self.tell = study, domain, start, folder, tell
+    def __init__(self, study: HandEyeStudy, domain: Box, center: PlacedFrames, folder: Path, tell: Tell) -> None:
+        self.study, self.domain, self.center, self.folder, self.tell = study, domain, center, folder, tell
         self.count = 0
 
     def lower(self, groups: list[list[int]]) -> tuple[float, tuple[RefutedGroup, ...]]:
@@ -168,7 +172,9 @@ class _Groups:
 
     def fitted(self, group: list[int]) -> float:
         """About the least error of a group: where a fit ends, px."""
-        return minimax_fit(PixelModel(self.study.part(np.array(sorted(group)))), self.start)[1]
+        part = self.study.part(np.array(sorted(group)))
+        best = best_frames(part, classical_answer(part))
+        return excess(ReadingModel(part), best)
 
     def refuted(self, group: list[int], eps: float) -> RefutedGroup | None:
         """The proof, written, that no frames explain a group to within eps."""
@@ -176,14 +182,11 @@ class _Groups:
         if self.fitted(group) <= eps:
             return None
         self.tell(f"{len(part.images)} images at {at_most(eps)} px")
-        proofs = prove_in_turns(part, eps, self.domain, about=about_study(part, eps), tell=self.tell)
-        if not proofs[-1].refuted:
+        proof = prove_chain(part, eps, self.domain, self.center, about=about_study(part), tell=self.tell)
+        if not proof.refuted:
             return None
         self.count += 1
-        names = tuple(f"wrong-{self.count}-{k + 1}.cert.jsonl" for k in range(len(proofs)))
-        for proof, name in zip(proofs, names, strict=True):
-            proof.write(self.folder / name)
-        return RefutedGroup(part.images, eps, names)
+        return RefutedGroup(part.images, eps, proof.written(f"wrong-{self.count}", self.folder))
 
 
 def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator) -> tuple[HandEyeFrames, list[int]]:

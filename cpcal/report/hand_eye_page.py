@@ -14,12 +14,11 @@ from cpcal.common.numbers import about, at_least, at_most, bracket_text, gap_tex
 from cpcal.handeye.hand_eye_result import HandEyeResult
 from cpcal.handeye.hand_eye_words import frames_of, names_of, sentences
 from cpcal.report.bars import Enclosure, enclosure_svg
+from cpcal.report.image_errors import image_errors_svg
 from cpcal.report.origin import versions
-from cpcal.report.svg import DASHES, DOT, GRID, INK, SUPPORT, Axes, Figure, label_room, tick_labels, ticks
 from cpcal.report.template import rendered
 
 HAND_EYE_PAGE = "handeye.html"
-_SIZE = (620.0, 190.0)  # points
 _MOST = 40  # rows of a table
 
 
@@ -57,6 +56,8 @@ def _context(found: HandEyeResult) -> dict[str, Any]:
         ],
         "support": _support(found),
         "remarks": found.classical.remarks,
+        "uncertain": found.uncertain,
+        "certificates": len(found.lower.certificates) + len(ranges.chain.certificates),
         "programs": f"{found.programs:,}",
         "seconds": about(found.seconds),
         "version": found.version,
@@ -106,25 +107,8 @@ def _positions(found: HandEyeResult) -> str:
 
 def _errors(found: HandEyeResult) -> str:
     """The largest error of the least-squares answer in each image, with the bracket and the tolerance."""
-    values = [verdict.largest for verdict in found.classical.images]
-    drawn = [min(value, 1e6) for value in values]
-    top = 1.08 * max([*drawn, found.ranges.eps, found.eps_hi, 1e-9])
-    numbers = ticks(0.0, top, 5)
-    figure, count = Figure(*_SIZE), len(values)
-    left = label_room(tick_labels(numbers)) + 8.0
-    axes = Axes(figure, (left, 6.0, _SIZE[0] - 12.0, _SIZE[1] - 32.0), (0.0, count + 1.0), (0.0, top))
-    axes.y_axis(numbers, "largest error [px]", grid=True)
-    axes.x_axis(
-        [t for t in ticks(0.0, count + 1.0, 12, whole=True) if 1.0 <= t <= count], "image, in the order of poses.csv"
-    )
-    for verdict, value, k in zip(found.classical.images, drawn, range(1, count + 1), strict=True):
-        colour = DOT if verdict.ok else SUPPORT
-        axes.line([(k, 0.0), (k, value)], GRID, 1.2)
-        axes.dots([(k, value)], colour, 5.0)
-        axes.hover([(k, value)], [f"{verdict.image}: {at_most(verdict.largest, 4)} px"])
-    axes.line([(0.0, found.eps_hi), (count + 1.0, found.eps_hi)], INK, 1.0)
-    axes.line([(0.0, found.ranges.eps), (count + 1.0, found.ranges.eps)], INK, 1.0, DASHES)
-    return figure.svg("Largest error of least squares in each image")
+    drawn = [(verdict.image, verdict.largest, verdict.ok) for verdict in found.classical.images]
+    return image_errors_svg(drawn, found.eps_hi, found.ranges.eps, "Largest error of least squares in each image")
 
 
 def _images(found: HandEyeResult) -> list[tuple[str, str, str]]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -14,7 +16,7 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import stated
 from cpcal.solver import plugins
-from cpcal.solver.contract import Limits, Strategy
+from cpcal.solver.contract import Clock, Limits, Strategy
 from cpcal.solver.existence import Equalities
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.number import float_bounds
@@ -106,6 +108,12 @@ def checked_limits(limits: Limits | None) -> Limits:
     if not all(value is None or (_is_number(value) and value >= 0) for value in given):
         raise ModelError(f"{limits!r}: seconds, nodes and gaps are numbers of at least 0")
     return limits
+
+
+def remaining(clock: Clock) -> Limits:
+    """The limits of a clock with the seconds that are left."""
+    left = max(0.0, clock.deadline - time.monotonic())
+    return clock.limits if clock.limits.seconds is None else replace(clock.limits, seconds=left)
 
 
 def _is_number(value: object) -> bool:

@@ -11,7 +11,6 @@ from cpcal.handeye.exact_errors import PlacedFrames, exact_errors, largest
 from cpcal.handeye.frame_equations import unknowns_of
 from cpcal.handeye.hand_eye_files import hand_eye_files
 from cpcal.handeye.hand_eye_result import load_hand_eye_result, save_hand_eye_result
-from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
 from cpcal.handeye.verify_hand_eye import verify_hand_eye
 
@@ -19,7 +18,7 @@ NEAR = Within(50.0, 1.5)
 
 
 def small(**options):
-    return simulate_hand_eye(**({"images": 10, "corners": (4, 3), "pitch": 60.0} | options))
+    return simulate_hand_eye(**({"images": 7, "corners": (4, 3), "pitch": 60.0} | options))
 
 
 @pytest.fixture(scope="module")
@@ -46,18 +45,6 @@ def test_the_truth_lies_in_the_guaranteed_ranges_of_its_pixel_error(setup, seed)
     assert (x <= np.array(result.ranges.hi)).all()
     worst = largest(exact_errors(simulated.study, PlacedFrames.of(simulated.truth)))
     assert result.eps_lo <= worst <= 0.2 + 1e-9
-
-
-@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
-def test_the_truth_lies_in_the_ranges_of_uncertain_poses(setup):
-    simulated = small(setup=setup, seed=4, position_error=0.1, rotation_error=1e-4)
-    wide = np.tile([0.1, 0.1, 0.1, 1e-4, 1e-4, 1e-4], (len(simulated.study.images), 1))
-    fields = {name: getattr(simulated.study, name) for name in simulated.study.__dataclass_fields__}
-    result = certify_hand_eye(HandEyeStudy(**fields | {"pose_half_width": wide}), within=NEAR, tolerance=0.2)
-    x = unknowns_of(simulated.truth)
-    assert not result.ranges.empty
-    assert (np.array(result.ranges.lo) <= x).all()
-    assert (x <= np.array(result.ranges.hi)).all()
 
 
 def test_the_bracket_closes_to_a_millionth(finished):
@@ -95,6 +82,11 @@ FORGERIES = {
     "a wider search": lambda d: d["asked"].update(reach=200.0),
     "any rotation": lambda d: d["asked"].update(angle=None),
     "another point": lambda d: d["point"]["camera_position"].__setitem__(0, 0.0),
+    "readings of exact poses": lambda d: d.update(readings=[[1e-9] * 6] * 7),
+    "another pose of an image": lambda d: d["ranges"]["chain"]["images"][0]["hi"].__setitem__(11, 0.0),
+    "an image less": lambda d: d["ranges"]["chain"]["images"].pop(),
+    "another nominal pose": lambda d: d["ranges"]["chain"]["images"][0]["nominal"]["place"].__setitem__(2, 1.0),
+    "a link less": lambda d: d["ranges"]["chain"]["links"].pop(),
     "a better classical answer": lambda d: d["classical"]["images"][0].update(largest=0.0),
     "another support": lambda d: d["support"].pop(),
 }

@@ -11,7 +11,7 @@ from cpcal.handeye.classical_answer import classical_answer
 from cpcal.handeye.pose_pair_files import read_pose_pairs
 from cpcal.handeye.pose_pairs_study import study_of_pairs
 from cpcal.handeye.simulate_hand_eye import CAMERA, simulate_hand_eye
-from cpcal.robot import Pose, quaternion_from_matrix
+from cpcal.robot import Pose, inverse, quaternion_from_matrix
 from cpcal.vision.camera import Camera
 
 
@@ -67,7 +67,7 @@ def opencv(hand, seen):
 
 
 def ros(hand, seen):
-    return {"samples": [{"robot": _transform(hand, k), "tracking": _transform(seen, k)} for k in range(8)]}
+    return {"samples": [{"hand": _transform(hand, k), "camera_marker": _transform(seen, k)} for k in range(8)]}
 
 
 @pytest.mark.parametrize("form", [moveit, opencv, ros])
@@ -76,6 +76,27 @@ def test_files_of_other_packages_are_read(tmp_path, form):
     path = tmp_path / "samples.yaml"
     path.write_text(json.dumps(form(hand, seen)))  # JSON is YAML
     for given, read in zip((hand, seen), read_pose_pairs(path), strict=True):
+        np.testing.assert_allclose(read.position, given.position, atol=1e-9)
+        np.testing.assert_allclose(read.rotation, given.rotation, atol=1e-12)
+
+
+def easy_handeye(hand, seen):
+    """As ROS 2 writes a message: `NAME.samples` of easy_handeye2."""
+    lines = ["samples:"]
+    for k in range(8):
+        for first, name, pose in (("-", "robot", hand), (" ", "tracking", seen)):
+            lines.append(f"{first} {name}:")
+            for part, values in _transform(pose, k).items():
+                lines += [f"    {part}:", *(f"      {axis}: {value!r}" for axis, value in values.items())]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_samples_of_easy_handeye_are_read_as_it_stores_them(tmp_path, setup):
+    hand, seen, _ = pairs(setup)
+    path = tmp_path / "robot.samples"
+    path.write_text(easy_handeye(inverse(hand) if setup == "eye-to-hand" else hand, seen))
+    for given, read in zip((hand, seen), read_pose_pairs(path, setup=setup), strict=True):
         np.testing.assert_allclose(read.position, given.position, atol=1e-9)
         np.testing.assert_allclose(read.rotation, given.rotation, atol=1e-12)
 
@@ -96,29 +117,44 @@ def test_boards_that_are_none_are_refused(text):
         PrintedBoard.parsed(text)
 
 
-def test_a_charuco_board_is_found_in_photographs(tmp_path):
+def charuco(cv2):
+    return cv2.aruco.CharucoBoard((6, 5), 40.0, 30.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+
+
+def april_tags(cv2):
+    tags = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    return cv2.aruco.GridBoard((4, 3), 40.0, 10.0, tags)
+
+
+@pytest.mark.parametrize(
+    ("made", "text", "size", "least"),
+    [
+        (charuco, "charuco:6x5:40:30:4X4_50", (240.0, 200.0), 50),
+        (april_tags, "grid:4x3:40:10:APRILTAG_36h11", (190.0, 140.0), 3 * 48),
+    ],
+)
+def test_a_board_is_found_in_photographs(tmp_path, made, text, size, least):
     cv2 = pytest.importorskip("cv2")
-    board = cv2.aruco.CharucoBoard((6, 5), 40.0, 30.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
-    picture = board.generateImage((600, 500), marginSize=0)
+    printed = made(cv2).generateImage((int(2.5 * size[0]), int(2.5 * size[1])), marginSize=0)
+    white = 25  # px around the picture
+    picture = np.pad(printed, white, constant_values=255)
     camera = Camera(800, 600, np.array([900.0, 900.0]), np.array([399.5, 299.5]), np.zeros(5))
     poses = {}
     for k, angle in enumerate((0.0, 0.2, -0.25)):
         turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
-        plane = np.column_stack([turn[:, 0], turn[:, 1], [-120.0, -100.0, 500.0]])
+        plane = np.column_stack([turn[:, 0], turn[:, 1], [-size[0] / 2.0, -size[1] / 2.0, 500.0]])
         inside = np.array([[900.0, 0, 399.5], [0, 900.0, 299.5], [0, 0, 1]])
-        pixel = np.array([[0.4, 0, -0.2 + 0.2], [0, 0.4, 0.0], [0, 0, 1]])  # mm of a pixel of the picture
+        pixel = np.array([[0.4, 0, -0.4 * white], [0, 0.4, -0.4 * white], [0, 0, 1]])  # mm of a pixel of the picture
         image = cv2.warpPerspective(picture, inside @ plane @ pixel, (800, 600), borderValue=255, flags=cv2.INTER_AREA)
         cv2.imwrite(str(tmp_path / f"shot{k}.png"), image)
         poses[f"shot{k}"] = (float(k), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     cv2.imwrite(str(tmp_path / "spare.png"), np.full((600, 800), 255, np.uint8))
-    study, left = study_of_photos(
-        tmp_path, PrintedBoard.parsed("charuco:6x5:40:30:4X4_50"), camera=camera, poses=poses, setup="eye-to-hand"
-    )
+    study, left = study_of_photos(tmp_path, PrintedBoard.parsed(text), camera=camera, poses=poses, setup="eye-to-hand")
     assert study.images == ("shot0", "shot1", "shot2")
     assert left == ["spare.png has no pose"]
-    assert len(study.image) >= 50
+    assert len(study.image) >= least
     first = study.image == 0
-    expected = 900.0 * (study.points[first, :2] - [120.0, 100.0]) / 500.0 + [399.5, 299.5]
+    expected = 900.0 * (study.points[first, :2] - np.array(size) / 2.0) / 500.0 + [399.5, 299.5]
     assert np.abs(study.pixels[first] - expected).max() < 1.5
 
 

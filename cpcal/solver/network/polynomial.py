@@ -191,6 +191,7 @@ class Expander:
         out: dict[Monomial, IntervalArray] = {}
         self._check_size(len(x.terms) * len(y.terms))
         for p, c in x.terms.items():
+            self._check_size(len(y.terms))
             for q, d in y.terms.items():
                 self._accumulate(out, p + q, coef.mul(self._engine, _aligned(c, node.ndim), _aligned(d, node.ndim)))
         return out

@@ -79,7 +79,7 @@ def minimize(
     if strategy is None:
         strategy = LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
     named = contractors if isinstance(contractors, Sequence) else [("", contractors)]
-    incumbent = Incumbent(network, index, limits, engine)
+    incumbent = Incumbent(network, index, limits, engine, clock.deadline)
     process = Bounding(incumbent, Contracting(named, prover), strategy, enclose, place)
     search = Search(
         [Piece(domain, Branch(domain, fresh=True))],

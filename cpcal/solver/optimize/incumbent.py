@@ -30,11 +30,18 @@ class Known:
 class Incumbent:
     """Proves points that local fits propose, and says what a box can still improve. It only ever gets better."""
 
-    def __init__(self, network: ConstraintNetwork, objective: int, limits: Limits, engine: Arithmetic) -> None:
+    def __init__(
+        self,
+        network: ConstraintNetwork,
+        objective: int,
+        limits: Limits,
+        engine: Arithmetic,
+        deadline: float = np.inf,
+    ) -> None:
         self.objective, self.domain, self._limits = objective, network.domain, limits
         self._network, self._rows = network, Rows(network)
         self._prover = WitnessProver(network, objective, engine)
-        self._local = LocalSearch(network, objective, self._prover.equations)
+        self._local = LocalSearch(network, objective, self._prover.equations, deadline)
         self._minimax = all(self._enters(c) for c in network.constraints)
         self._one_value = bool(self.domain.lo[objective] == self.domain.hi[objective])
         self.calls = 0  # of `propose`

@@ -7,6 +7,8 @@ that margin: at the optimum itself rounding alone would violate each active row.
 
 from __future__ import annotations
 
+import math
+import time
 import warnings
 from collections.abc import Iterator
 from typing import Any
@@ -21,6 +23,7 @@ from cpcal.solver.optimize.equations import Equations
 
 MARGINS = (1e-12, 1e-11, 1e-10, 1e-9, 3e-9)  # in the unit of a row: its gradient times the components' scales
 _ITERATIONS = 100
+_GRACE = 0.5  # seconds that a local method has beyond the time limit: without any point there is no upper bound
 _LARGEST = 600  # rows and components, beyond which a dense local method takes too long
 _REACH = 1e-5  # how far, in scales, the linear program moves at most
 _ROUNDS = 4
@@ -29,9 +32,15 @@ _WIDE = 1e4  # a domain beyond this says nothing about the size of its component
 
 
 class LocalSearch:
-    """Local minimisation over one network's domain; `applies` where it is small and has no readings."""
+    """Local minimisation over one network's domain; `applies` where it is small and has no readings.
 
-    def __init__(self, network: ConstraintNetwork, objective: int, equations: Equations) -> None:
+    It stops at `deadline` (of time.monotonic()), where it is.
+    """
+
+    def __init__(
+        self, network: ConstraintNetwork, objective: int, equations: Equations, deadline: float = math.inf
+    ) -> None:
+        self._deadline = deadline
         self._domain, self._objective, self._equations = network.domain, objective, equations
         self._whole = network.whole
         self._rows = Rows(equations.rest) if equations.count else Rows(network)
@@ -107,7 +116,7 @@ class LocalSearch:
         stay = self._whole & fixed
         lo = np.where(stay, start, self._domain.lo) / scale
         hi = np.where(stay, start, self._domain.hi) / scale
-        known = _Known(self._rows, self._equations, scale)
+        known = _Known(self._rows, self._equations, scale, max(self._deadline, time.monotonic() + _GRACE))
         constraints = [
             {"type": "ineq", "fun": lambda y: -known(y)[0], "jac": lambda y: -known(y)[1]},
             {"type": "eq", "fun": lambda y: known(y)[2], "jac": lambda y: known(y)[3]},
@@ -117,18 +126,24 @@ class LocalSearch:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             try:
-                found = _scipy().minimize(
-                    lambda y: float(y[self._objective]),
-                    np.clip(start / scale, lo, hi),
-                    jac=lambda y: direction,
-                    bounds=list(zip(lo, hi, strict=True)),
-                    constraints=constraints if self._equations.count else constraints[:1],
-                    method="SLSQP",
-                    options={"maxiter": _ITERATIONS, "ftol": 1e-13},
+                last = (
+                    _scipy()
+                    .minimize(
+                        lambda y: float(y[self._objective]),
+                        np.clip(start / scale, lo, hi),
+                        jac=lambda y: direction,
+                        bounds=list(zip(lo, hi, strict=True)),
+                        constraints=constraints if self._equations.count else constraints[:1],
+                        method="SLSQP",
+                        options={"maxiter": _ITERATIONS, "ftol": 1e-13},
+                    )
+                    .x
                 )
+            except _LateError:
+                last = known.last
             except (ValueError, np.linalg.LinAlgError):
                 return None
-        point = np.asarray(found.x * scale)
+        point = np.asarray(last * scale)
         return np.clip(point, self._domain.lo, self._domain.hi) if np.isfinite(point).all() else None
 
 
@@ -139,18 +154,28 @@ def _scipy() -> Any:
     return optimize
 
 
-class _Known:
-    """Values and derivatives at the last point that was asked about, each row in units of its gradient there first."""
+class _LateError(Exception):
+    """The time limit came first."""
 
-    def __init__(self, rows: Rows, equations: Equations, scale: Floats) -> None:
-        self._rows, self._equations, self._scale = rows, equations, scale
+
+class _Known:
+    """Values and derivatives at the last point that was asked about, each row in units of its gradient there first.
+
+    Raises _LateError after `deadline`; `last` is the point that was asked about before.
+    """
+
+    def __init__(self, rows: Rows, equations: Equations, scale: Floats, deadline: float) -> None:
+        self._rows, self._equations, self._scale, self._deadline = rows, equations, scale, deadline
+        self.last: Floats
         self._at: bytes = b""
         self._found: tuple[Floats, Floats, Floats, Floats]
         self._sizes: tuple[Floats, Floats] | None = None
 
     def __call__(self, y: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         if y.tobytes() != self._at:
-            self._at = y.tobytes()
+            if self._at and time.monotonic() > self._deadline:
+                raise _LateError
+            self._at, self.last = y.tobytes(), y.copy()
             rows = self._rows.linearize(y * self._scale)
             value, jacobian = self._equations.estimate(y * self._scale)
             matrix, equal = rows.jacobian * self._scale, jacobian * self._scale

@@ -1,0 +1,52 @@
+"""Of a list of poses those are chosen that narrow the ranges; what is said of them is a first-order estimate."""
+
+import numpy as np
+import pytest
+
+from cpcal.common.errors import InputError
+from cpcal.handeye.certify_hand_eye import Within, certify_hand_eye
+from cpcal.handeye.hand_eye_result import PARAMETERS
+from cpcal.handeye.next_images import next_poses
+from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
+
+
+@pytest.fixture(scope="module")
+def case():
+    study = simulate_hand_eye(images=10, corners=(4, 3), pitch=60.0, seed=3).study
+    rows = np.concatenate([study.poses.position, study.poses.quaternion], axis=1)
+    away = {"away": [0.0, 0.0, 1e4, 1.0, 0.0, 0.0, 0.0]}
+    return study, {f"c{k}": rows[k].tolist() for k in range(5, 10)} | away
+
+
+def test_each_chosen_pose_narrows_the_widest_range_and_none_does_so_more(case):
+    study, candidates = case
+    known = study.part(np.arange(5))
+    found = next_poses(known, candidates, 2)
+    assert found.unseen == ("away",)
+    widest = [found.before.widest, *(one.widest for one in found.chosen)]
+    assert widest == sorted(widest, reverse=True)
+    assert len({one.name for one in found.chosen}) == 2
+    alone = [next_poses(known, {name: candidates[name]}, 1).chosen[0].widest for name in ("c5", "c6", "c7", "c8", "c9")]
+    assert found.chosen[0].widest <= min(alone) * (1.0 + 1e-9)
+
+
+def test_the_estimated_widths_are_nearly_those_that_are_proved(case):
+    known = case[0].part(np.arange(5))
+    estimated = next_poses(known, case[1], 1, tolerance=0.2).before.widths
+    ranges = certify_hand_eye(known, within=Within(100.0, 5.0), tolerance=0.2).ranges
+    proved = np.array(ranges.high) - np.array(ranges.low)
+    assert len(proved) == len(PARAMETERS)
+    assert (np.array(estimated) <= proved * 1.02).all()
+    places = [0, 1, 2, 6, 7, 8]  # turns are read off boxes of matrix entries, which loses more
+    assert (proved[places] <= 1.3 * np.array(estimated)[places]).all()
+    assert (proved <= 3.0 * np.array(estimated)).all()
+
+
+def test_a_tolerance_that_nothing_meets_is_refused(case):
+    with pytest.raises(InputError, match="tolerance"):
+        next_poses(case[0].part(np.arange(5)), case[1], 1, tolerance=0.01)
+
+
+def test_more_poses_than_see_the_target_are_refused(case):
+    with pytest.raises(InputError, match="seen from 5 of 6"):
+        next_poses(case[0].part(np.arange(5)), case[1], 6)

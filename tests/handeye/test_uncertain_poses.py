@@ -1,0 +1,148 @@
+"""Errors of the robot's poses: one reading an image, shared by all its points."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cpcal.handeye.certify_hand_eye import certify_hand_eye
+from cpcal.handeye.classical_answer import classical_answer
+from cpcal.handeye.exact_errors import exact_errors, largest
+from cpcal.handeye.frame_equations import UNKNOWNS, unknowns_of
+from cpcal.handeye.hand_eye_files import hand_eye_files
+from cpcal.handeye.hand_eye_result import save_hand_eye_result
+from cpcal.handeye.image_pose_sets import nominal_poses, pose_domain, prove_pose
+from cpcal.handeye.pose_readings import ReadFrames, ReadingModel, read_study
+from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
+from cpcal.handeye.verify_hand_eye import verify_hand_eye
+from cpcal.robot import quaternion_conjugate, quaternion_product, rotation_matrix
+from cpcal.solver.interval import Box
+
+MM, DEGREES = 0.1, 0.05
+SETUPS = ["eye-in-hand", "eye-to-hand"]
+
+
+def uncertain(setup, images=6, seed=4):
+    turn = float(np.radians(DEGREES))
+    found = simulate_hand_eye(
+        setup=setup, images=images, corners=(4, 3), pitch=60.0, position_error=MM, rotation_error=turn, seed=seed
+    )
+    return replace(found.study, pose_half_width=np.tile([MM] * 3 + [turn] * 3, (images, 1))), found.truth
+
+
+@pytest.fixture(scope="module", params=SETUPS)
+def finished(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("uncertain")
+    study, truth = uncertain(request.param)
+    for name, content in hand_eye_files(study).items():
+        (folder / name).write_bytes(content)
+    result = certify_hand_eye(study, tolerance=0.2, certificates=folder)
+    save_hand_eye_result(result, folder)
+    return folder, study, truth, result
+
+
+def test_the_bracket_closes_and_the_truth_lies_in_the_ranges(finished):
+    _, _, truth, result = finished
+    x = unknowns_of(truth)
+    assert result.asked.angle is None  # any rotation
+    assert result.complete
+    assert result.eps_hi <= 0.2
+    assert (np.array(result.ranges.lo) <= x).all()
+    assert (x <= np.array(result.ranges.hi)).all()
+
+
+def test_a_run_is_verified(finished):
+    assert [accepted for accepted, _ in verify_hand_eye(finished[0])] == [True] * 5
+
+
+def test_the_point_explains_the_pixels_at_its_readings_and_not_at_the_stated_poses(finished):
+    _, study, _, result = finished
+    assert largest(exact_errors(study, result.point, result.readings)) <= result.eps_hi
+    assert largest(exact_errors(study, result.point)) > result.eps_hi
+    assert (np.abs(np.array(result.readings)) <= study.pose_half_width).all()
+
+
+FORGERIES = {
+    "a larger lower end": lambda d: d.update(eps_lo=d["eps_lo"] * (1 + 1e-6)),
+    "a reading beyond its half-width": lambda d: d["readings"][0].__setitem__(0, 0.11),
+    "no readings": lambda d: d.update(readings=[]),
+    "a narrower range": lambda d: d["ranges"]["low"].__setitem__(0, d["ranges"]["low"][0] + 1e-3),
+    "a better pose of an image": lambda d: d["ranges"]["chain"]["images"][2]["hi"].__setitem__(9, 1e-4),
+    "an image that is another": lambda d: d["ranges"]["chain"]["images"][2].update(image="image001"),
+    "a lower end of another image": lambda d: d["lower"]["images"][0].update(image="image099"),
+    "a wider search": lambda d: d["asked"].update(reach=3000.0),
+}
+
+
+@pytest.mark.parametrize("name", FORGERIES)
+def test_an_edited_answer_is_refused(finished, tmp_path, name):
+    shutil.copytree(finished[0], tmp_path / "run")
+    path = tmp_path / "run" / "handeye.json"
+    data = json.loads(path.read_text())
+    FORGERIES[name](data)
+    path.write_text(json.dumps(data))
+    assert not all(accepted for accepted, _ in verify_hand_eye(tmp_path / "run"))
+
+
+def test_smaller_half_widths_than_those_of_the_run_are_refused(finished, tmp_path):
+    shutil.copytree(finished[0], tmp_path / "run")
+    path = tmp_path / "run" / "poses.csv"
+    path.write_text(path.read_text().replace(",0.1,0.1,0.1,", ",0.05,0.05,0.05,"))
+    assert not all(accepted for accepted, _ in verify_hand_eye(tmp_path / "run"))
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+def test_derivatives_by_readings_are_those_of_differences(setup):
+    study, truth = uncertain(setup)
+    model, random = (
+        ReadingModel(replace(study, pose_half_width=1e3 * study.pose_half_width)),
+        np.random.default_rng(1),
+    )
+    at = ReadFrames(truth, random.uniform(-1.0, 1.0, (6, 6)) * 1e-2)
+    slope, step = model.jacobian(at), 1e-6
+    for k in range(model.size):
+        one = np.zeros(model.size)
+        one[k] = step
+        differences = (model(model.moved(at, one)) - model(model.moved(at, -one))) / (2.0 * step)
+        assert np.abs(slope[:, k] - differences).max() <= 1e-5 * (1.0 + np.abs(differences).max())
+
+
+def test_poses_that_are_weighed_come_nearer_to_the_truth_than_pixels_alone():
+    off = np.zeros((2, 4))
+    for seed in range(4):
+        study, truth = uncertain("eye-in-hand", images=12, seed=seed)
+        exact = replace(study, pose_half_width=np.zeros_like(study.pose_half_width))
+        for k, one in enumerate((study, exact)):
+            off[k, seed] = np.linalg.norm((unknowns_of(classical_answer(one).frames) - unknowns_of(truth))[9:12])
+    assert off[0].mean() < 0.7 * off[1].mean()
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+def test_the_true_pose_of_a_single_image_lies_in_its_set_which_begins_with_all_rotations(setup):
+    simulated = simulate_hand_eye(setup=setup, images=3, corners=(4, 3), pitch=60.0, seed=6)
+    study, truth = simulated.study, simulated.truth
+    nominal = nominal_poses(study)[1]
+    frames = Box(UNKNOWNS, [-3000.0] * 24, [3000.0] * 24)
+    proof = prove_pose(study, 1, nominal, 0.2, pose_domain(study, 1, nominal, frames))
+    turn, shift = study.motions
+    a, b = np.array(nominal.turn).reshape(3, 3), np.array(nominal.place)
+    true_turn = truth.e_rotation @ turn[1] @ truth.f_rotation
+    true_place = truth.e_rotation @ (turn[1] @ truth.f_translation + shift[1]) + truth.e_translation
+    true = np.concatenate([(a.T @ true_turn).ravel(), a.T @ (true_place - b)])  # the points' middle is their origin
+    assert (proof.left.lo <= true).all()
+    assert (true <= proof.left.hi).all()
+    assert proof.left.rad[:9].max() < 0.05
+
+
+def test_readings_turn_and_shift_the_stated_poses():
+    study, _ = uncertain("eye-to-hand")
+    readings = np.zeros((6, 6))
+    readings[1] = [0.1, -0.2, 0.3, 2e-3, -1e-3, 5e-4]
+    there = read_study(study, readings)
+    assert there.poses.position[1] - study.poses.position[1] == pytest.approx([0.1, -0.2, 0.3])
+    turn = quaternion_product(there.poses.quaternion[1], quaternion_conjugate(study.poses.quaternion[1]))
+    skew = rotation_matrix(turn)
+    assert [skew[2, 1], skew[0, 2], skew[1, 0]] == pytest.approx([2e-3, -1e-3, 5e-4], rel=5e-3)
+    assert there.poses.position[0] == pytest.approx(study.poses.position[0])
