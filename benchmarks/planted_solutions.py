@@ -21,7 +21,7 @@ from cpcal.solver.network import ConstraintNetwork, Expr, evaluate, sqr, sqrt
 from cpcal.solver.search import Divide, LargestFirst, Search
 
 CONTRACTORS = (("hc4",), ("hc4", "newton"), ("lifted",), ("hc4", "shaving"), ("cid",), ("box",), ("krawczyk",))
-NODES = 12  # of a search: what is still pending counts as left
+NODES = {"float64": 12, "arb": 4}  # of a search: what is still pending counts as left
 
 
 def planted(seed: int) -> tuple[ConstraintNetwork, Floats]:
@@ -53,7 +53,7 @@ def kept(network: ConstraintNetwork, contractors: Sequence[str], arithmetic: str
     process = Divide(plugins.build(network, contractors, arithmetic=arithmetic), LargestFirst(1e-3))
     search = Search([network.domain], process, abreast=64, batch=batch)
     for event in search:
-        if event.node.serial > NODES:
+        if event.node.serial > NODES[arithmetic]:
             break
     return [*(node.box for node in search.pending), *(piece.box for piece in search.kept)]
 

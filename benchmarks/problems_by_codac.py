@@ -10,7 +10,9 @@ import itertools
 import math
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -46,7 +48,15 @@ class CodacResult:
 
 
 def by_codac(network: ConstraintNetwork, limit: float) -> CodacResult:
-    """Depth first, for so many seconds of processor time. Raises KeyError for an operation that is not written here."""
+    """Depth first, for so many seconds of processor time. Raises KeyError for an operation that is not written here.
+
+    In a process of its own: codac switches the processor's rounding, which cpcal refuses to compute with.
+    """
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(_searched, network, limit).result()
+
+
+def _searched(network: ConstraintNetwork, limit: float) -> CodacResult:
     import codac
 
     contractors = _contractors(network)

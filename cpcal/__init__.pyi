@@ -10,7 +10,7 @@ from .certify import (
     compare_networks,
     with_ranges,
 )
-from .common.errors import CpcalError, InputError, ModelError, PluginError
+from .common.errors import CpcalError, InputError, ModelError, PluginError, RoundingError
 from .common.version import __version__
 from .files import load_campaign, save_campaign
 from .legs import LegModel, Measured, Parameter
@@ -81,6 +81,7 @@ __all__ = [
     "Polyhedron",
     "Result",
     "Robot",
+    "RoundingError",
     "Solution",
     "Step",
     "Strategy",

@@ -70,6 +70,10 @@ class ModelError(CpcalError):
     """A constraint network was put together in a way that has no meaning (shapes, names, comparisons)."""
 
 
+class RoundingError(CpcalError):
+    """The processor rounds in another direction than to nearest: another library has changed that in this thread."""
+
+
 class PluginError(CpcalError):
     """A contractor was asked for that is not installed, or that breaks its contract."""
 

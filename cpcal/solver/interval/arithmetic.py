@@ -6,6 +6,7 @@ from typing import Protocol
 
 from cpcal.common.errors import InputError, Problem
 from cpcal.solver.interval.array import IntervalArray
+from cpcal.solver.interval.rounding import check_rounding
 
 
 class Arithmetic(Protocol):
@@ -61,7 +62,11 @@ class Arithmetic(Protocol):
 
 
 def get_arithmetic(name: str) -> Arithmetic:
-    """The engine called `name`: "float64" (fast) or "arb" (slow, tight); InputError for another name."""
+    """The engine called `name`: "float64" (fast) or "arb" (slow, tight).
+
+    Raises InputError for another name, RoundingError where float64 numbers are not rounded to nearest.
+    """
+    check_rounding()
     if name == "float64":
         from cpcal.solver.interval.float64 import Float64
 

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.arrays import Bools, Floats
+from cpcal.common.errors import RoundingError
 
 MAX = float(np.finfo(np.float64).max)
 ETA = 5e-324  # the least positive float
@@ -25,6 +26,21 @@ _PHI = 0.75 * 2.0**-52
 
 _SEQUENTIAL = 8  # the longest axis that is added term by term
 _LARGE = 2000  # from this size on a comparison beats `count_nonzero`
+
+
+_ONE, _TINY = 1.0, 2.0**-60
+
+
+def check_rounding() -> None:
+    """Raises RoundingError where this thread does not round to nearest, which all float64 bounds rest on.
+
+    Some interval libraries switch it, and leave it so: codac and others on gaol, filib or boost.
+    """
+    if _ONE + _TINY != _ONE or _ONE - _TINY != _ONE:
+        raise RoundingError(
+            "another library in this process has changed the processor's rounding mode, so no bound in float64 can be "
+            "trusted: run that library in a process of its own"
+        )
 
 
 def has_zero(a: Floats) -> bool:

@@ -14,6 +14,7 @@ from typing import Any
 
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
+from cpcal.solver.interval.rounding import check_rounding
 from cpcal.solver.search.frontier import Frontier
 from cpcal.solver.search.orders import Node, Priority, depth_first
 from cpcal.solver.search.passes import ContractorUse
@@ -165,6 +166,7 @@ class Search(Iterator[Event]):
                 self._frontier.drop()
         node = self._round[-1]
         decision = self._decision(node)
+        check_rounding()  # a plug-in that changed it makes all contractors after it unsound
         removed = difference(node.box, decision.box) if self.wants_outside else ()
         children = self._stored(node, decision)
         self.outside.extend(removed)

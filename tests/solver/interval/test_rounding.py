@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
+import platform
 import threading
+from collections.abc import Iterator
 from fractions import Fraction
 
 import flint
@@ -13,10 +16,12 @@ from flint import arb
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cpcal.common.errors import InputError
-from cpcal.solver.interval import IntervalArray, get_arithmetic
+import cpcal
+from cpcal.common.errors import InputError, RoundingError
+from cpcal.solver.contract import Contraction
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.interval.arb import Arb, float_above, float_below, precision
-from cpcal.solver.interval.rounding import next_down, next_up
+from cpcal.solver.interval.rounding import check_rounding, next_down, next_up
 
 MAX = 1.7976931348623157e308
 NORMAL = 2.0**-1022
@@ -146,3 +151,42 @@ def test_intersect_hull_and_subset_of_arrays() -> None:
     np.testing.assert_array_equal(x.hull(y).hi, [3.0, 3.0, 1.0])
     np.testing.assert_array_equal(x.subset(y), [False, False, True])
     np.testing.assert_array_equal(x.intersect(y).subset(x), [True, True, True])
+
+
+MODES = {"x86_64": (0x400, 0x800, 0xC00), "aarch64": (0x800000, 0x400000, 0xC00000)}.get(platform.machine(), ())
+
+
+@pytest.fixture
+def rounding() -> Iterator[ctypes.CDLL]:
+    """The C library, whose rounding mode is put right in the end."""
+    library = ctypes.CDLL(None)
+    yield library
+    library.fesetround(0)
+
+
+@pytest.mark.parametrize("mode", MODES)  # downward, upward, towards zero
+def test_where_another_library_has_changed_the_rounding_no_bound_is_computed(mode: int, rounding: ctypes.CDLL) -> None:
+    check_rounding()
+    net = cpcal.Network()
+    x = net.variable("x", domain=(0.0, 2.0))
+    net.add(x * x == 2.0)
+    rounding.fesetround(mode)
+    with pytest.raises(RoundingError, match="process of its own"):
+        net.solve()
+
+
+@pytest.mark.skipif(not MODES, reason="the numbers of the modes are those of other processors")
+def test_a_plug_in_that_changes_it_ends_the_search(rounding: ctypes.CDLL) -> None:
+    class Switching:
+        gives_weights = idempotent = False
+        monotone_tolerance = math.inf
+
+        def contract(self, box: Box) -> Contraction:
+            rounding.fesetround(MODES[1])
+            return Contraction(box)
+
+    net = cpcal.Network()
+    x = net.variable("x", domain=(0.0, 2.0))
+    net.add(x * x == 2.0)
+    with pytest.raises(RoundingError):
+        net.solve(contractors=[Switching(), "hc4"])
