@@ -21,6 +21,8 @@ SHORT = {  # added to a command so that it ends soon, which changes nothing of h
 }
 ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
     "detect": "tests/vision, tests/cli/test_images.py",
+    "pose-sets": "tests/cli/test_pose_sets.py",
+    "verify sets": "tests/cli/test_pose_sets.py",
     "accuracy": "tests/accuracy",
     "import": "tests/cli/test_import.py, tests/test_your_data.py",
     "solve": "tests/problems",

@@ -8,7 +8,8 @@ The centres are means of a configuration's readings: positions and leg readings 
 
 For the standard errors of a fit to the means (`Noise.of`) only the second is right; the first overstates them.
 
-Neither knows of errors that all readings of a configuration share. Where the robot itself scatters, the repeats'
+Neither knows of errors that all readings of a configuration share, and no mean is free of them: their deviations are
+given as `shared` and added in quadrature. Where the robot itself scatters, the repeats'
 deviations are not the readings' errors: give those as `sigma` (`Repeatability.noise_sigma`).
 """
 
@@ -21,7 +22,7 @@ import numpy.typing as npt
 
 from cpcal.calibration.statistics import campaign_deviations, group_means, grouped, mean_rotations
 from cpcal.calibration.tolerance import Method, half_widths
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Floats, Ints
 from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Campaign, Uncertainty
 
@@ -38,6 +39,7 @@ def averaged(
     confidence: float = 0.95,
     keep: npt.ArrayLike | None = None,
     sigma: npt.ArrayLike | None = None,
+    shared: npt.ArrayLike | None = None,
 ) -> Campaign:
     """One measurement for each pose of the campaign: means over its runs, in the order of the poses' first readings.
 
@@ -47,6 +49,8 @@ def averaged(
     keep    (N,) which measurements to use, as of `Screening.keep`; left out: all
     sigma   (6 + n,) standard deviations of a reading's channels, mm and rad, in place of those of the repeats (method
             "sigma" only); then nothing need be repeated
+    shared  (N, 6) standard deviations of an error of the poses that all measurements share, mm and rad (method "sigma"
+            only): repeats neither show it nor make it smaller, so it enters in full, whichever half-widths are asked
 
     The new campaign's `run` is "mean", and its provenance says how it was made. Raises InputError when nothing is
     repeated, or for options without a meaning.
@@ -65,7 +69,10 @@ def averaged(
     repeats = np.bincount(group)
     shrink = np.sqrt(repeats[:, None]) if of == "mean" else np.ones((len(names), 1))
     radii = widths / shrink
+    if shared is not None:
+        radii[:, :6] = np.hypot(radii[:, :6], factor * _shared(shared, method, campaign, keep, group))
     said = _said((len(group), len(names)), method, of, factor, coverage, confidence)
+    said += "" if shared is None else "; errors of camera and target that all images share are counted in full"
     return Campaign.of(
         campaign.robot,
         group_means(used.position, group, len(names)),
@@ -93,6 +100,18 @@ def _sigmas(sigma: npt.ArrayLike, method: Method, legs: int) -> Floats:
         what = f"has the shape {values.shape}, with method {method!r}"
         raise InputError([Problem("option sigma", what, f'give {6 + legs} numbers >= 0, with method="sigma"')])
     return values
+
+
+def _shared(
+    shared: npt.ArrayLike, method: Method, campaign: Campaign, keep: npt.ArrayLike | None, group: Ints
+) -> Floats:
+    """(K, 6) of each configuration: the root mean square of its rows'."""
+    values = np.asarray(shared, dtype=np.float64)
+    if method != "sigma" or values.shape != (len(campaign), 6) or not (np.isfinite(values) & (values >= 0.0)).all():
+        what = f"has the shape {values.shape}, with method {method!r}"
+        raise InputError([Problem("option shared", what, f'give ({len(campaign)}, 6) >= 0, with method="sigma"')])
+    used = values if keep is None else values[np.asarray(keep)]
+    return np.asarray(np.sqrt(group_means(used**2, group, int(group.max()) + 1)))
 
 
 def kept(campaign: Campaign, keep: npt.ArrayLike) -> Campaign:

@@ -19,6 +19,7 @@ from cpcal.calibration.distribution import ChannelStatistics
 from cpcal.calibration.pose_performance import PosePerformance
 from cpcal.calibration.repeat_tests import RepeatTests
 from cpcal.calibration.reversal import Reversal
+from cpcal.calibration.shared_error import SharedError
 from cpcal.calibration.validation import NoiseFloor, PoseErrors, Validation
 from cpcal.robot import Pose, transformed
 
@@ -53,7 +54,7 @@ class Channel:
 class FittedFrame:
     """A frame in another: position (mm), quaternion, and standard deviations (6,) of position and rotation vector.
 
-    sigma          of the frame that the robot's own joint centres define
+    sigma          of the frame that the robot's own joint centres define, errors that all images share included
     drawing_sigma  of the drawing's, from which those centres deviate by `drawing_error` mm a coordinate; 95 % of it
                    takes the `coverage_factor`
     """
@@ -181,6 +182,7 @@ class CalibrationRecord:
     factor           half-width of the reading sets, in standard deviations
     of               whose: of the "mean" of the repeats about which a set is, or of "single" readings
     left_out         rows of the calibration, and check_left_out of the validation, that are outliers
+    shared           of the poses' errors, by camera and target; None where the study states none
     equation_sigma   (n,) mm: scatter of g between repeats
     robot_sigma      (n,) mm: scatter of the legs themselves, seen by camera and sensors alike; 0 where none is seen
     validation_all   that of x_c with the validation's outliers; None where there are none
@@ -203,6 +205,7 @@ class CalibrationRecord:
     left_out: tuple[str, ...]
     check_left_out: tuple[str, ...]
     repeats: str
+    shared: SharedError | None
     equation_sigma: Numbers
     robot_sigma: Numbers
     tests: RepeatTests
@@ -248,6 +251,7 @@ class CalibrationRecord:
             self.screening,
             *(channel.statistics.sentence() for channel in self.channels),
             self.repeats,
+            *(() if self.shared is None else (self.shared.sentence,)),
             *self.tests.sentences,
             self.sets_sentence,
             self.frames.sentence,
@@ -268,7 +272,10 @@ class CalibrationRecord:
             if self.of == "mean"
             else "of a single reading, though they are about the mean of its repeats (the paper's choice)"
         )
-        return f"Reading sets: ±{self.factor:g} standard deviations {whose}, by the noise of camera and sensors."
+        shared = "" if self.shared is None else " and by the errors that all images share"
+        return (
+            f"Reading sets: ±{self.factor:g} standard deviations {whose}, by the noise of camera and sensors{shared}."
+        )
 
     def _with_outliers(self) -> tuple[str, ...]:
         if self.validation_all is None:

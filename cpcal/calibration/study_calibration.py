@@ -25,6 +25,7 @@ from cpcal.calibration.repeat_tests import RepeatTests, repeat_tests
 from cpcal.calibration.repeatability import Repeatability, repeatability
 from cpcal.calibration.reversal import Reversal, reversals
 from cpcal.calibration.screening import Screening
+from cpcal.calibration.shared_error import SharedError
 from cpcal.calibration.statistics import Deviations, campaign_deviations
 from cpcal.calibration.study_rows import StudyRows, study_rows
 from cpcal.calibration.validation import Validation, validate
@@ -44,6 +45,8 @@ class StudyCalibration:
     statistics    of the calibration poses' repeats, channel by channel (tables 2 and 3, figures 3 and 4)
     statistics_all    the same with the outliers
     repeats       whose scatter that is: camera's, sensors', robot's
+    shared        deviations of the part of a pose's error that camera and target make in all images alike; None where
+                  the study states none
     tests         drift, play, modes
     reversal      reversal values of the legs (ISO 230-2); none where the direction of approach is not noted
     diagnosis     which mechanism is named, of repeats and of the means of calibration and validation poses together
@@ -64,6 +67,7 @@ class StudyCalibration:
     statistics: tuple[ChannelStatistics, ...]
     statistics_all: tuple[ChannelStatistics, ...]
     repeats: Repeatability
+    shared: SharedError | None
     tests: RepeatTests
     reversal: tuple[Reversal, ...]
     diagnosis: Diagnosis
@@ -99,8 +103,8 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
     statistics = _described(*spreads)
     tests, statistics = repeat_tests(repeats, rows.run_names, statistics, rows.run_approach)
     sigma = repeats.noise_sigma if of == "mean" else rows.single_sigma(repeats)
-    campaign = averaged(rows.runs, of=of, factor=factor, sigma=sigma)
-    check = averaged(check_rows.runs, of=of, factor=factor, sigma=sigma)
+    campaign = averaged(rows.runs, of=of, factor=factor, sigma=sigma, shared=rows.run_shared)
+    check = averaged(check_rows.runs, of=of, factor=factor, sigma=sigma, shared=check_rows.run_shared)
     noise, check_noise = repeats.noise(rows.repeats), repeats.noise(check_rows.repeats)
     x_c = fit(campaign, noise=noise)
     x_c_sigma = fit(campaign, weights="joint", noise=noise)
@@ -114,6 +118,7 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
         if rows.screened.keep.all()
         else _described(*map(campaign_deviations, (rows.all, rows.all_runs))),
         repeats=repeats,
+        shared=None if rows.run_shared is None else SharedError.of(rows.run_shared, rows.runs.position),
         tests=tests,
         reversal=reversals(repeats, rows.run_approach),
         diagnosis=diagnosis(Poses.of((campaign, check), (noise, check_noise)), x_c_sigma.parameters, tests),

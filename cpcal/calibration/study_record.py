@@ -59,6 +59,7 @@ def recorded(
         left_out=found.screening.left_out,
         check_left_out=() if check is None else check.left_out,
         repeats=found.repeats.sentence,
+        shared=found.shared,
         equation_sigma=_numbers(found.repeats.equation_sigma),
         robot_sigma=_numbers(found.repeats.robot_sigma),
         tests=found.tests,
@@ -91,8 +92,8 @@ def _frames(found: StudyCalibration) -> FittedFrames:
     start = found.frames
     return FittedFrames(
         method=start.method,
-        camera_in_base=_frame(found.base_frame),
-        target_in_mobile=_frame(found.mobile_frame),
+        camera_in_base=_frame(found.base_frame, None if found.shared is None else found.shared.camera_in_base),
+        target_in_mobile=_frame(found.mobile_frame, None if found.shared is None else found.shared.target_in_mobile),
         position_residual=float(np.sqrt(np.mean(start.position_residual**2))),
         rotation_residual=float(np.sqrt(np.mean(start.rotation_residual**2))),
         unit_weight=start.unit_weight,
@@ -100,12 +101,13 @@ def _frames(found: StudyCalibration) -> FittedFrames:
     )
 
 
-def _frame(found: Alignment) -> FittedFrame:
+def _frame(found: Alignment, shared: Floats | None) -> FittedFrame:
+    more = np.zeros(6) if shared is None else shared
     return FittedFrame(
         position=_numbers(found.motion.position),
         quaternion=_numbers(found.motion.quaternion),
-        sigma=_numbers(found.sigma),
-        drawing_sigma=_numbers(found.drawing_sigma),
+        sigma=_numbers(np.hypot(found.sigma, more)),
+        drawing_sigma=_numbers(np.hypot(found.drawing_sigma, more)),
         drawing_error=found.drawing_error,
         coverage_factor=found.coverage_factor,
     )

@@ -25,6 +25,8 @@ class StudyRows:
                 images count as runs; all_runs: with the outliers
     run_names   the runs of those
     run_approach    from which side they came; None where that is not known
+    run_shared      (N, 6) of those, and all_shared of all rows: deviations of the errors that all images share, mm and
+                    rad; None where there are none
     """
 
     all: Campaign
@@ -34,6 +36,8 @@ class StudyRows:
     all_runs: Campaign
     run_names: tuple[str, ...]
     run_approach: tuple[str, ...] | None
+    run_shared: Floats | None
+    all_shared: Floats | None
 
     @property
     def screened(self) -> Screening:
@@ -75,7 +79,15 @@ def study_rows(table: PoseTable, robot: Robot) -> StudyRows:
         all_runs=every,
         run_names=names,
         run_approach=_approaches(table, means, names),
+        run_shared=None if table.shared is None else _run_shared(table.shared[keep], good, tuple(runs[keep].tolist())),
+        all_shared=table.shared,
     )
+
+
+def _run_shared(shared: Floats, rows: Campaign, runs: tuple[str, ...]) -> Floats:
+    """Root mean squares over the images of each run: a mean of images has all of what they share."""
+    group, _ = grouped(list(zip(rows.pose, runs, strict=True)), repeated=False)
+    return np.asarray(np.sqrt(group_means(shared**2, group, int(group.max()) + 1)))
 
 
 def _approaches(table: PoseTable, runs: Campaign, names: tuple[str, ...]) -> tuple[str, ...] | None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from .certificate import check
 from .claims import Accepted
 from .files import WORK
+from .pose_claim import POSE_SET_SUFFIX, check_pose_set, check_pose_sets
 from .refusal import Refused, Unusable
 from .robust_claim import ROBUST_NAME, check_robust
 from .run import check_run
@@ -27,6 +28,8 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--work", type=int, default=WORK, help="multiplications that a certificate may cost")
     given = parser.parse_args(arguments)
     try:
+        if given.target.name.endswith(POSE_SET_SUFFIX) or any(given.target.glob("*" + POSE_SET_SUFFIX)):
+            return _pose_sets(given.target, given.work)
         if (given.target / ROBUST_NAME).is_file():
             return _robust(given.target, given.work)
         if given.target.is_dir():
@@ -72,6 +75,14 @@ def _robust(folder: Path, work: int) -> int:
     if not any(leg.lo is not None or leg.hi is not None for leg in legs):
         raise Unusable("no leg is certified")
     return PROVED
+
+
+def _pose_sets(target: Path, work: int) -> int:
+    found = check_pose_sets(target, work=work) if target.is_dir() else [check_pose_set(target, work=work)]
+    for one in found:
+        radii = "no pose" if one.radii is None else f"position and rotation +-{[-_down(-v) for v in one.radii]}"
+        print(f"{one.name}: {f'REFUSED: {one.refused}' if one.refused else f'PROVED: {radii}, {one.digest[:16]}'}")
+    return REFUSED if any(one.refused for one in found) else PROVED
 
 
 def stated(accepted: Accepted) -> str:

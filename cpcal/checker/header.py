@@ -75,6 +75,14 @@ def _leg(
 
 
 def _stated(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
+    problem, root, _ = stated_problem(header, lines)
+    return problem, root
+
+
+def stated_problem(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box, list[Constraint]]:
+    """The problem of the lines that follow, its box, and its constraints."""
+    if header.get("format") != FORMAT:
+        raise Refused(f"the format is not {FORMAT}: certify again with this version of cpcal")
     _, _, names, objective, count, lo, hi = _STATED(header)
     n = len(names)
     if not 0 < n <= _MOST_UNKNOWNS or len(set(names)) < n or (objective or 0) >= n:
@@ -92,7 +100,8 @@ def _stated(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box]:
         low, high = (None if part is None else polynomial(part, lines.spend) for part in parts[1:])
         factor = constant(F(1), lines.spend) if rooted else None
         items.append(Constraint(polynomial(parts[0], lines.spend), low, high, factor))
-    return Problem(names, objective, count, tuple(range(count)), lambda k, x, *_: items[k].on(x.images)), root
+    problem = Problem(names, objective, count, tuple(range(count)), lambda k, x, *_: items[k].on(x.images))
+    return problem, root, items
 
 
 def polynomial(given: tuple[tuple[tuple[int, ...], F], ...], spend: Spend) -> Polynomial:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from cpcal.certify.recomputed import stated_otherwise
-from cpcal.checker import ROBUST_NAME, Accepted
+from cpcal.checker import POSE_SET_SUFFIX, ROBUST_NAME, Accepted
 from cpcal.cli.checked import checked_certificate, checked_legs, result_of
 from cpcal.cli.claims import sentences
 from cpcal.cli.talk import Talk, record, talking
@@ -33,12 +33,16 @@ def verify(
         Path | None,
         typer.Option(metavar="CAMPAIGN", help="Folder of the original campaign, to compare the run's with."),
     ] = None,
+    source: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="Of pose sets: a camera.toml or target.toml that must be the one they name."),
+    ] = None,
     *,
     talk: Talk,
 ) -> None:
     """Check a RUN, or one CERTIFICATE, against the campaign.json beside the certificates.
 
-    A run of `cpcal handeye` is checked likewise against the study that it holds.
+    A run of `cpcal handeye` is checked likewise against the study that it holds, pose sets from their pixels on.
 
     Every number that the run's result.json states must be claimed by a certificate, and every certificate must be
     accepted; a leg that is not certified is named. The checker forms every polynomial again from the campaign's
@@ -46,7 +50,12 @@ def verify(
     rounding. docs/certificate-format.md says what a certificate claims and when it is accepted.
     """
     same = campaign is None or _same_campaign(target, campaign, talk)
-    accepted = _verified(target, talk) if target.is_dir() else _certificate(target, talk)
+    if target.name.endswith(POSE_SET_SUFFIX) or (target.is_dir() and any(target.glob("*" + POSE_SET_SUFFIX))):
+        from cpcal.cli.verify_pose_sets import verify_pose_sets
+
+        accepted = verify_pose_sets(target, source or [], talk)
+    else:
+        accepted = _verified(target, talk) if target.is_dir() else _certificate(target, talk)
     record("verified", target=str(target), accepted=bool(accepted and same))
     raise typer.Exit(0 if accepted and same else 1)
 

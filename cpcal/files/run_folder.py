@@ -25,7 +25,7 @@ REPORT_NAME = "report.html"
 _DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
 _JSON = rb'\s*\{\s*"format":\s*"cpcal-'
 _PAGE = rb'<!doctype html>.{0,400}<meta name="generator" content="cpcal'
-_STUDY = rb'format = "cpcal-|image,(point,u,v|x,y,z),'  # the study that a hand-eye run keeps
+_STUDY = rb'format = "cpcal-|image,(point,u,v|x,y,z),|file,verdict,'  # the study that a hand-eye run keeps; pose sets
 _WRITTEN = re.compile(b"|".join((_JSON, _PAGE, _STUDY)), re.DOTALL)
 _ALWAYS = ("campaign.json", r"[\w.-]+\.cert\.jsonl")
 
@@ -53,7 +53,7 @@ HANDEYE = FolderKind(
     "handeye.json", (r"handeye\.html", r"handeye\.toml", r"camera\.toml", r"poses\.csv", r"points\.csv")
 )
 HANDEYE_WRONG = FolderKind("handeye-wrong.json", (r"handeye\.toml", r"camera\.toml", r"poses\.csv", r"points\.csv"))
-POSE_SETS = FolderKind("sets.json")  # certificates of images, without a head
+POSE_SETS = FolderKind("sets.csv", (r"[\w.-]+\.pose\.json",))
 
 
 @contextmanager

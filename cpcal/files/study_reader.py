@@ -13,6 +13,7 @@ from cpcal.files.study_settings import StudySettings, read_study_settings
 from cpcal.files.study_writer import CALIBRATION_NAME, STUDY_NAME, VALIDATION_NAME
 from cpcal.files.table import Table, read_table
 from cpcal.robot import PoseTable, Study
+from cpcal.robot.columns import SHARED_COLUMNS
 
 _ABSENT = "a study is a folder with the three files study.toml, calibration.csv and validation.csv"
 
@@ -21,8 +22,8 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     """The study in the folder `path`.
 
     study.toml states the nominal robot and, of a simulated study, the truth; calibration.csv and validation.csv have
-    the columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and perhaps image and approach: the target frame in the
-    camera frame (mm, unit quaternion) and the readings (mm).
+    the columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and perhaps image, approach and shared_sx..shared_srz:
+    the target frame in the camera frame (mm, unit quaternion), the readings (mm), and the deviations of shared errors.
 
     Raises one InputError that lists every problem of the three files.
     """
@@ -47,10 +48,23 @@ def load_study(path: str | os.PathLike[str]) -> Study:
 def _table(path: Path, legs: int | None, problems: Problems) -> Table:
     try:
         with open_regular(path) as file:
-            return read_table(file, str(path), legs, problems, lambda _: None, optional=lambda _: ["image", "approach"])
+            table = read_table(file, str(path), legs, problems, lambda _: None, optional=_optional)
     except OSError as error:
         problems.add(unreadable(path, error, _ABSENT))
         return Table()
+    _all_or_none(table, path, problems)
+    return table
+
+
+def _optional(_: int) -> list[str]:
+    return ["image", "approach", *SHARED_COLUMNS]
+
+
+def _all_or_none(table: Table, path: Path, problems: Problems) -> None:
+    missing = [name for name in SHARED_COLUMNS if name not in table.values]
+    if table.values and 0 < len(missing) < len(SHARED_COLUMNS):
+        remedy = f"give all of {', '.join(SHARED_COLUMNS)}, or none"
+        problems.add(Problem(str(path), f"the column {missing[0]!r} is missing", remedy, 1))
 
 
 def _pose_table(table: Table, legs: int) -> PoseTable:
@@ -65,4 +79,5 @@ def _pose_table(table: Table, legs: int) -> PoseTable:
         columns(*(f"L{i}" for i in range(1, legs + 1))),
         tuple(table.image) or None,
         tuple(table.approach) or None,
+        columns(*SHARED_COLUMNS) if SHARED_COLUMNS[0] in table.values else None,
     )

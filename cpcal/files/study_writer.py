@@ -17,7 +17,7 @@ from cpcal.files.campaign_writer import (
 )
 from cpcal.files.cells import csv_table
 from cpcal.robot import Pose, PoseTable, Study, Truth
-from cpcal.robot.columns import reading_columns
+from cpcal.robot.columns import SHARED_COLUMNS, reading_columns
 from cpcal.robot.mechanisms import FIELDS
 
 STUDY_FORMAT = "cpcal-study/1"
@@ -66,11 +66,15 @@ def _pose_lines(pose: Pose) -> list[str]:
 
 
 def table_bytes(table: PoseTable) -> bytes:
-    """The canonical CSV of a table; the columns `image` and `approach` are there only where the table has them."""
+    """The canonical CSV of a table; columns of `image`, `approach` and `shared` only where the table has them."""
     optional = {"image": table.image, "approach": table.approach}
     extra = {name: column for name, column in optional.items() if column is not None}
     names = [table.pose, table.run, *extra.values()]
     header = reading_columns(table.legs)
     header[2:2] = extra
-    values = np.concatenate([table.position, table.quaternion, table.length], axis=1).tolist()
+    columns = [table.position, table.quaternion, table.length]
+    if table.shared is not None:
+        header += SHARED_COLUMNS
+        columns.append(table.shared)
+    values = np.concatenate(columns, axis=1).tolist()
     return csv_table(header, zip(zip(*names, strict=True), values, strict=True))

@@ -52,6 +52,9 @@ def poses(record: CalibrationRecord, *, paper_too: bool = True) -> TextTable:
     channels = [c for c in record.channels if not c.statistics.name.startswith("L")]
     head = ("component", *(f"{c.statistics.name} [{'°' if c.unit == 'rad' else 'mm'}]" for c in channels))
     rows = _deviations(record, channels, lambda channel, value: _significant(shown(channel, value)))
+    if record.shared is not None:
+        each = zip(channels, record.shared.pose, strict=True)
+        rows.append(("shared by all images, beside it", *(_significant(shown(c, value)) for c, value in each)))
     if paper_too:
         theirs = [_significant(paper.TABLE_3[c.statistics.name]) for c in channels]
         rows.append((PAPER, *theirs))

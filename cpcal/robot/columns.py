@@ -18,6 +18,8 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
 from cpcal.robot.units import ANGLES, LENGTHS
 
+SHARED_COLUMNS = [f"shared_s{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]  # of a study's tables, see PoseTable
+
 _ENTRY = re.compile(r'\s*([A-Za-z]\w*)\s*=\s*(?:"([^"]*)"|([^,\["]*?))\s*(?:\[\s*(\w*)\s*\])?\s*(?:,|$)')
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Bools, Floats
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.names import IDENTIFIER_REMEDY, is_identifier
 from cpcal.common.values import Value, frozen_array, frozen_mapping
@@ -37,6 +37,8 @@ class PoseTable(Value):
     length      (N, n) mm, the readings L
     image       N names, or None where there is one row for each pose and run; the names of a row are unique
     approach    N times "positive" or "negative": from which side the run came to its pose; None where nobody noted it
+    shared      (N, 6) standard deviations, mm and rad (rotation vector in the camera frame), of that part of a pose's
+                error which camera and target make: the same in all rows, so that no mean is free of it; None: no part
 
     Raises InputError, with every problem found, when the values make no table.
     """
@@ -48,10 +50,13 @@ class PoseTable(Value):
     length: Floats
     image: tuple[str, ...] | None = None
     approach: tuple[str, ...] | None = None
+    shared: Floats | None = None
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
+        if self.shared is not None:
+            object.__setattr__(self, "shared", frozen_array(self.shared))
         for name in ("pose", "run", "image", "approach"):
             names = getattr(self, name)
             object.__setattr__(self, name, None if names is None else tuple(names))
@@ -170,6 +175,8 @@ def _shape_problems(table: PoseTable) -> Iterator[Problem]:
         shape = getattr(table, name).shape
         if shape != (count, width):
             yield Problem(f"table {name}", f"has the shape {shape}, not {(count, width)}", remedy)
+    if table.shared is not None and table.shared.shape != (count, 6):
+        yield Problem("table shared", f"has the shape {table.shared.shape}, not {(count, 6)}", remedy)
 
 
 def _approach_problems(table: PoseTable, keys: list[str]) -> Iterator[Problem]:
@@ -200,6 +207,13 @@ def _value_problems(table: PoseTable) -> Iterator[Problem]:
         for row in np.flatnonzero(~good_numbers(getattr(table, name)).all(axis=1)):
             what = f"its {name} is NaN, infinite or above {LARGEST:g}"
             yield Problem(f"row {keys[row]}", what, "correct it, or leave it out")
+    for row in np.flatnonzero(~_deviations(table.shared).all(axis=1)) if table.shared is not None else ():
+        what = "its shared deviation is negative, NaN or infinite"
+        yield Problem(f"row {keys[row]}", what, "give standard deviations >= 0, mm and rad")
     norms = np.sqrt(np.sum(table.quaternion**2, axis=1))
     for row in np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_TOLERANCE):
         yield Problem(f"row {keys[row]}", *quaternion_problem(float(norms[row])))
+
+
+def _deviations(values: Floats) -> Bools:
+    return good_numbers(values) & (values >= 0.0)

@@ -189,7 +189,7 @@ def test_the_demo_goes_the_whole_road(demo):
     result = cpcal.load_result(folder / "pixel-run")
     assert result.campaign_sha256 == campaign_sha256(pixel)
     assert (folder / "pixel-run" / "leg6.cert.jsonl").is_file()
-    assert len(list((folder / "pixel-sets").glob("*.cert.jsonl"))) == 64
+    assert len(list((folder / "pixel-sets").glob("*.pose.json"))) == 64
     count = len(list(folder.rglob("*.cert.jsonl")))  # of fits, legs, ranges and pose sets
     assert count > 64
     assert f"accepted all {count} certificates" in found.checked

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
 from benchmarks.pose_sets import drawn_pose, main, pixels_and_slopes, trial
-from cpcal.checker import Refused, check
 from cpcal.common.errors import InputError
 from cpcal.robot import (
     Pose,
@@ -25,7 +22,7 @@ from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.pose_sets import PixelBoxes, PoseSet, enclose_pose, unbiased_boxes
-from cpcal.vision.pose_sets.pose_set import Frames
+from cpcal.vision.pose_sets.pose_frames import Frames
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))
@@ -164,46 +161,6 @@ def test_measured_centres_are_freed_of_their_bias() -> None:
         unbiased_boxes(outlines, ALL, 0.1, DELTALAB_TARGET, DELTALAB_CAMERA, behind)
 
 
-def test_certificates(tmp_path: Path) -> None:
-    pixels, path = shown(), tmp_path / "pose.cert.jsonl"
-    rng = np.random.default_rng(5)
-    boxes = PixelBoxes.around(ALL, pixels + rng.uniform(-0.05, 0.05, pixels.shape), 0.05)
-    plain = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA)
-    found = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA, certificate=path)
-    accepted = check(path)
-    lo, hi = accepted.claims.enclosure
-    assert accepted.unknowns == ("W[0]", "W[1]", "W[2]", "s[0]", "s[1]", "s[2]")
-    assert all(max(-low, high) <= r * 1.000001 for low, high, r in zip(lo[:3], hi[:3], radii(found)[:3], strict=True))
-    assert all(2 * max(-low, high) <= r for low, high, r in zip(lo[3:], hi[3:], radii(found)[3:], strict=True))
-    assert (radii(found) < 1.1 * radii(plain)).all()
-    assert NOMINAL in found
-    assert found.pose is not None
-    assert float(found.pose.position[2]).hex() in path.read_text().splitlines()[0]
-    lines = path.read_text().splitlines()
-    row = next(k for k, line in enumerate(lines) if '"pass"' in line)
-    path.write_text("\n".join(lines[:row]) + "\n")  # the claims without their proof
-    with pytest.raises(Refused):
-        check(path)
-
-
-@pytest.mark.parametrize("displacement", [0.4, 30.0])
-def test_certificates_that_there_is_no_pose(tmp_path: Path, displacement: float) -> None:
-    pixels, path = shown(), tmp_path / "pose.cert.jsonl"
-    pixels[100, 1] += displacement
-    boxes = PixelBoxes.around(ALL, pixels, 0.1)
-    found = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA, certificate=path)
-    assert found.verdict is Verdict.REFUTED
-    assert check(path).claims.infeasible
-
-
-def test_no_certificate_of_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "pose.cert.jsonl"
-    boxes = PixelBoxes.around([0, 6, 12], shown()[[0, 6, 12]], 0.1)
-    found = enclose_pose(boxes, DELTALAB_TARGET, DELTALAB_CAMERA, certificate=path)
-    assert found.verdict is Verdict.UNKNOWN
-    assert not path.exists()
-
-
 def test_bad_input_is_refused() -> None:
     pixels = shown()
     for numbers, centers, half_width in (
@@ -226,7 +183,7 @@ def test_bad_input_is_refused() -> None:
     with pytest.raises(InputError, match="outliers"):
         enclose_pose(good, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=-1)
     with pytest.raises(InputError, match="certificate"):
-        enclose_pose(good, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=1, certificate="x")
+        enclose_pose(good, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=4, certificate="x")
     for camera in (
         Pose(np.zeros(3), np.zeros(4)),
         Pose(np.zeros((2, 3)), np.array([1.0, 0.0, 0.0, 0.0])),

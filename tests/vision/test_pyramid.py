@@ -12,8 +12,16 @@ from cpcal.robot import Pose, normalised
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.pose_sets.enclosed import exact, half_vector, rotation
-from cpcal.vision.pose_sets.pose_rows import NAMES, Frames, PoseBox, pose_rows
-from cpcal.vision.pose_sets.pyramid import field_of_view, pixel_slopes, pixels_of, pyramids
+from cpcal.vision.pose_sets.field_of_view import field_of_view
+from cpcal.vision.pose_sets.lens_bounds import curvatures, lens_bounds
+from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes
+from cpcal.vision.pose_sets.pose_box import NAMES, PoseBox
+from cpcal.vision.pose_sets.pose_frames import Frames
+from cpcal.vision.pose_sets.pose_rows import pose_rows
+from cpcal.vision.pose_sets.pyramid import Pyramids, pixels_of, pyramids
+from cpcal.vision.pose_sets.sight import Sight
+from cpcal.vision.pose_sets.uncertain import CameraSet, TargetSet
+from cpcal.vision.target import Target
 
 MIDDLE = np.array([511.0, 380.0])
 CAMERAS = (
@@ -35,20 +43,29 @@ def exact_pixel(camera: Camera, x: F, y: F) -> list[F]:
     return [F(c) + F(f) * d for c, f, d in zip(camera.center.tolist(), camera.focal.tolist(), bent, strict=True)]
 
 
+def in_the_field(camera: Camera, rng: np.random.Generator, count: int) -> np.ndarray:
+    angle, radius = rng.uniform(-np.pi, np.pi, count), np.sqrt(rng.uniform(0.0, 1.0, count))
+    return field_of_view(CameraSet(camera)).radius * radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
 @pytest.mark.parametrize("camera", CAMERAS)
-def test_pixels_and_slopes_are_enclosed(camera: Camera) -> None:
+def test_pixels_slopes_and_curvatures_are_enclosed(camera: Camera) -> None:
     rng = np.random.default_rng(0)
-    cells = field_of_view(camera)
-    points = rng.uniform(cells.lo, cells.hi)[:: len(cells.lo) // 50]
+    numbers = exact(camera.numbers)
+    points = in_the_field(camera, rng, 50)
     pixels = pixels_of(camera, exact(points))
     for k, (x, y) in enumerate(points.tolist()):
         for low, value, high in zip(pixels.lo[k], exact_pixel(camera, F(x), F(y)), pixels.hi[k], strict=True):
             assert low <= value <= high
             assert high - low < 1e-9
-    slopes = pixel_slopes(camera, IntervalArray(points - 0.01, points + 0.01))
+    boxes = IntervalArray(points - 0.01, points + 0.01)
+    bounds, bent = lens_bounds(boxes, numbers), curvatures(boxes, numbers)
     for corner in ((0.01, 0.01), (-0.01, 0.0), (0.0, 0.0)):
-        inside = camera.focal[:, None] * camera.distortion_jacobian(points + corner)
-        assert ((slopes.lo <= inside + 1e-9) & (inside - 1e-9 <= slopes.hi)).all()
+        jet = camera.lens.jet(points + corner, camera.distortion)
+        inside = bounds.jacobian
+        assert ((inside.lo <= jet.first + 1e-12) & (jet.first - 1e-12 <= inside.hi)).all()
+        curved = np.stack([jet.second[:, 0, 0, 0], *(jet.second[:, 1, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))], 1)
+        assert ((bent.lo <= curved + 1e-12) & (curved - 1e-12 <= bent.hi)).all()
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
@@ -56,7 +73,7 @@ def test_pyramids_hold_what_their_boxes_show_and_little_more(camera: Camera) -> 
     rng = np.random.default_rng(1)
     pixels = rng.uniform([0.3, 0.3], [0.7, 0.7], (40, 2)) * [camera.width, camera.height]
     size = 0.1
-    found = pyramids(camera, pixels - size, pixels + size)
+    found = pyramids(CameraSet(camera), IntervalArray(pixels - size, pixels + size))
     for planes, lo, hi, pixel in zip(found.planes, found.lo, found.hi, pixels, strict=True):
         for corner in rng.choice([-1.0, 1.0], (5, 2)) * rng.choice([1.0, 0.3], (5, 1)):
             direction = camera.normalised(pixel + 0.9999999 * size * corner)
@@ -72,28 +89,40 @@ def test_pyramids_hold_what_their_boxes_show_and_little_more(camera: Camera) -> 
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
+def test_pyramids_hold_what_every_camera_of_a_set_shows(camera: Camera) -> None:
+    rng = np.random.default_rng(2)
+    widths = np.array([0.5, 0.5, 0.3, 0.3, 1e-3, 1e-3, 1e-4, 1e-4, 1e-3])
+    for cameras in (
+        CameraSet.intervals(camera, widths),
+        CameraSet.ellipsoid(camera, np.diag(widths**2), 1.0),
+    ):
+        pixels = rng.uniform([0.3, 0.3], [0.7, 0.7], (20, 2)) * [camera.width, camera.height]
+        found = pyramids(cameras, IntervalArray(pixels - 0.1, pixels + 0.1))
+        for _ in range(5):
+            t = rng.choice([-1.0, 1.0], cameras.size) * rng.choice([1.0, 0.5], cameras.size)
+            t = 0.9999999 * (t / np.linalg.norm(t) if cameras.ball else t)
+            other = camera.with_numbers(camera.numbers + cameras.spread @ t)
+            direction = other.normalised(pixels + 0.0999999 * rng.choice([-1.0, 1.0], pixels.shape))
+            rays = np.concatenate([direction, np.ones((20, 1))], axis=1)
+            values = (found.planes @ rays[:, :, None])[..., 0] + found.shared @ t
+            assert (values <= 0.0).all()
+            assert ((found.lo <= direction) & (direction <= found.hi)).all()
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
 def test_the_field_is_what_the_image_shows_before_the_lens_turns_back(camera: Camera) -> None:
-    rng = np.random.default_rng(5)
-    cells = field_of_view(camera)
-    angle = rng.uniform(-np.pi, np.pi, 200)
-    radius = np.linspace(0.0, 3.0, 1000)
-    for ray in np.stack([np.cos(angle), np.sin(angle)], axis=1):
-        points = radius[:, None] * ray
-        pixels = camera.pixels(points)
-        shown = ((pixels >= 0.0) & (pixels <= [camera.width - 1.0, camera.height - 1.0])).all(axis=1)
-        onward = np.linalg.det(camera.distortion_jacobian(points)) > 0.02
-        count = int(np.logical_and.accumulate(shown & onward).sum())
-        for k in (0, count // 2, count - 1):
-            assert ((cells.lo <= points[k]) & (points[k] <= cells.hi)).all(axis=1).any()
-        beyond = points[min(int(1.3 * count) + 20, len(points) - 1)]
-        assert not ((cells.lo <= beyond) & (beyond <= cells.hi)).all(axis=1).any()
+    field = field_of_view(CameraSet(camera))
+    points = in_the_field(camera, np.random.default_rng(5), 2000)
+    slopes = np.linalg.eigvalsh(camera.distortion_jacobian(points))
+    assert slopes.min() >= field.least_slope > 0.0
+    middle = camera.normalised(np.array([[0.35, 0.35], [0.65, 0.65]]) * [camera.width, camera.height])
+    assert (np.linalg.norm(middle, axis=1) < field.radius).all()
 
 
 def test_boxes_beside_the_image_are_refused() -> None:
+    lo = np.array([[500.0, 300.0], [5000.0, 300.0]])
     with pytest.raises(InputError, match="pixel box 1"):
-        pyramids(
-            DELTALAB_CAMERA, np.array([[500.0, 300.0], [5000.0, 300.0]]), np.array([[501.0, 301.0], [5001.0, 301.0]])
-        )
+        pyramids(CameraSet(DELTALAB_CAMERA), IntervalArray(lo, lo + 1.0))
 
 
 def exact_rotation(q: list[F]) -> list[list[F]]:
@@ -127,9 +156,15 @@ def test_rows_are_what_the_geometry_says() -> None:
     """Each row is (1 + s.s) g.X, times one power of two for all, or less by no more than its rounding."""
     rng = np.random.default_rng(2)
     frames, center = Frames(drawn_motion(rng), drawn_motion(rng)), drawn_motion(rng)
-    points, planes = rng.uniform(-150.0, 150.0, (3, 3)), rng.uniform(-900.0, 900.0, (3, 4, 3))
+    dots, planes = rng.uniform(-150.0, 150.0, (3, 2)), rng.uniform(-900.0, 900.0, (3, 4, 3))
+    points = np.concatenate([dots, np.zeros((3, 1))], axis=1)
     size = np.array([20.0, 20.0, 20.0, 0.05, 0.05, 0.05])
-    rows = pose_rows(planes, frames.in_mobile(points), frames, center, Box(NAMES, -size, size))
+    nothing = np.zeros((3, 2))
+    seen = Pyramids(planes, np.zeros((3, 4, 0)), nothing, nothing, nothing)
+    target, boxes = TargetSet.of(Target("three", dots, 1e-3, ())), PixelBoxes(np.arange(3), nothing, nothing)
+    whole = PoseBox(center, IntervalArray(-size[:3], size[:3]), IntervalArray(-size[3:], size[3:]))
+    sight = Sight(boxes, target, CameraSet(DELTALAB_CAMERA), frames)
+    rows = pose_rows(sight, seen, whole, Box(NAMES, -size, size))
     values, expected = [], []
     for x in rng.uniform(-size, size, (4, 6)):
         moved, s = fractions(x[:3]), fractions(x[3:])
@@ -142,11 +177,11 @@ def test_rows_are_what_the_geometry_says() -> None:
                 times(exact_rotation(fractions(frames.target.quaternion)), fractions(point)),
             )
             base = plus(position, times(turn, times(near, mobile)))
-            seen = plus(
+            shown = plus(
                 fractions(frames.camera.position), times(exact_rotation(fractions(frames.camera.quaternion)), base)
             )
             for j in range(4):
-                expected.append(stretch * sum(F(g) * v for g, v in zip(planes[k, j].tolist(), seen, strict=True)))
+                expected.append(stretch * sum(F(g) * v for g, v in zip(planes[k, j].tolist(), shown, strict=True)))
                 r = 4 * k + j
                 pairs = [s[0] ** 2, s[1] ** 2, s[2] ** 2, s[0] * s[1], s[0] * s[2], s[1] * s[2]]
                 terms = [F(a) * b for a, b in zip(rows.linear[r].tolist(), [*moved, *s], strict=True)]

@@ -21,11 +21,12 @@ from cpcal.report.study_tables import TextTable
 from cpcal.results import Result
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
+from cpcal.vision.batch.enclose import stem_of
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.files.leg_readings import readings_of
 from cpcal.vision.measure import measure_pose
-from cpcal.vision.pose_sets import PoseSet, campaign_of, enclose_pose, unbiased_boxes
+from cpcal.vision.pose_sets import PixelBoxes, PoseSet, campaign_of, enclose_pose
 
 HALF_WIDTH = 0.03  # pixels: every dot's box; no dot of the demo's images is farther from where it should be
 
@@ -43,10 +44,9 @@ class _Enclosing:
     def _one(self, name: str) -> PoseSet:
         target, camera = self.images.target, self.images.camera
         found = measure_pose(self.images.read(name), target, camera)
-        boxes = unbiased_boxes(found.centers, found.numbers, HALF_WIDTH, target, camera, found.estimate.pose)
-        certificate = self.folder / (PurePosixPath(name).with_suffix("").as_posix().replace("/", "-") + ".cert.jsonl")
+        boxes = PixelBoxes.around(found.numbers, found.centers, HALF_WIDTH, of_images=True)
         try:
-            return enclose_pose(boxes, target, camera, certificate=certificate)
+            return enclose_pose(boxes, target, camera, certificate=self.folder / stem_of(name))
         except ModelError:  # the proof in exact numbers is a little weaker
             return enclose_pose(boxes, target, camera)
 
@@ -101,7 +101,7 @@ def with_sets(found: ImagesFound, done: ImageStudy, run: PixelRun, campaign: Cam
     seconds = np.median([run.sets[name].seconds for name in names])
     said = (
         f"Each dot of one image a configuration is stated to be within ±{stated(HALF_WIDTH)} pixels of where it was "
-        "found. "
+        "found (the centre of its image). "
         f"Of {count} sets of poses that show all dots in such boxes, {len(proved)} are enclosed and {refuted} empty, "
         f"both proved, in {about(float(seconds), 2)} s each with a certificate. The true pose lies in {holding} of the "
         f"{len(proved)}. The half-widths of the enclosures, beside those of the first campaign's reading sets:",

@@ -15,7 +15,7 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera
-from cpcal.vision.files.detection import POSITION, QUATERNION, Detection, values_of
+from cpcal.vision.files.detection import POSITION, QUATERNION, SHARED, Detection, values_of
 from cpcal.vision.files.image_file import UnreadableImageError
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Image, Scene, render
@@ -113,7 +113,8 @@ def _image_seed(seed: int, name: str) -> int:
 
 
 def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, str], npt.ArrayLike]) -> PoseTable:
-    """Poses from images and leg readings (n,) mm by pose and run, joined: one row for each image with a pose.
+    """Poses from images and leg readings (n,) mm by pose and run, joined: one row for each image with a pose, and the
+    deviations of the errors that all of them share, where camera or target have a covariance.
 
     The last three parts of a file's name tell pose, run and image: "e00/1/3.png". Raises InputError that names every
     file without readings, and for names that tell nothing.
@@ -132,7 +133,16 @@ def study_table(detections: Sequence[Detection], readings: Mapping[tuple[str, st
     values = values_of(found)
     length = np.array([readings[pose, run] for pose, run, _ in ids], dtype=np.float64)
     poses, runs, images = (tuple(part[k] for part in ids) for k in range(3))
-    return PoseTable(poses, runs, values[:, POSITION], values[:, QUATERNION], length, images)
+    shared = values[:, SHARED]
+    return PoseTable(
+        pose=poses,
+        run=runs,
+        position=values[:, POSITION],
+        quaternion=values[:, QUATERNION],
+        length=length,
+        image=images,
+        shared=shared if shared.any() else None,
+    )
 
 
 def _parts(name: str) -> tuple[str, str, str]:

@@ -19,8 +19,9 @@ from cpcal.solver.contract import shrunk
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.linear import BoxProgram, Dense
 from cpcal.vision.pose_sets.enclosed import ENGINE
+from cpcal.vision.pose_sets.pose_box import NAMES, PoseBox
 from cpcal.vision.pose_sets.pose_enclosure import Found, View
-from cpcal.vision.pose_sets.pose_rows import PoseBox, PoseRows, pose_rows
+from cpcal.vision.pose_sets.pose_rows import PoseRows, pose_rows
 
 Dots = frozenset[int]
 
@@ -34,7 +35,10 @@ def all_but(view: View, box: PoseBox, outliers: int) -> Found:
     """The poses of a box that satisfy all dots of a view but at most so many; None: there are none."""
     for _ in range(_ROUNDS):
         unknowns = box.unknowns
-        rows = pose_rows(view.pyramids.planes, view.points, view.frames, box.center, unknowns)
+        seen = view.sight.about(box)
+        if isinstance(seen, str):
+            return seen
+        rows = pose_rows(view.sight, seen, box, unknowns)
         after = _narrowed(rows, unknowns, outliers)
         if after.is_empty:
             return None
@@ -46,8 +50,8 @@ def all_but(view: View, box: PoseBox, outliers: int) -> Found:
 
 
 def _narrowed(rows: PoseRows, unknowns: Box, outliers: int) -> Box:
-    programs = _Programs(rows.linear, rows.right_side(unknowns), unknowns.array)
-    lowest, highest = ([programs.least(k, sign, outliers) for k in range(len(unknowns))] for sign in (1.0, -1.0))
+    programs = _Programs(rows.linear, rows.right_side(unknowns), rows.unknowns(unknowns).array)
+    lowest, highest = ([programs.least(k, sign, outliers) for k in range(len(NAMES))] for sign in (1.0, -1.0))
     return unknowns.with_bounds(np.array(lowest), -np.array(highest))
 
 

@@ -55,6 +55,13 @@ def rotation(quaternion: npt.ArrayLike) -> IntervalArray:
     return ENGINE.div(stacked([stacked(row) for row in rows], axis=0), norm_squared)
 
 
+def turned_by(s: IntervalArray) -> IntervalArray:
+    """R(1, s) (3, 3) for all s of a box (3,)."""
+    rows, norm_squared = rotation_numerators((exact(1.0), s[0], s[1], s[2]), ENGINE)
+    unit = IntervalArray(np.full((3, 3), -1.0), np.ones((3, 3)))
+    return ENGINE.div(stacked([stacked(row) for row in rows], axis=0), norm_squared).intersect(unit)
+
+
 def half_vector(matrix: IntervalArray) -> IntervalArray | None:
     """s with R(1, s) in `matrix` (3, 3), for every rotation in it; None where it may be a half-turn."""
     e = ENGINE

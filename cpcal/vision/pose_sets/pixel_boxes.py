@@ -25,6 +25,8 @@ class PixelBoxes:
 
     numbers  (m,) of the dots in the target, each once
     lo, hi   (m, 2) pixels: the projection of dot `numbers[i]` is stated to lie in lo[i] <= pixel <= hi[i]
+    of_images  then it is the centre (the centroid of the area) of the dot's image that lies there, as it is measured:
+             by how much it differs from the projection is bounded by proof
 
     Raises InputError when the arrays make no boxes.
     """
@@ -32,6 +34,7 @@ class PixelBoxes:
     numbers: Indices
     lo: Floats
     hi: Floats
+    of_images: bool = False
 
     def __post_init__(self) -> None:
         numbers = np.array(self.numbers, dtype=np.intp)
@@ -54,7 +57,9 @@ class PixelBoxes:
             raise InputError(problems)
 
     @classmethod
-    def around(cls, numbers: npt.ArrayLike, centers: npt.ArrayLike, half_width: npt.ArrayLike) -> PixelBoxes:
+    def around(
+        cls, numbers: npt.ArrayLike, centers: npt.ArrayLike, half_width: npt.ArrayLike, *, of_images: bool = False
+    ) -> PixelBoxes:
         """`center +- half_width`, pixels: centers (m, 2), half_width a number, (2,), (m, 1) or (m, 2), >= 0."""
         middle = np.asarray(centers, dtype=np.float64)
         try:
@@ -65,7 +70,11 @@ class PixelBoxes:
         if not bool((radius >= 0.0).all()):
             raise InputError([Problem("half_width", "is negative or NaN", "give pixels >= 0")])
         boxes = IntervalArray.around(middle, radius)
-        return cls(np.asarray(numbers, dtype=np.intp), boxes.lo, boxes.hi)
+        return cls(np.asarray(numbers, dtype=np.intp), boxes.lo, boxes.hi, of_images)
+
+    def part(self, chosen: Indices) -> PixelBoxes:
+        """Some of them."""
+        return PixelBoxes(self.numbers[chosen], self.lo[chosen], self.hi[chosen], self.of_images)
 
     def __len__(self) -> int:
         return len(self.numbers)

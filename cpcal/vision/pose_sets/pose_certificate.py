@@ -1,111 +1,195 @@
-"""Certificates of pose sets: the last stage, proved again by exact rational arithmetic (docs/certificate-format.md).
+"""Certificates of pose sets: the whole proof, from boxes of pixels to a box of poses (docs/certificate-format.md).
 
-A certificate states polynomial rows in W and s of its own: those of `pose_rows` that the proof uses, exact numbers. It
-claims that all (W, s) of a stated box that satisfy the rows lie in a smaller box (or that there are none); its text
-tells what the unknowns mean. That the pixel boxes imply the rows and the stated box (lens, homography) is proved by
-interval arithmetic on the way and is not in the certificate; when the homography alone shows that there is no pose,
-the certificate states its linear rows.
+A claim NAME.pose.json states what is assumed (pixels, camera, target, frames, exact numbers) and the box of poses. Its
+proof is a chain of certificates NAME.K.cert.jsonl of polynomial rows: of motions of the target at first, from all there
+are, then of poses about a centre, each beginning where the one before it ends. The checker forms the rows from what is
+assumed, and accepts none that does not follow.
+
+With at most q dots in the wrong place there are several chains. The dots are dealt into groups, and each chain leaves
+out q of them, each choice once. Whichever dots are wrong, they are in q groups at most: the chain without these holds
+the pose. So the hull of what the chains leave does.
 """
 
 from __future__ import annotations
 
-import os
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
-from cpcal.common.errors import ModelError
+from cpcal.common.arrays import Floats, Indices
+from cpcal.common.errors import InputError, ModelError, Problem
 from cpcal.robot import Pose
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording
 from cpcal.solver.certificate.statement import limits
-from cpcal.solver.contract import Repeat
+from cpcal.solver.contract import Contractor, Repeat
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
 from cpcal.solver.search import Contracting, Divide, LargestFirst, Search
-from cpcal.vision.pose_sets.pose_enclosure import Found, View, first_box, pose_network
-from cpcal.vision.pose_sets.pose_rows import PoseBox
-from cpcal.vision.pose_sets.proved_homography import homography_network
+from cpcal.vision.pose_sets.claim_file import StageRow, digest_of, inputs_of, write_claim
+from cpcal.vision.pose_sets.motion_rows import SIDES, motion_rows, motions_of
+from cpcal.vision.pose_sets.pose_box import PoseBox, pose_box
+from cpcal.vision.pose_sets.pose_enclosure import Found, View, first_box
+from cpcal.vision.pose_sets.pose_frames import Motions
+from cpcal.vision.pose_sets.pose_rows import pose_rows
+from cpcal.vision.pose_sets.robust_pose_set import groups_of
 
 _PASSES = 6
 _PAYS = 0.95
+_PAYS_AGAIN = 0.8  # a further certificate is made where some width shrinks below this share
+_STAGES = 3  # of poses about the centre, at most
+_GROUPS = {0: 0, 1: 6, 2: 6, 3: 7}  # by outliers: 1, 6, 15 and 35 chains
+
+Stage = tuple[str, int, list[StageRow]]  # a certificate's file, the power of two that its rows have, what they are
 
 
-def write_certificate(path: str | os.PathLike[str], view: View, found: Found) -> Found:
-    """Prove what was found once more, in writing: a box that is proved by the certificate, a little wider than `found`.
+@dataclass(frozen=True)
+class _Record:
+    """Where certificates go: `stem`, a path without its ends, and what each says it is about."""
 
-    Nothing is written when nothing was found. Raises ModelError when the contractors give no weights, or when no
-    certificate of what was found could be made.
+    stem: Path
+    digest: str
+    contractor: Callable[[ConstraintNetwork], Contractor]
+    written: list[Path]
+
+    def proved(self, network: ConstraintNetwork) -> tuple[Path, Indices, Box] | None:
+        """The certificate of what the contractors leave of a network, the rows that it is of, and what is left.
+
+        None when they can do nothing with it.
+        """
+        steps = Repeat(self.contractor(network), _PAYS, _PASSES).contract(network.domain).steps
+        used = np.array(sorted({k for step in steps for c, k in step.rows if c == 0}), dtype=np.intp)
+        if not len(used):
+            return None
+        others = [np.arange(1, dtype=np.intp)] * (len(network.constraints) - 1)
+        network = restricted(network, [used, *others])
+        named = [("", self.contractor(network))]
+        if not Contracting(named).gives_weights:
+            raise ModelError("no certificate: the contractors give no weights; use lifted")
+        domain, path = network.domain, Path(f"{self.stem}.{len(self.written) + 1}.cert.jsonl")
+        with Recording(network_statement(network, None, self.digest), domain) as recording:
+            never = LargestFirst(skip=domain.names)  # no box is divided: another pass while some width shrinks
+            search = Search([domain], Divide(Contracting(named, recording.prover), never, again=_PAYS))
+            for event in islice(search, _PASSES):
+                recording.event(event)
+            boxes = [node.box for node in search.pending] + [piece.box for piece in search.kept]
+            left = boxes[0] if boxes else Box.empty(domain.names)
+            hull = None if left.is_empty else limits(left)
+            claims = {"cap": None, "infeasible": left.is_empty, "epsilon": None, "enclosure": hull, "point": None}
+            recording.write(path, claims)
+        self.written.append(path)
+        return path, used, left
+
+
+def write_certificate(
+    stem: str | Path, view: View, found: Found, outliers: int, sources: Mapping[str, bytes] | None = None
+) -> Found:
+    """Prove what was found once more, in writing: a box that is proved by certificates, a little wider than `found`.
+
+    Nothing is written when nothing was found. Raises InputError for too many outliers, ModelError when the contractors
+    give no weights, or when no certificate of what was found could be made; then no file is left.
     """
     if isinstance(found, str):
         return found
-    if found is None:
-        _write_refutation(path, view)
-        return None
+    if outliers not in _GROUPS:
+        remedy = f"ask for at most {max(_GROUPS)}, or for no certificate"
+        raise InputError([Problem("certificate", f"none can be written for {outliers} outliers", remedy)])
+    center = _center(view, found)
+    inputs = inputs_of(view.sight, Path(stem).name, sources or {})
+    record = _Record(Path(stem), f"cpcal pose set {digest_of(inputs)}", view.contractor, [])
+    try:
+        chains = [_chain(record, view, center, chosen) for chosen in _choices(view, outliers)]
+        hull = _hull([left for _, left in chains], center)
+        if (hull is None) != (found is None):
+            raise ModelError("no certificate: the rows in their rounded form do not exclude all poses")
+    except BaseException:
+        for path in record.written:
+            path.unlink(missing_ok=True)
+        raise
+    write_claim(Path(stem), inputs, outliers, hull or center, hull is None, [stages for stages, _ in chains])
+    return hull
+
+
+def _center(view: View, found: PoseBox | None) -> Pose:
+    """About which poses are proved: the middle of what was found, or anything near where all are refuted."""
+    if found is not None:
+        return found.center
     start = first_box(view)
-    moved = start.about(found.center) if isinstance(start, PoseBox) else None
-    if moved is None:
+    return start.center if isinstance(start, PoseBox) else Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+def _choices(view: View, outliers: int) -> list[Indices]:
+    """The dots of each chain."""
+    if not outliers:
+        return [np.arange(len(view.sight))]
+    groups = groups_of(view.sight.dots, _GROUPS[outliers], 0)
+    kept = itertools.combinations(range(len(groups)), len(groups) - outliers)
+    return [np.sort(np.concatenate([groups[k] for k in some])) for some in kept]
+
+
+def _chain(record: _Record, view: View, center: Pose, chosen: Indices) -> tuple[list[Stage], PoseBox | None]:
+    """The certificates of some dots, and what they leave."""
+    part = view.part(chosen)
+    seen = part.sight.anywhere()
+    if isinstance(seen, str):
+        raise ModelError(f"no certificate: {seen}")
+    found = record.proved(motion_rows(part.sight, seen).network())
+    motions = "nothing bounded is known" if found is None else None if found[2].is_empty else motions_of(found[2])
+    if found is None or isinstance(motions, str):
+        raise ModelError(f"no certificate: {motions}")
+    stages = [_stage(found[0], 0, found[1], SIDES, chosen, seen.rays)]
+    if motions is None:
+        return stages, None
+    return _narrowed(record, part, center, chosen, motions, stages)
+
+
+def _narrowed(
+    record: _Record, part: View, center: Pose, chosen: Indices, motions: Motions, stages: list[Stage]
+) -> tuple[list[Stage], PoseBox | None]:
+    """What is left of motions about the centre, stage by stage."""
+    start = pose_box(part.sight.frames.mobile_in_base(motions), center)
+    if start is None:
         raise ModelError("no certificate: the proof cannot be repeated about the centre of the set")
-    proved = _recorded(path, view, pose_network(view, moved, moved.unknowns), _meaning(view, moved.center))
-    if proved.is_empty:
-        raise ModelError("no certificate: a second proof contradicts the first one")  # pragma: no cover - cannot be
-    return moved.with_unknowns(proved)
+    unknowns = start.unknowns
+    box = start.with_unknowns(unknowns)
+    for _ in range(_STAGES):
+        seen = part.sight.about(box)
+        if isinstance(seen, str):
+            raise ModelError(f"no certificate: {seen}")
+        rows = pose_rows(part.sight, seen, box, unknowns)
+        found = record.proved(rows.network(unknowns))
+        if found is None:
+            break
+        path, used, left = found
+        stages.append(_stage(path, rows.power, used, 4, chosen, seen.rays))
+        if left.is_empty:
+            return stages, None
+        before, unknowns = unknowns.width, Box(unknowns.names, left.lo[:6], left.hi[:6])
+        box = box.with_unknowns(unknowns)
+        if not (unknowns.width < _PAYS_AGAIN * before).any():
+            break
+    return stages, box
 
 
-def _write_refutation(path: str | os.PathLike[str], view: View) -> None:
-    start = first_box(view)
-    if isinstance(start, PoseBox):
-        network, about = pose_network(view, start, start.unknowns), _meaning(view, start.center)
-    else:
-        network, about = homography_network(view.dots, view.pyramids), _HOMOGRAPHY
-    if not _recorded(path, view, network, about).is_empty:
-        os.remove(path)
-        raise ModelError("no certificate: the rows in their rounded form do not exclude all poses")
+def _stage(path: Path, power: int, used: Indices, sides: int, chosen: Indices, rays: Floats) -> Stage:
+    rows = []
+    for k in used.tolist():
+        x, y = rays[k // sides].tolist()
+        rows.append(StageRow(int(chosen[k // sides]), k % sides, x, y))
+    return path.name, power, rows
 
 
-_HOMOGRAPHY = (
-    "cpcal pose set: X_A, Y_A, X_B, Y_B, X_C, Y_C, Z_A, Z_B of three dots in the camera frame, "
-    "divided by Z_A + Z_B + Z_C"
-)
-
-
-def _meaning(view: View, center: Pose) -> str:
-    """What the unknowns are, exactly."""
-    numbers = {
-        "P0": center.position,
-        "q0": center.quaternion,
-        "camera position": view.frames.camera.position,
-        "camera quaternion": view.frames.camera.quaternion,
-        "target position": view.frames.target.position,
-        "target quaternion": view.frames.target.quaternion,
-    }
-    told = "; ".join(f"{name} = {' '.join(float(v).hex() for v in values)}" for name, values in numbers.items())
-    return f"cpcal pose set: P = P0 + W / (1 + s.s) mm, R = R(1, s) R(q0) of the mobile in the base frame; {told}"
-
-
-def _used(view: View, network: ConstraintNetwork) -> ConstraintNetwork:
-    """The network with the rows that carry a step of some pass; all others only make a certificate longer."""
-    steps = Repeat(view.contractor(network), _PAYS, _PASSES).contract(network.domain).steps
-    carrying = sorted({k for step in steps for _, k in step.rows})
-    return restricted(network, [np.array(carrying, dtype=np.intp)])
-
-
-def _recorded(path: str | os.PathLike[str], view: View, network: ConstraintNetwork, about: str) -> Box:
-    """What the certificate written to `path` proves of the network, whose only constraint is an array of rows."""
-    network = _used(view, network)
-    named = [("", view.contractor(network))]
-    if not Contracting(named).gives_weights:
-        raise ModelError("no certificate: the contractors give no weights; use lifted")
-    domain = network.domain
-    with Recording(network_statement(network, None, about), domain) as recording:
-        never = LargestFirst(skip=domain.names)  # no box is divided: another pass while some width shrinks
-        search = Search([domain], Divide(Contracting(named, recording.prover), never, again=_PAYS))
-        for event in islice(search, _PASSES):
-            recording.event(event)
-        boxes = [node.box for node in search.pending] + [piece.box for piece in search.kept]
-        left = boxes[0] if boxes else Box.empty(domain.names)
-        hull = None if left.is_empty else limits(left)
-        claims = {"cap": None, "infeasible": left.is_empty, "epsilon": None, "enclosure": hull, "point": None}
-        recording.write(path, claims)
-    return left
+def _hull(left: Sequence[PoseBox | None], center: Pose) -> PoseBox | None:
+    """About the centre; None where nothing is left."""
+    boxes = [box for box in left if box is not None]
+    if not boxes:
+        return None
+    position, turn = boxes[0].position, boxes[0].half_turn
+    for box in boxes[1:]:
+        position, turn = position.hull(box.position), turn.hull(box.half_turn)
+    return PoseBox(center, position, turn)

@@ -1,24 +1,28 @@
 """Guaranteed pose sets: all poses that show the dots of a target within stated boxes of pixels.
 
-What is assumed of the image: the centre of each dot i listed, projected with the distortion, lies in the box `lo_i <=
-pixel <= hi_i`. (Measured centres are those of ellipses: take `unbiased_boxes`.) Camera and target are exact, the
-numbers that their floats are. The pose set is
+What is assumed of the image: for each dot i listed the projection of its centre, or, with `PixelBoxes.of_images`, the
+centre of its image as it is measured, lies in the box `lo_i <= pixel <= hi_i`; dots are in the field of view and at
+least 40 of their radii in front of the camera. What is assumed of camera and target: their numbers are in stated sets
+(`CameraSet`, `TargetSet`), or are the floats given. The pose set is
 
-    { (P, R) : for every i, dot i is in front of the camera, in its field of view, and its pixel is in box i }
+    { (P, R) : for some camera and some target of these sets, for every i, the pixel of dot i is in box i }
 
 and with `outliers` = q the larger set of poses for which this holds for all dots but at most q of them. `enclose_pose`
-gives a box that is proved to hold the set, wherever it is: rotation and position are not restricted beforehand.
+gives a box that is proved to hold the set, wherever it is: rotation and position are not restricted beforehand, but for
+a distance of one kilometre.
 
-Three stages, each an outer enclosure of all that is left: viewing pyramids instead of pixels (`pyramid`), a first box
-by linear programs in the homography (`proved_homography`), then the constraints themselves, polynomials in position and
-rotation (`pose_rows`), contracted by the general solver until the box no longer shrinks.
+Three stages, each an outer enclosure of all that is left: viewing pyramids instead of pixels (`pyramid`, `bias`), a
+first box by linear programs in the homography (`motion_rows`), then the constraints themselves, polynomials in position
+and rotation (`pose_rows`), contracted by the general solver until the box no longer shrinks.
 """
 
 from __future__ import annotations
 
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -30,12 +34,13 @@ from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import Camera
 from cpcal.vision.pose_sets.enclosed import exact, rotation
 from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes
+from cpcal.vision.pose_sets.pose_box import PoseBox, pose_box
 from cpcal.vision.pose_sets.pose_certificate import write_certificate
 from cpcal.vision.pose_sets.pose_enclosure import Found, View, contractor_of, enclosed
-from cpcal.vision.pose_sets.pose_rows import Frames, PoseBox, pose_box
-from cpcal.vision.pose_sets.proved_homography import Motions
-from cpcal.vision.pose_sets.pyramid import pyramids
+from cpcal.vision.pose_sets.pose_frames import Frames, Motions
 from cpcal.vision.pose_sets.robust_pose_set import enclosed_but
+from cpcal.vision.pose_sets.sight import Sight
+from cpcal.vision.pose_sets.uncertain import CameraSet, TargetSet
 from cpcal.vision.target import Target
 
 __all__ = ["Frames", "PixelBoxes", "PoseSet", "enclose_pose"]
@@ -94,35 +99,38 @@ class PoseSet:
 
 def enclose_pose(
     boxes: PixelBoxes,
-    target: Target,
-    camera: Camera,
+    target: Target | TargetSet,
+    camera: Camera | CameraSet,
     *,
     frames: Frames | None = None,
     outliers: int = 0,
     contractors: tuple[str, ...] = CONTRACTORS,
     certificate: str | os.PathLike[str] | None = None,
+    sources: Mapping[str, bytes] | None = None,
 ) -> PoseSet:
     """A box that is proved to hold every pose that shows all dots but at most `outliers` in their pixel boxes.
 
-    `frames` are exact motions: then the poses are those of the mobile frame in the base frame, which is where the
-    box's axes are. `certificate` names a file for the proof of the last stage (see `pose_certificate`);
-    there is none with outliers.
+    `target` and `camera` are exact, or the sets that they are known to be in. `frames` are exact motions: then the
+    poses are those of the mobile frame in the base frame, which is where the box's axes are. `certificate` is a path
+    without its ends: PATH.pose.json states all of this with the box, and PATH.1.cert.jsonl and so on prove it (at most
+    3 outliers); the box is then the one that was certified. `sources` are the bytes of the files that pixels, camera
+    and target came from, by name, whose SHA-256 the claim states.
 
-    Raises InputError for boxes that are not of this target, or that show nothing of the camera's field of view.
+    Raises InputError for boxes that are not of this target, or that show nothing of the camera's field of view,
+    ModelError where no certificate can be made.
     """
     begin = time.perf_counter()
     frames = frames or Frames()
-    _check(boxes, target, outliers, certificate is not None)
-    dots = target.dots[boxes.numbers]
-    points = frames.in_mobile(target.points[boxes.numbers])
-    view = View(dots, pyramids(camera, boxes.lo, boxes.hi), frames, points, contractor_of(contractors))
+    targets = TargetSet.of(target)
+    _check(boxes, targets.target, outliers)
+    view = View(Sight(boxes, targets, CameraSet.of(camera), frames), contractor_of(contractors))
     refuted: Indices = np.zeros(0, dtype=np.intp)
     if outliers:
         found, refuted = enclosed_but(view, outliers)
     else:
         found = enclosed(view)
-        if certificate is not None:
-            found = write_certificate(certificate, view, found)
+    if certificate is not None:
+        found = write_certificate(Path(certificate), view, found, outliers, sources)
     wrong = tuple(int(k) for k in np.sort(boxes.numbers[refuted]))
     return _pose_set(found, frames, outliers, wrong, time.perf_counter() - begin)
 
@@ -145,14 +153,12 @@ def _pose_set(found: Found, frames: Frames, outliers: int, refuted: tuple[int, .
     )
 
 
-def _check(boxes: PixelBoxes, target: Target, outliers: int, certified: bool) -> None:
+def _check(boxes: PixelBoxes, target: Target, outliers: int) -> None:
     problems = [
         Problem(f"pixel box of dot {k}", f"{target.name!r} has dots 0 to {len(target.dots) - 1}", "number dots from 0")
         for k in boxes.numbers[(boxes.numbers < 0) | (boxes.numbers >= len(target.dots))]
     ]
     if outliers < 0:
         problems.append(Problem("outliers", f"is {outliers}", "give a number of dots >= 0"))
-    if outliers and certified:
-        problems.append(Problem("certificate", "none can be written with outliers", "leave one of both out"))
     if problems:
         raise InputError(problems)

@@ -27,8 +27,9 @@ from cpcal.solver.interval import IntervalArray
 from cpcal.solver.model import Network
 from cpcal.vision.pose_sets.all_but import MOST, all_but
 from cpcal.vision.pose_sets.enclosed import joined
+from cpcal.vision.pose_sets.pose_box import PoseBox
 from cpcal.vision.pose_sets.pose_enclosure import Found, View, contracted, enclosed
-from cpcal.vision.pose_sets.pose_rows import PoseBox, pose_rows
+from cpcal.vision.pose_sets.pose_rows import pose_rows
 
 _LEAST = 5  # dots of a group
 _TURNS = 8  # at most
@@ -37,10 +38,10 @@ _PAYS = 0.95
 
 def enclosed_but(view: View, outliers: int) -> tuple[Found, Indices]:
     """All poses that satisfy a view but for at most so many dots; and which dots none of those poses satisfies."""
-    active = np.arange(len(view.dots))
+    active = np.arange(len(view.sight))
     box: PoseBox | None = None
     for turn in range(_TURNS):
-        left = outliers - (len(view.dots) - len(active))
+        left = outliers - (len(view.sight) - len(active))
         found = _one_turn(view, active, left, turn, box)
         if not isinstance(found, PoseBox):
             # an earlier hull remains true when a later turn fails
@@ -48,7 +49,7 @@ def enclosed_but(view: View, outliers: int) -> tuple[Found, Indices]:
         before, box = box, found
         wrong = _refuted(view.part(active), box)
         active = active[~wrong]
-        if len(view.dots) - len(active) > outliers:
+        if len(view.sight) - len(active) > outliers:
             return None, _others(view, active)
         last = left == 0 or not (wrong.any() or _narrower(before, box))
         if last or (not wrong.any() and before is not None and left <= MOST):
@@ -72,13 +73,13 @@ def _one_deal(view: View, active: Indices, outliers: int, deal: int, box: PoseBo
     if len(active) < _LEAST * count:
         return f"{len(active)} dots are too few for {outliers} outliers: {count} groups of {_LEAST} are needed"
     sets: list[Found] = []
-    for group in _groups(view.dots[active], count, deal):
+    for group in groups_of(view.sight.dots[active], count, deal):
         part = view.part(active[group])
         sets.append(enclosed(part) if box is None else contracted(part, box))
     return _common(sets, outliers)
 
 
-def _groups(dots: Floats, count: int, deal: int) -> list[Indices]:
+def groups_of(dots: Floats, count: int, deal: int) -> list[Indices]:
     """Dots in an order in which neighbours on the plate follow one another, one of every `count` to each group.
 
     So each group is all over the plate. Who gets which is drawn, the same in every run.
@@ -137,7 +138,10 @@ def _q_intersection(boxes: list[IntervalArray], q: int) -> IntervalArray | None:
 
 def _refuted(view: View, box: PoseBox) -> npt.NDArray[np.bool_]:
     unknowns = box.unknowns
-    return pose_rows(view.pyramids.planes, view.points, view.frames, box.center, unknowns).refuted(unknowns)
+    seen = view.sight.about(box)
+    if isinstance(seen, str):
+        return np.zeros(len(view.sight), dtype=np.bool_)
+    return pose_rows(view.sight, seen, box, unknowns).refuted(unknowns)
 
 
 def _narrower(before: PoseBox | None, after: PoseBox) -> bool:
@@ -145,4 +149,4 @@ def _narrower(before: PoseBox | None, after: PoseBox) -> bool:
 
 
 def _others(view: View, active: Indices) -> Indices:
-    return np.setdiff1d(np.arange(len(view.dots)), active)
+    return np.setdiff1d(np.arange(len(view.sight)), active)

@@ -1,0 +1,212 @@
+"""Checks pose sets: from boxes of pixels, camera and target to a box of poses, by chains of certificates.
+
+docs/certificate-format.md, "Pose sets", is the specification.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from fractions import Fraction as F
+from pathlib import Path
+from typing import Any
+
+from .bounds import Bounds, Vector, between, half_turn, minus, number, product, rotation, total, transposed
+from .certificate import check_lines
+from .claims import Accepted
+from .files import WORK, Lines, content, opened, parsed
+from .header import stated_problem
+from .lens import View
+from .pose_rows import Stated, fixed_constraints, motion_row, pose_row
+from .pose_sight import FARTHEST, Sight, sight_of
+from .problem import Box, Constraint, Problem
+from .readers import choice, dyadic, entry, many, maybe, record, shown, text, whole
+from .refusal import Refused, Unusable
+from .robust_claim import meeting
+
+POSE_SET_FORMAT = "cpcal-pose-set/1"
+POSE_SET_SUFFIX = ".pose.json"
+_MOST_DOTS = 10_000
+
+_ROW = entry(whole(_MOST_DOTS), whole(5), dyadic, dyadic)
+_STAGE = record({"certificate": text, "power": whole(1000, -1000), "rows": many(_ROW)})
+_CLAIM = record(
+    {
+        "format": text,
+        "inputs": lambda value: value,
+        "outliers": whole(_MOST_DOTS),
+        "refuted": choice(True, False),
+        "pose": many(dyadic, 7),
+        "position_radius": maybe(many(dyadic, 3)),
+        "rotation_radius": maybe(many(dyadic, 3)),
+        "chains": many(many(_STAGE)),
+    }
+)
+
+
+@dataclass(frozen=True)
+class PoseSetChecked:
+    """What is proved of one image: `radii` of position (mm) and rotation about `pose`; None: no pose is possible."""
+
+    name: str
+    dots: int = 0
+    outliers: int = 0
+    digest: str = ""  # of all that is assumed
+    files: tuple[tuple[str, str], ...] = ()  # that it came from, with their SHA-256
+    pose: tuple[F, ...] = ()
+    radii: tuple[F, ...] | None = None
+    certificates: tuple[str, ...] = ()
+    refused: str | None = None
+
+
+def check_pose_sets(folder: Path, *, work: int = WORK) -> list[PoseSetChecked]:
+    """What is proved of every image of a folder. Raises Unusable where there is nothing to check.
+
+    `work`: multiplications that each certificate may cost.
+    """
+    claims = sorted(folder.glob("*" + POSE_SET_SUFFIX))
+    if not claims:
+        raise Unusable(f"{shown(folder.name)} holds no pose set (*{POSE_SET_SUFFIX})")
+    found = [check_pose_set(path, work=work) for path in claims]
+    named = {file for one in found for file in one.certificates}
+    others = sorted({path.name for path in folder.glob("*.cert.jsonl")} - named)
+    if others and not any(one.refused for one in found):
+        found.append(PoseSetChecked(others[0], refused="no pose set names this certificate, which lies beside them"))
+    return found
+
+
+def check_pose_set(path: Path, *, work: int = WORK) -> PoseSetChecked:
+    """What is proved by one claim and the certificates beside it. Raises Unusable where it cannot be read."""
+    name = path.name.removesuffix(POSE_SET_SUFFIX)
+    try:
+        return _checked(path, name, work)
+    except Refused as error:
+        return PoseSetChecked(name, refused=str(error))
+    except (KeyError, TypeError, ValueError, IndexError, RecursionError, OverflowError, MemoryError):
+        return PoseSetChecked(name, refused="holds a value of the wrong kind")
+
+
+def _checked(path: Path, name: str, work: int) -> PoseSetChecked:
+    form, inputs, outliers, refuted, pose, position, turn, chains = _CLAIM(parsed(content(path)))
+    if form != POSE_SET_FORMAT:
+        raise Refused(f"the format is not {POSE_SET_FORMAT}")
+    digest = hashlib.sha256(
+        json.dumps(inputs, sort_keys=True, separators=(",", ":"), ensure_ascii=True).encode("ascii")
+    ).hexdigest()
+    sight = sight_of(inputs)
+    if inputs["name"] != name:
+        raise Refused("it speaks of another image than its file is named after")
+    if refuted != (position is None) or refuted != (turn is None):
+        raise Refused("radii are stated of what is refuted, or are missing")
+    chain = _Chain(path.parent, f"cpcal pose set {digest}", sight, [number(v) for v in pose], work)
+    boxes = [chain.left(stages) for stages in chains]
+    if not chains or meeting([used for used, _ in boxes], outliers):
+        raise Refused("so many wrong dots could spoil all of its chains of certificates")
+    for _, left in boxes:
+        if left is not None and refuted:
+            raise Refused("a pose is not excluded")
+        if left is not None and not _holds(left, position, turn):
+            raise Refused("its certificates prove a wider box than it states")
+    files = tuple((file["name"], file["sha256"]) for file in inputs["files"])
+    radii = None if refuted else (*position, *turn)
+    named = tuple(file for stages in chains for file, *_ in stages)
+    return PoseSetChecked(name, len(sight.dots), outliers, digest, files, pose, radii, named)
+
+
+def _holds(left: list[Bounds], position: tuple[F, ...], turn: tuple[F, ...]) -> bool:
+    """Whether the poses of a box of (W, s) are in the box that is stated."""
+    moved = [w.size / stretch(left[3:]).least for w in left[:3]]
+    turned = [s.size.times(2) for s in left[3:]]
+    stated = [between(v, v) for v in (*position, *turn)]
+    return all(a.hi <= b.lo for a, b in zip([*moved, *turned], stated, strict=True))
+
+
+def stretch(s: Vector) -> Bounds:
+    """1 + s.s"""
+    return number(1) + total(part.square for part in s)
+
+
+class _Chain:
+    """Checks chains of certificates about one pose."""
+
+    def __init__(self, folder: Path, about: str, sight: Sight, pose: list[Bounds], work: int) -> None:
+        self.folder, self.about, self.sight, self.pose, self.work = folder, about, sight, pose, work
+
+    def left(self, stages: tuple[Any, ...]) -> tuple[frozenset[int], list[Bounds] | None]:
+        """The dots that a chain needs, and what it leaves of (W, s); None: nothing."""
+        used, box, first = set[int](), None, True
+        for file, power, rows in stages:
+            if not first and box is None:
+                raise Refused("a certificate follows one that leaves nothing")
+            accepted = self._certificate(file, power, rows, None if first else box)
+            used.update(dot for dot, *_ in rows)
+            box, first = self._after(accepted, first), False
+        if first:
+            raise Refused("a chain has no certificate")
+        return frozenset(used), box
+
+    def _certificate(self, file: str, power: int, rows: Any, before: list[Bounds] | None) -> Accepted:
+        """One that is accepted, and speaks of what is assumed. `before`: (W, s) that it must begin with."""
+        if "/" in file or "\\" in file or file.startswith("."):
+            raise Refused(f"names no certificate of its folder: {shown(file)}")
+        kept: list[Constraint] = []
+
+        def formed(header: dict[str, Any]) -> tuple[Problem, Box]:
+            problem, root, items = stated_problem(header, lines)
+            if header["about"] != self.about:
+                raise Refused("the certificate is about other pixels, another camera or another target", "run")
+            kept.extend(items)
+            return problem, root
+
+        try:
+            with opened(self.folder / file) as stream:
+                lines = Lines(stream, self.work)
+                accepted = check_lines(lines, formed)
+            self._follows(Stated(accepted, kept), power, rows, before)
+        except (Refused, Unusable) as error:
+            code = error.code if isinstance(error, Refused) else "run"
+            raise Refused(f"{shown(file)}: {error}", code, 0) from None
+        return accepted
+
+    def _follows(self, stated: Stated, power: int, rows: Any, before: list[Bounds] | None) -> None:
+        """Whether all constraints follow from what is assumed, on the box where they are used."""
+        sight, root = self.sight, stated.root
+        motions = before is None
+        size = 9 if motions else 6 + sight.cameras.size
+        if len(root) != size or len(rows) > len(stated.rows) or stated.objective:
+            raise Refused("it has other unknowns or constraints than a pose set has", "run")
+        if before is None:
+            assumed = [Bounds(-FARTHEST.hi, FARTHEST.hi)] * 3 + [number(0).around(number(1))] * 6
+        else:
+            assumed = [*before, *([number(0).around(number(1))] * sight.cameras.size)]
+        if any(a.lo < b.lo or a.hi > b.hi for a, b in zip(assumed, root, strict=True)):
+            raise Refused("it begins with less than there is", "proof")
+        given = stated.rows[: len(rows)]
+        place, kept = None if before is None else sight.about(self.pose, root), dict[Any, View]()
+        for polynomial, (dot, side, x, y) in zip(given, rows, strict=True):
+            if dot >= len(sight.dots):
+                raise Refused("a row is of a dot that is not there")
+            view = sight.view(dot, (x, y), place, kept)
+            if place is None:
+                implied = motion_row(sight, polynomial, dot, side, view, root)
+            else:
+                implied = pose_row(sight, place, polynomial, dot, side, view, power)
+            if not implied:
+                raise Refused(f"row {side} of dot {dot} does not follow from what is assumed", "proof")
+        fixed_constraints(stated, len(rows), motions, sight.cameras)
+
+    def _after(self, accepted: Accepted, first: bool) -> list[Bounds] | None:
+        """What a certificate leaves, in (W, s)."""
+        if accepted.claims.infeasible:
+            return None
+        hull = accepted.claims.enclosure
+        if hull is None:
+            raise Refused("a certificate claims no enclosure")
+        box = [between(lo, hi) for lo, hi in zip(*hull, strict=True)]
+        if not first:
+            return box[:6]
+        turned, position = self.sight.mobile_in_base(box)
+        s = half_turn(product(turned, transposed(rotation(self.pose[3:]))))
+        moved = minus(position, self.pose[:3])
+        return [*(m * stretch(s) for m in moved), *s]

@@ -1,0 +1,55 @@
+"""`cpcal verify` of pose sets, from their pixels on."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from math import degrees
+from pathlib import Path
+
+from cpcal.checker import PoseSetChecked, Unusable, check_pose_set, check_pose_sets
+from cpcal.cli.talk import Talk
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import at_most
+
+
+def verify_pose_sets(target: Path, sources: Sequence[Path], talk: Talk) -> bool:
+    """Check one claim or a folder of them, say what is proved. Raises InputError where there is nothing to check."""
+    try:
+        found = check_pose_sets(target) if target.is_dir() else [check_pose_set(target)]
+    except Unusable as reason:
+        raise InputError([Problem(str(target), str(reason), "name what cpcal pose-sets wrote")]) from None
+    good = all(one.refused is None for one in found)
+    for one in found:
+        talk.say(f"{one.name}: {_proved(one)}")
+    for path in sources:
+        good = _same_source(path, found, talk) and good
+    return good
+
+
+def _proved(one: PoseSetChecked) -> str:
+    if one.refused is not None:
+        return f"REFUSED, {one.refused}"
+    but = f" but at most {one.outliers}" if one.outliers else ""
+    count = f"{len(one.certificates)} certificates, assumptions SHA-256 {one.digest[:16]}"
+    if one.radii is None:
+        return f"no pose shows all {one.dots} dots{but} in their boxes of pixels: PROVED, {count}"
+    position = " x ".join(at_most(float(v), 3) for v in one.radii[:3])
+    turn = " x ".join(at_most(degrees(float(v)), 3) for v in one.radii[3:])
+    sides = f"{position} mm and {turn} degrees"
+    return f"all poses that show all {one.dots} dots{but} are within {sides} of the stated one: PROVED, {count}"
+
+
+def _same_source(path: Path, found: Sequence[PoseSetChecked], talk: Talk) -> bool:
+    """Whether a file is the one that all pose sets name, byte for byte."""
+    try:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError([Problem(str(path), f"cannot be read: {error.strerror}", "name a file")]) from None
+    stated = {sha for one in found for name, sha in one.files if name == path.name}
+    if stated == {digest}:
+        talk.say(f"{path.name}: the file that the pose sets name, by its SHA-256")
+        return True
+    what = "no pose set names it" if not stated else "it is another file than the pose sets name: its SHA-256 differs"
+    talk.say(f"{path.name}: REFUSED, {what}")
+    return False

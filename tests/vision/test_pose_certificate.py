@@ -1,0 +1,173 @@
+"""Pose sets that are certified from pixels on: true poses inside, and nothing that does not follow accepted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.pose_sets import drawn_pose
+from benchmarks.uncertain_poses import shown
+from cpcal.checker import check_pose_set
+from cpcal.checker.bounds import Bounds, between
+from cpcal.checker.lens import Cameras
+from cpcal.checker.readers import dyadic
+from cpcal.common.errors import InputError
+from cpcal.robot import Pose, transformed
+from cpcal.solver.contract import Verdict
+from cpcal.solver.interval import IntervalArray
+from cpcal.vision.camera import DELTALAB_CAMERA, Camera
+from cpcal.vision.pose_sets import CameraSet, PixelBoxes, PoseSet, TargetSet, enclose_pose
+from cpcal.vision.pose_sets.bias import center_bias
+from cpcal.vision.pose_sets.enclosed import exact
+from cpcal.vision.target import DELTALAB_TARGET, Target
+
+WIDTHS = np.array([0.3, 0.3, 0.2, 0.2, 2e-4, 2e-4, 2e-5, 2e-5, 1e-4])
+FEW = Target("few dots", DELTALAB_TARGET.dots[::8], 6.0, ())
+PLATE = 0.01  # mm
+
+
+def seen(rng: np.random.Generator, cameras: CameraSet, targets: TargetSet) -> tuple[Pose, PixelBoxes]:
+    """A pose, and boxes of +-0.05 px that hold the dots' images' centres, of some camera and plate of the sets."""
+    pose = drawn_pose(rng)
+    numbers, centers = shown(rng, pose, cameras, targets)
+    moved = centers + rng.uniform(-0.0499, 0.0499, centers.shape)
+    return pose, PixelBoxes.around(numbers, moved, 0.05, of_images=True)
+
+
+SETS = {
+    "exact": CameraSet(DELTALAB_CAMERA),
+    "intervals": CameraSet.intervals(DELTALAB_CAMERA, WIDTHS),
+    "ellipsoid": CameraSet.ellipsoid(DELTALAB_CAMERA, np.diag(WIDTHS**2), 1.0),
+}
+
+
+@pytest.mark.parametrize("kind", list(SETS))
+def test_true_poses_are_inside_with_camera_and_target_drawn_from_their_sets(kind: str) -> None:
+    rng = np.random.default_rng(list(SETS).index(kind))
+    targets = TargetSet.within(FEW, PLATE)
+    for _ in range(4):
+        pose, boxes = seen(rng, SETS[kind], targets)
+        found = enclose_pose(boxes, targets, SETS[kind])
+        assert found.verdict is Verdict.PROVED
+        assert pose in found
+
+
+def test_an_exact_camera_in_place_of_an_uncertain_one_would_miss_it() -> None:
+    rng = np.random.default_rng(1)
+    missed = 0
+    for _ in range(5):
+        pose, boxes = seen(rng, SETS["intervals"], TargetSet.of(FEW))
+        missed += pose not in enclose_pose(boxes, FEW, DELTALAB_CAMERA)
+    assert missed
+
+
+def test_shared_errors_are_not_taken_dot_by_dot() -> None:
+    """A principal point that is off by 0.2 px moves the pose; boxes that are wider by as much leave it turn as well."""
+    rng = np.random.default_rng(2)
+    _, boxes = seen(rng, SETS["exact"], TargetSet.of(FEW))
+    shifted = CameraSet.intervals(DELTALAB_CAMERA, np.array([0.0, 0.0, 0.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    shared = enclose_pose(boxes, FEW, shifted)
+    wide = PixelBoxes(boxes.numbers, boxes.lo - 0.2, boxes.hi + 0.2, of_images=True)
+    alone = enclose_pose(wide, FEW, DELTALAB_CAMERA)
+    assert radii(shared)[2] < 0.5 * radii(alone)[2]
+    assert radii(shared)[5] < 0.5 * radii(alone)[5]
+
+
+def radii(found: PoseSet) -> np.ndarray:
+    assert found.position_radius is not None
+    assert found.rotation_radius is not None
+    return np.concatenate([found.position_radius, found.rotation_radius])
+
+
+def centroid(camera: Camera, pose: Pose, dot: np.ndarray, radius: float) -> np.ndarray:
+    """Of the area of a dot's image: the formula of Green on its outline, 20,000 points."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 20_000, endpoint=False)
+    ring = np.stack([dot[0] + radius * np.cos(angle), dot[1] + radius * np.sin(angle), 0.0 * angle], axis=1)
+    middle = camera.project(transformed(pose, np.array([[*dot, 0.0]])))[0]
+    x, y = (camera.project(transformed(pose, ring)) - middle).T
+    step = x * np.roll(y, -1) - np.roll(x, -1) * y
+    return np.array([((v + np.roll(v, -1)) * step).sum() for v in (x, y)]) / (3.0 * step.sum())
+
+
+def test_the_bias_holds_the_centroid_of_the_area() -> None:
+    rng = np.random.default_rng(3)
+    wide = Camera(
+        1024, 768, np.array([600.0, 601.0]), np.array([511.0, 380.0]), np.array([-0.33, 0.15, 1e-3, -1e-3, -0.03])
+    )
+    for camera in (DELTALAB_CAMERA, wide):
+        for _ in range(4):
+            pose = drawn_pose(rng)
+            points = transformed(pose, DELTALAB_TARGET.points)
+            chosen = rng.choice(len(points), 4, replace=False)
+            p, normal = points[chosen], np.tile(pose.rotation[:, 2], (4, 1))
+            bias = center_bias(exact(p[:, :2] / p[:, 2:]), exact(6.0 / p[:, 2]), exact(normal), CameraSet(camera))
+            assert bias is not None
+            for k, dot in enumerate(chosen):
+                true = centroid(camera, pose, DELTALAB_TARGET.dots[dot], 6.0)
+                assert ((bias.lo[k] <= true) & (true <= bias.hi[k])).all()
+            assert (bias.hi - bias.lo).max() < 0.005
+
+
+def test_the_checker_has_the_same_camera() -> None:
+    """Two implementations: the checker's bounds are inside the solver's, which are outward rounded floats."""
+    cameras = SETS["intervals"]
+    theirs = Cameras(
+        [dyadic_bounds(v) for v in cameras.camera.numbers],
+        [[dyadic_bounds(v) for v in row] for row in cameras.spread],
+        False,
+        dyadic_bounds(0.7),
+    )
+    rng = np.random.default_rng(4)
+    x, tau, normal = rng.uniform(-0.4, 0.4, 2), 0.008, np.array([0.2, -0.1, -0.97])
+    ours = center_bias(IntervalArray(x - 1e-3, x + 1e-3)[None], exact([tau]), exact(normal)[None], cameras)
+    assert ours is not None
+    found = theirs.bias(
+        [dyadic_bounds(v - 1e-3, v + 1e-3) for v in x], dyadic_bounds(tau), [dyadic_bounds(v) for v in normal]
+    )
+    for k in range(2):
+        lo, hi = (float(end) / 2.0**160 for end in (found[k].lo, found[k].hi))
+        assert ours.lo[0, k] <= lo <= hi <= ours.hi[0, k]
+        assert hi - lo > 0.9 * (ours.hi[0, k] - ours.lo[0, k])
+
+
+def dyadic_bounds(lo: float, hi: float | None = None) -> Bounds:
+    return between(dyadic(float(lo).hex()), dyadic(float(lo if hi is None else hi).hex()))
+
+
+def test_wrong_dots_are_found_out_and_certified(tmp_path: Path) -> None:
+    rng = np.random.default_rng(9)
+    pose, boxes = seen(rng, SETS["exact"], TargetSet.of(FEW))
+    lo, hi = boxes.lo.copy(), boxes.hi.copy()
+    lo[5], hi[5] = lo[5] + 3.0, hi[5] + 3.0
+    wrong = PixelBoxes(boxes.numbers, lo, hi, of_images=True)
+    found = enclose_pose(wrong, FEW, DELTALAB_CAMERA, outliers=1, certificate=tmp_path / "one")
+    assert pose in found
+    checked = check_pose_set(tmp_path / "one.pose.json")
+    assert checked.refused is None
+    assert checked.outliers == 1
+    enclose_pose(wrong, FEW, DELTALAB_CAMERA, certificate=tmp_path / "none")
+    none = check_pose_set(tmp_path / "none.pose.json")
+    assert none.refused is None
+    assert none.radii is None
+
+
+def test_nothing_is_written_of_nothing(tmp_path: Path) -> None:
+    pixels = DELTALAB_CAMERA.project(transformed(drawn_pose(np.random.default_rng(1)), FEW.points))
+    boxes = PixelBoxes.around([0, 6, 12], pixels[[0, 6, 12]], 0.1)
+    found = enclose_pose(boxes, FEW, DELTALAB_CAMERA, certificate=tmp_path / "few")
+    assert found.verdict is Verdict.UNKNOWN
+    assert not list(tmp_path.iterdir())
+
+
+def test_sets_that_are_none_are_refused() -> None:
+    for wrong in (np.zeros(8), -WIDTHS, WIDTHS * np.nan):
+        with pytest.raises(InputError, match="half-widths"):
+            CameraSet.intervals(DELTALAB_CAMERA, wrong)
+    with pytest.raises(InputError, match="focal length of zero"):
+        CameraSet.intervals(DELTALAB_CAMERA, 1e3 * np.ones(9))
+    with pytest.raises(InputError, match="covariance"):
+        CameraSet.ellipsoid(DELTALAB_CAMERA, np.eye(8), 1.0)
+    with pytest.raises(InputError, match="target half-widths"):
+        TargetSet.within(FEW, -1.0)
