@@ -90,9 +90,9 @@ def problems() -> dict[str, Answer]:
     exact = cpcal.simulate(seed=2, joint_error=1.0, factor=0.0)
     uncertain = cpcal.simulate(seed=3, joint_error=1.0, extremal=False, random_poses=16)
     return {
-        "paving, hc4": ring("depth", 0.12, ["hc4"], inner=False),
-        "paving, inner boxes": ring("breadth", 0.2, ["hc4"], inner=True),
-        "paving, hc4 and lifted": ring("best", 0.25, None, inner=True),
+        "paving, hc4": ring("depth", 0.25, ["hc4"], inner=False),
+        "paving, inner boxes": ring("breadth", 0.3, ["hc4"], inner=True),
+        "paving, hc4 and lifted": ring("best", 0.5, None, inner=True),
         "roots": roots,
         "minimum with splits": minimum(["lifted"], 200),
         "minimum with splits, hc4": minimum(["hc4"], 1500),

@@ -54,6 +54,8 @@ class Curve:
     def growth(self) -> float:
         """MB an hour, of the second half."""
         half = np.array(self.seen[len(self.seen) // 2 :])
+        if len(half) < 2:
+            return float("nan")
         return float(3600.0 * np.polyfit(half[:, 0], half[:, 1], 1)[0])
 
 

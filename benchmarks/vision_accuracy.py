@@ -1,9 +1,10 @@
 """Identification, pose and the chain for one image, on synthetic dots and rendered images of the DeltaLab target.
 
-    python -m benchmarks.vision_accuracy [--lists 2000] [--images 200] [--seed 0] [--json FILE]
+    python -m benchmarks.vision_accuracy [--lists 2000] [--images 200 (0: lists alone)] [--seed 0] [--json FILE]
 
 1. Identification: lists of predicted centres with noise, in random order, up to 10 dots missing and false ones added,
-   anywhere or on the very rows that identify the target. Counted: right, refused, wrong (a single wrong pair is wrong).
+   anywhere or on the very rows that identify the target; and a target that is partly out of the image. Counted: right,
+   refused, wrong (a single wrong pair is wrong). Nothing is rendered here: these are lists, not images.
 2. Poses from rendered images, at the nominal setting (700 mm, blur 0.8 px, noise 2 grey levels) and over the whole
    range (550 to 850 mm, tilt to 30 degrees, blur 0.5 to 1.2 px, noise 1 to 4): root mean square and largest errors per
    axis, mean square of the errors normalised by the stated covariance (should be 1), time per stage on one core.
@@ -35,6 +36,7 @@ from cpcal.vision.target import DELTALAB_TARGET
 
 MOST = 10  # false and missing dots
 KINDS = ("none", "anywhere", "missing on the rows", "false on the rows", "both on the rows")
+ASIDE = "partly out of view"
 AXES = ("x mm", "y mm", "z mm", "about x deg", "about y deg", "about z deg")
 
 
@@ -44,6 +46,7 @@ def spoiled(rng: np.random.Generator, kind: str) -> dict[str, Any]:
     missing = int(rng.integers(0, total + 1))
     return {
         "none": {},
+        ASIDE: {"missing": missing // 2, "false": (total - missing) // 2},
         "anywhere": {"missing": missing, "false": total - missing},
         "missing on the rows": {"missing": total, "on_rows": True},
         "false on the rows": {"false": total, "on_rows": True},
@@ -55,9 +58,11 @@ def identified(lists: int, seed: int) -> dict[str, dict[str, Any]]:
     """For each kind: right, refused by reason, wrong, found dots that were left out, median and largest ms."""
     rng = np.random.default_rng(seed)
     result = {}
-    for kind in KINDS:
-        count = lists // len(KINDS)
+    for kind in (*KINDS, ASIDE):
+        count = lists // (len(KINDS) + 1)
         poses = facing_poses(rng, count)
+        if kind == ASIDE:
+            poses.position[:, :2] += rng.uniform(-200.0, 200.0, (count, 2))
         outcome: Counter[str] = Counter()
         reasons: Counter[str] = Counter()
         left_out, times = 0, []
@@ -184,13 +189,15 @@ def print_measured(title: str, figures: dict[str, Any]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--lists", type=int, default=2000, help="of dots, for the identification")
-    parser.add_argument("--images", type=int, default=200, help="rendered, for each of the two settings")
+    parser.add_argument("--images", type=int, default=200, help="rendered, for each of the two settings; 0: none")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
     opencv().setNumThreads(1)
     figures: dict[str, Any] = {"identification": identified(options.lists, options.seed)}
     print_identified(figures["identification"])
+    if not options.images:
+        return
     for title, nominal in (("nominal setting", True), ("whole range", False)):
         figures[title] = measured(options.images, options.seed, nominal=nominal)
         print_measured(title, figures[title])

@@ -33,10 +33,11 @@ def check_new(folder: Path, *, force: bool) -> None:
 
 
 def is_earlier_demo(folder: Path) -> bool:
-    """Whether a folder holds a study that `cpcal demo` wrote, and nothing besides."""
+    """Whether a folder holds a study that `cpcal demo` wrote, or the poses found so far, and nothing besides."""
     files = {"calibration.json", "images", "images.json", "report.html"}
     known = files | {STUDY, CAMPAIGN, VALIDATION, FITS, RUN, TIMEOUT, PIXEL_SETS, PIXEL_CAMPAIGN, PIXEL_RUN}
-    if not (folder / STUDY / "study.toml").is_file():
+    begun = folder / "poses-calibration.csv.journal"
+    if not ((folder / STUDY / "study.toml").is_file() or begun.is_file()):
         return False
     return all(path.name in known or path.name.startswith("poses-") for path in folder.iterdir())
 

@@ -131,7 +131,8 @@ def missing_legs(result: Result, legs: int) -> str | None:
     if not result.interrupted:
         return None
     done = {leg.leg for leg in result.legs}
-    missing = ", ".join(str(leg) for leg in range(1, legs + 1) if leg not in done)
+    asked = result.options.legs or range(1, legs + 1)
+    missing = ", ".join(str(leg) for leg in asked if leg not in done)
     text = "Interrupted: what is shown was proved until then."
     return f"{text} There is nothing on leg {missing}." if missing else text
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.vision_accuracy import KINDS, spoiled
+from benchmarks.vision_accuracy import KINDS, identified, spoiled
 from benchmarks.vision_scenes import facing_poses, found_dots, one
 from cpcal.common.arrays import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import centers_of, predicted_centers
 from cpcal.vision.identify import Identification, Unidentified, identify
-from cpcal.vision.identify.hypotheses import followed, hypotheses
+from cpcal.vision.identify.hypotheses import apart, followed, hypotheses, hypothesis_of
 from cpcal.vision.identify.identify import ACCIDENTS, MARGIN
 from cpcal.vision.identify.runs import straightness
 from cpcal.vision.identify.symmetry import self_maps
@@ -58,18 +58,13 @@ def test_missing_and_false_dots_are_named() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("target", [DELTALAB_TARGET, SMALL])
-def test_it_is_never_wrong(target: Target, kind: str) -> None:
-    right = 0
-    for centers, labels in lists(target, 20, seed=3, kind=kind):
+def test_it_is_never_wrong_on_a_small_target(kind: str) -> None:
+    for centers, labels in lists(SMALL, 20, seed=3, kind=kind):
         try:
-            found = identify(centers, target, DELTALAB_CAMERA)
+            found = identify(centers, SMALL, DELTALAB_CAMERA)
         except Unidentified:
             continue
         assert np.array_equal(labels[found.found], found.numbers)
-        right += 1
-    if target is DELTALAB_TARGET:
-        assert right >= {"none": 20, "anywhere": 20, "false on the rows": 19}.get(kind, 5)
 
 
 def test_the_lens_may_be_unknown() -> None:
@@ -261,3 +256,31 @@ def test_a_mirror_image_is_refused_without_a_camera():
     centers, _ = lists(DELTALAB_TARGET, 1, seed=23)[0]
     with pytest.raises(Unidentified, match="mirror"):
         identify(centers * [-1.0, 1.0] + [1023.0, 0.0], DELTALAB_TARGET, None, size=(1024, 768))
+
+
+def test_in_partial_views_no_ten_errors_exchange_two_ways_to_lay_the_target():
+    """What is accepted differs from each turn of the target by 17 errors at least, among the dots in view."""
+    rng = np.random.default_rng(24)
+    accepted = refused = 0
+    for k in range(24):
+        pose = one(facing_poses(rng, 1, depth=(560.0, 680.0)), 0)
+        aside = type(pose)(pose.position + [*rng.uniform(-320.0, 320.0, 2), 0.0], pose.quaternion)
+        centers, labels = found_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, aside, noise=0.02, missing=k % 3)
+        try:
+            found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
+        except Unidentified:
+            refused += 1
+            continue
+        assert np.array_equal(labels[found.found], found.numbers)
+        view = seen_by(DELTALAB_CAMERA, centers, None)
+        assert apart(view, DELTALAB_TARGET, hypothesis_of(view, DELTALAB_TARGET, found.homography)) >= 17
+        accepted += 1
+    assert min(accepted, refused) >= 3
+
+
+def test_none_of_three_hundred_lists_is_taken_for_another():
+    """All kinds of spoiled and partial views; the benchmark `vision_accuracy` does thousands."""
+    figures = identified(300, seed=25)
+    assert sum(row["wrong"] for row in figures.values()) == 0
+    least = {"none": 50, "anywhere": 50, "false on the rows": 48, "missing on the rows": 20, "both on the rows": 35}
+    assert all(figures[kind]["right"] >= number for kind, number in least.items())

@@ -19,7 +19,7 @@ Row = tuple[int, int]  # constraint, element
 
 _SHRINK = 0.8  # go on with a node while some width falls below this share of what it was
 _SETTLE = 0.95  # the same for a node that was closed from the start, where only the enclosure is at stake
-_SUBTREE = 4  # boxes that are decided for each of a round of several: few that a better point would spare
+_SUBTREE = 2  # boxes that are decided for each of a round of several: few that a better point would spare
 _THIN = 1e-12  # a width below this share of the domain's does not count
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Bools, Floats
 from cpcal.solver.compiled import compiled
 
 TERMS = 6  # of the light: its growth, and its cubic
@@ -14,10 +14,17 @@ _WORTH = 0.004  # pixels: a smaller move is not worth the accuracy that light of
 
 @compiled
 def excesses(
-    odd: Floats, sharpness: Floats, variance: Floats, common: Floats, first: int, shapes: Floats, moves: Floats
+    odd: Floats,
+    sharpness: Floats,
+    variance: Floats,
+    common: Floats,
+    first: int,
+    shapes: Floats,
+    moves: Floats,
+    worth: Bools,
 ) -> None:
     """The chi-squares (n,) of the terms from `first` on against those in `common` (TERMS,), and of the moves of the
-    centre that they make; zero where there is nothing to tell.
+    centre that they make; zero where there is nothing to tell. And where (n,) such a move is worth to be known.
 
     odd        (n, TERMS, TERMS + 3): inverse covariance of the terms, times that their values, how each moves the dot
     sharpness  (n,) share of a dot's information that is believed; variance (n,) px^2 of its centre, of both axes
@@ -25,7 +32,7 @@ def excesses(
     size = TERMS - first
     information, inverse, off = np.empty((size, size)), np.empty((size, size)), np.empty(size)
     for i in range(len(odd)):
-        shapes[i], moves[i] = 0.0, 0.0
+        shapes[i], moves[i], worth[i] = 0.0, 0.0, False
         for a in range(size):
             off[a] = odd[i, first + a, TERMS]
             for b in range(size):
@@ -46,10 +53,10 @@ def excesses(
             shape += off[a] * value
             x, y = x + value * right, y + value * down
             xx, xy, yy = xx + right * by_x, xy + right * by_y, yy + down * by_y
-        if xx + yy < _HOPELESS * variance[i] and x * x + y * y > _WORTH**2:
-            more = 1e-9 * (xx + yy) + 1e-30
-            xx, yy = xx + more, yy + more
-            shapes[i], moves[i] = shape, (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+        worth[i] = xx + yy < _HOPELESS * variance[i] and x * x + y * y > _WORTH**2
+        more = 1e-9 * (xx + yy) + 1e-30
+        xx, yy = xx + more, yy + more
+        shapes[i], moves[i] = shape, (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
 
 
 @compiled

@@ -26,25 +26,39 @@ def light_gradient(grey: Grey, found: Spots, gap: Floats) -> Floats:
 
     A polynomial of the place is fitted to the levels, twice: the second time without outliers.
     """
+    slope = _polynomial(grey, found, gap)
+    return np.full((len(found), 2), np.nan) if slope is None else slope[0]
+
+
+def light_misfit(grey: Grey, found: Spots, gap: Floats) -> float:
+    """The median of what that polynomial leaves of the grey levels at the dots; 0 with too few dots for one."""
+    slope = _polynomial(grey, found, gap)
+    return 0.0 if slope is None else slope[1]
+
+
+def _polynomial(grey: Grey, found: Spots, gap: Floats) -> tuple[Floats, float] | None:
+    """The growth of the fitted polynomial, relative to it, and the median of what it leaves; None with too few dots."""
     degree = _MOST_DEGREE
     while degree > 0 and len(found) < _EACH * (degree + 1) * (degree + 2) // 2:
         degree -= 1
     if degree == 0:
-        return np.full((len(found), 2), np.nan)
+        return None
     level = _levels(grey, found, gap)
     half = 0.5 * np.array(grey.shape[::-1])
     values, to_right, to_bottom = _terms(found.center / half - 1.0, degree)
     good = np.ones(len(level), dtype=bool)
     coefficients: Floats = np.zeros(values.shape[1])
+    left = 0.0
     for _ in range(2):
         some = values[good]
         normal = some.T @ some
         normal += 1e-9 * len(some) * np.eye(len(normal))  # in case dots lie on few lines
         coefficients = np.asarray(np.linalg.solve(normal, some.T @ level[good]), dtype=np.float64)
         off = np.abs(level - values @ coefficients)
-        good = off <= _OUTLYING * 1.4826 * median(off) + 1e-12
+        left = median(off)
+        good = off <= _OUTLYING * 1.4826 * left + 1e-12
     slope = np.stack([to_right @ coefficients, to_bottom @ coefficients], axis=1)
-    return np.asarray(slope / (np.maximum(values @ coefficients, 1.0)[:, None] * half))
+    return np.asarray(slope / (np.maximum(values @ coefficients, 1.0)[:, None] * half)), left
 
 
 def _levels(grey: Grey, found: Spots, gap: Floats) -> Floats:

@@ -9,20 +9,28 @@ own is taken off, so that this dot is moved as the others.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.vision.dots.asymmetry import TERMS, excesses, term_values
 from cpcal.vision.dots.edge import CUBIC, LINEAR, PLAIN, Edges, fitted_edges
 from cpcal.vision.dots.grey import Grey
+from cpcal.vision.dots.light import light_misfit
 from cpcal.vision.dots.segmentation import Spots
 from cpcal.vision.median import median
 
 _STRANGE = 1.5  # residuals, relative to the usual ones, that ask for light of the dot's own
 _BETTER = 0.95  # residuals with it relative to those without, then
 _RARE = {6: 22.5, 4: 18.5, 2: 13.8}  # chi-square by degrees of freedom: what one ordinary dot of a thousand exceeds
+_FREQUENT = {4: 9.5, 2: 6.0}  # one of twenty: where the light of all is wrong, more dots are doubted
 _MEDIAN = {6: 5.35, 4: 3.36, 2: 1.39}
 _ALL_WRONG = 6.0  # times what noise makes of the centres' moves: then the light of all is wrong, and of no use
+_BENT, _LEFT = (
+    2.5,
+    1.2,
+)  # so it is from this on where it leaves as much of the levels, as a share of the noise: usual is 0.3
 _IMPERFECT = (
     0.006  # of the contrast: what the model of an edge leaves out, symmetric, and seems not to be by the pixels' places
 )
@@ -38,12 +46,14 @@ def fitted_under(grey: Grey, found: Spots, room: Floats, light: Floats) -> Edges
     fitted = ~np.isnan(edges.noise)
     if not fitted.any():
         return edges
-    shapes, moves = _excess(edges, 0)
-    if median(moves[fitted]) > _ALL_WRONG * _MEDIAN[2]:
+    excess = _excess(edges, 0)
+    moved = median(np.where(excess.worth, excess.moves, 0.0)[fitted]) / _MEDIAN[2]
+    bent = moved > _BENT and light_misfit(grey, found, 2.0 * room) > _LEFT * median(edges.noise[fitted])
+    if moved > _ALL_WRONG or bent:
         return _all_alone(grey, found, room)
     usual = np.maximum(median(edges.noise[fitted]), _IMPERFECT * np.abs(edges.contrast))
     noisy = ~(edges.noise < _STRANGE * usual)
-    again = np.flatnonzero(_beyond(shapes, moves, 6) | noisy)
+    again = np.flatnonzero(_beyond(excess, 6) | noisy)
     if not len(again):
         return edges
     common = _common(edges, 0, LINEAR - PLAIN)
@@ -56,13 +66,15 @@ def fitted_under(grey: Grey, found: Spots, room: Floats, light: Floats) -> Edges
 def _all_alone(grey: Grey, found: Spots, room: Floats) -> Edges:
     flat = np.zeros((len(found), 2))
     edges = fitted_edges(grey, found.center, found.spread, room, flat, LINEAR)
-    return _cubic(grey, found, room, flat, edges, np.arange(len(found)))
+    return _cubic(grey, found, room, flat, edges, np.arange(len(found)), _FREQUENT)
 
 
-def _cubic(grey: Grey, found: Spots, room: Floats, light: Floats, edges: Edges, members: Ints) -> Edges:
+def _cubic(
+    grey: Grey, found: Spots, room: Floats, light: Floats, edges: Edges, members: Ints, rare: dict[int, float] = _RARE
+) -> Edges:
     """With the light's cubic for those members that ask for it and are explained by it. What it moves them by is in
     doubt as a whole, either way: light that has a cubic has more."""
-    still = members[_beyond(*_excess(edges, LINEAR - PLAIN), 4)[members]]
+    still = members[_beyond(_excess(edges, LINEAR - PLAIN), 4, rare)[members]]
     if not len(still):
         return edges
     cubic = fitted_edges(grey, found.center[still], found.spread[still], room[still], light[still], CUBIC)
@@ -75,24 +87,35 @@ def _cubic(grey: Grey, found: Spots, room: Floats, light: Floats, edges: Edges, 
     return edges.replaced(still[explained], cubic.kept(explained))
 
 
-def _excess(edges: Edges, first: int) -> tuple[Floats, Floats]:
-    """The chi-squares (n,) of the terms from `first` on against those that dots have in common, and of the moves of the
-    centre that they would make; zero where there is nothing to tell."""
+@dataclass(frozen=True, eq=False)
+class _Excess:
+    """Chi-squares (n,) of terms of the light against those that dots have in common, and of the moves of the centre
+    that they would make, 0 where there is nothing to tell; whether such a move is worth to be known."""
+
+    shapes: Floats
+    moves: Floats
+    worth: Bools
+
+
+def _excess(edges: Edges, first: int) -> _Excess:
+    """Of the terms from `first` on."""
     sharpness = edges.noise**2 / (edges.noise**2 + (_IMPERFECT * edges.contrast) ** 2)
     variance = np.trace(edges.covariance, axis1=1, axis2=2)
-    shapes, moves = np.empty(len(variance)), np.empty(len(variance))
-    excesses(edges.odd, sharpness, variance, _common(edges, first), first, shapes, moves)
-    return shapes, moves
+    count = len(variance)
+    out = _Excess(np.empty(count), np.empty(count), np.empty(count, dtype=bool))
+    excesses(edges.odd, sharpness, variance, _common(edges, first), first, out.shapes, out.moves, out.worth)
+    return out
 
 
-def _beyond(shapes: Floats, moves: Floats, degrees: int) -> Bools:
+def _beyond(excess: _Excess, degrees: int, rare: dict[int, float] = _RARE) -> Bools:
     """Which (n,) terms are no noise, and move the centre; where all dots differ by more than noise says (a lens's
-    asymmetry, a camera's processing) that is the measure."""
-    out = np.ones(len(shapes), dtype=bool)
-    for square, freedom in ((shapes, degrees), (moves, 2)):
+    asymmetry, a camera's processing) that is the measure. All dots, not those alone that light has moved: a wide
+    shadow's edge would be its own measure."""
+    out = excess.worth.copy()
+    for square, freedom in ((excess.shapes, degrees), (excess.moves, 2)):
         told = square[square > 0.0]
         usual = median(told) / _MEDIAN[freedom] if len(told) >= _ENOUGH else 1.0
-        out &= square > _RARE[freedom] * max(1.0, usual)
+        out &= square > rare[freedom] * max(1.0, usual)
     return out
 
 

@@ -200,6 +200,21 @@ def best_rival(view: View, target: Target, fit: Hypothesis, margin: int) -> tupl
     return min(int(errors[best]), least), bool(maps.mirrored[close[best]])
 
 
+def apart_at_least(view: View, target: Target, homography: Floats, in_view: Bools, enough: int) -> int:
+    """At least so many errors are between the target and each of its near-symmetries, none of them mirrored, when the
+    dots `in_view` (n,) are all found; no more than `enough` is counted."""
+    maps = self_maps(target)
+    unexplained = (in_view & (maps.image < 0)).sum(axis=1)
+    least = enough
+    for k in np.flatnonzero((unexplained < enough) & ~maps.mirrored):
+        laid_on_nothing = np.setdiff1d(np.arange(len(target.dots)), maps.image[k])
+        places = (target.dots[laid_on_nothing] - maps.shift[k]) @ np.linalg.inv(maps.matrix[k]).T
+        margin = target.radius * _scale(homography, places)
+        missing = int(view.in_view(mapped(homography, places), margin).sum())
+        least = min(least, int(unexplained[k]) + missing)
+    return least
+
+
 def apart(view: View, target: Target, fit: Hypothesis) -> int:
     """How many errors the best near-symmetry that a camera could see (none of the mirrored) makes on dots that are all
     where `fit` has them, and in view."""

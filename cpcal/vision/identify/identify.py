@@ -13,7 +13,8 @@ one up to a symmetry, and all of these are tried (`lattice`). What is accepted h
   singly, in one dot of thirty, that is a likelihood ratio near a million. It is also a guarantee: where a near-symmetry
   makes d errors on the perfect target, it makes at least d - e on one with e errors, so it can only win when
   2 e >= d + 4. For the DeltaLab target d is 18 (its turns), so no ten errors, wherever they are, make it wrong; where
-  its rows were not recognised, d must be 17 at least among the dots in view, which says the same;
+  its rows were not recognised, or only a part of it is in view, d must be 17 at least among the dots in view, which
+  says the same (or as much as d is on the whole target, where that is less);
 - alone: the dots that are left must not show the target once more, or mirrored;
 - orientation: a camera never sees a target mirrored, and mirrored near-symmetries are rivals like all others.
 """
@@ -21,6 +22,7 @@ one up to a symmetry, and all of these are tried (`lattice`). What is accepted h
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +30,16 @@ import numpy.typing as npt
 from cpcal.common.arrays import Floats, Ints
 from cpcal.common.errors import CpcalError
 from cpcal.vision.camera import Camera
-from cpcal.vision.identify.hypotheses import Hypothesis, accidents, apart, best_rival, followed, from_grid, hypotheses
+from cpcal.vision.identify.hypotheses import (
+    Hypothesis,
+    accidents,
+    apart,
+    apart_at_least,
+    best_rival,
+    followed,
+    from_grid,
+    hypotheses,
+)
 from cpcal.vision.identify.runs import straightness
 from cpcal.vision.identify.views import View, guesses, seen_by
 from cpcal.vision.target import Target
@@ -215,10 +226,28 @@ def _judgement(view: View, target: Target, fit: Hypothesis, candidates: int) -> 
         return _Refusal(
             f"ambiguous: {other} as well or nearly so", margin > -MARGIN, fit.errors
         )  # else it is to be found
+    if not fit.in_view.all() and not _sure(view, target, fit):
+        return _Refusal("ambiguous: too few of the dots that tell the target's turns apart are in view")
     false = _others(len(view.points), fit.found)
     unseen = _others(len(target.dots), fit.numbers)
     missing = unseen[fit.in_view[unseen]]
     return Identification(fit.found, fit.numbers, fit.homography, false, missing, by_chance, margin)
+
+
+def _sure(view: View, target: Target, fit: Hypothesis) -> bool:
+    """Whether no ten errors among the dots in view exchange two ways to lay the target, or as few as on all of it."""
+    if apart_at_least(view, target, fit.homography, fit.in_view, _APART) >= _APART:
+        return True
+    needed = min(_APART, _apart_in_all(target))
+    return apart(view, target, fit) >= needed
+
+
+@lru_cache(maxsize=8)
+def _apart_in_all(target: Target) -> int:
+    """What `apart_at_least` says of a target that is wholly in view."""
+    low, high = target.dots.min(axis=0), target.dots.max(axis=0)
+    around = View(np.array([2.0 * low - high, 2.0 * high - low]), 1.0, 0.0, 0.0)
+    return apart_at_least(around, target, np.eye(3), np.ones(len(target.dots), dtype=bool), len(target.dots))
 
 
 def _others(count: int, some: Ints) -> Ints:
