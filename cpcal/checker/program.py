@@ -84,7 +84,11 @@ class Program:
 
 
 class Formula:
-    """Numbers of a program, computed by one Python function that is made of its notes."""
+    """Numbers of a program, computed by one Python function that is made of its notes.
+
+    The function's source holds names v0, v1, ... and whole numbers of the formula, which is one of cpcal's own models:
+    nothing that was read from a file enters it.
+    """
 
     def __init__(self, program: Program, places: Sequence[int]) -> None:
         self._quaternions, self._count = program.kinds.count(0), len(program.kinds)

@@ -13,6 +13,7 @@ from cpcal.cli.progress import bar
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import nearest
 from cpcal.execution.stopping import heard
 from cpcal.vision.batch.rig_images import RigImages, SeenMoment, rig_detections, seen_moments
 from cpcal.vision.camera import Camera
@@ -98,12 +99,13 @@ def _say(found: FoundRig, moments: int, output: Path, talk: Talk) -> None:
     talk.say(f"{found.moments} of {moments} moments are seen by two cameras or more")
     for k, name in enumerate(rig.names[1:], start=1):
         sigma = np.sqrt(np.diagonal(rig.covariance)[EACH * k : EACH * k + 6])
-        x, y, z = rig.origin(k)
-        apart = f"standard deviations {sigma[:3].max():.4f} mm and {sigma[3:].max():.6f} rad"
-        talk.say(f"  {name} is at ({x:.3f}, {y:.3f}, {z:.3f}) mm in the frame of {rig.names[0]}; {apart}")
+        at = ", ".join(nearest(float(x), 3) for x in rig.origin(k))
+        place, turn = nearest(float(sigma[:3].max()), 4), nearest(float(sigma[3:].max()), 6)
+        apart = f"standard deviations {place} mm and {turn} rad"
+        talk.say(f"  {name} is at ({at}) mm in the frame of {rig.names[0]}; {apart}")
     if found.scale > 2.0:
         talk.say(
-            f"  doubtful: the residuals are {np.sqrt(found.scale):.1f} times as large as stated: check the cameras' "
-            "calibrations, and whether images of one name were taken at one moment"
+            f"  doubtful: the residuals are {nearest(float(np.sqrt(found.scale)), 1)} times as large as stated: "
+            "check the cameras' calibrations, and whether images of one name were taken at one moment"
         )
     talk.say(f"Rig: {output}")

@@ -29,10 +29,6 @@ _LEAST_IMAGES = 3
 _CONDITION = 1e10  # of the scaled normal matrix: beyond it some combination is not determined
 _LEAST_PIXEL = 1e-6  # px, where single images fit without error
 _APART = 2.0  # how many times more all images together leave than single ones, where the robot's poses matter
-_ROBOT = (
-    "single images fit to {alone} px rms, all together to {rms} px: the robot's poses are off by more than the pixels. "
-    "With half-widths in poses.csv (docs/hand-eye.md) they are weighed"
-)
 _NAMES = ("rotation of E", "translation of E", "rotation of F", "translation of F")
 
 
@@ -98,7 +94,7 @@ def classical_answer(study: HandEyeStudy, *, method: str = "shah") -> ClassicalA
         at, covariance = weighted_fit(reading, frames, max(alone, _LEAST_PIXEL))
         frames, readings, residuals = at.frames, at.readings, reading(at)
     elif alone > 0.0 and float(np.sqrt(np.mean(residuals**2))) > _APART * alone:
-        weak = [*weak, _ROBOT.format(alone=nearest(alone, 2), rms=nearest(float(np.sqrt(np.mean(residuals**2))), 2))]
+        weak = [*weak, _robot(alone, float(np.sqrt(np.mean(residuals**2))))]
     return ClassicalAnswer(
         frames=frames,
         readings=readings,
@@ -192,3 +188,11 @@ def _covariance(slope: Floats, residuals: Floats) -> tuple[Floats, list[str]]:
         part = _NAMES[int(np.argmax(np.abs(vectors[:, 0]))) // 3]
         weak.append(f"the pixels leave a combination undetermined that moves the {part} most")
     return variance * inverse_ / np.outer(scale, scale), weak
+
+
+def _robot(alone: float, rms: float) -> str:
+    """What single images fit to, beside all together."""
+    return (
+        f"single images fit to {nearest(alone, 2)} px rms, all together to {nearest(rms, 2)} px: the robot's poses are "
+        "off by more than the pixels. With half-widths in poses.csv (docs/hand-eye.md) they are weighed"
+    )

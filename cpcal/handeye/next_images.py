@@ -15,6 +15,7 @@ import numpy as np
 
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import about, at_most, stated
 from cpcal.handeye.certify_hand_eye import best_frames
 from cpcal.handeye.classical_answer import classical_answer
 from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
@@ -74,8 +75,8 @@ def next_poses(
     least = excess(ReadingModel(study), best)
     at = _BEYOND * least if tolerance is None else tolerance
     if not at > least:
-        what = f"is {at:g} px, and no frames were found that explain the pixels to it"
-        raise InputError([Problem("tolerance", what, f"give more than {least:.4g} px")])
+        what = f"is {stated(at)} px, and no frames were found that explain the pixels to it"
+        raise InputError([Problem("tolerance", what, f"give more than {at_most(least, 4)} px")])
     ranges = _Ranges(study, best, at)
     shown = {name: _drawn(study, best, pose, least) for name, pose in candidates.items()}
     unseen = tuple(name for name, images in shown.items() if not images)
@@ -91,7 +92,7 @@ def next_poses(
         with_it = {name: [[*had, new] for had, new in zip(taken, shown[name], strict=True)] for name in left}
         tried = [ranges.chosen(name, draws) for name, draws in with_it.items()]
         one = min(tried, key=lambda pose: (pose.widest, sum(pose.widths)))
-        tell(f"{one.name}: widest range {one.widest:.3g} mm")
+        tell(f"{one.name}: widest range {about(one.widest)} mm")
         found.append(one)
         taken = with_it[one.name]
     return NextPoses(at, ranges.reach, before, tuple(found), unseen)

@@ -87,7 +87,7 @@ def width_sentence(width: float, reach: Floats) -> str:
     shape, chosen = "Solutions form curves or regions", f"width {stated(width)} was chosen"
     said = f" {shape}: {chosen}, width=... asks for another."
     if np.isfinite(reach).any():
-        said += f" They may run to infinity: further than {REACH:g} from 0 boxes are not divided."
+        said += f" They may run to infinity: further than {stated(REACH)} from 0 boxes are not divided."
     return said
 
 

@@ -61,22 +61,34 @@ class PixelRun:
 
 
 def certify_pixels(
-    done: ImageStudy, campaign: Campaign, legs: Sequence[int] | None, folder: Path, talk: Talk, *, resume: bool
+    done: ImageStudy,
+    campaign: Campaign,
+    legs: Sequence[int] | None,
+    folder: Path,
+    talk: Talk,
+    *,
+    every: int = 1,
+    resume: bool,
 ) -> PixelRun:
-    """One image of each configuration of `campaign`, whose legs' reading sets are kept. Raises InputError."""
+    """One image of each (of every n-th) configuration of `campaign`, whose legs' reading sets are kept.
+
+    Raises InputError.
+    """
     images, found = done.shots["calibration"], done.found["calibration"]
     first: dict[str, str] = {}
     for row in found.rows:
         if row.found:
             first.setdefault(PurePosixPath(row.file).parts[0], row.file)
-    names = [first[pose] for pose in campaign.pose]
+    rows = range(0, len(campaign), every)
+    names = [first[campaign.pose[k]] for k in rows]
     with answers_into(folder / PIXEL_SETS, POSE_SETS) as draft:
         sets = dict(pair for pairs in in_parallel(_Enclosing(images, draft), names) for pair in pairs)
-    proved = [k for k, name in enumerate(names) if sets[name].verdict is Verdict.PROVED]
-    runs = [PurePosixPath(names[k]).parts[1] for k in proved]
+    enclosed = {k: name for k, name in zip(rows, names, strict=True) if sets[name].verdict is Verdict.PROVED}
+    proved = list(enclosed)
+    runs = [PurePosixPath(name).parts[1] for name in enclosed.values()]
     readings = readings_of(done.study.calibration)
     pixel = campaign_of(
-        [sets[names[k]] for k in proved],
+        [sets[name] for name in enclosed.values()],
         np.array([readings[campaign.pose[k], run] for k, run in zip(proved, runs, strict=True)]),
         campaign.robot,
         length_radius=campaign.length_radius[proved],

@@ -48,6 +48,7 @@ class DemoPlan:
     imperfect: Mapping[str, float] = field(default_factory=lambda: {"sag": 2.0, "axis_offset": 2.0})  # mm
     size: Mapping[str, int] = field(default_factory=dict)  # of the study; left out: the paper's
     photographs: Mapping[str, int] | None = None  # of a study from images; left out: some hundred
+    enclosed: int = 1  # of so many configurations one is enclosed from an image
     legs: tuple[int, ...] | None = None
     timeout_seconds: float = 3.0  # a leg, for the paper's timeout method
     script_gap: float = 0.01  # relative
@@ -146,7 +147,7 @@ def _pixels(photos: ImageStudy, campaign: Campaign, result: Result, output: Path
     """Reading sets from pixels, certified, and what the page says of the images."""
     talk.say(f"Reading sets from pixel boxes of ±{stated(HALF_WIDTH)} px:")
     with heard(terminate=True):
-        run = certify_pixels(photos, campaign, PLAN.legs, output, talk, resume=resume)
+        run = certify_pixels(photos, campaign, PLAN.legs, output, talk, every=PLAN.enclosed, resume=resume)
         if run.result.interrupted:
             raise typer.Exit(status_of(run.result))
     try:
