@@ -28,6 +28,9 @@ from .robust_claim import meeting
 POSE_SET_FORMAT = "cpcal-pose-set/1"
 POSE_SET_SUFFIX = ".pose.json"
 _MOST_DOTS = 10_000
+_MOST_CHAINS = 64
+_MOST_STAGES = 16  # of a chain
+_ROW_WORK, _CAMERA_WORK = 2_600, 1_200  # of a row: multiplications that take as long, and more for each number of t
 
 _ROW = entry(whole(_MOST_DOTS), whole(5), dyadic, dyadic)
 _STAGE = record({"certificate": text, "power": whole(1000, -1000), "rows": many(_ROW)})
@@ -99,6 +102,8 @@ def _checked(path: Path, name: str, work: int) -> PoseSetChecked:
         raise Refused("it speaks of another image than its file is named after")
     if refuted != (position is None) or refuted != (turn is None):
         raise Refused("radii are stated of what is refuted, or are missing")
+    if len(chains) > _MOST_CHAINS or any(len(stages) > _MOST_STAGES for stages in chains):
+        raise Refused(f"it has more than {_MOST_CHAINS} chains, or one of more than {_MOST_STAGES}", "limit")
     chain = _Chain(path.parent, f"cpcal pose set {digest}", sight, [number(v) for v in pose], work)
     boxes = [chain.left(stages) for stages in chains]
     if not chains or meeting([used for used, _ in boxes], outliers):
@@ -163,6 +168,7 @@ class _Chain:
             with opened(self.folder / file) as stream:
                 lines = Lines(stream, self.work)
                 accepted = check_lines(lines, formed)
+            lines.spend(len(rows) * (_ROW_WORK + _CAMERA_WORK * self.sight.cameras.size))
             self._follows(Stated(accepted, kept), power, rows, before)
         except (Refused, Unusable) as error:
             code = error.code if isinstance(error, Refused) else "run"

@@ -169,3 +169,28 @@ def test_an_edited_row_of_a_certificate_is_refused(certified: Path, tmp_path: Pa
     assert found.refused is not None
     path.unlink()
     assert "e00-1.2" in str(check_pose_sets(tmp_path)[0].refused)
+
+
+def _rows_by_the_thousand(claim: dict[str, Any]) -> None:
+    rows = claim["chains"][0][1]["rows"]
+    claim["chains"][0][1]["rows"] = [rows[0]] * 10_000
+
+
+def _chains_by_the_thousand(claim: dict[str, Any]) -> None:
+    claim["chains"] *= 1000
+
+
+def _a_chain_of_a_thousand(claim: dict[str, Any]) -> None:
+    claim["chains"][0] *= 1000
+
+
+@pytest.mark.parametrize("edit", [_rows_by_the_thousand, _chains_by_the_thousand, _a_chain_of_a_thousand])
+def test_claims_without_end_are_refused_before_the_work_is_done(certified: Path, tmp_path: Path, edit: Edit) -> None:
+    claim = json.loads((certified / "e00-1.pose.json").read_text())
+    edit(claim)
+    for path in certified.glob("*.cert.jsonl"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    path = tmp_path / "e00-1.pose.json"
+    path.write_text(json.dumps(claim))
+    refused = str(check_pose_set(path).refused)
+    assert "more work than" in refused or "more than 64 chains" in refused

@@ -10,13 +10,7 @@ import numpy.typing as npt
 from cpcal.common.arrays import Floats, Indices
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import frozen_array
-from cpcal.robot import Pose, transformed
 from cpcal.solver.interval import IntervalArray
-from cpcal.vision.camera import Camera
-from cpcal.vision.dot_model import predicted_centers
-from cpcal.vision.target import Target
-
-WIDENING = 5e-4  # pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,30 +72,3 @@ class PixelBoxes:
 
     def __len__(self) -> int:
         return len(self.numbers)
-
-
-def unbiased_boxes(
-    centers: npt.ArrayLike,
-    numbers: npt.ArrayLike,
-    half_width: npt.ArrayLike,
-    target: Target,
-    camera: Camera,
-    near: Pose,
-    *,
-    widening: float = WIDENING,
-) -> PixelBoxes:
-    """Boxes for the projections of dots' centres, from measured centres (m, 2) of their images' outlines.
-
-    An outline's centre is not the image of the dot's centre (see `dot_model`). The difference at the pose `near` (an
-    estimate, of the target in the camera frame) is taken off. What that leaves is how much the difference varies
-    between `near` and the true pose: for this the boxes are wider than `half_width` by `widening` pixels on each side.
-    The default is twice what 1 mm and 1 mrad change at the demo's camera and target; it is stated, not proved.
-
-    Raises InputError as PixelBoxes does, and for dots that `near` puts behind the camera.
-    """
-    chosen = np.asarray(numbers, dtype=np.intp)
-    bias = predicted_centers(target, camera, near) - camera.project(transformed(near, target.points))
-    if not np.isfinite(bias[chosen]).all():
-        raise InputError([Problem("near", "puts dots behind the camera", "give the estimated pose of the target")])
-    middle = np.asarray(centers, dtype=np.float64) - bias[chosen]
-    return PixelBoxes.around(chosen, middle, np.asarray(half_width, dtype=np.float64) + widening)
