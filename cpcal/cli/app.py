@@ -88,10 +88,11 @@ class _Verbs(TyperGroup):
         alone.command(cmd_name, epilog=verb.epilog)(getattr(import_module(verb.module), verb.function))
         command = typer.main.get_command(alone)
         command.callback = _interruptible(command.callback)
-        for parameter in command.get_params(ctx):
-            if getattr(parameter, "is_flag", False):
-                parameter.metavar = " "  # a flag takes no value, and so has no type to show
+        _untyped(command.get_params(ctx))
         return command
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _untyped(super().get_params(ctx))
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         with leaving():
@@ -101,6 +102,14 @@ class _Verbs(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         with leaving():
             return super().invoke(ctx)
+
+
+def _untyped(parameters: list[Any]) -> list[Any]:
+    """A flag takes no value, and so has no type to show."""
+    for parameter in parameters:
+        if getattr(parameter, "is_flag", False):
+            parameter.metavar = " "
+    return parameters
 
 
 def _interruptible(callback: Any) -> Any:

@@ -90,6 +90,12 @@ def test_a_quiet_verb_prints_nothing_and_its_record_says_how_it_ended(campaign, 
     assert ended == [0, 0, 2]
 
 
+def test_the_help_of_the_command_shows_no_type_of_a_flag():
+    text = run("--help").stdout
+    assert "--version" in text
+    assert "<bool>" not in text
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_help_has_an_example_that_the_verb_understands_and_flags_have_no_type(verb):
     text = " ".join(run(verb, "--help").stdout.split())
