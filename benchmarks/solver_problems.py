@@ -33,9 +33,10 @@ from cpcal.solver.contract import Verdict
 HERE = Path(__file__).parent
 PROBLEMS, PAGES = HERE / "problems", HERE / "pages"
 _BESIDE = (
-    "codac: one CtcInverse for each equation, depth first, the widest component halved; it has no proof of single",
-    "solutions in this form (clusters of boxes narrower than 1e-6 are counted) and no minimiser. ibex was not run: the",
-    "column has what its repository, github.com/ibex-team/ibex-lib, publishes: doc/solver.rst (kin1), or the folder of",
+    "codac (`--codac SECONDS`, as in the cells that say not finished): one CtcInverse for each equation, depth",
+    "first, the widest component halved; it has no proof of single solutions in this form (clusters of boxes",
+    "narrower than 1e-6 are counted) and no minimiser. Its seconds are processor time. ibex was not run: the column",
+    "has what its repository, github.com/ibex-team/ibex-lib, publishes: doc/solver.rst (kin1), or the folder of",
     "benchs/optim in which it keeps the problem (easy, medium); empty where it publishes nothing.",
 )
 _COMBINATIONS = (
