@@ -24,6 +24,7 @@ from cpcal.calibration.reliability import chances, noise_share
 from cpcal.calibration.weights import Noise, Weights
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.names import listed
 
 SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 
@@ -245,8 +246,7 @@ class Fit:
                 for symbol, lost in zip(SYMBOLS, row, strict=True)
                 if lost
             ]
-            listed = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
-            return f"The data are RANK-DEFICIENT, {self.rank} of {size}: they do not determine {listed}."
+            return f"The data are RANK-DEFICIENT, {self.rank} of {size}: they do not determine {listed(names)}."
         said = f"Rank {self.rank} of {size}, condition {self.condition:.2g}"
         if not np.isfinite(self.standard_errors).all():
             return f"{said}; no measurements are left to tell the parameters' errors from."

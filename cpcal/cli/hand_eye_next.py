@@ -10,6 +10,7 @@ from rich import box
 from rich.table import Table
 
 from cpcal.cli.talk import Talk, talking
+from cpcal.common.names import listed
 from cpcal.common.numbers import nearest
 from cpcal.handeye.hand_eye_files import load_hand_eye, load_hand_poses
 from cpcal.handeye.next_images import ChosenPose, next_poses
@@ -47,8 +48,7 @@ def hand_eye_next(
         f"it. The widest counts a turn as what it moves at {nearest(found.reach, 3)} mm."
     )
     if found.unseen:
-        listed = ", ".join(found.unseen[:6]) + (", ..." if len(found.unseen) > 6 else "")
-        talk.say(f"The camera would not see the whole target from {len(found.unseen)} poses: {listed}.")
+        talk.say(f"The camera would not see the whole target from {len(found.unseen)} poses: {listed(found.unseen)}.")
 
 
 def _widths(one: ChosenPose) -> list[str]:

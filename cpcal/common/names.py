@@ -6,6 +6,8 @@ characters, so that it stays what it looks like in every message, table and page
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 NAME_MAX = 200  # characters
 TEXT_MAX = 20_000
 
@@ -29,3 +31,9 @@ def is_identifier(value: object) -> bool:
     if not (isinstance(value, str) and is_name(value)):
         return False
     return value not in ("", ".", "..") and "/" not in value and value == value.strip()
+
+
+def listed(names: Collection[str], most: int = 8) -> str:
+    """The first of them, and how many more there are."""
+    shown = ", ".join(list(names)[:most])
+    return f"{shown} and {len(names) - most} more" if len(names) > most else shown

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cpcal.common.names import listed
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, stated
 from cpcal.handeye.hand_eye_result import PARAMETERS, HandEyeResult
 from cpcal.handeye.wrong_images import WrongImages
@@ -49,13 +50,12 @@ def sentences(found: HandEyeResult) -> list[str]:
     said.append(
         f"{fit}: rms {nearest(classical.rms, 3)} px, largest error {at_most(classical.largest, 4)} px; "
         f"over {at_least(found.ranges.eps, 4)} px in {len(failing)} of {found.images} images"
-        + (f" ({', '.join(failing[:5])}{', ...' if len(failing) > 5 else ''})." if failing else ".")
+        + (f" ({listed(failing, 5)})." if failing else ".")
     )
     said += classical.remarks
     if found.support:
         named = dict.fromkeys(image for image, _ in found.support)
-        listed = ", ".join(list(named)[:6]) + (", ..." if len(named) > 6 else "")
-        said.append(f"{len(found.support)} points of {len(named)} images force the lower end: {listed}.")
+        said.append(f"{len(found.support)} points of {len(named)} images force the lower end: {listed(named, 6)}.")
     if not found.ranges.empty:
         at = at_least(found.ranges.eps, 4)
         said.append(f"Every pair of frames that explains all pixels to {at} px lies here (proved):")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from cpcal.accuracy.findings import Accuracy, AssumedError, WorkspaceAccuracy
+from cpcal.common.names import listed
 from cpcal.common.numbers import about, at_least, at_most, stated
 
 BRANCH = "The platform stays on the assembly branch that the controller means."
@@ -45,11 +46,11 @@ def sentences(found: Accuracy) -> list[str]:
     lost = [pose.name for pose in found.poses if not pose.proved]
     if lost:
         out.append(
-            f"Nothing is proved at {len(lost)} poses (near a singularity, or the set is too wide): {_few(lost)}."
+            f"Nothing is proved at {len(lost)} poses (near a singularity, or the set is too wide): {listed(lost)}."
         )
     beyond = [pose.name for pose in found.poses if pose.beyond]
     if beyond:
-        out.append(f"{len(beyond)} poses need leg readings beyond those that were measured: {_few(beyond)}.")
+        out.append(f"{len(beyond)} poses need leg readings beyond those that were measured: {listed(beyond)}.")
     out += _of_truth(found)
     return out
 
@@ -76,7 +77,7 @@ def _of_truth(found: Accuracy) -> list[str]:
     if not found.truth_known:
         return []
     if found.violated:
-        names = _few([pose.name for pose in found.violated])
+        names = listed([pose.name for pose in found.violated])
         return [
             f"THE ASSUMPTION FAILS: the simulator's truth violates the bound at {len(found.violated)} poses: {names}."
         ]
@@ -95,7 +96,3 @@ def growth_rows(errors: tuple[AssumedError, ...]) -> list[tuple[str, ...]]:
         )
         for e in errors
     ]
-
-
-def _few(names: list[str]) -> str:
-    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
