@@ -11,6 +11,7 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.solver.compiled import compiled
 from cpcal.vision.dot_kernel import placed_centers
+from cpcal.vision.scaled_solve import solved
 
 DONE, SINGULAR, ENDLESS, NOWHERE = 0, 1, 2, 3  # how a fit ends
 STEPS = 200  # most fits need five, those of a small distant target a hundred
@@ -44,7 +45,7 @@ def fit_pose(
         return NOWHERE, np.inf
     for _ in range(STEPS):
         _products(slope, residuals, normal, right)
-        if not _solved(normal, damping, right, step):
+        if not solved(normal, 6, damping, 0.0, right, step):
             return SINGULAR, chi_square
         _moved(pose, step, moved)
         gain = 0.0
@@ -150,39 +151,6 @@ def _products(slope: Floats, residuals: Floats, normal: Floats, right: Floats) -
     for i in range(6):
         for j in range(i):
             normal[j, i] = normal[i, j]
-
-
-@compiled
-def _solved(normal: Floats, damping: float, right: Floats, out: Floats) -> bool:
-    """out = (normal + damping diag(normal))^-1 right, by the factor of the matrix scaled to a unit diagonal."""
-    factor, scale = np.empty((6, 6)), np.empty(6)
-    for i in range(6):
-        if not normal[i, i] > 0.0:
-            return False
-        scale[i] = 1.0 / np.sqrt(normal[i, i])
-        for j in range(i + 1):
-            value = normal[i, j] * scale[i] * scale[j] + (damping if i == j else 0.0)
-            for k in range(j):
-                value -= factor[i, k] * factor[j, k]
-            if i == j:
-                if not value > 0.0:
-                    return False
-                factor[i, i] = np.sqrt(value)
-            else:
-                factor[i, j] = value / factor[j, j]
-    for i in range(6):
-        value = right[i] * scale[i]
-        for k in range(i):
-            value -= factor[i, k] * out[k]
-        out[i] = value / factor[i, i]
-    for i in range(5, -1, -1):
-        value = out[i]
-        for k in range(i + 1, 6):
-            value -= factor[k, i] * out[k]
-        out[i] = value / factor[i, i]
-    for i in range(6):
-        out[i] *= scale[i]
-    return True
 
 
 @compiled

@@ -17,6 +17,7 @@ from cpcal.vision.dots.edge_model import (
     singles,
 )
 from cpcal.vision.dots.grey import Grey
+from cpcal.vision.scaled_solve import solved
 
 ODD = CUBIC - PLAIN  # parameters of the light
 RESULTS = 14  # numbers of a fit, see `fit_dots`
@@ -205,35 +206,8 @@ def _stepped(p: Floats, unit: float, used: int, count: int, matrix: Single, step
 
 @compiled
 def _solved(matrix: Single, size: int, right: Floats, out: Floats) -> bool:
-    """out = matrix^-1 right, of the first `size`, by the factor of a matrix with a unit diagonal."""
-    factor, scale = np.empty((size, size)), np.empty(size)
-    for i in range(size):
-        scale[i] = 1.0 / np.sqrt(matrix[i, i]) if matrix[i, i] > 1e-24 else np.nan
-        for j in range(i + 1):
-            value = matrix[i, j] * scale[i] * scale[j] + (1e-7 if i == j else 0.0)
-            for k in range(j):
-                value -= factor[i, k] * factor[j, k]
-            if i == j:
-                if not value > 0.0:
-                    return False
-                factor[i, i] = np.sqrt(value)
-            else:
-                factor[i, j] = value / factor[j, j]
-    for i in range(size):
-        value = right[i] * scale[i]
-        for k in range(i):
-            value -= factor[i, k] * out[k]
-        out[i] = value / factor[i, i]
-    for i in range(size - 1, -1, -1):
-        value = out[i]
-        for k in range(i + 1, size):
-            value -= factor[k, i] * out[k]
-        out[i] = value / factor[i, i]
-    for i in range(size):
-        out[i] *= scale[i]
-        if not np.isfinite(out[i]):
-            return False
-    return True
+    """out = matrix^-1 right, of the first `size`, all finite."""
+    return solved(matrix, size, 1e-7, 1e-24, right, out) and bool(np.isfinite(out[:size]).all())
 
 
 @compiled

@@ -1,0 +1,49 @@
+"""A small symmetric positive definite system, compiled, for fits that solve one in every step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.common.arrays import Floats
+from cpcal.solver.compiled import compiled
+
+
+@compiled
+def solved(
+    matrix: npt.NDArray[np.floating[Any]], size: int, damping: float, least: float, right: Floats, out: Floats
+) -> bool:
+    """out = (matrix + damping diag(matrix))^-1 right, of the first `size`, by the factor scaled to a unit diagonal.
+
+    False where the diagonal is not above `least`, or the matrix is not positive definite.
+    """
+    factor, scale = np.empty((size, size)), np.empty(size)
+    for i in range(size):
+        if not matrix[i, i] > least:
+            return False
+        scale[i] = 1.0 / np.sqrt(matrix[i, i])
+        for j in range(i + 1):
+            value = matrix[i, j] * scale[i] * scale[j] + (damping if i == j else 0.0)
+            for k in range(j):
+                value -= factor[i, k] * factor[j, k]
+            if i == j:
+                if not value > 0.0:
+                    return False
+                factor[i, i] = np.sqrt(value)
+            else:
+                factor[i, j] = value / factor[j, j]
+    for i in range(size):
+        value = right[i] * scale[i]
+        for k in range(i):
+            value -= factor[i, k] * out[k]
+        out[i] = value / factor[i, i]
+    for i in range(size - 1, -1, -1):
+        value = out[i]
+        for k in range(i + 1, size):
+            value -= factor[k, i] * out[k]
+        out[i] = value / factor[i, i]
+    for i in range(size):
+        out[i] *= scale[i]
+    return True
