@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
     size = len(network.names)
     if len(given) < 2 or size > _UNKNOWNS or len(given) > _EQUATIONS:
         return ()
-    longest, highest = max(map(len, given)), max(len(m) for terms in given for m in terms)
+    longest, highest = max(map(len, given)), max(len(m) for m in chain.from_iterable(given))
     if longest > _TERMS or highest > _DEGREE:
         return ()
     context = fmpz_mpoly_ctx.get([f"x{k}" for k in range(size)], Ordering.degrevlex)
