@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +47,12 @@ class Choice:
     methods: tuple[SearchMethod, ...]
     why: str
     consequences: tuple[Constraint, ...] = ()  # what follows from the equations, for the methods that ask for it
+
+    def rows(self, network: ConstraintNetwork, method: SearchMethod) -> ConstraintNetwork:
+        """What the contractors of a method work on."""
+        out = copy(network)
+        out.add(self.consequences if method.consequences else ())
+        return out
 
 
 def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> Choice:

@@ -40,7 +40,7 @@ def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
     if longest > _TERMS or highest > _DEGREE:
         return ()
     context = fmpz_mpoly_ctx.get([f"x{k}" for k in range(size)], Ordering.degrevlex)
-    first = fmpz_mpoly_vec([_whole(terms, context, size) for terms in given], context)
+    first: Any = fmpz_mpoly_vec([_whole(terms, context, size) for terms in given], context)
     basis, _ = first.buchberger_naive(limits=_LIMITS)
     known = {str(p.primitive()[1]) for p in first}
     short = [p for p in basis if 2 <= len(p) <= longest and p.total_degree() <= highest]
