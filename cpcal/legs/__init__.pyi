@@ -1,4 +1,4 @@
-from .derivatives import (
+from .leg_derivatives import (
     model_jacobian,
 )
 from .equation import (
