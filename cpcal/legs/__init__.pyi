@@ -1,3 +1,6 @@
+from .leg_derivatives import (
+    model_jacobian,
+)
 from .equation import (
     exactly_read,
     leg_box,
@@ -14,7 +17,6 @@ from .leg_statement import (
 from .model_fit import (
     ModelResiduals,
     fit_model,
-    model_jacobian,
     model_residuals,
     reading_sensitivities,
 )
