@@ -10,10 +10,11 @@ import logging
 import multiprocessing
 import os
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -27,6 +28,7 @@ Place = tuple[Executor, int]  # and how many tasks it is given at a time
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _LOGGER = logging.getLogger("cpcal")
+_START = "forkserver" if sys.platform == "linux" else "spawn"  # safe beside threads
 _ELSEWHERE = 64  # workers that an executor is taken to have that does not tell
 
 
@@ -51,20 +53,38 @@ class Processes(Executor):
     """Processes of this machine. They end with this one however it ends, and hear of a stop from it alone.
 
     None begins before the first task. A pool in which a process was killed is broken; `renew` makes another.
+
+    loads  modules that tasks will need; on Linux the process that workers are forked from imports them, once for all,
+           if it is these workers that it begins for
     """
 
-    def __init__(self, count: int) -> None:
-        self.count = count
-        self._context = multiprocessing.get_context("spawn")  # the same everywhere, and safe beside threads
+    def __init__(self, count: int, loads: Sequence[str] = ()) -> None:
+        self.count, self._loads = count, loads
+        self._context = multiprocessing.get_context(_START)
         self._pool: ProcessPoolExecutor | None = None
+        self._first: threading.Thread | None = None
 
     @cached_property
     def _stop(self) -> Any:
         return self._context.Event()
 
+    @property
+    def ready(self) -> bool:
+        """Whether a task that is submitted now is taken at once; the first time that it is asked a process begins."""
+        if self._first is None:
+            self._first = threading.Thread(target=self._begun, daemon=True)
+            self._first.start()
+        return not self._first.is_alive()
+
+    def _begun(self) -> None:
+        with suppress(OSError, RuntimeError, EOFError):  # whoever submits then is told
+            self.submit(os.getpid)
+
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         with _without_signals():  # which a new process inherits: Ctrl-C is for this one
             if self._pool is None:
+                if self._loads and _START == "forkserver":
+                    self._context.set_forkserver_preload(list(self._loads))
                 given = (self._stop,)
                 self._pool = ProcessPoolExecutor(self.count, self._context, initializer=_begin, initargs=given)
             return self._pool.submit(fn, *args, **kwargs)
@@ -79,17 +99,22 @@ class Processes(Executor):
         self._pool = None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        if wait and self._first is not None:
+            self._first.join()
         if self._pool is not None:
             self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
 
 @contextmanager
-def executor_for(workers: int | None = None, scheduler: str | None = None, executor: Any = None) -> Iterator[Place]:
+def executor_for(
+    workers: int | None = None, scheduler: str | None = None, executor: Any = None, *, loads: Sequence[str] = ()
+) -> Iterator[Place]:
     """The executor asked for, and how many tasks it is given at a time; none asked for: the work is done here.
 
     workers    processes of this machine; 1: none
     scheduler  address of a Dask scheduler, such as "tls://10.0.0.1:8786"
     executor   any executor, or a `distributed.Client`; it is not shut down
+    loads      modules that the processes will need
 
     Raises InputError for more than one of them, or for a scheduler that does not answer.
     """
@@ -107,7 +132,7 @@ def executor_for(workers: int | None = None, scheduler: str | None = None, execu
     elif workers is None or workers == 1:
         yield Here(), 1
     else:
-        pool = Processes(workers)
+        pool = Processes(workers, loads)
         try:
             yield pool, at_a_time(workers)
         except BaseException:

@@ -48,6 +48,7 @@ from cpcal.solver.search import (
     Divide,
     Event,
     Paving,
+    Process,
     Race,
     Search,
     Solution,
@@ -64,6 +65,7 @@ __all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
 
 DEFAULT_CONTRACTORS = ("hc4", "lifted")
 
+_LOADS = ("cpcal.solver.model", "cpcal.solver.numba_begun")  # of workers
 _ABREAST = 64  # pending boxes that a round of `solve` takes, whatever the order
 
 
@@ -133,6 +135,7 @@ class Network(ConstraintNetwork):
         choice = choice_to_solve(network, clock.deadline) if chooses else Choice(AS_ASKED, "as asked for")
         priority, inside = named_order(network, order), Inside(network, engine) if inner else None
         built: dict[SearchMethod, list[tuple[str, Contractor]]] = {}
+        given_out: list[Spread] = []
         nodes = 0
 
         def contracting(method: SearchMethod) -> Contractor:
@@ -151,11 +154,15 @@ class Network(ConstraintNetwork):
         def search(method: SearchMethod, place: Place) -> Search:
             contractor = contracting(method)
             by = named_strategy(network, method.strategy if strategy is None else strategy, finest, reach, arithmetic)
-            process = Divide(contractor, by, inside=inside)
-            spread = process if isinstance(place[0], Here) else Spread(process, place)
-            return Search([network.domain], spread, priority, outside=inner, abreast=_ABREAST)
+            process = Divide(contractor, by, inside=inside, outside=inner)
+            decides: Process = process
+            if not isinstance(place[0], Here):
+                decides = spread = Spread(process, place)
+                given_out.append(spread)
+            roots, batch = [network.domain], process.batch
+            return Search(roots, decides, priority, outside=inner, abreast=_ABREAST, batch=batch)
 
-        with heard(), linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor) as place:
+        with heard(), linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
             race = Race([Contender(m.name, partial(search, m, place), m.slice, m.turns) for m in choice.methods])
             try:
                 for event in race:
@@ -166,6 +173,9 @@ class Network(ConstraintNetwork):
                         break
             except KeyboardInterrupt:
                 pass
+            finally:
+                for spread in given_out:
+                    spread.close()
             found = race.leader.search or search(choice.methods[0], place)
             paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
             used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
@@ -224,7 +234,7 @@ class Network(ConstraintNetwork):
         first = None if start is None else start_point(network, start, len(self.names))
 
         def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
-            with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor) as place:
+            with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
                 states = minimize(
                     network,
                     name,

@@ -15,6 +15,7 @@ from cpcal.vision.batch.thread_limits import one_thread
 
 T = TypeVar("T")
 
+_LOADS = ("cpcal.vision.batch.detect", "cpcal.solver.numba_begun")
 _CHUNK = 8  # images that a worker is given at a time
 
 
@@ -37,7 +38,7 @@ def in_parallel(
     if executor is None and scheduler is None:
         workers = 1 if len(chunks) <= 1 else workers or multiprocessing.cpu_count()
     done = 0
-    with one_thread(), executor_for(workers, scheduler, executor) as (place, most):
+    with one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as (place, most):
         for outcome in outcomes(place, most, _OnOneThread(work), chunks):
             done += 1
             yield outcome.value

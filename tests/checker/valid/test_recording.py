@@ -75,7 +75,6 @@ def test_steps_are_not_kept_in_memory() -> None:
             serial += 2
             for child in event.children:  # both are excluded: the tree stays narrow
                 recording.event(Event(child, Decision(EventKind.PRUNED, Contraction(Box.empty(net.names)))))
-            recording._names[serial] = 0
             node = Node(net.domain, 0, serial)
             serial += 1
         peak = tracemalloc.get_traced_memory()[1]
