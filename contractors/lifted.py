@@ -244,13 +244,13 @@ class _Programs:
 
     def _weights(
         self, rows: tuple[tuple[int, int, int, float], ...], products: Iterable[tuple[int, float]]
-    ) -> StepWeights | None:
-        """None for products of more than two variables."""
+    ) -> StepWeights:
+        """Products of more than two variables, which no certificate has, are left out: what the others prove is less."""
         pairs, tangents = [], []
         for position, weight in products:
             beta, delta, on_beta, on_delta, on_gamma = self._structure.products.factors[position]
             if len(beta) + len(delta) > 2:
-                return None
+                continue
             if beta != delta:
                 pairs.append((beta[0], delta[0], -on_beta, -on_delta, weight))
             elif on_gamma > 0.0:
