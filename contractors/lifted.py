@@ -245,7 +245,7 @@ class _Programs:
     def _weights(
         self, rows: tuple[tuple[int, int, int, float], ...], products: Iterable[tuple[int, float]]
     ) -> StepWeights:
-        """Products of more than two variables, which no certificate has, are left out: what the others prove is less."""
+        """Products of more than two variables, which no certificate has, are left out: the others prove less."""
         pairs, tangents = [], []
         for position, weight in products:
             beta, delta, on_beta, on_delta, on_gamma = self._structure.products.factors[position]

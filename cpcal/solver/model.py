@@ -15,13 +15,14 @@ import numpy.typing as npt
 
 from cpcal.common import numbers
 from cpcal.common.arrays import Floats
-from cpcal.common.errors import ModelError
+from cpcal.common.errors import InputError, ModelError
 from cpcal.execution.executors import Here, Place, executor_for
 from cpcal.execution.stopping import asked, heard
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
+from cpcal.solver.certificate.uncertified import UncertifiedError
 from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
 from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy, Then, in_sequence, until
 from cpcal.solver.existence import Inside, UniquenessProver
@@ -211,7 +212,8 @@ class Network(ConstraintNetwork):
         `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
         it is in `found`. `workers`, `scheduler` and `executor` are as in `solve`; certificates are the same, byte for
-        byte. Constraints with readings or without polynomial form raise ModelError.
+        byte. Constraints with readings or without polynomial form raise ModelError. Where it cannot be written, or the
+        checker would refuse it for its size, UncertifiedError is raised, whose `answer` is what was found.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         """
@@ -258,7 +260,10 @@ class Network(ConstraintNetwork):
         _check_weights(named)
         with heard(), Recording(network_statement(stated, name), network.domain) as recording:
             found = bracketed(recording.prover, recording.event)
-            recording.write(certificate, claims_of(found, network.domain, name))
+            try:
+                recording.write(certificate, claims_of(found, network.domain, name))
+            except InputError as error:
+                raise UncertifiedError.after(found, error) from None
         return replace(found, contractors_used=recording.credited(found.contractors_used))
 
     def _as_asked(self) -> Network:
