@@ -180,6 +180,11 @@ def _through(client: Any) -> Place:
     return client.get_executor(pure=False), at_a_time(max(_ELSEWHERE, sum(client.ncores().values())))
 
 
+def of_dask(executor: Executor) -> bool:
+    """Whether a Dask client lent it."""
+    return type(executor).__module__.partition(".")[0] == "distributed"
+
+
 def _begin(stop: Any) -> None:
     """In each process of a pool: the coordinator tells it to stop, and its end ends it."""
     for number in _SIGNALS:

@@ -11,7 +11,7 @@ from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
 from cpcal.common.errors import CpcalError
-from cpcal.execution.executors import Processes
+from cpcal.execution.executors import Processes, of_dask
 from cpcal.execution.stopping import Stopped, asked
 
 A = TypeVar("A")
@@ -168,8 +168,11 @@ class Road(Generic[A, T]):
         if asked() and self.running and not self._stopping:
             self._stop()
         given_up, self.running = self.running, {}
-        for future in given_up:
-            future.cancel()
+        if asked() or not of_dask(
+            self._executor
+        ):  # which complains of tasks that are cancelled: they end by themselves
+            for future in given_up:
+                future.cancel()
 
 
 def _lost(task: A, why: str) -> TaskOutcome[A, T]:

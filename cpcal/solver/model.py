@@ -15,14 +15,14 @@ import numpy.typing as npt
 
 from cpcal.common import numbers
 from cpcal.common.arrays import Floats
-from cpcal.common.errors import InputError, ModelError
-from cpcal.execution.executors import Here, Place, executor_for
+from cpcal.common.errors import ModelError
+from cpcal.execution.executors import Here, executor_for
 from cpcal.execution.stopping import asked, heard
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
-from cpcal.solver.certificate.uncertified import UncertifiedError
+from cpcal.solver.certificate.uncertified import certified
 from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
 from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy, Then, in_sequence, until
 from cpcal.solver.existence import Inside, UniquenessProver
@@ -53,10 +53,10 @@ from cpcal.solver.search import (
     Race,
     Search,
     Solution,
-    Spread,
     StepProver,
     WholeNumbers,
     conclusion,
+    spread_over,
 )
 
 if TYPE_CHECKING:
@@ -136,7 +136,6 @@ class Network(ConstraintNetwork):
         choice = choice_to_solve(network, clock.deadline) if chooses else Choice(AS_ASKED, "as asked for")
         priority, inside = named_order(network, order), Inside(network, engine) if inner else None
         built: dict[SearchMethod, list[tuple[str, Contractor]]] = {}
-        given_out: list[Spread] = []
         nodes = 0
 
         def contracting(method: SearchMethod) -> Contractor:
@@ -152,19 +151,16 @@ class Network(ConstraintNetwork):
         left = partial(_contracted, contracting, choice.methods[0], network.domain)
         finest, reach = default_width(network, left) if width is None else (checked_width(width), _everywhere(network))
 
-        def search(method: SearchMethod, place: Place) -> Search:
+        def search(method: SearchMethod, spread: Callable[[Divide], Process]) -> Search:
             contractor = contracting(method)
             by = named_strategy(network, method.strategy if strategy is None else strategy, finest, reach, arithmetic)
             process = Divide(contractor, by, inside=inside, outside=inner)
-            decides: Process = process
-            if not isinstance(place[0], Here):
-                decides = spread = Spread(process, place)
-                given_out.append(spread)
             roots, batch = [network.domain], process.batch
-            return Search(roots, decides, priority, outside=inner, abreast=_ABREAST, batch=batch)
+            return Search(roots, spread(process), priority, outside=inner, abreast=_ABREAST, batch=batch)
 
-        with heard(), linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
-            race = Race([Contender(m.name, partial(search, m, place), m.slice, m.turns) for m in choice.methods])
+        there = executor_for(workers, scheduler, executor, loads=_LOADS)
+        with heard(), linear_algebra_on_one_thread(), there as place, spread_over(place) as spread:
+            race = Race([Contender(m.name, partial(search, m, spread), m.slice, m.turns) for m in choice.methods])
             try:
                 for event in race:
                     nodes += 1
@@ -174,10 +170,7 @@ class Network(ConstraintNetwork):
                         break
             except KeyboardInterrupt:
                 pass
-            finally:
-                for spread in given_out:
-                    spread.close()
-            found = race.leader.search or search(choice.methods[0], place)
+            found = race.leader.search or search(choice.methods[0], spread)
             paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
             used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
         said = f"{choice.why}: {race.sentence()}" if chooses else choice.why
@@ -260,11 +253,7 @@ class Network(ConstraintNetwork):
         _check_weights(named)
         with heard(), Recording(network_statement(stated, name), network.domain) as recording:
             found = bracketed(recording.prover, recording.event)
-            try:
-                recording.write(certificate, claims_of(found, network.domain, name))
-            except InputError as error:
-                raise UncertifiedError.after(found, error) from None
-        return replace(found, contractors_used=recording.credited(found.contractors_used))
+            return certified(recording, certificate, claims_of(found, network.domain, name), found)
 
     def _as_asked(self) -> Network:
         """A copy, since a callback may add to this network meanwhile. Raises ModelError where there is no variable."""

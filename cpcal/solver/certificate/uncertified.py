@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+from dataclasses import replace
+
 from cpcal.common.errors import InputError
+from cpcal.solver.certificate.recording import Claims, Recording
 from cpcal.solver.optimize import Minimum
 
 
@@ -11,8 +15,13 @@ class UncertifiedError(InputError):
 
     answer: Minimum
 
-    @classmethod
-    def after(cls, answer: Minimum, error: InputError) -> UncertifiedError:
-        made = cls(error.problems)
-        made.answer = answer
-        return made
+
+def certified(recording: Recording, path: str | os.PathLike[str], claims: Claims, found: Minimum) -> Minimum:
+    """What was found, once its certificate is written. Raises UncertifiedError."""
+    try:
+        recording.write(path, claims)
+    except InputError as error:
+        raised = UncertifiedError(error.problems)
+        raised.answer = found
+        raise raised from None
+    return replace(found, contractors_used=recording.credited(found.contractors_used))

@@ -9,17 +9,19 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
 from typing import Protocol
 
-from cpcal.execution.executors import Place
+from cpcal.execution.executors import Here, Place
 from cpcal.execution.shared import Shared
 from cpcal.execution.stopping import Reason, Stopped, asked
+from cpcal.solver.search.divide import Divide
 from cpcal.solver.search.forest import Ahead, Forest
 from cpcal.solver.search.orders import Node
-from cpcal.solver.search.search import Decision, EventKind
+from cpcal.solver.search.search import Decision, EventKind, Process
 
 _SPAN = 0.1  # seconds of the processor for a task, if its own boxes do not take longer
 _MOST = 4096  # boxes of a task
@@ -130,6 +132,24 @@ class Spread:
             self._stock += len(forest)
             self._given.difference_update(node.serial for node in nodes)
             self._found.update((node.serial, Ahead(forest, k)) for k, node in enumerate(nodes))
+
+
+@contextmanager
+def spread_over(place: Place) -> Iterator[Callable[[Divide], Process]]:
+    """What has a process decide by the workers of a place, if there are any; in the end nothing is left with them."""
+    made: list[Spread] = []
+
+    def spread(process: Divide) -> Process:
+        if isinstance(place[0], Here):
+            return process
+        made.append(Spread(process, place))
+        return made[-1]
+
+    try:
+        yield spread
+    finally:
+        for one in made:
+            one.close()
 
 
 def grown(process: DecidesAlone, task: Task) -> Forest:
