@@ -177,7 +177,7 @@ def _run(
         if moved <= _FINE and _growth(p) < _STEEPEST:
             _result(p, unit, used, count, matrix, step, out)
             if used < CUBIC:
-                _further(matrix, unit, used, out[11] ** 2, odd)
+                _further(matrix, _moves(p), unit, used, out[11] ** 2, odd)
             return
 
 
@@ -227,24 +227,45 @@ def _result(p: Floats, unit: float, used: int, count: int, matrix: Single, step:
     for i in range(used):  # after the step, to first order
         squares -= matrix[-1, i] * step[i]
     variance = max(squares, 0.0) / max(count - used, 1)
-    one, by_x, by_y = np.zeros(used), np.zeros(used), np.zeros(used)
-    one[0] = 1.0
-    if not _solved(matrix, used, one, by_x):
+    moves, by_x, by_y = _moves(p), np.zeros(used), np.zeros(used)
+    if not (_solved(matrix, used, moves[0], by_x) and _solved(matrix, used, moves[1], by_y)):
         return
-    one[0], one[1] = 0.0, 1.0
-    if not _solved(matrix, used, one, by_y):
-        return
-    out[0], out[1] = p[0] * unit, p[1] * unit
+    out[0], out[1] = np.dot(moves[0], p) * unit, np.dot(moves[1], p) * unit
     for i in range(3):
         out[2 + i] = p[2 + i] / unit**2
     out[5], out[6], out[7] = p[5], p[6], np.exp(p[7]) * unit
     scale = variance * unit * unit
-    out[8], out[9], out[10] = scale * by_x[0], scale * by_x[1], scale * by_y[1]
+    out[8], out[9] = scale * np.dot(moves[0, :used], by_x), scale * np.dot(moves[1, :used], by_x)
+    out[10] = scale * np.dot(moves[1, :used], by_y)
     out[11], out[13] = np.sqrt(variance), count
 
 
 @compiled
-def _further(matrix: Single, unit: float, used: int, variance: float, odd: Floats) -> None:
+def _moves(p: Floats) -> Floats:
+    """How the centre (x, y) depends on the parameters, (2, PARAMETERS).
+
+    Light falls on the plate before the optics blur it: a blur of the covariance B makes of a step S under light l not
+    l S but l S + (B grad l) . grad S, a step moved by -B grad l / l. The fit's ellipse is so moved; this takes it back.
+    Of the gradient of a cubic the first harmonic on the dot's edge counts.
+    """
+    square = np.exp(p[7]) ** 2
+    xx, xy, yy = square * (1.0 + p[8]), square * p[9], square * (1.0 - p[8])
+    out = np.zeros((2, PARAMETERS))
+    out[0, 0], out[1, 1] = 1.0, 1.0
+    for i in range(2):
+        along_x, along_y = (xx, xy) if i == 0 else (xy, yy)
+        out[i, 10], out[i, 11] = along_x, along_y
+        out[i, 12], out[i, 13], out[i, 14], out[i, 15] = (
+            2.25 * along_x,
+            0.75 * along_y,
+            0.75 * along_x,
+            2.25 * along_y,
+        )
+    return out
+
+
+@compiled
+def _further(matrix: Single, moves: Floats, unit: float, used: int, variance: float, odd: Floats) -> None:
     """What the light's parameters from `used` on would be: information and right side after the odd ones before them
     (centre, and light as far as it was fitted) were eliminated, and how they would move the centre."""
     size, before = 2 + ODD, 2 + used - PLAIN
@@ -266,6 +287,10 @@ def _further(matrix: Single, unit: float, used: int, variance: float, odd: Float
     scale = 1.0 / max(variance, 1e-12)
     for i in range(before, size):
         odd[i - 2, ODD] = scale * block[i, size]
-        odd[i - 2, ODD + 1], odd[i - 2, ODD + 2] = -unit * block[0, i], -unit * block[1, i]
+        for axis in range(2):
+            move = moves[axis, i - 2 + PLAIN]
+            for k in range(before):
+                move -= moves[axis, k if k < 2 else k - 2 + PLAIN] * block[k, i]
+            odd[i - 2, ODD + 1 + axis] = unit * move
         for j in range(before, size):
             odd[i - 2, j - 2] = scale * block[i, j]
