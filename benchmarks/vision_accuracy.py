@@ -106,15 +106,8 @@ def shown(images: int, seed: int) -> dict[str, dict[str, Any]]:
         left_out, times = 0, []
         for k in range(count):
             pose, how = one(poses, k), spoiled(rng, kind)
-            kept, places = spoiled_dots(
-                rng,
-                DELTALAB_TARGET,
-                DELTALAB_CAMERA,
-                pose,
-                how.get("missing", 0),
-                how.get("false", 0),
-                "on_rows" in how,
-            )
+            how = {"missing": 0, "false": 0, "on_rows": False, **how}
+            kept, places = spoiled_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, pose, **how, apart=2.5)
             plate = replace(DELTALAB_TARGET, dots=np.concatenate([DELTALAB_TARGET.dots, places]))
             hidden = tuple(np.setdiff1d(np.arange(len(DELTALAB_TARGET.dots)), kept).tolist())
             scene = Scene(blur=rng.uniform(0.5, 1.2), noise=rng.uniform(1.0, 4.0))
