@@ -17,6 +17,7 @@ from cpcal.calibration.dip import dip_p_value
 from cpcal.calibration.statistics import Deviations
 from cpcal.common.arrays import Floats
 
+LEVEL = 0.01  # probability of a word in capitals for a study in which all is well
 _SHAPIRO_MAX = 5000  # readings; beyond, scipy's p-value is not accurate
 _DAGOSTINO_MIN = 20
 _DIP_MIN = 10
@@ -50,13 +51,21 @@ class ChannelStatistics:
     dip: float
     tests: int = 1
 
-    def sentence(self, level: float = 0.01) -> str:
-        """The channel in words; `level` is the probability of calling a good channel bad among all `tests`."""
-        level /= self.tests
+    def not_normal(self, level: float = LEVEL) -> bool:
+        """`level` is the probability of calling a good channel bad among all `tests`; False where it is not tested."""
+        return self.shapiro < level / self.tests
+
+    def several_modes(self, level: float = LEVEL) -> bool:
+        """By the dip test, with the same level; False where it does not apply."""
+        return self.dip < level / self.tests
+
+    def sentence(self, level: float = LEVEL) -> str:
+        """The channel in words."""
         spread = f"{self.name}: standard deviation {self.sigma:.3g}, largest error {self.extreme:.3g}"
         tested = not math.isnan(self.shapiro)
-        shape = "not tested for normality" if not tested else "NOT NORMAL" if self.shapiro < level else "looks normal"
-        modes = "not tested" if math.isnan(self.dip) else "MORE THAN ONE (backlash?)" if self.dip < level else "one"
+        shape = "not tested for normality" if not tested else "NOT NORMAL" if self.not_normal(level) else "looks normal"
+        counted = not math.isnan(self.dip)
+        modes = "not tested" if not counted else "MORE THAN ONE (backlash?)" if self.several_modes(level) else "one"
         return f"{spread} ({self.readings} readings); {shape}; modes: {modes}."
 
 

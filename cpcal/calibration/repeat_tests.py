@@ -23,16 +23,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpcal.calibration.dip import dip, dip_p_value
-from cpcal.calibration.distribution import ChannelStatistics
+from cpcal.calibration.distribution import LEVEL, ChannelStatistics
 from cpcal.calibration.repeatability import Repeatability
 from cpcal.calibration.reversal import reversals
 from cpcal.calibration.statistics import Deviations
 from cpcal.common.arrays import Floats, Ints
+from cpcal.common.names import listed
 from cpcal.robot import POSITIVE
 
-LEVEL = 0.01  # probability of a word in capitals for a study in which all is well
-
 RUNS, VARIANCES, MODES, REVERSAL = "runs", "variances", "modes", "reversal"
+KINDS = {  # what is said where a test says no, where all say yes, and what may be the cause
+    RUNS: ("RUNS DIFFER", "Runs do not differ", "drift, or something changed between them"),
+    VARIANCES: ("CONFIGURATIONS SCATTER DIFFERENTLY", "Configurations scatter alike", "play or stick-slip"),
+    MODES: ("MORE THAN ONE MODE between repeats", "One mode between repeats", "backlash or hysteresis"),
+    REVERSAL: ("THE DIRECTION OF APPROACH MATTERS", "Either direction leads to the same", "backlash or hysteresis"),
+}
 _DIP_MIN = 10  # readings
 _RESTLESS = 1e-3  # probability of so large a scatter by noise from which a configuration counts as restless
 _RESTLESS_MIN = 4  # configurations
@@ -73,26 +78,17 @@ class RepeatTests:
     @property
     def sentences(self) -> tuple[str, ...]:
         """One for each kind of test that was made."""
-        said = (
-            (RUNS, "RUNS DIFFER", "Runs do not differ", "drift, or something changed between them"),
-            (VARIANCES, "CONFIGURATIONS SCATTER DIFFERENTLY", "Configurations scatter alike", "play or stick-slip"),
-            (MODES, "MORE THAN ONE MODE between repeats", "One mode between repeats", "backlash or hysteresis"),
-            (
-                REVERSAL,
-                "THE DIRECTION OF APPROACH MATTERS",
-                "Either direction leads to the same",
-                "backlash or hysteresis",
-            ),
-        )
-        return tuple(self._said(*words) for words in said if any(test.kind == words[0] for test in self.tests))
+        return tuple(self.sentence(kind) for kind in KINDS if any(test.kind == kind for test in self.tests))
 
-    def _said(self, kind: str, bad: str, good: str, cause: str) -> str:
+    def sentence(self, kind: str) -> str:
+        """Which channels say no to that kind of test; ValueError where it was not made."""
+        bad, good, cause = KINDS[kind]
         found, made = self.found(kind), sum(test.kind == kind for test in self.tests)
         about = f"corrected for {self.count} tests"
         if not found:
             least = min(test.corrected for test in self.tests if test.kind == kind)
             return f"{good}: of {made} channels none beyond chance (least p {least:.2g}, {about})."
-        names = ", ".join(test.channel for test in found[:6]) + (" and others" if len(found) > 6 else "")
+        names = listed([test.channel for test in found], 6)
         return f"{bad}: {cause}? {names} (p {found[0].corrected:.2g}, {about})."
 
 

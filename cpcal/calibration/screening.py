@@ -18,6 +18,7 @@ import numpy.typing as npt
 from cpcal.calibration.statistics import Deviations
 from cpcal.common.arrays import Bools, Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.names import listed
 
 THRESHOLD = 5.0  # robust standard deviations
 
@@ -67,12 +68,11 @@ class Screening:
             said = f"None of {len(self.scores)} readings is {beyond}."
         else:
             worst = [int(np.argmax(np.abs(self.scores[row]))) for row in self.rows]
-            listed = [
+            named = [
                 f"{name} ({self.channels[k]}: {self.scores[row, k]:+.3g})"
                 for row, name, k in zip(self.rows, self.names, worst, strict=True)
             ]
-            more = f" and {len(listed) - 10} more" if len(listed) > 10 else ""
-            said = f"{len(self.rows)} of {len(self.scores)} readings are {beyond}: {', '.join(listed[:10])}{more}."
+            said = f"{len(self.rows)} of {len(self.scores)} readings are {beyond}: {listed(named, 10)}."
         if self.too_many:
             said += (
                 " These are TOO MANY FOR OUTLIERS, and none is left out: look for play, or a set-up that was changed."

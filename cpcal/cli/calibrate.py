@@ -21,6 +21,7 @@ from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import load_study, save_campaign
 from cpcal.report import study_tables
+from cpcal.report.calibration_summary import summary
 
 
 class FrameStart(StrEnum):
@@ -90,8 +91,8 @@ def calibrate(
     record = recorded(measured, found, factor=factor, of=of.value, budget=made, monte_carlo=simulated)
     warn(found.campaign)
     write_calibration(found, record, output)
-    show_record(talk.out, record, frame.value)
-    talk.say(f"Campaign to certify: {output / CAMPAIGN}. Everything above: {output / RECORD_NAME}")
+    show_record(talk, record, frame.value)
+    talk.say(f"Campaign to certify: {output / CAMPAIGN}. All parameters and figures: {output / RECORD_NAME}")
 
 
 def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder: Path) -> None:
@@ -105,8 +106,17 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
     save_record(record, folder)
 
 
-def show_record(console: Console, record: CalibrationRecord, frame: str = FrameName.CENTROID.value) -> None:
-    """Tables and sentences; parameters in one of `study_tables.FRAMES`."""
+def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.CENTROID.value) -> None:
+    """A few sentences; with --verbose every table and sentence, parameters in one of `study_tables.FRAMES`."""
+    if talk.verbose:
+        return _show_everything(talk.out, record, frame)
+    for sentence in summary(record):
+        talk.say(printable(sentence))
+    talk.say("Tables of deviations, parameters and validation: --verbose.")
+    return None
+
+
+def _show_everything(console: Console, record: CalibrationRecord, frame: str) -> None:
     fits = {
         "x_c, plain least squares": record.x_c,
         "x_c of the paper's f, plain least squares": record.x_c_f,

@@ -14,6 +14,7 @@ from cpcal.cli.progress import bar
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.names import listed
 from cpcal.execution.stopping import heard
 from cpcal.files.study_writer import table_bytes
 from cpcal.report.detections_page import write_detections_page
@@ -147,9 +148,7 @@ def show_detections(found: Detections, where: Path, talk: Talk) -> None:
         worst = max(doubtful, key=lambda row: row.values[SCALE])
         talk.say(f"  {len(doubtful):,} of the poses are doubtful; {worst.file}: {worst.doubt}")
     for reason, files in by_reason(found.rows).items():
-        named = len(files) if talk.verbose else _NAMED
-        more = f" and {len(files) - named:,} more" if len(files) > named else ""
-        talk.say(f"  {len(files):,} x {reason}: {', '.join(files[:named])}{more}")
+        talk.say(f"  {len(files):,} x {reason}: {listed(files, len(files) if talk.verbose else _NAMED)}")
 
 
 def _say_shared(rows: Sequence[Detection], talk: Talk) -> None:

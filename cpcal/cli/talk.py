@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from cpcal.cli.grouped import grouped
 from cpcal.cli.terminal import terminal
 from cpcal.common.version import __version__
 from cpcal.files.codec import encoded
+from cpcal.solver.compiled import QUIET
 
 T = TypeVar("T")
 
@@ -78,10 +80,23 @@ def talking(command: Callable[..., T]) -> Callable[..., T]:
 
     @wraps(command)
     def run(**given: Any) -> T:
-        with logging_to(given["talk"].log, command.__name__):
+        with _hushed(given["talk"].quiet), logging_to(given["talk"].log, command.__name__):
             return command(**given)
 
     return grouped(Talk, "talk")(run)
+
+
+@contextmanager
+def _hushed(quiet: bool) -> Iterator[None]:
+    """No word of compilation from this process and those that it starts while in the block, if `quiet`."""
+    if not quiet or QUIET in os.environ:
+        yield
+        return
+    os.environ[QUIET] = "1"
+    try:
+        yield
+    finally:
+        del os.environ[QUIET]
 
 
 def record(event: str, **fields: Any) -> None:

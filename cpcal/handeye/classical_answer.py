@@ -7,6 +7,7 @@ proved.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import nearest
 from cpcal.common.values import Value, frozen_array
+from cpcal.handeye.damped_steps import damped_step, descended
 from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
 from cpcal.handeye.pixel_model import PARAMETERS, PixelModel, moved
 from cpcal.handeye.pose_readings import ReadingModel
@@ -156,25 +158,18 @@ def _pose(points: Floats, directions: Floats, sharpness: float) -> Pose:
 
 
 def _fitted(model: PixelModel, frames: HandEyeFrames) -> tuple[HandEyeFrames, Floats]:
-    """Levenberg-Marquardt."""
-    residuals, damping = model(frames), 1e-6
-    for _ in range(_STEPS):
-        slope = model.jacobian(frames)
-        scale = np.linalg.norm(slope, axis=0)
-        normal, right = (slope / scale).T @ (slope / scale), (slope / scale).T @ -residuals
-        step = np.linalg.solve(normal + damping * np.eye(PARAMETERS), right)
-        trial = moved(frames, step / scale)
-        new = model(trial)
-        if new @ new < residuals @ residuals:
-            ended = residuals @ residuals - new @ new <= 1e-13 * (residuals @ residuals)
-            frames, residuals, damping = trial, new, 0.1 * damping
-            if ended:
-                break
-        else:
-            damping = max(10.0 * damping, 1e-9)
-            if damping > 1e3:
-                break
-    return frames, residuals
+    """Frames by least squares from a start, and their residuals."""
+
+    def cost(tried: HandEyeFrames) -> float:
+        return float(np.sum(model(tried) ** 2))
+
+    def stepped(at: HandEyeFrames) -> Callable[[float], HandEyeFrames]:
+        slope = model.jacobian(at)
+        normal, right = slope.T @ slope, -slope.T @ model(at)
+        return lambda damping: moved(at, damped_step(normal, right, damping))
+
+    found = descended(frames, cost, stepped, steps=_STEPS, settled=1e-13)
+    return found, model(found)
 
 
 def _covariance(slope: Floats, residuals: Floats) -> tuple[Floats, list[str]]:

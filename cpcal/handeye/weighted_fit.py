@@ -9,11 +9,13 @@ readings are eliminated image by image (Schur complement), so the cost grows wit
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from cpcal.common.arrays import Floats
+from cpcal.handeye.damped_steps import damped_step, descended
 from cpcal.handeye.hand_eye_study import HandEyeFrames
-from cpcal.handeye.pixel_model import PARAMETERS
 from cpcal.handeye.pose_readings import ReadFrames, ReadingModel, by_images
 
 _STEPS = 60
@@ -25,28 +27,21 @@ def weighted_fit(model: ReadingModel, frames: HandEyeFrames, pixel: float) -> tu
     study = model.study
     deviation = np.maximum(study.pose_half_width, _LEAST) / np.sqrt(3.0)
     places = by_images(study)
-    at, damping = ReadFrames.stated(frames, study), 1e-6
 
     def cost(tried: ReadFrames) -> float:
         return float(np.sum((model(tried) / pixel) ** 2) + np.sum((tried.readings / deviation) ** 2))
 
-    value = cost(at)
-    for _ in range(_STEPS):
+    def stepped(at: ReadFrames) -> Callable[[float], ReadFrames]:
         normal, right, solved = _reduced(model, at, pixel, deviation, places)
-        scale = np.sqrt(np.diagonal(normal))
-        step = np.linalg.solve(normal / np.outer(scale, scale) + damping * np.eye(PARAMETERS), right / scale) / scale
-        own = np.concatenate([shift - turned @ step for turned, shift in solved])
-        trial = model.moved(at, np.concatenate([step, own]))
-        new = cost(trial)
-        if new < value:
-            ended = value - new <= 1e-12 * value
-            at, value, damping = trial, new, 0.1 * damping
-            if ended:
-                break
-        else:
-            damping = max(10.0 * damping, 1e-9)
-            if damping > 1e3:
-                break
+
+        def moved(damping: float) -> ReadFrames:
+            step = damped_step(normal, right, damping)
+            own = np.concatenate([shift - turned @ step for turned, shift in solved])
+            return model.moved(at, np.concatenate([step, own]))
+
+        return moved
+
+    at = descended(ReadFrames.stated(frames, study), cost, stepped, steps=_STEPS, settled=1e-12)
     normal, _, _ = _reduced(model, at, pixel, deviation, places)
     scale = np.sqrt(np.diagonal(normal))
     return at, np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)

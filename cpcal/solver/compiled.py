@@ -21,6 +21,8 @@ from threading import RLock
 from types import FunctionType
 from typing import Any, TypeVar
 
+QUIET = "CPCAL_QUIET"  # of the environment: set, compilation is not announced
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 _stamps: dict[str, str] = {}  # of every module with compiled functions
@@ -173,7 +175,11 @@ def _say_once(sentence: str) -> None:
 
 
 def _announce_compilation() -> None:
-    """Tell on stderr what is being compiled: it takes seconds, once, and must not look like a program that hangs."""
+    """Tell on stderr what is being compiled: it takes seconds, once, and must not look like a program that hangs.
+
+    Nothing is told where the environment has CPCAL_QUIET: processes inherit it, so that the workers of a quiet run are
+    quiet too.
+    """
     from numba.core import event
 
     if "announce" in _said:
@@ -184,14 +190,14 @@ def _announce_compilation() -> None:
         depth = 0
 
         def on_start(self, happening: Any) -> None:
-            if self.depth == 0 and _ours(happening):
+            if self.depth == 0 and _ours(happening) and QUIET not in os.environ:
                 name = happening.data["dispatcher"].py_func.__name__.strip("_").replace("_", " ")
                 print(f"cpcal: compiling '{name}', once ...", end="", file=sys.stderr, flush=True)
             self.depth += 1
 
         def on_end(self, happening: Any) -> None:
             self.depth -= 1
-            if self.depth == 0 and _ours(happening):
+            if self.depth == 0 and _ours(happening) and QUIET not in os.environ:
                 print(" done", file=sys.stderr, flush=True)
 
     event.register("numba:compile", Announcer())

@@ -5,6 +5,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.calibration import calibrate_study, load_record
+from cpcal.calibration.repeat_tests import KINDS
 from cpcal.cli import app
 from cpcal.files import campaign_sha256, save_study
 from cpcal.simulate import simulate_study
@@ -24,7 +25,7 @@ def study(tmp_path_factory):
 
 
 def test_it_writes_campaigns_and_record_and_prints_tables(study, tmp_path):
-    outcome = run("calibrate", study, "-o", tmp_path / "c", "--method", "andreff", "--factor", 2)
+    outcome = run("calibrate", study, "-o", tmp_path / "c", "--method", "andreff", "--factor", 2, "-v")
     assert outcome.exit_code == 0, outcome.stderr
     assert sorted(p.name for p in (tmp_path / "c").iterdir()) == ["calibration.json", "campaign", "validation"]
     campaign, record = cpcal.load_campaign(tmp_path / "c" / "campaign"), load_record(tmp_path / "c")
@@ -38,6 +39,21 @@ def test_it_writes_campaigns_and_record_and_prints_tables(study, tmp_path):
     again = run("calibrate", study, "-o", tmp_path / "c")
     assert again.exit_code == 0
     assert load_record(tmp_path / "c").frames.method == "shah"
+
+
+def test_without_verbose_it_ends_with_twelve_lines_that_hold_the_doubts(tmp_path):
+    rough = simulate_study(seed=3, runs=4, validation_runs=2, random_poses=5, sag=1.0, backlash=0.4)
+    save_study(rough, tmp_path / "study")
+    outcome = run("calibrate", tmp_path / "study", "-o", tmp_path / "c", "--lens", "0.01")
+    assert outcome.exit_code == 0, outcome.stderr
+    lines = outcome.stdout.splitlines()
+    assert len(lines) <= 12
+    record = load_record(tmp_path / "c")
+    doubts = [kind for kind in KINDS if record.tests.found(kind)]
+    assert doubts
+    for sentence in (*map(record.tests.sentence, doubts), record.budget.sentence, record.diagnosis.sentence):
+        assert sentence in lines
+    assert "U (k = 2)" in outcome.stdout
 
 
 def test_certify_goes_on_from_its_campaign(study, tmp_path):
@@ -66,7 +82,7 @@ def test_no_study(tmp_path):
 
 def test_a_budget_is_printed_with_what_was_stated_and_kept_in_the_record(study, tmp_path):
     stated = ("--camera-scale", "1e-4", "--lens", "0.01", "--sensor-scale", "1e-5", "--temperature", "2")
-    outcome = run("calibrate", study, "-o", tmp_path, *stated)
+    outcome = run("calibrate", study, "-o", tmp_path, *stated, "-v")
     assert outcome.exit_code == 0, outcome.stderr
     for text in ("Uncertainty budget (GUM)", "camera scale", "U (k = 2)", "nothing was stated: target_scale"):
         assert text in outcome.stdout

@@ -93,7 +93,7 @@ def demo(
     photos = _photos(output, seed, full, talk) if images else None
     study = photos.study if photos else simulate_study(seed=seed, **PLAN.size, **PLAN.imperfect)  # type: ignore[arg-type]
     save_study(study, output / STUDY)
-    record = _calibrated(output, seed, console)
+    record = _calibrated(output, seed, talk)
     campaign = load_campaign(output / CAMPAIGN)
     _fits(campaign, record, output / FITS, console)
     result = _unless_stopped(
@@ -123,15 +123,15 @@ def _photos(output: Path, seed: int, full: bool, talk: Talk) -> ImageStudy:
     return image_study(output, seed, PLAN.imperfect, talk, size=size, keep=keep)
 
 
-def _calibrated(output: Path, seed: int, console: Console) -> CalibrationRecord:
+def _calibrated(output: Path, seed: int, talk: Talk) -> CalibrationRecord:
     """Read the study, calibrate, write, show."""
     how = ", ".join(f"{name.replace('_', ' ')} {stated(size)} mm" for name, size in PLAN.imperfect.items())
-    console.print(f"Study: {output / STUDY} (simulated, seed {seed}; {how})", soft_wrap=True)
+    talk.say(f"Study: {output / STUDY} (simulated, seed {seed}; {how})")
     study = load_study(output / STUDY)
     found = calibrate_study(study, factor=FACTOR, of=OF)
     record = recorded(study, found, factor=FACTOR, of=OF)
     write_calibration(found, record, output)
-    show_record(console, record)
+    show_record(talk, record)
     return record
 
 
