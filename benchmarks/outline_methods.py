@@ -1,6 +1,6 @@
 """Outlines of spots as ellipses: ours beside OpenCV's, on an image of the study's kind and one full of specks.
 
-    python -m benchmarks.outlines [--repeats 200]
+    python -m benchmarks.outline_methods [--repeats 200]
 
 Milliseconds, the best of the repeats, for all outlines of an image that `findContours` tells: ours, compiled, all at
 once; `cv2.moments`, one Python call an outline, of the outlines that ours keeps the shape of (a test compares the
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -73,10 +74,10 @@ def main() -> None:
         corners, every = (cv2.findContours(mask, cv2.RETR_LIST, how)[0] for how in (simple, cv2.CHAIN_APPROX_NONE))
         height, width = mask.shape
         times = (
-            best(lambda mask=mask, how=simple: cv2.findContours(mask, cv2.RETR_LIST, how), repeats),
-            best(lambda o=corners, w=width, h=height: ours(o, w, h), repeats),
-            best(lambda o=corners: moments(o), max(repeats // 4, 1)),
-            best(lambda o=every: fits(o), max(repeats // 10, 1)),
+            best(partial(cv2.findContours, mask, cv2.RETR_LIST, simple), repeats),
+            best(partial(ours, corners, width, height), repeats),
+            best(partial(moments, corners), max(repeats // 4, 1)),
+            best(partial(fits, every), max(repeats // 10, 1)),
         )
         print(f"{name:18}{len(corners):>9}{times[0]:>14.2f}{times[1]:>8.2f}{times[2]:>9.2f}{times[3]:>12.2f}")
 
