@@ -137,8 +137,8 @@ def _side(claim: dict[str, Any]) -> None:
     row[1] = (row[1] + 1) % 4
 
 
-EDITS = (_pixel, _camera, _wider_camera, _cube, _target, _plate, _scale, _radius, _frame)
-CLAIMS = (_narrower, _moved, _refuted, _outliers, _no_chain, _no_start, _side)
+EDITS = (_pixel, _camera, _wider_camera, _cube, _target, _plate, _radius, _frame)
+CLAIMS = (_scale, _narrower, _moved, _refuted, _outliers, _no_chain, _no_start, _side)
 
 
 @pytest.mark.parametrize(("edit", "forged"), [(_camera, False), *((edit, True) for edit in (*EDITS, *CLAIMS))])
