@@ -75,13 +75,15 @@ FORGERIES = {
 }
 
 
-# every one of a camera on the hand; of one beside it those that its own equations refuse
-EDITED = [(SETUPS[0], name) for name in FORGERIES]
-EDITED += [(SETUPS[1], name) for name in ("a larger lower end", "no readings", "a narrower range")]
-
-
-@pytest.mark.parametrize(("finished", "name"), EDITED, indirect=["finished"])
+@pytest.mark.parametrize("name", FORGERIES)
+@pytest.mark.parametrize("finished", SETUPS[:1], indirect=True)
 def test_an_edited_answer_is_refused(finished, refused, name):
+    assert refused(finished[0], "handeye.json", FORGERIES[name], verify_hand_eye)
+
+
+@pytest.mark.parametrize("name", ["a larger lower end", "no readings", "a narrower range"])
+@pytest.mark.parametrize("finished", SETUPS[1:], indirect=True)
+def test_an_edited_answer_that_the_other_equations_refuse_is_refused(finished, refused, name):
     assert refused(finished[0], "handeye.json", FORGERIES[name], verify_hand_eye)
 
 
