@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cached_property
+from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
 from cpcal.common.errors import InputError, Problem
@@ -63,6 +64,7 @@ class Processes(Executor):
         self._context = multiprocessing.get_context(_START)
         self._pool: ProcessPoolExecutor | None = None
         self._first: threading.Thread | None = None
+        self._holds: Connection | None = None  # what a pool's workers live by
 
     @cached_property
     def _stop(self) -> Any:
@@ -85,7 +87,8 @@ class Processes(Executor):
             if self._pool is None:
                 if self._loads and _START == "forkserver":
                     self._context.set_forkserver_preload(list(self._loads))
-                given = (self._stop,)
+                ends, self._holds = self._context.Pipe(duplex=False)
+                given = (self._stop, ends)
                 self._pool = ProcessPoolExecutor(self.count, self._context, initializer=_begin, initargs=given)
             return self._pool.submit(fn, *args, **kwargs)
 
@@ -95,7 +98,9 @@ class Processes(Executor):
             self._stop.set()
 
     def renew(self) -> None:
+        """Another pool. What is left of this one's workers ends: nobody takes what they answer."""
         self.shutdown(wait=False, cancel_futures=True)
+        self._let_go()
         self._pool = None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -103,6 +108,12 @@ class Processes(Executor):
             self._first.join()
         if self._pool is not None:
             self._pool.shutdown(wait, cancel_futures=cancel_futures)
+        if wait:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        if self._holds is not None:
+            self._holds.close()
 
 
 @contextmanager
@@ -185,18 +196,18 @@ def of_dask(executor: Executor) -> bool:
     return type(executor).__module__.partition(".")[0] == "distributed"
 
 
-def _begin(stop: Any) -> None:
-    """In each process of a pool: the coordinator tells it to stop, and its end ends it."""
+def _begin(stop: Any, ends: Connection) -> None:
+    """In each process of a pool: the coordinator tells it to stop; the end of either ends it."""
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     stopping.from_now_on_asked_by(lambda: Reason.INTERRUPTED if stop.is_set() else None)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with, args=(ends,), daemon=True).start()
 
 
-def _end_with_parent() -> None:
+def _end_with(pool: Connection) -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
-        parent.join()
+        wait([parent.sentinel, pool])
         os._exit(1)
 
 

@@ -152,14 +152,13 @@ class Network(ConstraintNetwork):
         finest, reach = default_width(network, left) if width is None else (checked_width(width), _everywhere(network))
 
         def search(method: SearchMethod, spread: Callable[[Divide], Process]) -> Search:
-            contractor = contracting(method)
             by = named_strategy(network, method.strategy if strategy is None else strategy, finest, reach, arithmetic)
-            process = Divide(contractor, by, inside=inside, outside=inner)
+            process = Divide(contracting(method), by, inside=inside, outside=inner)
             roots, batch = [network.domain], process.batch
             return Search(roots, spread(process), priority, outside=inner, abreast=_ABREAST, batch=batch)
 
-        there = executor_for(workers, scheduler, executor, loads=_LOADS)
-        with heard(), linear_algebra_on_one_thread(), there as place, spread_over(place) as spread:
+        there = spread_over(executor_for(workers, scheduler, executor, loads=_LOADS))
+        with heard(), linear_algebra_on_one_thread(), there as spread:
             race = Race([Contender(m.name, partial(search, m, spread), m.slice, m.turns) for m in choice.methods])
             try:
                 for event in race:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from itertools import islice
 from typing import Protocol
@@ -135,7 +135,7 @@ class Spread:
 
 
 @contextmanager
-def spread_over(place: Place) -> Iterator[Callable[[Divide], Process]]:
+def spread_over(there: AbstractContextManager[Place]) -> Iterator[Callable[[Divide], Process]]:
     """What has a process decide by the workers of a place, if there are any; in the end nothing is left with them."""
     made: list[Spread] = []
 
@@ -145,11 +145,12 @@ def spread_over(place: Place) -> Iterator[Callable[[Divide], Process]]:
         made.append(Spread(process, place))
         return made[-1]
 
-    try:
-        yield spread
-    finally:
-        for one in made:
-            one.close()
+    with there as place:
+        try:
+            yield spread
+        finally:
+            for one in made:
+                one.close()
 
 
 def grown(process: DecidesAlone, task: Task) -> Forest:
