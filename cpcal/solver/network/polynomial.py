@@ -102,6 +102,7 @@ class Expander:
         self._whole = self._allotted({})
         self._done: dict[bytes, Found] = {}
         self._recorded: dict[bytes, _Recorded] = {}  # of the nodes that depend on readings
+        self._orders: dict[bytes, list[_Recorded]] = {}
 
     def expand(self, root: Expr) -> PolynomialArray:
         """The polynomial form of `root`. Raises NotPolynomial."""
@@ -124,15 +125,21 @@ class Expander:
         known, out = self._allotted(sets), []
         for root in roots:
             whole = self.expand(root)
-            for node in topological((root,)):
-                step = self._recorded.get(node.digest)
-                if step is not None and step.digest not in known:
+            for step in self._steps(root):
+                if step.digest not in known:
                     value = step.operation([known.get(arg) or self._coefficients(arg) for arg in step.args])
                     known[step.digest] = value if step.keep is None else value[:, step.keep]
             if root.digest in known:
                 whole = replace(whole, coefficients=known[root.digest])
             out.append(whole)
         return out
+
+    def _steps(self, root: Expr) -> list[_Recorded]:
+        """Of the nodes under a root that depend on readings, arguments first."""
+        if root.digest not in self._orders:
+            under = (self._recorded.get(node.digest) for node in topological((root,)))
+            self._orders[root.digest] = [step for step in under if step is not None]
+        return self._orders[root.digest]
 
     def _coefficients(self, digest: bytes) -> IntervalArray:
         found = self._done[digest]
