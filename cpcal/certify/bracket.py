@@ -17,6 +17,7 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError
 from cpcal.execution.stopping import asked
 from cpcal.results import SupportProof, Uncertified
+from cpcal.solver.accounts import Trial
 from cpcal.solver.certificate.affordable import UncheckableError
 from cpcal.solver.certificate.recording import Claims, Recording, claims_of
 from cpcal.solver.certificate.statement import Statement
@@ -25,7 +26,7 @@ from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
-from cpcal.solver.optimize import Bracket, Minimum, Trial, minimize, run
+from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.search import Contracting, Event, Proof, StepProver
 
 

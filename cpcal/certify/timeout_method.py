@@ -16,12 +16,13 @@ from cpcal.common.arrays import Floats
 from cpcal.execution.stopping import asked
 from cpcal.results import Uncertified
 from cpcal.results.leg_sentence import calls_sentence
+from cpcal.solver.accounts import ContractorUse, Found, Trial, total_use
 from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.optimize import Bracket, Found, Minimum, TimeoutOutcome, Trial, Witness, WitnessProver, ask, timeout
-from cpcal.solver.search import Contracting, ContractorUse, LargestFirst, total_use
+from cpcal.solver.optimize import Bracket, Minimum, TimeoutOutcome, Witness, WitnessProver, ask, timeout
+from cpcal.solver.search import Contracting, LargestFirst
 
 _SMALL = 1e-3  # mm: a box this wide is a point to be tried
 

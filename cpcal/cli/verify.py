@@ -15,7 +15,7 @@ from cpcal.cli.claims import sentences
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import nearest
-from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
+from cpcal.files import campaign_sha256, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, REPORT_NAME, unfinished
 from cpcal.results import INFORMATION, RESULT_NAME, Uncertified, information
 
@@ -91,6 +91,8 @@ def _same_campaign(target: Path, campaign: Path, talk: Talk) -> bool:
             return True
         talk.say("study: REFUSED, the hand-eye study is another one")
         return False
+    from cpcal.files import load_campaign
+
     kept = load_campaign_json(target if target.is_dir() else target.parent)
     if campaign_sha256(kept) == campaign_sha256(load_campaign(campaign)):
         return True

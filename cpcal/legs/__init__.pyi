@@ -7,6 +7,9 @@ from .equation import (
 from .known import (
     leg_model,
 )
+from .leg_derivatives import (
+    model_jacobian,
+)
 from .leg_statement import (
     leg_statement,
     model_statement,
@@ -14,7 +17,6 @@ from .leg_statement import (
 from .model_fit import (
     ModelResiduals,
     fit_model,
-    model_jacobian,
     model_residuals,
     reading_sensitivities,
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from cpcal.common.errors import InputError, PluginError, Problem
 from cpcal.legs.models import BUILT_IN, LegModel, built_in, model_problems
-from cpcal.solver import plugins
 
 GROUP = "cpcal.leg_models"
 
@@ -25,6 +24,8 @@ def leg_model(model: str | LegModel) -> LegModel:
 
 
 def _provided(name: str) -> LegModel:
+    from cpcal.solver import plugins  # here: models that come with cpcal need none
+
     known = plugins.found(GROUP)
     if name not in known:
         names = ", ".join(dict.fromkeys([*(m.name for m in BUILT_IN), *known]))

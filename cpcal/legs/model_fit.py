@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.least_squares import least_squares
-from cpcal.calibration.leg_equations import LegEquations
 from cpcal.calibration.sum_of_squares import sum_of_squares
 from cpcal.common.arrays import Floats
 from cpcal.legs.equation import leg_box, leg_equation, residuals
@@ -40,14 +39,6 @@ class ModelResiduals:
 
     def jacobian(self, x: npt.ArrayLike) -> Floats:
         return self._rows.linearize(np.asarray(x, np.float64)).jacobian
-
-
-def model_jacobian(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
-    """dg/dx (N, n) at the centres of the reading sets; of the plain model from its formula."""
-    point = np.asarray(x, np.float64)
-    if model.name == PLAIN.name:
-        return LegEquations.of(campaign, [leg]).by_parameters(point[None])[:, 0]
-    return ModelResiduals(campaign, leg, model).jacobian(point)
 
 
 _READ = ("position", "rotation", "length")

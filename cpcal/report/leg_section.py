@@ -20,8 +20,8 @@ from cpcal.report.sensitivity import reading_sensitivity
 from cpcal.report.words import center_sentence, fit_sentence, leg_sentence
 from cpcal.results import LegResult, Result, contractors_sentences, verdict_of
 from cpcal.robot import Campaign
+from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.interval import Box
-from cpcal.solver.optimize import TimeoutAnswer, Trial
 
 _DECIMALS = {"mm": 4}  # of parameters in this unit
 _MORE = 9  # of others, such as shares

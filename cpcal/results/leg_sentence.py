@@ -7,8 +7,8 @@ import math
 from cpcal.common.numbers import gap_text, stated
 from cpcal.results.options import Options
 from cpcal.results.result import LegResult, Result
+from cpcal.solver.accounts import Found, bracket_sentence
 from cpcal.solver.contract import Verdict
-from cpcal.solver.optimize import Found, bracket_sentence
 
 INFORMATION = (
     "Information only, proved by no certificate: times, counts, which measurements are the support (unless it has a "

@@ -21,10 +21,9 @@ from cpcal.results.projection import Projections
 from cpcal.results.ranges import Ranges
 from cpcal.results.support_proof import SupportProof
 from cpcal.results.verified_point import VerifiedPoint
+from cpcal.solver.accounts import ContractorUse, Trial
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
-from cpcal.solver.optimize import Trial
-from cpcal.solver.search import ContractorUse
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,11 +7,13 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cpcal.common.errors import ClashError, PluginError
 from cpcal.solver.contract import Contractor, ContractorFactory, StrategyFactory, in_sequence
-from cpcal.solver.network import ConstraintNetwork
+
+if TYPE_CHECKING:
+    from cpcal.solver.network import ConstraintNetwork
 
 GROUP = "cpcal.contractors"
 STRATEGY_GROUP = "cpcal.strategies"

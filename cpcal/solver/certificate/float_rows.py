@@ -8,6 +8,7 @@ covered by a factor.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -32,28 +33,33 @@ class FloatRow(NamedTuple):
     error: float
 
 
-def float_row(leg: LegConstraint, side: str) -> FloatRow:
-    """`Problem.row`, nearly; of `sure` sides only, whose rows are all that their program says."""
-    plan = _plan(leg, side)
-    values, errors = plan.swept(leg)
-    signs = leg.signs if plan.reads else ""
-    ends = np.array([sign != "0" for sign in signs.ljust(READINGS, "0")])
-    centered = (1 << 62) - 1 - sum(1 << j for j, end in enumerate(ends) if end)
-    found, error = _settled(values, errors, plan.first, plan.odd, plan.alone, plan.kept, ends, centered)
-    return FloatRow(plan.monomials, found, error)
+def float_rows(legs: Sequence[LegConstraint], side: str) -> list[FloatRow]:
+    """`Problem.row`, nearly, of constraints that have one program; of `sure` sides, whose rows are all that it says."""
+    plan = _plan(legs[0], side)
+    ends = np.array([[sign != "0" for sign in leg.signs] if plan.reads else [False] * READINGS for leg in legs])
+    found, errors = _all_settled(*plan.sweep(legs), plan.first, plan.odd, plan.alone, plan.kept, ends)
+    return [FloatRow(plan.monomials, *row) for row in zip(found, errors.tolist(), strict=True)]
 
 
-def best_signs(leg: LegConstraint, side: str) -> str:
-    """The reference reading that costs least, by the range of the derivative: `leg` is at the centres of the sets."""
-    plan = _plan(leg, side)
-    values, _ = plan.swept(leg)
-    return "".join(map(cheapest, *_slopes(values, plan.linear, plan.alone)))
+def best_signs(legs: Sequence[LegConstraint], side: str) -> list[str]:
+    """The reference readings that cost least, by the range of the derivative: `legs` are at the centres of the sets,
+    and have one program."""
+    plan = _plan(legs[0], side)
+    low, high = _all_slopes(*plan.sweep(legs), plan.linear, plan.alone)
+    return ["".join(map(cheapest, *ends)) for ends in zip(low.tolist(), high.tolist(), strict=True)]
+
+
+def programs(legs: Sequence[LegConstraint]) -> list[list[int]]:
+    """The places of those that have one program: with readings, and without."""
+    kinds = ([n for n, leg in enumerate(legs) if leg.m.uncertain is reads] for reads in (True, False))
+    return [places for places in kinds if places]
 
 
 def linear_part(leg: LegConstraint, name: str) -> tuple[float, list[float]]:
     """Of a part of the constraint the value at the centres of the sets, and the derivative by each reading there."""
     plan = _plan(leg, name)
-    values, _ = plan.swept(leg)
+    v, _ = _swept(plan.notes, plan.given([leg])[0], plan.fixed, plan.numbers, plan.size)
+    values = v[plan.places]
     slopes, of_one = np.zeros(READINGS), plan.alone & (plan.linear >= 0)
     slopes[plan.linear[of_one]] = values[of_one]
     return float(values[plan.kept == 0].sum()), slopes.tolist()
@@ -84,11 +90,13 @@ class _Plan:
     linear: Indices
     kept: Indices
 
-    def swept(self, leg: LegConstraint) -> tuple[Floats, Floats]:
-        """Coefficients (T,) and their errors."""
-        given = np.array([number / (1 << power) for number, power in leg.numbers()])
-        v, e = _swept(self.notes, given, self.fixed, self.numbers, self.size)
-        return v[self.places], e[self.places]
+    def given(self, legs: Sequence[LegConstraint]) -> Floats:
+        """What the program takes, each number rounded once: (B, G)."""
+        return np.array([[number / (1 << power) for number, power in leg.numbers()] for leg in legs])
+
+    def sweep(self, legs: Sequence[LegConstraint]) -> tuple[Indices, Floats, Indices, Floats, int, Indices]:
+        """How kernels begin that sweep it."""
+        return self.notes, self.given(legs), self.fixed, self.numbers, self.size, self.places
 
 
 def _plan(leg: LegConstraint, side: str) -> _Plan:
@@ -149,6 +157,56 @@ def _swept(notes: Indices, given: Floats, fixed: Indices, numbers: Floats, size:
 
 
 @compiled
+def _all_settled(
+    notes: Indices,
+    given: Floats,
+    fixed: Indices,
+    numbers: Floats,
+    size: int,
+    places: Indices,
+    first: Indices,
+    odd: Indices,
+    alone: Bools,
+    kept: Indices,
+    ends: Bools,
+) -> tuple[Floats, Floats]:
+    """What is left without the readings for each of (B, G) numbers given, and the error of all of it.
+
+    `ends` (B, 7): the readings that begin at an end.
+    """
+    count = len(given)
+    found, errors = np.zeros((count, max(kept.max() + 1, 1))), np.zeros(count)
+    for b in range(count):
+        v, e = _swept(notes, given[b], fixed, numbers, size)
+        errors[b] = _settled(v[places], e[places], first, odd, alone, kept, ends[b], found[b])
+    return found, errors
+
+
+@compiled
+def _all_slopes(
+    notes: Indices,
+    given: Floats,
+    fixed: Indices,
+    numbers: Floats,
+    size: int,
+    places: Indices,
+    linear: Indices,
+    alone: Bools,
+) -> tuple[Floats, Floats]:
+    """For each of (B, G) numbers given, and each reading, the range over the box of the derivative by that reading at
+    the centre of the sets."""
+    low, high = np.zeros((len(given), READINGS)), np.zeros((len(given), READINGS))
+    for b in range(len(given)):
+        v, _ = _swept(notes, given[b], fixed, numbers, size)
+        for t in range(places.size):
+            j, value = linear[t], v[places[t]]
+            if j >= 0:
+                low[b, j] += value if alone[t] else -abs(value)
+                high[b, j] += value if alone[t] else abs(value)
+    return low, high
+
+
+@compiled
 def _settled(
     values: Floats,
     errors: Floats,
@@ -157,13 +215,13 @@ def _settled(
     alone: Bools,
     kept: Indices,
     ends: Bools,
-    centered: int,
-) -> tuple[Floats, float]:
-    """What is left without the readings: at their reference, less the penalties; and the error of all of it.
-
-    `ends` (7,): the readings that begin at an end; `centered`: bits of the variables that may be negative.
-    """
-    found = np.zeros(max(kept.max() + 1, 1))
+    found: Floats,
+) -> float:
+    """At the readings' reference, less the penalties, added to `found`; the error of all of it."""
+    centered = (1 << 62) - 1  # bits of the variables that may be negative
+    for j in range(ends.size):
+        if ends[j]:
+            centered -= 1 << j
     lowest = np.zeros(ends.size)
     error, size = 0.0, 0.0
     for t in range(values.size):
@@ -183,16 +241,4 @@ def _settled(
         if lowest[j] < 0.0:
             found[0] += lowest[j]
     error += 2.0 * _UNIT * (values.size + 16) * (size + abs(found[0]))
-    return found, error * _MORE
-
-
-@compiled
-def _slopes(values: Floats, linear: Indices, alone: Bools) -> tuple[Floats, Floats]:
-    """For each reading the range over the box of the derivative at the centre of the sets."""
-    low, high = np.zeros(READINGS), np.zeros(READINGS)
-    for t in range(values.size):
-        j = linear[t]
-        if j >= 0:
-            low[j] += values[t] if alone[t] else -abs(values[t])
-            high[j] += values[t] if alone[t] else abs(values[t])
-    return low, high
+    return float(error * _MORE)

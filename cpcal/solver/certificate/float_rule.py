@@ -1,27 +1,43 @@
 """The checker's rule in float64, with every rounding counted: it never says more than the rule itself.
 
-Rows come with a bound of their errors; weights are whole numbers of at most 53 bits, so exact. With unit roundoff u, a
-sum of p products errs by at most p u / (1 - p u) times the sum of their sizes; the factor taken below is four times
-that, for all terms that are added on the way to a bound.
+Rows come with a bound of their errors; weights are whole numbers of at most 53 bits times a power of two, so exact.
+With unit roundoff u, a sum of p products errs by at most p u / (1 - p u) times the sum of their sizes; the factor taken
+below is four times that, for all terms that are added on the way to a bound.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from cpcal.checker.exact_polynomial import Polynomial, signed, unknown
 from cpcal.checker.leg import LegConstraint
 from cpcal.checker.problem import Problem
-from cpcal.checker.rule import Row, Rule, Weights
-from cpcal.common.arrays import Floats, Indices
-from cpcal.solver.certificate.float_rows import FloatRow, float_row
+from cpcal.checker.rule import Row, Rule
+from cpcal.common.arrays import Bools, Floats, Indices
+from cpcal.solver.certificate.float_rows import FloatRow, float_rows, programs
+from cpcal.solver.compiled import compiled
 
 _UNIT = 2.0**-53
 _UNDERFLOW = 1e-290  # more than all that numbers lose that are too small
 _SMALLEST = 1e-280  # a coefficient below it may have lost digits: such a row is left to exact arithmetic
 _LONGEST = 1000  # bits of a whole number that a float64 can hold
+
+Product = tuple[int, int, int, int]  # (1 + p u_i)(1 + q u_j) as i, j, p, q
+Square = tuple[int, float]  # (u_i - t)^2 as i, t
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Polynomials that weights are put on: coefficients `values` of the monomials with numbers `columns`, those of part
+    p from `start[p]` on, and for each part a bound of the sum of their errors."""
+
+    start: Indices
+    columns: Indices
+    values: Floats
+    errors: Floats
 
 
 class FloatRule:
@@ -33,62 +49,75 @@ class FloatRule:
         self._columns: dict[int, int] = {0: 0}
         self._even = [False]  # whether the monomial of a column, not the constant, lies in [0, 1]
         self._rows: dict[int, tuple[Indices, Floats, float]] = {}
+        self._sides: dict[int, tuple[float, float]] = {}  # center and radius of an unknown
 
-    def bound(self, i: int, side: str, weights: Weights) -> tuple[float, float]:
+    def parts(self, rows: Sequence[int], products: Sequence[Product], squares: Sequence[Square]) -> Parts:
+        """Rows by their numbers, then what is not negative on the box, with a minus sign."""
+        self.form(rows)
+        formed = [self._rows[n] for n in rows]
+        columns, values = [own for own, _, _ in formed], [own for _, own, _ in formed]
+        beside = self._beside(products, squares)
+        sizes = [own.size for own in values] + [4] * len(products) + [3] * len(squares)
+        return Parts(
+            start=np.cumsum([0, *sizes]),
+            columns=np.concatenate([*columns, np.array([self._column(m) for m, _ in beside], np.intp)]),
+            values=np.concatenate([*values, np.array([value for _, value in beside], np.float64)]),
+            errors=np.array([own for _, _, own in formed] + [0.0] * (len(products) + len(squares))),
+        )
+
+    def bound(self, i: int, side: str, parts: Parts, weights: Floats) -> tuple[float, float]:
         """A proved bound of x_i in the box, and how much of it may be given away to rounding."""
         sign = 1.0 if side == "lo" else -1.0
-        lowest, error = self.lowest(weights, i, sign)
-        center, radius = float(self._rule.x.center(i)), float(self._rule.x.radius(i))
+        lowest, error = self.lowest(parts, weights, i, sign)
+        if i not in self._sides:
+            self._sides[i] = float(self._rule.x.center(i)), float(self._rule.x.radius(i))
+        center, radius = self._sides[i]
         reach = radius * lowest
         doubt = 8.0 * _UNIT * (abs(center) + abs(reach)) + _UNDERFLOW
         return center + sign * reach - sign * doubt, 2.0 * (doubt + radius * error)
 
-    def lowest(self, weights: Weights, i: int = 0, sign: float = 0.0) -> tuple[float, float]:
-        """A lower bound of `sign u_i` and the aggregate, and the error that it counts; -inf where it overflows."""
-        rows, of_rows = [(self._row(n), float(weight)) for n, weight in weights.rows], weights.exponents[0]
-        columns, values = self._beside(weights, i, sign)
-        count = len(self._columns)
-        total, size = np.zeros(count), np.zeros(count)
-        with np.errstate(all="ignore"):
-            beside = 0.0
-            for (places, row, own), weight in rows:
-                w = np.ldexp(weight, of_rows)
-                total[places] += w * row
-                size[places] += np.abs(w * row)
-                beside += w * own
-            np.add.at(total, columns, values)
-            np.add.at(size, columns, np.abs(values))
-            lowest = float(total[0] + np.where(self._even, np.minimum(total, 0.0), -np.abs(total))[1:].sum())
-            error = 4.0 * _UNIT * (len(rows) + len(values) + count + 8) * float(size.sum()) + _UNDERFLOW
-            error += float(beside) * (1.0 + 4.0 * len(rows) * _UNIT)
+    def lowest(self, parts: Parts, weights: Floats, i: int = 0, sign: float = 0.0) -> tuple[float, float]:
+        """A lower bound of `sign u_i` and the weighted sum, and the error that it counts; -inf where it overflows."""
+        column = self._column(unknown(i))
+        even = np.array(self._even)
+        lowest, error = _lowest(parts.start, parts.columns, parts.values, parts.errors, weights, even, column, sign)
         return (lowest - error, error) if np.isfinite(lowest - error) else (-np.inf, np.inf)
 
-    def _beside(self, weights: Weights, i: int, sign: float) -> tuple[Indices, Floats]:
-        """Columns and values of `sign u_i` and of all that is added beside rows."""
-        _, of_products, of_tangents = weights.exponents
-        parts = [(unknown(i), sign)]
-        for k, m, p, q, weight in weights.products:
-            w, one, two = _scaled(weight, of_products), unknown(k), unknown(m)
-            parts += [(0, -w), (one, -w * p), (two, -w * q), (one + two, -w * p * q)]
-        for k, touch, weight in weights.tangents:
-            w, t, one = _scaled(weight, of_tangents), float(touch), unknown(k)
-            parts += [(one + one, -w), (one, 2.0 * w * t), (0, -w * t * t)]
-        return np.array([self._column(m) for m, _ in parts], dtype=np.intp), np.array([value for _, value in parts])
+    def _beside(self, products: Sequence[Product], squares: Sequence[Square]) -> list[tuple[int, float]]:
+        """Monomials and coefficients of all that is added beside rows."""
+        out: list[tuple[int, float]] = []
+        for k, m, p, q in products:
+            one, two = unknown(k), unknown(m)
+            out += [(0, -1.0), (one, -p), (two, -q), (one + two, -p * q)]
+        for k, t in squares:
+            one = unknown(k)
+            out += [(one + one, -1.0), (one, 2.0 * t), (0, -t * t)]
+        return out
 
-    def _row(self, n: int) -> tuple[Indices, Floats, float]:
-        """Columns, coefficients, and the error of all of them."""
-        if n not in self._rows:
-            monomials, values, error = self._formed(n)
-            self._rows[n] = np.array([self._column(m) for m in monomials], dtype=np.intp), values, error
-        return self._rows[n]
+    def form(self, numbers: Sequence[int]) -> None:
+        """Columns, coefficients, and the error of all of them, of rows that were not formed before."""
+        new = [n for n in dict.fromkeys(numbers) if n not in self._rows]
+        legs = {n: leg for n in new if (leg := self._leg(n)) is not None}
+        for side in dict.fromkeys(self._table[n][0] for n in legs):
+            mine = [n for n in legs if self._table[n][0] == side]
+            for places in programs([legs[n] for n in mine]):
+                own = [mine[place] for place in places]
+                for n, row in zip(own, float_rows([legs[n] for n in own], side), strict=True):
+                    self._keep(n, row)
+        for n in new:
+            if n not in legs:
+                self._keep(n, _rounded(self._rule.row[n]))
 
-    def _formed(self, n: int) -> FloatRow:
+    def _keep(self, n: int, row: FloatRow) -> None:
+        self._rows[n] = np.array([self._column(m) for m in row.monomials], dtype=np.intp), row.values, row.error
+
+    def _leg(self, n: int) -> LegConstraint | None:
+        """The constraint of a row that can be swept in float64."""
         side, k, signs = self._table[n]
-        if self._problem.model is not None:
-            leg = self._problem.constraint(k, self._rule.x, signs, 0)
-            if isinstance(leg, LegConstraint) and (side != "lower" or leg.sure):
-                return float_row(leg, side)
-        return _rounded(self._rule.row[n])
+        if self._problem.model is None:
+            return None
+        leg = self._problem.constraint(k, self._rule.x, signs, 0)
+        return leg if isinstance(leg, LegConstraint) and (side != "lower" or leg.sure) else None
 
     def _column(self, monomial: int) -> int:
         if monomial not in self._columns:
@@ -97,8 +126,37 @@ class FloatRule:
         return self._columns[monomial]
 
 
-def _scaled(weight: int, exponent: int) -> float:
-    return float(np.ldexp(float(weight), exponent))
+@compiled
+def _lowest(
+    start: Indices,
+    columns: Indices,
+    values: Floats,
+    errors: Floats,
+    weights: Floats,
+    even: Bools,
+    moved: int,
+    sign: float,
+) -> tuple[float, float]:
+    """The least that `sign` times monomial `moved` and the weighted parts can be, and the error of it."""
+    count, used = even.size, 0
+    total, size = np.zeros(count), np.zeros(count)
+    total[moved], size[moved] = sign, abs(sign)
+    beside = 0.0
+    for p in range(weights.size):
+        weight = weights[p]
+        if weight != 0.0:
+            used += 1
+            beside += weight * errors[p]
+            for t in range(start[p], start[p + 1]):
+                term = weight * values[t]
+                total[columns[t]] += term
+                size[columns[t]] += abs(term)
+    lowest, sizes = total[0], size[0]
+    for c in range(1, count):
+        lowest += min(total[c], 0.0) if even[c] else -abs(total[c])
+        sizes += size[c]
+    error = 4.0 * _UNIT * (3 * used + count + 8) * sizes + _UNDERFLOW
+    return lowest, error + beside * (1.0 + 4.0 * used * _UNIT)
 
 
 def _rounded(row: Polynomial) -> FloatRow:

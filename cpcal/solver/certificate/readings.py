@@ -15,13 +15,26 @@ from cpcal.solver.certificate.statement import free
 
 def row_of(problem: Problem, x: Unknowns, side: str, k: int) -> Row:
     """The row with the reference reading that costs least, component by component, on the box of x."""
-    radii = problem.radii(k)
-    center = "0" * len(radii)
-    if side == "length" or not any(radii):
-        return side, k, center
-    leg = problem.constraint(k, x, center, 0)
+    return rows_of(problem, x, [(side, k)])[0]
+
+
+def rows_of(problem: Problem, x: Unknowns, places: Sequence[tuple[str, int]]) -> list[Row]:
+    """`row_of` for several sides and numbers."""
+    rows = [(side, k, "0" * len(problem.radii(k))) for side, k in places]
+    for side in dict.fromkeys(side for side, _ in places if side != "length"):
+        mine = [n for n, row in enumerate(rows) if row[0] == side and any(problem.radii(row[1]))]
+        if mine:
+            legs = [_leg(problem, x, rows[n][1]) for n in mine]
+            for n, signs in zip(mine, best_signs(legs, side), strict=True):
+                rows[n] = (*rows[n][:2], signs)
+    return rows
+
+
+def _leg(problem: Problem, x: Unknowns, k: int) -> LegConstraint:
+    """The constraint at the centres of its reading sets."""
+    leg = problem.constraint(k, x, "0" * len(problem.radii(k)), 0)
     assert isinstance(leg, LegConstraint)
-    return side, k, best_signs(leg, side)
+    return leg
 
 
 def stretching(problem: Problem, x: Unknowns, k: int) -> str:
@@ -30,8 +43,7 @@ def stretching(problem: Problem, x: Unknowns, k: int) -> str:
     center = "0" * len(radii)
     if not any(radii):
         return center
-    leg = problem.constraint(k, x, center, 0)
-    assert isinstance(leg, LegConstraint)
+    leg = _leg(problem, x, k)
     parts = (linear_part(leg, name) for name in ("under_root", "factor", "at_least", "at_most"))
     (body, of_body), (factor, of_factor), (_, of_low), (_, of_high) = parts
     square = body / factor

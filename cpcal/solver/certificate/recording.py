@@ -17,13 +17,14 @@ import numpy.typing as npt
 
 from cpcal.checker.problem import Problem
 from cpcal.common.atomic import replacing
+from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.certificate.affordable import check_affordable
 from cpcal.solver.certificate.readings import at_point, failing, stretching
 from cpcal.solver.certificate.statement import Statement, limits, number
 from cpcal.solver.certificate.writer import WeightProver, line, written
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize import Minimum
-from cpcal.solver.search import ContractorUse, Event, EventKind
+from cpcal.solver.search import Event, EventKind
 
 Claims = dict[str, Any]  # line of a certificate
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import partial
 from typing import Any, TypeVar
@@ -18,8 +19,9 @@ import numpy as np
 from cpcal.checker import Refused
 from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.rule import Row, Rule, Weights
-from cpcal.solver.certificate.float_rule import FloatRule
-from cpcal.solver.certificate.readings import row_of
+from cpcal.common.arrays import Bools, Floats
+from cpcal.solver.certificate.float_rule import FloatRule, Parts, Product, Square
+from cpcal.solver.certificate.readings import rows_of
 from cpcal.solver.certificate.statement import Statement, free, number
 from cpcal.solver.contract import Contraction, Step, StepWeights, shrunk
 from cpcal.solver.interval import Box
@@ -42,6 +44,7 @@ class WeightProver:
         table = _Table(self._statement, ExactBox(_fractions(box.lo), _fractions(box.hi)))
         o = self._statement.problem.objective
         cap = None if o is None else number(float(box.hi[o]))
+        table.take(proposed.steps)
         lo, hi, bounds = box.lo.copy(), box.hi.copy(), []
         steps: list[Step] = []
         for step in proposed.steps:
@@ -81,29 +84,30 @@ class _Table:
         self.rule = Rule(statement.problem, box, self._rows, free)
         self.fast = FloatRule(self.rule, statement.problem, self._rows)
 
+    def take(self, steps: Sequence[Step]) -> None:
+        """Choose the reading of every row that the steps speak of."""
+        named = (entry[:3] for step in steps if step.weights is not None for entry in step.weights.rows)
+        places = [place for row in dict.fromkeys(named) if (place := self._statement.place(*row)) is not None]
+        new = [place for place in dict.fromkeys(places) if place not in self._places]
+        self._places |= {place: n for n, place in enumerate(new, start=len(self._rows))}
+        first = len(self._rows)
+        self._rows += rows_of(self._statement.problem, self.rule.x, new)
+        _within_limits(partial(self.fast.form, range(first, len(self._rows))))
+
     def _place(self, constraint: int, part: int, element: int) -> int | None:
         """The number in the table of a polynomial row of the network; None where the statement has no such row."""
         place = self._statement.place(constraint, part, element)
-        if place is None:
-            return None
-        if place not in self._places:
-            self._places[place] = len(self._rows)
-            self._rows.append(row_of(self._statement.problem, self.rule.x, *place))
-        return self._places[place]
+        return None if place is None else self._places[place]
 
-    def exact(self, weights: StepWeights, bits: int) -> Weights:
-        """The checker's form of proposed weights: whole numbers of so many bits at most, those that vanish left out."""
-        kinds = ([e[-1] for e in entries] for entries in (weights.rows, weights.products, weights.tangents))
-        (rows, r), (products, p), (tangents, t) = (whole(values, bits) for values in kinds)
-        placed = ((self._place(*e[:3]), w) for e, w in zip(weights.rows, rows, strict=True) if w)
-        return Weights(
-            tuple((n, w) for n, w in placed if n is not None),
-            tuple(
-                (i, j, int(a), int(b), w) for (i, j, a, b, _), w in zip(weights.products, products, strict=True) if w
-            ),
-            tuple((i, F(touch), w) for (i, touch, _), w in zip(weights.tangents, tangents, strict=True) if w),
-            (r, p, t),
-        )
+    def proposed(self, weights: StepWeights) -> _Proposed:
+        """Weights as a contractor gives them, of rows of the table."""
+        placed = [self._place(*e[:3]) for e in weights.rows]
+        products = [(i, j, int(p), int(q)) for i, j, p, q, _ in weights.products]
+        squares = [(i, t) for i, t, _ in weights.tangents]
+        values = (np.array([e[-1] for e in kind]) for kind in (weights.rows, weights.products, weights.tangents))
+        known = [n is not None for n in placed]
+        parts = self.fast.parts([n for n in placed if n is not None], products, squares)
+        return _Proposed(placed, products, squares, tuple(values), parts, np.array(known, np.bool_))
 
     def encoded(self, proofs: Sequence[Weights]) -> tuple[list[dict[str, Any]], list[list[Any]]]:
         """The JSON of weights, and of the rows that they speak of."""
@@ -121,6 +125,37 @@ class _Table:
         return texts, [written(self._rows[n]) for n in used]
 
 
+@dataclass(frozen=True)
+class _Proposed:
+    """Weights (of rows, of products, of squares) that a contractor proposes, and what they are put on.
+
+    A row that the statement has not is None in `rows`, False in `known`, and missing in `parts`.
+    """
+
+    rows: list[int | None]
+    products: list[Product]
+    squares: list[Square]
+    weights: tuple[Floats, ...]
+    parts: Parts
+    known: Bools
+
+    def shortened(self, bits: int) -> Floats:
+        """Weights of the parts, as whole numbers of so many bits at most times a power of two."""
+        whole_ones = [np.ldexp(*whole(values, bits)) for values in self.weights]
+        return np.concatenate([whole_ones[0][self.known], *whole_ones[1:]])
+
+    def exact(self, bits: int) -> Weights:
+        """The checker's form of them; those that vanish are left out."""
+        (rows, r), (products, p), (squares, t) = (whole(values, bits) for values in self.weights)
+        kinds = zip(self.rows, rows, strict=True), zip(self.products, products, strict=True)
+        return Weights(
+            tuple((n, int(w)) for n, w in kinds[0] if w and n is not None),
+            tuple((*product, int(w)) for product, w in kinds[1] if w),
+            tuple((i, F(touch), int(w)) for (i, touch), w in zip(self.squares, squares, strict=True) if w),
+            (r, p, t),
+        )
+
+
 def written(row: Row) -> list[Any]:
     """The JSON of a row; signs that are all 0 are left out."""
     return [*row] if set(row[2]) & {"-", "+"} else [*row[:2]]
@@ -134,30 +169,34 @@ def _within_limits(tried: Callable[[], T]) -> T | None:
         return None
 
 
-def _excluding(table: _Table, proposed: StepWeights) -> Weights | None:
-    tried = [table.exact(proposed, bits) for bits in _BITS]
-    found = next((weights for weights in tried if table.fast.lowest(weights)[0] > 0.0), None)
-    return found or next((weights for weights in tried if table.rule.excludes(weights)), None)
+def _excluding(table: _Table, given: StepWeights) -> Weights | None:
+    proposed = table.proposed(given)
+    for bits in _BITS:
+        if table.fast.lowest(proposed.parts, proposed.shortened(bits))[0] > 0.0:
+            return proposed.exact(bits)
+    return next((weights for weights in map(proposed.exact, _BITS) if table.rule.excludes(weights)), None)
 
 
 def _bound(table: _Table, i: int, step: Step, loss: float) -> tuple[Weights, float]:
     """The shortest weights, and the bound on unknown i that they prove, that lose little of what was proposed."""
     assert step.weights is not None
+    proposed = table.proposed(step.weights)
+    doubtful = []  # what float64 arithmetic gives away may be all that is missing
     for bits in _BITS:
-        weights = table.exact(step.weights, bits)
-        proved, rounding = table.fast.bound(i, step.side, weights)
+        proved, rounding = table.fast.bound(i, step.side, proposed.parts, proposed.shortened(bits))
         if abs(proved - step.bound) <= loss:
-            return weights, brief(F(proved), step.side == "lo", loss)
-    if not rounding <= _ROUNDING * loss:  # what float64 arithmetic gives away may be all that is missing
-        weights, bound = _exact_bound(table, i, step, loss)
+            return proposed.exact(bits), brief(F(proved), step.side == "lo", loss)
+        if not abs(proved - step.bound) > loss + rounding:
+            doubtful.append(bits)
+    if not rounding <= _ROUNDING * loss:
+        weights, bound = _exact_bound(table, i, step, [proposed.exact(b) for b in doubtful or [bits]], loss)
         return weights, brief(bound, step.side == "lo", loss)
-    return weights, brief(F(proved), step.side == "lo", loss)
+    return proposed.exact(bits), brief(F(proved), step.side == "lo", loss)
 
 
-def _exact_bound(table: _Table, i: int, step: Step, loss: float) -> tuple[Weights, F]:
-    assert step.weights is not None
-    for bits in _BITS:
-        weights = table.exact(step.weights, bits)
+def _exact_bound(table: _Table, i: int, step: Step, tried: list[Weights], loss: float) -> tuple[Weights, F]:
+    """The first of the weights that lose little of what was proposed, or the last, and what they prove."""
+    for weights in tried:
         proved = table.rule.bound(i, step.side, weights)
         if abs(proved - F(step.bound)) <= F(loss):
             break
@@ -171,10 +210,10 @@ def _complete(proved: Box, proposed: Box) -> bool:
     return not shrunk(proved.width, proposed.width, _NEARLY)
 
 
-def whole(values: Sequence[float], bits: int) -> tuple[list[int], int]:
+def whole(values: Floats, bits: int) -> tuple[Floats, int]:
     """Whole numbers that are nearly proportional to nonnegative ones, and the power of two between them."""
-    exponent = math.frexp(max(values, default=0.0))[1] - bits
-    return [round(math.ldexp(value, -exponent)) for value in values], exponent
+    exponent = math.frexp(values.max(initial=0.0))[1] - bits
+    return np.rint(np.ldexp(values, -exponent)), exponent
 
 
 def rounded(value: F, down: bool) -> float:

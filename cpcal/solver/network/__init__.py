@@ -1,26 +1,5 @@
 """What must hold: expressions, constraints, networks, and their rewriting to polynomial form."""
 
-from cpcal.solver.network.expression import Constraint, Expr
-from cpcal.solver.network.forms import CentredForm, evaluate
-from cpcal.solver.network.mathematics import maximum, minimum, norm, sqr, sqrt
-from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.polynomial_rows import PolynomialSystem, polynomial_form
-from cpcal.solver.network.rewrite import one_sided_rows
-from cpcal.solver.network.tape import Tape
+import lazy_loader
 
-__all__ = [
-    "CentredForm",
-    "Constraint",
-    "ConstraintNetwork",
-    "Expr",
-    "PolynomialSystem",
-    "Tape",
-    "evaluate",
-    "maximum",
-    "minimum",
-    "norm",
-    "one_sided_rows",
-    "polynomial_form",
-    "sqr",
-    "sqrt",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -15,16 +15,16 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.execution.executors import Place
 from cpcal.execution.stopping import asked
+from cpcal.solver.accounts import ContractorUse, Found, total_use
 from cpcal.solver.contract import Contractor, Limits, Strategy
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.bounding import Bounding, Branch, Row
 from cpcal.solver.optimize.incumbent import Incumbent
-from cpcal.solver.optimize.minimum import Bracket, Found, Minimum, status_of
+from cpcal.solver.optimize.minimum import Bracket, Minimum, status_of
 from cpcal.solver.optimize.saved import Saved
 from cpcal.solver.search import (
     Contracting,
-    ContractorUse,
     Event,
     EventKind,
     LargestFirst,
@@ -32,7 +32,6 @@ from cpcal.solver.search import (
     Piece,
     Search,
     StepProver,
-    total_use,
 )
 
 Named = tuple[str, Contractor]

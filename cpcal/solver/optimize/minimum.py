@@ -7,16 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.common.numbers import at_least, gap_text
+from cpcal.solver.accounts import ContractorUse, Found, bracket_sentence
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box, Interval
 from cpcal.solver.interval.box import Variable
 from cpcal.solver.optimize.incumbent import Incumbent
 from cpcal.solver.optimize.witness import Witness
 from cpcal.solver.row_use import RowUse
-from cpcal.solver.search import ContractorUse
-
-_DIGITS = 10  # of two lower bounds that differ
 
 
 @dataclass(frozen=True)
@@ -37,23 +34,6 @@ class Bracket:
     def rate(self) -> float:
         """Boxes a second."""
         return self.nodes / self.seconds if self.seconds > 0.0 else 0.0
-
-
-@dataclass(frozen=True)
-class Found:
-    """What all contractors together prove, where a certificate proves less: see `Minimum`."""
-
-    lo: float
-    enclosure: Box
-
-    def sentence(self, certified: float) -> str:
-        """To follow another one; `certified` is the lower bound that the certificate proves."""
-        if self.lo == np.inf:
-            return " All contractors together prove that there is no solution; the certificate does not."
-        if self.lo > certified:
-            found, proved = at_least(self.lo, _DIGITS), at_least(certified, _DIGITS)
-            return f" All contractors together prove the lower bound {found}; the certificate proves {proved}."
-        return " All contractors together prove a smaller enclosure than the certificate."
 
 
 @dataclass(frozen=True)
@@ -127,23 +107,3 @@ def status_of(last: Bracket, incumbent: Incumbent, undecided: int) -> tuple[Verd
         verdict = Verdict.PROVED
     hi = np.inf if incumbent.witness is None else last.hi
     return verdict, bracket_sentence(verdict, last.lo, hi, floor=incumbent.floor, undecided=undecided)
-
-
-def bracket_sentence(verdict: Verdict, lo: float, hi: float, *, floor: float, undecided: int) -> str:
-    """How a search ended, said of its numbers; `hi` is infinite without a proved point."""
-    if verdict is Verdict.REFUTED:
-        return "No point of the domain satisfies the constraints: proved."
-    if hi == np.inf:
-        return "No point was proved to satisfy the constraints; the lower bound is proved."
-    if verdict is Verdict.PROVED:
-        return "Both bounds are proved and the gap is closed."
-    printed = gap_text(lo, hi)
-    if undecided:
-        boxes = f"{undecided} undecided box{'' if undecided == 1 else 'es'}"
-        return f"Stopped at a limit with {boxes}; both bounds are proved, the gap is open."
-    if hi - lo <= floor:
-        return (
-            f"Both bounds are proved; the gap of {printed} is open. The search ends there, because the second-order "
-            f"effect of the readings is {at_least(floor, 2)}."
-        )
-    return f"Both bounds are proved; the contractors cannot close the gap of {printed}."

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.bounding import Branch, Row
 from cpcal.solver.optimize.incumbent import Known
 from cpcal.solver.optimize.witness import Witness
-from cpcal.solver.search import ContractorUse, Node, Piece
+from cpcal.solver.search import Node, Piece
 
 
 @dataclass(frozen=True)

@@ -11,45 +11,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from cpcal.execution.stopping import asked
+from cpcal.solver.accounts import ContractorUse, TimeoutAnswer, Trial, total_use
 from cpcal.solver.contract import Limits, Strategy
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.witness import Witness, WitnessProver
-from cpcal.solver.search import Contracting, ContractorUse, Divide, Event, EventKind, Node, Piece, Search, total_use
+from cpcal.solver.search import Contracting, Divide, Event, EventKind, Node, Piece, Search
 
 _CLOSE = 1.0 / 16.0  # of the bracket: an eps nearer than this to its lower end is too close
 _SHRINK = 0.9  # of a width: another pass of the contractor is worth while
 _DELAY = 0.5  # seconds, of the first call
-
-
-class TimeoutAnswer(Enum):
-    """What the solver says of one eps."""
-
-    INFEASIBLE = "infeasible"
-    FOUND = "found"
-    TIMEOUT = "timeout"
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One call of the solver: is there a point with an objective up to `eps`, within `delay` seconds?
-
-    `lo` and `hi`: the bracket afterwards. `checked`: the infeasible answer has a certificate.
-    """
-
-    eps: float
-    delay: float
-    answer: TimeoutAnswer
-    lo: float
-    hi: float
-    nodes: int
-    programs: int
-    seconds: float
-    checked: bool = False
 
 
 @dataclass(frozen=True)

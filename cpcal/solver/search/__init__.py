@@ -3,7 +3,7 @@
 from cpcal.solver.search.conclusion import conclusion
 from cpcal.solver.search.divide import DepthStrategy, Divide
 from cpcal.solver.search.orders import ORDERS, BestFirst, Node, Priority, breadth_first, depth_first
-from cpcal.solver.search.passes import Contracting, ContractorUse, Pass, Proof, StepProver, divided, total_use
+from cpcal.solver.search.passes import Contracting, Pass, Proof, StepProver, divided
 from cpcal.solver.search.paving import Paving, Solution
 from cpcal.solver.search.race import Contender, Race
 from cpcal.solver.search.regions import clusters, difference, hull, volume
@@ -18,7 +18,6 @@ __all__ = [
     "BestFirst",
     "Contender",
     "Contracting",
-    "ContractorUse",
     "Decision",
     "DepthStrategy",
     "Divide",
@@ -48,6 +47,5 @@ __all__ = [
     "difference",
     "divided",
     "hull",
-    "total_use",
     "volume",
 ]

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from cpcal.common.arrays import Floats, Ints
+from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import Contraction, Contractor, Strategy, takes_batches
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.search.orders import Node
-from cpcal.solver.search.passes import ContractorUse
 from cpcal.solver.search.search import Decision, EventKind, Piece
 from cpcal.solver.search.strategies import LargestFirst, RoundRobin, Smear
 

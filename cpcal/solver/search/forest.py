@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.arrays import Bools, Floats, Ints
+from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
-from cpcal.solver.search.passes import ContractorUse
 from cpcal.solver.search.search import Decision, EventKind, Piece
 
 _KINDS = tuple(EventKind)

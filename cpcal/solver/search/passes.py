@@ -14,33 +14,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import Contraction, Contractor, Step, Then, elements, followed, gives_weights
 from cpcal.solver.interval import Box
 
 Record = tuple[str, dict[str, Any]]  # a contractor's name, and a step as a certificate says it
-
-
-@dataclass(frozen=True)
-class ContractorUse:
-    """How much a contractor that was asked for took part.
-
-    calls            how often it ran
-    steps            bounds that it moved, and boxes that it proved empty
-    certified_steps  those of its steps that the certificate holds: 0 where none was written
-    """
-
-    name: str
-    calls: int = 0
-    steps: int = 0
-    certified_steps: int = 0
-
-
-def total_use(one: tuple[ContractorUse, ...], two: tuple[ContractorUse, ...]) -> tuple[ContractorUse, ...]:
-    """The sum, contractor by contractor; nobody is ()."""
-    if not (one and two):
-        return one or two
-    pairs = zip(one, two, strict=True)
-    return tuple(replace(a, calls=a.calls + b.calls, steps=a.steps + b.steps) for a, b in pairs)
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
+from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.rounding import check_rounding
 from cpcal.solver.search.frontier import Frontier
 from cpcal.solver.search.orders import Node, Priority, depth_first
-from cpcal.solver.search.passes import ContractorUse
 from cpcal.solver.search.regions import difference
 
 

@@ -13,9 +13,10 @@ from contractors import Lifted
 from cpcal.checker import check
 from cpcal.results import proved_sentence
 from cpcal.solver import plugins
+from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.contract import Composable, Contraction, Limits, Step
 from cpcal.solver.interval import Box
-from cpcal.solver.optimize import TimeoutAnswer, TimeoutOutcome, Trial, Witness, timeout
+from cpcal.solver.optimize import TimeoutOutcome, Witness, timeout
 
 
 def play(answers: str, *, lo: float = 0.0, hi: float = 1.0) -> list[Trial]:
