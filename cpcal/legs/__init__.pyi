@@ -1,6 +1,3 @@
-from .leg_derivatives import (
-    model_jacobian,
-)
 from .equation import (
     exactly_read,
     leg_box,
@@ -9,6 +6,9 @@ from .equation import (
 )
 from .known import (
     leg_model,
+)
+from .leg_derivatives import (
+    model_jacobian,
 )
 from .leg_statement import (
     leg_statement,
