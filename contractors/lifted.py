@@ -7,31 +7,21 @@ are ever active: the programs start with some dozens, and violated ones are adde
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 
 from contractors.directions import Directions, over_box
 from contractors.relaxation import Relaxation, Structure
+from contractors.structures import Structures
 from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
-from cpcal.solver.existence import reads
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
-from cpcal.solver.network import ConstraintNetwork, polynomial_form
-from cpcal.solver.network.monotone import DecisiveReadings
-from cpcal.solver.network.polynomial_rows import PolynomialForms
-from cpcal.solver.network.restrict import restricted
-from cpcal.solver.network.rewrite import ReadingSets
-from cpcal.solver.network.rows import Rows
+from cpcal.solver.network import ConstraintNetwork
 
 Carriers = tuple[tuple[tuple[int, int], ...], StepWeights | None]
 
-_MANY = 4096  # measurements, beyond which only the rows likely to matter on a box are expanded
-_LIKELY = 1024  # of them for each side of a constraint
 _FEWER = 0.5  # of the rows: with less the boxes within begin
 
 
@@ -56,39 +46,17 @@ class Lifted(Composable):
     ) -> None:
         self._arithmetic = get_arithmetic(arithmetic)
         self._engine = engine
-        self._network = network
-        self._many = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints) > _MANY
-        self._last: tuple[bytes, Structure] | None = None
+        self._network, self._structures = network, Structures(network, self._arithmetic)
         self._within: tuple[Structure, Box, Structure] | None = None  # what is left of the first on boxes in that one
         self._objective = None if objective is None else network.names.index(objective)
-
-    @cached_property
-    def _decisive(self) -> DecisiveReadings:
-        return DecisiveReadings(self._network, self._arithmetic)
-
-    @cached_property
-    def _rows(self) -> Rows:
-        return Rows(self._network)
-
-    @cached_property
-    def _forms(self) -> PolynomialForms:
-        return PolynomialForms(self._network, self._arithmetic, self.deadline)
-
-    @cached_property
-    def _structure(self) -> Structure | None:
-        """The same on all boxes; made when it is needed: then the deadline is known.
-
-        With readings boxes have rows of their own, the same ones where the same ends of the readings decide: None.
-        """
-        return None if any(map(reads, self._network.constraints)) else Structure(self._forms.on())
 
     @property
     def unused_constraints(self) -> frozenset[int]:
         """Those without polynomial form."""
         domain = self._network.domain
-        if self._structure is None and not domain.is_bounded:
+        if self._structures.by_box and not domain.is_bounded:
             return frozenset()
-        system = (self._structure or self._structure_on(domain)).system
+        system = self._structures.on(domain, self.deadline).system
         return frozenset(constraint for constraint, _ in system.leftover)
 
     def contract(self, box: Box) -> Contraction:
@@ -115,7 +83,7 @@ class Lifted(Composable):
 
         Within the box before, the rows that no point of that one violates are left out from the start.
         """
-        whole = self._structure or self._structure_on(box)
+        whole = self._structures.on(box, self.deadline)
         if not whole.positions:
             return None
         known = self._within
@@ -125,39 +93,6 @@ class Lifted(Composable):
         if len(kept) < _FEWER * len(structure.system.origin):
             self._within = whole, box, structure.part(kept, occurring)
         return programs
-
-    def _structure_on(self, box: Box) -> Structure:
-        """The rows that are likely to matter on the box, their readings at the ends that decide on all of it."""
-        if not self._many:
-            return self._structure_with(self._decisive.on(box))
-        keep = self._rows.likely(box, _LIKELY)
-        network = restricted(self._network, keep)
-        sets = DecisiveReadings(network, self._arithmetic).on(box)
-        system = polynomial_form(network, self._arithmetic, sets)
-        return Structure(replace(system, origin=_original(system.origin, self._network, keep)))
-
-    def _structure_with(self, sets: list[ReadingSets]) -> Structure:
-        """The rows with parts of the reading sets: those made last, if they were of the same parts."""
-        parts = [bound.tobytes() for own in sets for part in own.values() for bound in (part.lo, part.hi)]
-        key = b"".join(parts)
-        if self._last is None or self._last[0] != key:
-            self._last = key, Structure(self._forms.on(sets))
-        return self._last[1]
-
-
-def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) -> Indices:
-    """Constraint and element in the whole network of each row of a restricted one."""
-    kept = [c for c, rows in enumerate(keep) if rows.size or not network.constraints[c].body.shape]
-    out = origin.copy()
-    for new, old in enumerate(kept):
-        mine = origin[:, 0] == new
-        out[mine, 0] = old
-        shape = network.constraints[old].body.shape
-        if shape:
-            width = max(int(np.prod(shape[1:])), 1)
-            element = origin[mine, 1]
-            out[mine, 1] = keep[old][element // width] * width + element % width
-    return out
 
 
 def _lies_in(box: Box, other: Box) -> bool:
@@ -174,10 +109,10 @@ class _Programs:
         self._box = box
         columns = {column: k for k, column in enumerate(self._relaxation.columns.tolist())}
         self._positions = {variable: columns[k] for variable, k in structure.positions.items()}
+        self._variables = np.array(list(self._positions), np.intp)
+        self._columns = np.array(list(self._positions.values()), np.intp)
         self._engine = self._relaxation.load(engine)
         self.count = 0
-        r = self._relaxation
-        self._products, self._kept = r.products.tolist(), list(zip(r.kept.tolist(), r.exponents.tolist(), strict=True))
 
     @property
     def rows(self) -> tuple[Indices, Bools]:
@@ -215,7 +150,7 @@ class _Programs:
 
     def coordinates(self, solution: LinearSolution) -> Floats:
         u = np.zeros(len(self._box))
-        u[list(self._positions)] = solution.point[list(self._positions.values())]
+        u[self._variables] = solution.point[self._columns]
         return u
 
     def _objective(self, variable: int, sign: float) -> Floats:
@@ -232,31 +167,30 @@ class _Programs:
 
     def _carriers(self, solution: LinearSolution) -> Carriers:
         """The rows that carry a proof, and their weights in a form that can be checked."""
-        known, first = self._structure.named, len(self._products)
-        carried, products = [], []
-        for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
-            if row < first:
-                products.append((self._products[row], weight))
-            else:
-                k, exponent = self._kept[row - first]
-                carried.append((*known[k], math.ldexp(weight, -exponent)))
-        return tuple((c, k) for c, _, k, _ in carried), self._weights(tuple(carried), products)
+        r, first = self._relaxation, len(self._relaxation.products)
+        is_product = solution.rows < first
+        rows, weights = solution.rows[~is_product] - first, solution.multipliers[~is_product]
+        names = self._structure.names(r.kept[rows])
+        weights = np.ldexp(weights, -r.exponents[rows])
+        carried = tuple([(*name, weight) for name, weight in zip(names, weights.tolist(), strict=True)])
+        products = r.products[solution.rows[is_product]].tolist(), solution.multipliers[is_product].tolist()
+        return tuple([(c, k) for c, _, k in names]), self._weights(carried, zip(*products, strict=True))
 
     def _weights(
         self, rows: tuple[tuple[int, int, int, float], ...], products: Iterable[tuple[int, float]]
     ) -> StepWeights | None:
         """None for products of more than two variables."""
-        pairs, tangents = [], []
+        pairs: list[tuple[int, int, float, float, float]] = []
+        tangents: list[tuple[int, float, float]] = []
+        forms = self._structure.products.forms
         for position, weight in products:
-            beta, delta, on_beta, on_delta, on_gamma = self._structure.products.factors[position]
-            if len(beta) + len(delta) > 2:
+            form = forms[position]
+            if form is None:
                 return None
-            if beta != delta:
-                pairs.append((beta[0], delta[0], -on_beta, -on_delta, weight))
-            elif on_gamma > 0.0:
-                pairs.append((beta[0], beta[0], 1.0, -1.0, weight))
+            if len(form) == 4:
+                pairs.append((*form, weight))
             else:
-                tangents.append((beta[0], 0.5 * on_beta, weight))
+                tangents.append((*form, weight))
         return StepWeights(rows, tuple(pairs), tuple(tangents))
 
     def empty(self, solution: LinearSolution) -> Step | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
 from math import comb
 
 import numpy as np
@@ -21,6 +22,11 @@ _TANGENTS = (-1.0, -0.5, 0.5, 1.0)
 _ALL_FACTORINGS = 4  # degree up to which a column is tied to the others by each of its factorings
 
 
+# (variable i, variable j, p, q) of the product (1 + p u_i)(1 + q u_j); (i, t) of the square (u_i - t)^2; None for
+# products of more than two variables
+Form = tuple[int, int, float, float] | tuple[int, float] | None
+
+
 @dataclass(frozen=True)
 class ProductRows:
     """Rows `matrix w <= rhs` that hold for the monomials w (without the constant) of every u in [-1, 1]^n.
@@ -32,6 +38,19 @@ class ProductRows:
     rhs: Floats
     # and the coefficients of both and their product
     factors: tuple[tuple[Monomial, Monomial, float, float, float], ...]
+
+    @cached_property
+    def forms(self) -> list[Form]:
+        """As `StepWeights` has them, without the weights."""
+        return [_form(*factor) for factor in self.factors]
+
+
+def _form(beta: Monomial, delta: Monomial, on_beta: float, on_delta: float, on_gamma: float) -> Form:
+    if len(beta) + len(delta) > 2:
+        return None
+    if beta != delta:
+        return beta[0], delta[0], -on_beta, -on_delta
+    return (beta[0], beta[0], 1.0, -1.0) if on_gamma > 0.0 else (beta[0], 0.5 * on_beta)
 
 
 def column_bounds(monomials: tuple[Monomial, ...]) -> IntervalArray:

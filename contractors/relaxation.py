@@ -7,7 +7,7 @@ holds at every solution in the box is what the linear programs work on, and what
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -62,10 +62,9 @@ class Structure:
         moving = np.array([all(radius[i] > 0.0 for i in m) for m in self.system.monomials[1:]], dtype=np.bool_)
         return self.with_divisors(self.used & (self.linear | (highest > 0.0) | (self._beyond & moving)))
 
-    @cached_property
-    def named(self) -> list[tuple[int, int, int]]:
-        """Constraint, part and element of each row."""
-        origin, part = self.system.origin.tolist(), self.system.part.tolist()
+    def names(self, rows: Indices) -> list[tuple[int, int, int]]:
+        """Constraint, part and element of some rows."""
+        origin, part = self.system.origin[rows].tolist(), self.system.part[rows].tolist()
         return [(c, p, k) for (c, k), p in zip(origin, part, strict=True)]
 
     def with_divisors(self, monomials: Bools) -> Bools:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from cpcal.calibration import CalibrationRecord, calibrate_study, recorded
 from cpcal.calibration.averaging import Of
@@ -36,6 +35,7 @@ from cpcal.report.study_report import write_study_page
 from cpcal.results import Result, save_result
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate_study
+from cpcal.solver.contract import Verdict
 
 FACTOR = 3.0  # half-width of the reading sets, in standard deviations of
 OF: Of = "single"  # readings: the paper's choice
@@ -95,7 +95,7 @@ def demo(
     save_study(study, output / STUDY)
     record = _calibrated(output, seed, talk)
     campaign = load_campaign(output / CAMPAIGN)
-    _fits(campaign, record, output / FITS, console)
+    _fits(campaign, record, output / FITS, talk)
     result = _unless_stopped(
         lambda: certified_into(output / RUN, campaign, {"legs": PLAN.legs}, talk=talk, resume=resume)
     )
@@ -135,12 +135,17 @@ def _calibrated(output: Path, seed: int, talk: Talk) -> CalibrationRecord:
     return record
 
 
-def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, console: Console) -> None:
-    """Are x_c and x_c_sigma solutions?"""
+def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, talk: Talk) -> None:
+    """Are x_c and x_c_sigma solutions? A line for each; with --verbose for each leg."""
     fits = certify_fits(campaign, record, folder, legs=PLAN.legs)
     for name, verified in fits.both:
-        for fit in verified:
-            console.print(f"Leg {fit.leg}: {fit.verified.sentence(name)}", soft_wrap=True)
+        if talk.verbose:
+            for fit in verified:
+                talk.say(f"Leg {fit.leg}: {fit.verified.sentence(name)}")
+            continue
+        legs = {word: [str(fit.leg) for fit in verified if fit.verified.verdict is word] for word in Verdict}
+        said = [f"{word.value} for leg {', '.join(some)}" for word, some in legs.items() if some]
+        talk.say(f"{name} satisfies every equation exactly, for some readings in their sets: {'; '.join(said)}.")
 
 
 def _pixels(photos: ImageStudy, campaign: Campaign, result: Result, output: Path, talk: Talk, resume: bool) -> None:

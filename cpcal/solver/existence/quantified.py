@@ -7,7 +7,6 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
-from cpcal.solver.network.dag import leaves
 from cpcal.solver.network.rows import Extremes
 from cpcal.solver.network.tape import ReadingSets
 
@@ -75,5 +74,5 @@ def reads(constraint: Constraint) -> bool:
     return any(_reads_expr(e) for e in (constraint.body, constraint.lower, constraint.upper))
 
 
-def _reads_expr(expr: object) -> bool:
-    return any(leaf.op == "reading" for leaf in leaves((expr,)))  # type: ignore[arg-type]
+def _reads_expr(expr: Expr) -> bool:
+    return "reading" in expr.ops

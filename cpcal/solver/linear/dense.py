@@ -6,8 +6,8 @@ import numpy as np
 
 from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.linear.engine import LinearEngine, LinearSolution, LinearStatus
-from cpcal.solver.linear.simplex import FAILED, OPTIMAL, begin, minimise
-from cpcal.solver.linear.vertex import Vertex, exact_point, to_box
+from cpcal.solver.linear.simplex import FAILED, OPTIMAL, begin, solved
+from cpcal.solver.linear.vertex import Vertex
 
 _ALL = 640  # rows that are all looked at in every pivot
 _FIRST = 3  # of more rows, those that enter at the start, per column
@@ -49,23 +49,15 @@ class Dense:
         return np.concatenate([np.arange(always), np.sort(likeliest)])
 
     def minimize(self, objective: Floats) -> LinearSolution:
-        v = self._vertex
+        n = len(objective)
+        point, rows, weights = np.empty(n), np.empty(n + 1, np.intp), np.empty(n + 1)
+        program = (self._vertex, self._columns, self._rhs, objective, _PIVOTS * n)
+        status, count = solved(*program, self._fresh, point, rows, weights)
+        self._fresh = bool(status == FAILED)
         if self._fresh:
-            to_box(v, objective)
-            self._fresh = False
-        status = minimise(v, self._columns, self._rhs, objective, _PIVOTS * len(objective))
-        if status == FAILED:
-            self._fresh = True
             return self._by_glop(objective)
-        on_row = np.flatnonzero((v.tight >= 0) & (v.multipliers > 0.0))
-        rows, weights = v.number[v.tight[on_row]], v.multipliers[on_row]
-        if status == OPTIMAL:
-            point = np.empty(len(objective))
-            exact_point(v, self._rhs, point)
-            return LinearSolution(LinearStatus.OPTIMAL, point, rows, weights)
-        if v.counters[3] >= 0:
-            rows, weights = np.append(rows, v.number[v.counters[3]]), np.append(weights, 1.0)
-        return LinearSolution(LinearStatus.INFEASIBLE, v.point.copy(), rows, weights)
+        meaning = LinearStatus.OPTIMAL if status == OPTIMAL else LinearStatus.INFEASIBLE
+        return LinearSolution(meaning, point, rows[:count], weights[:count])
 
     def _by_glop(self, objective: Floats) -> LinearSolution:
         if self._glop is None:

@@ -8,13 +8,12 @@ reading `delta_j` in [-1, 1]. Without readings the shape is (1, *S).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.interval import Arithmetic, IntervalArray
-from cpcal.solver.network.coefficient_kernels import added, multiplied, summed
+from cpcal.solver.network.coefficient_kernels import combined, occurring, products, summed
 
 # Factor that covers the rounding of the few dozen float64 operations below that are not interval operations.
 _ROUND_UP = 1.0 + 64 * np.finfo(np.float64).eps
@@ -22,8 +21,68 @@ _MAX = np.finfo(np.float64).max
 _ROUND_DOWN = 1.0 - 64 * np.finfo(np.float64).eps
 
 
-def is_zero(c: IntervalArray) -> bool:
-    return not (c.lo.any() or c.hi.any())
+def occurring_terms(c: IntervalArray) -> Bools:
+    """Which terms of a polynomial's coefficients (1 + J, T, *S) are not zero everywhere."""
+    size = (*c.shape[:2], math.prod(c.shape[2:]))
+    return np.asarray(occurring(*_contiguous(c, size)))
+
+
+def _contiguous(c: IntervalArray, size: tuple[int, ...]) -> tuple[Floats, Floats]:
+    lo = np.ascontiguousarray(c.lo).reshape(size)
+    return lo, lo if c.hi is c.lo else np.ascontiguousarray(c.hi).reshape(size)
+
+
+def combined_terms(
+    e: Arithmetic, x: IntervalArray, y: IntervalArray, of_x: Indices, of_y: Indices, sign: float
+) -> IntervalArray:
+    """Terms (T,) of x + sign y: those of x at `of_x` and of y at `of_y`, -1 for none."""
+    shape, count = _common(x, y)
+    if e.name == "float64":
+        lo, hi = combined(*_terms(x, shape, count), *_terms(y, shape, count), of_x, of_y, sign, count)
+        return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
+    slots = max(x.shape[0], y.shape[0])
+    signed = y if sign > 0.0 else e.neg(y)
+    out = _zeros((slots, len(of_x), *shape))
+    for t, (i, j) in enumerate(zip(of_x.tolist(), of_y.tolist(), strict=True)):
+        parts = [_padded(z[:, k], slots) for z, k in ((x, i), (signed, j)) if k >= 0]
+        total = parts[0] if len(parts) == 1 else e.add(*parts)
+        out.lo[:, t], out.hi[:, t] = total.lo, total.hi
+    return out
+
+
+def term_products(
+    e: Arithmetic, x: IntervalArray, y: IntervalArray, pairs: Indices, size: int, square: bool
+) -> IntervalArray:
+    """All terms of a product; `pairs` (P, 3): of x, of y, and the term (of `size`) that their product belongs to.
+
+    `square`: x is y, and a pair of two different terms stands for both orders.
+    """
+    shape, count = _common(x, y)
+    if e.name == "float64":
+        lo, hi = products(*_terms(x, shape, count), *_terms(y, shape, count), pairs, size, count, square)
+        return IntervalArray(lo, hi).reshape((*lo.shape[:2], *shape))
+    out = _zeros((max(x.shape[0], y.shape[0]), size, *shape))
+    for i, j, m in pairs.tolist():
+        one = e.sqr(x[:, i]) if square and i == j and x.shape[0] == 1 else _product(e, x[:, i], y[:, j])
+        total = e.add(out[:, m], _padded(doubled(one) if square and i != j else one, out.shape[0]))
+        out.lo[:, m], out.hi[:, m] = total.lo, total.hi
+    return out
+
+
+def _zeros(shape: tuple[int, ...]) -> IntervalArray:
+    return IntervalArray(np.zeros(shape), np.zeros(shape))
+
+
+def _common(x: IntervalArray, y: IntervalArray) -> tuple[tuple[int, ...], int]:
+    """The shape of the elements of both, and their number."""
+    shape = x.shape[2:] if x.shape[2:] == y.shape[2:] else np.broadcast_shapes(x.shape[2:], y.shape[2:])
+    return shape, math.prod(shape)
+
+
+def _terms(x: IntervalArray, shape: tuple[int, ...], count: int) -> tuple[Floats, Floats]:
+    """Bounds (1 + J, T, count), or (1 + J, T, 1) where all elements are the same."""
+    alike = math.prod(x.shape[2:]) == 1
+    return _contiguous(x if alike else x.broadcast_to((*x.shape[:2], *shape)), (*x.shape[:2], 1 if alike else count))
 
 
 def doubled(c: IntervalArray) -> IntervalArray:
@@ -32,32 +91,12 @@ def doubled(c: IntervalArray) -> IntervalArray:
         return IntervalArray(np.minimum(2.0 * c.lo, _MAX), np.maximum(2.0 * c.hi, -_MAX))
 
 
-def padded(c: IntervalArray, slots: int) -> IntervalArray:
+def _padded(c: IntervalArray, slots: int) -> IntervalArray:
     """The same coefficient with zero derivatives added up to `slots` entries."""
     if c.shape[0] == slots:
         return c
     zeros = np.zeros((slots - c.shape[0], *c.shape[1:]))
     return IntervalArray(np.concatenate([c.lo, zeros]), np.concatenate([c.hi, zeros]))
-
-
-def _same_slots(x: IntervalArray, y: IntervalArray) -> tuple[IntervalArray, IntervalArray]:
-    slots = max(x.shape[0], y.shape[0])
-    return padded(x, slots), padded(y, slots)
-
-
-def add(e: Arithmetic, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-    return _compiled(added, x, y) if e.name == "float64" else e.add(*_same_slots(x, y))
-
-
-Kernel = Callable[[Floats, Floats, Floats, Floats, int], tuple[Floats, Floats]]
-
-
-def _compiled(kernel: Kernel, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-    """What a kernel makes of coefficients whose elements broadcast."""
-    shape = x.shape[1:] if x.shape[1:] == y.shape[1:] else np.broadcast_shapes(x.shape[1:], y.shape[1:])
-    count = math.prod(shape)
-    lo, hi = kernel(*_flat(x, shape, count), *_flat(y, shape, count), count)
-    return IntervalArray(lo, hi).reshape((len(lo), *shape))
 
 
 def total_over(e: Arithmetic, x: IntervalArray, axis: int) -> IntervalArray:
@@ -70,23 +109,12 @@ def total_over(e: Arithmetic, x: IntervalArray, axis: int) -> IntervalArray:
     return IntervalArray(lo, hi).reshape((*shape[: axis + 1], *shape[axis + 2 :]))
 
 
-def _flat(x: IntervalArray, shape: tuple[int, ...], count: int) -> tuple[Floats, Floats]:
-    """Bounds (1 + J, count), or (1 + J, 1) where all elements are the same."""
-    slots = x.shape[0]
-    if x.shape[1:] != shape and math.prod(x.shape[1:]) > 1:
-        x = x.broadcast_to((slots, *shape))
-    size = (slots, count if x.shape[1:] == shape else 1)
-    lo = np.ascontiguousarray(x.lo.reshape(size))
-    return lo, lo if x.hi is x.lo else np.ascontiguousarray(x.hi.reshape(size))
-
-
-def mul(e: Arithmetic, x: IntervalArray, y: IntervalArray) -> IntervalArray:
-    """Product: `x0 y0 + (x0 y_j + y0 x_j) delta_j` and the range of `(x_j delta_j)(y_j delta_j)`."""
-    if e.name == "float64":
-        return _compiled(multiplied, x, y)
+def _product(e: Arithmetic, x: IntervalArray, y: IntervalArray) -> IntervalArray:
+    """`x0 y0 + (x0 y_j + y0 x_j) delta_j` and the range of `(x_j delta_j)(y_j delta_j)`, as the kernel has it."""
     if x.shape[0] == 1 or y.shape[0] == 1:
         return e.mul(x, y)
-    x, y = _same_slots(x, y)
+    slots = max(x.shape[0], y.shape[0])
+    x, y = _padded(x, slots), _padded(y, slots)
     value = e.add(e.mul(x[:1], y[:1]), _second_order(e, x[1:], y[1:]))
     slopes = e.add(e.mul(x[:1], y[1:]), e.mul(y[:1], x[1:]))
     return IntervalArray(np.concatenate([value.lo, slopes.lo]), np.concatenate([value.hi, slopes.hi]))

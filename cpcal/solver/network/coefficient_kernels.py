@@ -1,62 +1,94 @@
-"""Sums and products of coefficients (see `coefficient`) in float64, compiled: arrays (1 + J, E) of E elements.
+"""Sums and products of coefficients (see `coefficient`) of whole polynomials in float64, compiled.
 
-An array of one element stands for all E of them.
+Arrays are (1 + J, terms, E) for E elements; one element stands for all of them.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import kernels
 from cpcal.solver.interval.kernels import mul as interval_product
 
-interval_sum = kernels.add
+interval_sum, interval_square = kernels.add, kernels.sqr
+_MAX = 1.7976931348623157e308
 _ROUND_UP = 1.0 + 64 * 2.0**-52  # covers the rounding of the few dozen operations that are not those of intervals
 
 
 @compiled
-def added(x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, count: int) -> tuple[Floats, Floats]:
-    """The sum (max(1 + J, 1 + K), count); derivatives that one of them has not are zero."""
+def combined(
+    x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, of_x: Indices, of_y: Indices, sign: float, count: int
+) -> tuple[Floats, Floats]:
+    """Terms of x + sign y, (slots, T, count), of polynomials (1 + J, terms, E): `of_x` and `of_y` (T,), -1 for none."""
     p, q = x_lo.shape[0], y_lo.shape[0]
-    of_x, of_y = int(x_lo.shape[1] > 1), int(y_lo.shape[1] > 1)
-    lo, hi = np.empty((max(p, q), count)), np.empty((max(p, q), count))
-    for j in range(max(p, q)):
-        for k in range(count):
-            a, b = k * of_x, k * of_y
-            if j >= q:
-                lo[j, k], hi[j, k] = x_lo[j, a], x_hi[j, a]
-            elif j >= p:
-                lo[j, k], hi[j, k] = y_lo[j, b], y_hi[j, b]
-            else:
-                lo[j, k], hi[j, k] = interval_sum(x_lo[j, a], x_hi[j, a], y_lo[j, b], y_hi[j, b])
+    at_x, at_y = int(x_lo.shape[2] > 1), int(y_lo.shape[2] > 1)
+    lo, hi = np.zeros((max(p, q), of_x.size, count)), np.zeros((max(p, q), of_x.size, count))
+    for s in range(max(p, q)):
+        for t in range(of_x.size):
+            if of_x[t] >= 0 and s < p:
+                for k in range(count):
+                    lo[s, t, k], hi[s, t, k] = x_lo[s, of_x[t], k * at_x], x_hi[s, of_x[t], k * at_x]
+            if of_y[t] >= 0 and s < q:
+                low, high = (y_lo, y_hi) if sign > 0.0 else (y_hi, y_lo)
+                for k in range(count):
+                    a, b = sign * low[s, of_y[t], k * at_y], sign * high[s, of_y[t], k * at_y]
+                    lo[s, t, k], hi[s, t, k] = interval_sum(lo[s, t, k], hi[s, t, k], a, b)
     return lo, hi
 
 
 @compiled
-def multiplied(x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, count: int) -> tuple[Floats, Floats]:
-    """The product: see `coefficient.mul`."""
+def products(
+    x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, pairs: Indices, size: int, count: int, square: bool
+) -> tuple[Floats, Floats]:
+    """Terms (slots, size, count) of a product of polynomials (1 + J, terms, E).
+
+    Of two coefficients it is `x0 y0 + (x0 y_j + y0 x_j) delta_j` and the range of `(x_j delta_j)(y_j delta_j)`.
+
+    `pairs` (P, 3): a term of x, one of y, and the term that their product belongs to. `square`: x is y, and a pair of
+    two different terms stands for both orders.
+    """
     p, q = x_lo.shape[0], y_lo.shape[0]
-    n = max(p, q)
-    of_x, of_y = int(x_lo.shape[1] > 1), int(y_lo.shape[1] > 1)
-    lo, hi = np.empty((n, count)), np.empty((n, count))
-    for k in range(count):
-        a, b = k * of_x, k * of_y
-        value = interval_product(x_lo[0, a], x_hi[0, a], y_lo[0, b], y_hi[0, b])
-        if p > 1 and q > 1:
-            more = _second_order(x_lo[:, a], x_hi[:, a], y_lo[:, b], y_hi[:, b])
-            value = interval_sum(value[0], value[1], more[0], more[1])
-        lo[0, k], hi[0, k] = value
-        for j in range(1, n):
-            slope = 0.0, 0.0
-            if j < p:
-                slope = interval_product(x_lo[j, a], x_hi[j, a], y_lo[0, b], y_hi[0, b])
-            if j < q:
-                other = interval_product(x_lo[0, a], x_hi[0, a], y_lo[j, b], y_hi[j, b])
-                slope = interval_sum(slope[0], slope[1], other[0], other[1])
-            lo[j, k], hi[j, k] = slope
+    at_x, at_y = int(x_lo.shape[2] > 1), int(y_lo.shape[2] > 1)
+    lo, hi = np.zeros((max(p, q), size, count)), np.zeros((max(p, q), size, count))
+    for t in range(len(pairs)):
+        i, j, m = pairs[t]
+        twice = square and i != j
+        for s in range(max(p, q)):
+            for k in range(count):
+                a, b = k * at_x, k * at_y
+                if s == 0 and square and i == j and p == 1:
+                    low, high = interval_square(x_lo[0, i, a], x_hi[0, i, a])
+                elif s == 0:
+                    low, high = interval_product(x_lo[0, i, a], x_hi[0, i, a], y_lo[0, j, b], y_hi[0, j, b])
+                    if p > 1 and q > 1:
+                        more = _second_order(x_lo[:, i, a], x_hi[:, i, a], y_lo[:, j, b], y_hi[:, j, b])
+                        low, high = interval_sum(low, high, more[0], more[1])
+                else:
+                    low, high = 0.0, 0.0
+                    if s < p:
+                        low, high = interval_product(x_lo[s, i, a], x_hi[s, i, a], y_lo[0, j, b], y_hi[0, j, b])
+                    if s < q:
+                        other = interval_product(x_lo[0, i, a], x_hi[0, i, a], y_lo[s, j, b], y_hi[s, j, b])
+                        low, high = interval_sum(low, high, other[0], other[1])
+                if twice:
+                    low, high = min(2.0 * low, _MAX), max(2.0 * high, -_MAX)
+                lo[s, m, k], hi[s, m, k] = interval_sum(lo[s, m, k], hi[s, m, k], low, high)
     return lo, hi
+
+
+@compiled
+def occurring(lo: Floats, hi: Floats) -> Bools:
+    """Which terms of (1 + J, T, E) are not zero everywhere."""
+    out = np.zeros(lo.shape[1], np.bool_)
+    for s in range(lo.shape[0]):
+        for t in range(lo.shape[1]):
+            for k in range(lo.shape[2]):
+                if out[t]:
+                    break
+                out[t] = lo[s, t, k] != 0.0 or hi[s, t, k] != 0.0
+    return out
 
 
 @compiled

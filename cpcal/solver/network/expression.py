@@ -45,6 +45,7 @@ class Expr:
     # which no other process gives away again.
     digest: bytes = field(init=False)
     depth: int = field(init=False)
+    ops: frozenset[str] = field(init=False)  # of this node and all below
 
     __hash__ = object.__hash__
 
@@ -53,6 +54,7 @@ class Expr:
             raise ModelError(f"an array of shape {self.shape} has no elements: nothing could be asked of it")
         object.__setattr__(self, "data", own(self.data))
         object.__setattr__(self, "depth", 1 + max((arg.depth for arg in self.args), default=0))
+        object.__setattr__(self, "ops", frozenset((self.op,)).union(*(arg.ops for arg in self.args)))
         hasher = hashlib.sha256(repr((self.op, self.shape, self.parameter, self.name)).encode())
         if isinstance(self.data, IntervalArray):
             hasher.update(self.data.lo.tobytes())

@@ -11,9 +11,11 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from cpcal.common.arrays import Indices
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.dag import topological
@@ -32,28 +34,29 @@ class NotPolynomial(Exception):
 
 @dataclass(frozen=True)
 class PolynomialArray:
-    """Elements of shape `shape`; `terms[m]` is a coefficient array (see `coefficient`) that broadcasts to it."""
+    """Elements of shape `shape`: the sum of `monomials` (T of them) times `coefficients` (1 + J, T, *B).
+
+    B broadcasts to the shape; the first axis is that of `coefficient`.
+    """
 
     shape: tuple[int, ...]
-    terms: dict[Monomial, IntervalArray]
+    monomials: tuple[Monomial, ...]
+    coefficients: IntervalArray
     reads: bool = False  # whether readings with a measurement axis occur
 
     @property
     def is_constant(self) -> bool:
-        return all(m == () for m in self.terms)
+        return all(m == () for m in self.monomials)
 
     @property
     def constant(self) -> IntervalArray:
-        zero = IntervalArray.point(np.zeros((1,) + (1,) * len(self.shape)))
-        return self.terms.get((), zero)
-
-
-def _aligned(c: IntervalArray, rank: int) -> IntervalArray:
-    missing = rank + 1 - c.ndim
-    return c if missing == 0 else c.reshape((c.shape[0],) + (1,) * missing + c.shape[1:])
+        if () in self.monomials:
+            return self.coefficients[:, self.monomials.index(())]
+        return IntervalArray.point(np.zeros((1,) + (1,) * len(self.shape)))
 
 
 Found = PolynomialArray | NotPolynomial
+Terms = tuple[tuple[Monomial, ...], IntervalArray]
 
 
 class Expander:
@@ -106,7 +109,7 @@ class Expander:
             return self._variable(node)
         if node.op == "constant":
             assert isinstance(node.data, IntervalArray)
-            return PolynomialArray(node.shape, {(): node.data[None]})
+            return _cleared(node.shape, ((),), _owned(node.data)[None, None])
         if node.op == "reading":
             return self._readings[node.digest]
         args = []
@@ -116,14 +119,13 @@ class Expander:
                 raise found
             args.append(found)
         _check_rows(node, args)
-        reads = any(arg.reads for arg in args)
-        terms = self._operation(node, args)
-        return PolynomialArray(node.shape, {m: c for m, c in terms.items() if m == () or not coef.is_zero(c)}, reads)
+        monomials, coefficients = self._operation(node, args)
+        return _cleared(node.shape, monomials, coefficients, any(arg.reads for arg in args))
 
     def _variable(self, node: Expr) -> PolynomialArray:
         count, start = int(np.prod(node.shape)), self._start[node.digest]
-        unit = np.eye(count).reshape((count, 1, *node.shape))
-        return PolynomialArray(node.shape, {(start + k,): IntervalArray.point(unit[k]) for k in range(count)})
+        unit = np.eye(count).reshape((1, count, *node.shape))
+        return PolynomialArray(node.shape, tuple((start + k,) for k in range(count)), IntervalArray.point(unit))
 
     def _allot(self, readings: list[Expr], sets: dict[bytes, IntervalArray]) -> None:
         """One scaled reading `delta_j` per component of a reading whose set has a width in some row."""
@@ -144,73 +146,50 @@ class Expander:
                 if owner is node:
                     rows[k, :, component] = flat.rad[:, component]
             used = 1 + len(columns) if any(owner is node for owner, _, _ in columns) else 1
-            terms: dict[Monomial, IntervalArray] = {(): IntervalArray.point(slopes[:used])}
-            self._readings[node.digest] = PolynomialArray(node.shape, terms, reads=bool(node.shape))
+            own = IntervalArray.point(slopes[:used, None])
+            self._readings[node.digest] = PolynomialArray(node.shape, ((),), own, reads=bool(node.shape))
 
-    def _operation(self, node: Expr, args: list[PolynomialArray]) -> dict[Monomial, IntervalArray]:
-        e = self._engine
+    def _operation(self, node: Expr, args: list[PolynomialArray]) -> Terms:
+        e, x = self._engine, args[0]
         if node.op in ("neg", "index", "sum"):
-            return {m: self._structural(node, args[0], c) for m, c in args[0].terms.items()}
-        if node.op == "add":
-            return self._sum(node, args[0].terms, args[1].terms)
-        if node.op == "sub":
-            return self._sum(node, args[0].terms, {m: e.neg(c) for m, c in args[1].terms.items()})
+            return x.monomials, self._structural(node, x)
+        if node.op in ("add", "sub"):
+            return polynomial_sum(e, node.ndim, x, args[1], 1.0 if node.op == "add" else -1.0)
         if node.op == "mul":
-            return self._product(node, args[0], args[1])
+            return self._product(node.ndim, x, args[1])
         if node.op == "sqr":
-            return self._square(node, args[0])
+            self._check_size(len(x.monomials) ** 2)
+            return polynomial_product(e, node.ndim, x, x, square=True)
         if node.op == "power" and node.parameter >= 0:
-            return self._power(node, args[0])
+            return self._power(node, x)
         if node.op == "div" and args[1].is_constant:
-            divisor = PolynomialArray(args[1].shape, {(): coef.reciprocal(e, args[1].constant)})
-            return self._product(node, args[0], divisor)
+            divisor = coef.reciprocal(e, args[1].constant)
+            shape = (divisor.shape[0], 1, *divisor.shape[1:])
+            return self._product(node.ndim, x, PolynomialArray(args[1].shape, ((),), divisor.reshape(shape)))
         if all(arg.is_constant for arg in args):
             values = tuple(coef.total(e, arg.constant) for arg in args)
-            return {(): elementwise(e, node, values)}
+            return ((),), elementwise(e, node, values)[None]
         raise NotPolynomial(f"{node.op!r} of an expression with variables")
 
-    def _structural(self, node: Expr, arg: PolynomialArray, c: IntervalArray) -> IntervalArray:
-        full = c.broadcast_to((c.shape[0], *arg.shape))
+    def _structural(self, node: Expr, arg: PolynomialArray) -> IntervalArray:
+        c = arg.coefficients
         if node.op == "neg":
-            return self._engine.neg(full)
+            return self._engine.neg(c)
+        full = c.broadcast_to((*c.shape[:2], *arg.shape))
         if node.op == "sum":
-            return coef.total_over(self._engine, full, node.parameter)
+            return coef.total_over(self._engine, full, node.parameter + 1)
         assert isinstance(node.data, np.ndarray)
-        return full.reshape((full.shape[0], -1))[:, node.data]
+        return full.reshape((*full.shape[:2], -1))[:, :, node.data]
 
-    def _sum(
-        self, node: Expr, left: dict[Monomial, IntervalArray], right: dict[Monomial, IntervalArray]
-    ) -> dict[Monomial, IntervalArray]:
-        out = {m: _aligned(c, node.ndim) for m, c in left.items()}
-        for m, c in right.items():
-            c = _aligned(c, node.ndim)
-            out[m] = coef.add(self._engine, out[m], c) if m in out else c
-        return out
+    def _product(self, rank: int, x: PolynomialArray, y: PolynomialArray) -> Terms:
+        self._check_size(len(x.monomials) * len(y.monomials))
+        return polynomial_product(self._engine, rank, x, y)
 
-    def _product(self, node: Expr, x: PolynomialArray, y: PolynomialArray) -> dict[Monomial, IntervalArray]:
-        out: dict[Monomial, IntervalArray] = {}
-        self._check_size(len(x.terms) * len(y.terms))
-        for p, c in x.terms.items():
-            self._check_size(len(y.terms))
-            for q, d in y.terms.items():
-                self._accumulate(out, p + q, coef.mul(self._engine, _aligned(c, node.ndim), _aligned(d, node.ndim)))
-        return out
-
-    def _square(self, node: Expr, x: PolynomialArray) -> dict[Monomial, IntervalArray]:
-        e, out = self._engine, dict[Monomial, IntervalArray]()
-        items = list(x.terms.items())
-        self._check_size(len(items) ** 2)
-        for i, (p, c) in enumerate(items):
-            self._accumulate(out, p + p, e.sqr(c) if c.shape[0] == 1 else coef.mul(e, c, c))
-            for q, d in items[i + 1 :]:
-                self._accumulate(out, p + q, coef.doubled(coef.mul(e, c, d)))
-        return out
-
-    def _power(self, node: Expr, x: PolynomialArray) -> dict[Monomial, IntervalArray]:
-        out = PolynomialArray(node.shape, {(): IntervalArray.point(np.ones((1,) + (1,) * node.ndim))})
+    def _power(self, node: Expr, x: PolynomialArray) -> Terms:
+        out = PolynomialArray(node.shape, ((),), IntervalArray.point(np.ones((1, 1) + (1,) * node.ndim)))
         for _ in range(node.parameter):
-            out = PolynomialArray(node.shape, self._product(node, out, x))
-        return out.terms
+            out = PolynomialArray(node.shape, *self._product(node.ndim, out, x))
+        return out.monomials, out.coefficients
 
     def _check_size(self, products: int) -> None:
         if products > _MOST_PRODUCTS:
@@ -218,11 +197,67 @@ class Expander:
         if time.monotonic() > self._deadline:
             raise NotPolynomial("the time limit came first")
 
-    def _accumulate(self, out: dict[Monomial, IntervalArray], monomial: Monomial, c: IntervalArray) -> None:
-        if coef.is_zero(c):
-            return
-        key = tuple(sorted(monomial))
-        out[key] = coef.add(self._engine, out[key], c) if key in out else c
+
+def _owned(data: IntervalArray) -> IntervalArray:
+    """A copy that may be written: kernels are compiled for such arrays."""
+    lo = data.lo.copy()
+    return IntervalArray(lo, lo if data.hi is data.lo else data.hi.copy())
+
+
+def _cleared(
+    shape: tuple[int, ...], monomials: tuple[Monomial, ...], coefficients: IntervalArray, reads: bool = False
+) -> PolynomialArray:
+    """Without the monomials whose coefficients are all zero, but for the constant."""
+    keep = coef.occurring_terms(coefficients)
+    if not keep.all():
+        keep |= np.array([m == () for m in monomials], np.bool_)
+        monomials = tuple(m for m, kept in zip(monomials, keep.tolist(), strict=True) if kept)
+        coefficients = coefficients[:, keep]
+    return PolynomialArray(shape, monomials, coefficients, reads)
+
+
+def polynomial_sum(e: Arithmetic, rank: int, x: PolynomialArray, y: PolynomialArray, sign: float) -> Terms:
+    """x + sign y, for arrays of a common rank."""
+    monomials, of_x, of_y = _union(x.monomials, y.monomials)
+    return monomials, coef.combined_terms(e, _aligned(x, rank), _aligned(y, rank), of_x, of_y, sign)
+
+
+def polynomial_product(
+    e: Arithmetic, rank: int, x: PolynomialArray, y: PolynomialArray, *, square: bool = False
+) -> Terms:
+    """x y, for arrays of a common rank; `square`: they are one."""
+    monomials, table = _products(x.monomials, y.monomials, square)
+    return monomials, coef.term_products(e, _aligned(x, rank), _aligned(y, rank), table, len(monomials), square)
+
+
+def _aligned(x: PolynomialArray, rank: int) -> IntervalArray:
+    c = x.coefficients
+    missing = rank + 2 - c.ndim
+    return c if missing == 0 else c.reshape((*c.shape[:2], *(1,) * missing, *c.shape[2:]))
+
+
+# What follows depends on the monomials alone, which networks of one kind share.
+
+
+@lru_cache(maxsize=256)
+def _union(x: tuple[Monomial, ...], y: tuple[Monomial, ...]) -> tuple[tuple[Monomial, ...], Indices, Indices]:
+    """All monomials, and for each its place among those of x and of y, -1 where it has none."""
+    of_x, of_y = ({m: k for k, m in enumerate(own)} for own in (x, y))
+    both = tuple(of_x | of_y)
+    places = [np.array([own.get(m, -1) for m in both], np.intp) for own in (of_x, of_y)]
+    return both, places[0], places[1]
+
+
+@lru_cache(maxsize=256)
+def _products(x: tuple[Monomial, ...], y: tuple[Monomial, ...], square: bool) -> tuple[tuple[Monomial, ...], Indices]:
+    """The monomials of a product, and (P, 3) which terms multiply to which; of a square both orders are one."""
+    place: dict[Monomial, int] = {}
+    table = []
+    for i, p in enumerate(x):
+        for j in range(i if square else 0, len(y)):
+            m = tuple(sorted(p + y[j]))
+            table.append((i, j, place.setdefault(m, len(place))))
+    return tuple(place), np.array(table, np.intp).reshape(len(table), 3)
 
 
 def pairs(monomials: Iterable[Monomial]) -> int:

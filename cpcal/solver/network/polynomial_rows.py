@@ -73,7 +73,7 @@ class PolynomialForms:
                 try:
                     guard = None if part.guard is None else expander.expand(part.guard)
                     body = expander.expand(part.expr)
-                    more = {*body.terms, *(() if guard is None else guard.terms)} - monomials
+                    more = {*body.monomials, *(() if guard is None else guard.monomials)} - monomials
                     if size + pairs(more) > MOST_PAIRS:
                         raise NotPolynomial("with the other rows, too many products")
                     monomials, size = monomials | more, size + pairs(more)
@@ -103,10 +103,10 @@ def polynomial_form(
 
 def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tuple[int, str]]) -> PolynomialSystem:
     polynomials = [p for _, q, g in rows for p in (q, g) if p is not None]
-    monomials = _closed({m for p in polynomials for m in p.terms})
-    slots = max((c.shape[0] for p in polynomials for c in p.terms.values()), default=1)
+    monomials = _closed({m for p in polynomials for m in p.monomials})
+    slots = max((p.coefficients.shape[0] for p in polynomials), default=1)
     column = {m: k for k, m in enumerate(monomials)}
-    guard_columns = sorted({column[m] for _, _, g in rows if g is not None for m in g.terms})
+    guard_columns = sorted({column[m] for _, _, g in rows if g is not None for m in g.monomials})
     blocks, guards, origins, guarded = [], [], [], []
     for row, q, g in rows:
         count = int(np.prod(q.shape))
@@ -118,10 +118,10 @@ def _system(network: ConstraintNetwork, rows: list[Expanded], leftover: list[tup
     return PolynomialSystem(
         names=network.names,
         monomials=monomials,
-        coefficients=_joined(blocks, (slots, 0, len(monomials))),
+        coefficients=_joined(blocks, slots, len(monomials)),
         guarded=np.concatenate([np.zeros(0, dtype=bool), *guarded]),
         guard_monomials=np.array(guard_columns, dtype=np.intp),
-        guards=_joined(guards, (slots, 0, len(guard_columns))),
+        guards=_joined(guards, slots, len(guard_columns)),
         origin=np.concatenate([np.zeros((0, 2), dtype=np.intp), *origins]),
         part=_parts([(row.constraint, int(np.prod(q.shape))) for row, q, _ in rows]),
         leftover=tuple(leftover),
@@ -151,19 +151,19 @@ def _closed(monomials: set[Monomial]) -> tuple[Monomial, ...]:
 
 
 def _dense(p: PolynomialArray | None, monomials: tuple[Monomial, ...], count: int, slots: int) -> IntervalArray:
-    lo = np.zeros((slots, count, len(monomials)))
-    hi = np.zeros_like(lo)
-    for k, m in enumerate(monomials):
-        if p is not None and m in p.terms:
-            c = p.terms[m]
-            full = c.broadcast_to((c.shape[0], *p.shape)).reshape((c.shape[0], count))
-            lo[: c.shape[0], :, k], hi[: c.shape[0], :, k] = full.lo, full.hi
+    """Coefficients (1 + J, M, K)."""
+    lo, hi = np.zeros((2, slots, len(monomials), count))
+    if p is not None:
+        place, c = {m: k for k, m in enumerate(monomials)}, p.coefficients
+        columns = [place[m] for m in p.monomials]
+        full = c.broadcast_to((*c.shape[:2], *p.shape)).reshape((*c.shape[:2], count))
+        lo[: c.shape[0], columns], hi[: c.shape[0], columns] = full.lo, full.hi
     return IntervalArray(lo, hi)
 
 
-def _joined(blocks: list[IntervalArray], empty: tuple[int, ...]) -> IntervalArray:
-    zeros = np.zeros(empty)
-    return IntervalArray(
-        np.concatenate([zeros, *(b.lo for b in blocks)], axis=1),
-        np.concatenate([zeros, *(b.hi for b in blocks)], axis=1),
-    )
+def _joined(blocks: list[IntervalArray], slots: int, size: int) -> IntervalArray:
+    """Coefficients (1 + J, K, M) of all rows: those of a monomial stand side by side in memory."""
+    nothing = np.zeros((slots, size, 0))
+    lo = np.concatenate([nothing, *(b.lo for b in blocks)], axis=2)
+    hi = np.concatenate([nothing, *(b.hi for b in blocks)], axis=2)
+    return IntervalArray(lo.transpose(0, 2, 1), hi.transpose(0, 2, 1))

@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import coefficient as coef
-from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import Constraint, Expr, as_expr
 from cpcal.solver.network.mathematics import sqr
 from cpcal.solver.network.network import ConstraintNetwork
@@ -94,7 +93,7 @@ def terms(expr: Expr) -> list[Term]:
 
 
 def _constant(expr: Expr) -> bool:
-    return all(node.args or node.op == "constant" for node in topological((expr,)))
+    return expr.ops.isdisjoint(("variable", "reading"))
 
 
 def _sign(factor: Expr, engine: Arithmetic) -> int:
@@ -106,6 +105,8 @@ def _sign(factor: Expr, engine: Arithmetic) -> int:
 
 def _isolated(row: Row, op: str) -> tuple[Expr, Expr, Expr] | None:
     """The first term with operation `op`: its factor, its node and the sum of all other terms."""
+    if op not in row.expr.ops:
+        return None
     parts = terms(row.expr)
     for k, (factor, node) in enumerate(parts):
         if node.op == op:

@@ -9,13 +9,13 @@ import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
-from cpcal.solver.network.dag import leaves
 from cpcal.solver.network.dependence import exclusive
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.rewrite import Row, one_sided_rows
 from cpcal.solver.network.tape import ReadingSets, Tape
 
+_GOLDEN = 0.6180339887498949  # multiples of it, without their whole parts, are spread evenly
 _ENGINE = get_arithmetic("float64")  # at a point its bounds are as good as equal; NaN where nothing is defined
 
 
@@ -100,7 +100,7 @@ class Rows:
         rows = one_sided_rows(network)
         self._constraints = len(network.constraints)
         # one reading may be at one end for one row and at the other end for the next
-        reading = any(leaf.op == "reading" for row in rows for leaf in leaves((row.expr,)))
+        reading = any("reading" in row.expr.ops for row in rows)
         groups = [[row] for row in rows] if reading else [rows]
         self._parts = [Extremes(network, *(row.expr for row in group)) for group in groups if group]
         self._blocks = [_Block.of(row) for row in rows]
@@ -113,6 +113,24 @@ class Rows:
             np.concatenate([np.zeros(0), *(part.values for part in parts)]),
             np.concatenate([np.zeros((0, self._size)), *(part.jacobian for part in parts)]),
         )
+
+    def telling(self, point: Floats, most: int) -> list[npt.NDArray[np.intp]]:
+        """For each constraint the elements (along its leading axis) that say most about boxes around a point.
+
+        For each side those that the point violates most, and as many that are spread over all, at most `most` of both.
+        """
+        chosen: list[list[npt.NDArray[np.intp]]] = [[] for _ in range(self._constraints)]
+        with np.errstate(all="ignore"):
+            values = np.concatenate([np.zeros(0), *(part.smallest(point) for part in self._parts)])
+        values, start = np.where(np.isfinite(values), values, np.inf), 0
+        for block in self._blocks:
+            own = values[start : start + block.size]
+            worst = np.arange(block.size) if block.size <= most else np.argpartition(-own, most)[:most]
+            spread = (np.arange(most) * _GOLDEN % 1.0 * block.size).astype(np.intp)
+            chosen[block.constraint] += [worst // block.width, spread // block.width]
+            start += block.size
+        nothing = np.zeros(0, np.intp)
+        return [np.unique(np.concatenate([nothing, *elements])) for elements in chosen]
 
     def likely(self, box: Box, most: int) -> list[npt.NDArray[np.intp]]:
         """For each constraint the elements (along its leading axis) that are likely to exclude points of a box.

@@ -41,7 +41,7 @@ class Incumbent:
         self.objective, self.domain, self._limits = objective, network.domain, limits
         self._network, self._rows = network, Rows(network)
         self._prover = WitnessProver(network, objective, engine)
-        self._local = LocalSearch(network, objective, self._prover.equations, deadline)
+        self._local = LocalSearch(network, self._rows, objective, self._prover.equations, deadline)
         self._minimax = all(self._enters(c) for c in network.constraints)
         self._one_value = bool(self.domain.lo[objective] == self.domain.hi[objective])
         self.calls = 0  # of `propose`

@@ -32,18 +32,23 @@ _WIDE = 1e4  # a domain beyond this says nothing about the size of its component
 
 
 class LocalSearch:
-    """Local minimisation over one network's domain; `applies` where it is small and has no readings.
+    """Local minimisation over one network's domain, of these `rows`; `applies` where it is small and has no readings.
 
     It stops at `deadline` (of time.monotonic()), where it is.
     """
 
     def __init__(
-        self, network: ConstraintNetwork, objective: int, equations: Equations, deadline: float = math.inf
+        self,
+        network: ConstraintNetwork,
+        rows: Rows,
+        objective: int,
+        equations: Equations,
+        deadline: float = math.inf,
     ) -> None:
         self._deadline = deadline
         self._domain, self._objective, self._equations = network.domain, objective, equations
         self._whole = network.whole
-        self._rows = Rows(equations.rest) if equations.count else Rows(network)
+        self._rows = Rows(equations.rest) if equations.count else rows
         size = sum(int(np.prod(c.body.shape)) for c in network.constraints)
         self.applies = max(size, len(network.names)) <= _LARGEST and not any(map(reads, network.constraints))
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import Lifted, lifted
+from contractors import Lifted, structures
 from cpcal.calibration import least_squares
 from cpcal.legs import leg_box, leg_network
 from cpcal.simulate import simulate
@@ -75,21 +75,25 @@ def frugal(network: ConstraintNetwork, **options: Any) -> Contractor:
     return Lifted(network, **options)
 
 
-@pytest.mark.parametrize("likely", [1, 3])
+def few_rows(monkeypatch: pytest.MonkeyPatch, telling: int) -> None:
+    monkeypatch.setattr(structures, "_MANY", 0)
+    monkeypatch.setattr(structures, "_MANY_EACH", 0)
+    monkeypatch.setattr(structures, "_TELLING", telling)
+
+
+@pytest.mark.parametrize("telling", [1, 3])
 @pytest.mark.parametrize("check", ["keeps_solutions", "never_widens", "is_deterministic", "steps_agree"])
-def test_lifted_on_few_likely_rows_conforms(check: str, likely: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lifted, "_MANY", 0)
-    monkeypatch.setattr(lifted, "_LIKELY", likely)
+def test_lifted_on_few_telling_rows_conforms(check: str, telling: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    few_rows(monkeypatch, telling)
     CONFORMANCE[check](frugal)
 
 
-def test_steps_of_few_likely_rows_name_elements_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_of_few_telling_rows_name_elements_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     campaign = simulate(seed=5, joint_error=1.0)
     box = leg_box(least_squares(campaign, 1), 10.0)
     net = leg_network(campaign, 1, box, engine=get_arithmetic("float64"), eps=(0.0, 2.0))
     whole = Lifted(net, objective="eps").contract(net.domain).box
-    monkeypatch.setattr(lifted, "_MANY", 0)
-    monkeypatch.setattr(lifted, "_LIKELY", 20)
+    few_rows(monkeypatch, 20)
     result = Lifted(net, objective="eps").contract(net.domain)
     rows = {row for step in result.steps for row in step.rows}
     assert {c for c, _ in rows} <= {0, 1}
