@@ -54,7 +54,7 @@ def model_residuals(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegMo
 def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN, known: ModelResiduals | None = None) -> Floats:
     """Parameters (n,) that minimise the sum of squares of g, the extra ones within their half-widths of 0.
 
-    From the fit of the plain model, with which it begins. `known`: the residuals of all this, where they are there already.
+    From the fit of the plain model, with which it begins. `known`: the residuals, where they are there already.
     """
     start = np.append(least_squares(campaign, leg), np.zeros(len(model.extra)))
     free = np.append(np.ones(7, dtype=bool), model.half_widths > 0.0)
