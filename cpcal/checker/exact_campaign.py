@@ -112,6 +112,8 @@ class _Reading:
                 if sum(map(len, around)) > LARGEST_FILE:
                     raise Refused(f"it holds more than {LARGEST_FILE} bytes beside its measurements", "limit")
                 self.rest = parsed(b"".join(around))
+                if self.rest.get("measurements") != []:
+                    raise Refused("a comma is missing after a measurement")
                 return
             more = text.endswith(b",")
             yield from _LINE(parsed(b'{"row":' + text.removesuffix(b",") + b"}"))
