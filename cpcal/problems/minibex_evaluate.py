@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.errors import CpcalError, InputError, shown
-from cpcal.problems.minibex_syntax import DEEPEST
+from cpcal.problems.minibex_arrays import indexed, is_row, stacked
+from cpcal.problems.minibex_expressions import DEEPEST
+from cpcal.problems.minibex_forms import FORMS
 from cpcal.problems.minibex_tree import Function, SyntaxNode
 from cpcal.problems.minibex_values import (
     FUNCTIONS,
     MOST,
-    Array,
     Data,
     Value,
     applied,
-    array_of,
     as_operand,
     interval_of,
     minus,
@@ -47,6 +47,7 @@ class Evaluator:
         self.source = source
         self.constants: dict[str, Value] = {"pi": PI, "oo": Data(Interval(np.finfo(float).max, np.inf))}
         self.functions: dict[str, Function] = {}
+        self.used: set[str] = set()  # names that were asked for
         self.depth = 0
 
     def value(self, node: SyntaxNode, names: Names) -> Value:
@@ -59,11 +60,11 @@ class Evaluator:
         if node.kind == "name":
             return self.named(node.token, names)
         if node.kind in _BINARY:
-            return _BINARY[node.kind](*(self.value(part, names) for part in node.parts))
+            return self.chain(node, names)
         if node.kind in _UNARY:
             return _UNARY[node.kind](self.value(node.parts[0], names))
         if node.kind in ("row", "column"):
-            return self.stacked(node, [self.value(part, names) for part in node.parts])
+            return stacked([self.value(part, names) for part in node.parts], row=node.kind == "row")
         if node.kind in ("interval", "ball"):
             low, high = (interval_of(self.value(part, names)) for part in node.parts)
             return Data(_between(low, high) if node.kind == "interval" else low + Interval(-high.hi, high.hi))
@@ -71,9 +72,23 @@ class Evaluator:
             return self.total(node, names)
         return self.indexed_or_called(node, names)
 
+    def chain(self, node: SyntaxNode, names: Names) -> Value:
+        """A sum or product of any length, from its left end: no call for each of its signs."""
+        signs = []
+        while node.kind in _BINARY:
+            signs.append(node)
+            node = node.parts[0]
+        found = self.value(node, names)
+        for sign in reversed(signs):
+            right = self.value(sign.parts[1], names)
+            with Placed(self.source, sign.token):
+                found = _BINARY[sign.kind](found, right)
+        return found
+
     def named(self, token: Token, names: Names) -> Value:
         if token.text not in names:
             raise self.source.wrong(f"{shown(token.text)} is not declared", "declare it before it is used", token)
+        self.used.add(token.text)
         return names[token.text]
 
     def scalar(self, node: SyntaxNode, names: Names) -> Expr:
@@ -102,23 +117,6 @@ class Evaluator:
             raise self.source.wrong(f"{end - start + 1:,} turns", f"give at most {MOST:,}", name)
         return range(start, end + 1)
 
-    def stacked(self, node: SyntaxNode, parts: list[Value]) -> Value:
-        """A row or a column: of numbers a vector, of vectors a matrix."""
-        arrays = [part for part in parts if isinstance(part, np.ndarray)]
-        if not arrays:
-            return array_of(parts, (1, len(parts)) if node.kind == "row" else (len(parts),))
-        if len(arrays) < len(parts):
-            raise self.source.wrong("numbers and vectors stand in one row", "give vectors of one size", node.token)
-        if node.kind == "row":
-            blocks: list[Array] = [array[:, None] if array.ndim == 1 else array for array in arrays]
-        else:
-            blocks = [array[None, :] if array.ndim == 1 else array for array in arrays]
-        if arrays[0].ndim == 2 and arrays[0].shape[0] > 1 and node.kind == "column":
-            return np.stack(arrays)  # an array of matrices
-        if len({block.shape[0 if node.kind == "row" else 1] for block in blocks}) > 1:
-            raise self.source.wrong("vectors of several sizes stand together", "give vectors of one size", node.token)
-        return np.concatenate(blocks, axis=1 if node.kind == "row" else 0)
-
     def indexed_or_called(self, node: SyntaxNode, names: Names) -> Value:
         head, *places = node.parts
         if node.kind == "call or index" and head.token.text not in names:
@@ -126,10 +124,11 @@ class Evaluator:
         array = self.value(head, names)
         if not isinstance(array, np.ndarray):
             raise self.source.wrong("a number has no index", "take it out", node.token)
+        row = is_row(array) and len(places) == 1
         if len(places) > array.ndim:
             raise self.source.wrong(f"{len(places)} indices for {array.ndim} dimensions", "give fewer", node.token)
-        index = tuple(self.place(p, names, side, node) for p, side in zip(places, array.shape, strict=False))
-        return array[index]
+        sides = array.shape[1:] if row else array.shape
+        return indexed(array, tuple(self.place(p, names, n, node) for p, n in zip(places, sides, strict=False)))
 
     def place(self, node: SyntaxNode, names: Names, side: int, of: SyntaxNode) -> int | slice:
         base = 0 if of.from_zero else 1
@@ -143,6 +142,8 @@ class Evaluator:
     def called(self, token: Token, arguments: list[Value]) -> Value:
         if token.text in FUNCTIONS:
             return applied(token.text, arguments)
+        if token.text in FORMS:
+            return FORMS[token.text](arguments)
         if token.text not in self.functions:
             raise self.source.wrong(f"{shown(token.text)} is no function", "declare it, or correct the name", token)
         function = self.functions[token.text]

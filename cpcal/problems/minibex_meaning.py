@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.errors import shown
+from cpcal.common.errors import ModelError, shown
 from cpcal.problems.minibex_evaluate import Evaluator, Names, Placed
+from cpcal.problems.minibex_forms import RESERVED
 from cpcal.problems.minibex_syntax import Parser
 from cpcal.problems.minibex_tree import File, Loop, Relation, Symbol
-from cpcal.problems.minibex_values import FUNCTIONS, MOST, Data, Value, array_of, as_operand, interval_of, minus
+from cpcal.problems.minibex_values import MOST, Data, Value, array_of, as_operand, interval_of, minus, pairs
 from cpcal.problems.stated_problem import StatedProblem
 from cpcal.problems.tokens import Source, Token
 from cpcal.solver.interval import Interval
 from cpcal.solver.model import Network
 from cpcal.solver.network import Constraint, Expr
+from cpcal.solver.network.mathematics import floor
 
 _CONSTRAINTS_MOST = 100_000
 _EVERYTHING = Data(Interval(-np.inf, np.inf))
@@ -39,6 +41,7 @@ class _Meaning:
 
     def __init__(self, source: Source, file: File) -> None:
         self.source, self.file, self.evaluator = source, file, Evaluator(source)
+        self.temporary: dict[str, Token] = {}  # names that are set in the constraints
 
     def problem(self) -> StatedProblem:
         known, network = self.evaluator, Network(_name(self.source.where))
@@ -58,11 +61,13 @@ class _Meaning:
                 what = f"there are more than {_CONSTRAINTS_MOST:,} constraints"
                 raise self.source.wrong(what, "write fewer", relation.sign)
             with Placed(self.source, relation.sign):
-                network.add(self.constraint(relation, scope))
-        return StatedProblem(network, goal)
+                network.add(self.constraint(relation, scope, network))
+        self.check_used()
+        whole = tuple(name for name, is_whole in zip(network.names, network.whole, strict=True) if is_whole)
+        return StatedProblem(network, goal, integer=whole)
 
     def new(self, token: Token, names: Any) -> None:
-        if token.text in names or token.text in FUNCTIONS:
+        if token.text in names or token.text in RESERVED:
             raise self.source.wrong(f"{shown(token.text)} is there already", "choose another name", token)
 
     # declarations -----------------------------------------------------------------------------
@@ -106,23 +111,67 @@ class _Meaning:
     # constraints ------------------------------------------------------------------------------
 
     def relations(self, blocks: tuple[Relation | Loop, ...], names: Names) -> Iterator[tuple[Relation, Names]]:
+        names = dict(names)
         for block in blocks:
             if isinstance(block, Relation):
-                yield block, names
+                new = self.new_name(block, names)
+                if new is None:
+                    yield block, names
+                else:
+                    assert block.right is not None
+                    names[new.text] = self.evaluator.value(block.right, names)
+                    self.temporary[new.text] = new
                 continue
             for k in self.evaluator.turns(block.name, block.first, block.last, names):
                 yield from self.relations(block.blocks, {**names, block.name.text: Fraction(k)})
 
-    def constraint(self, relation: Relation, names: Names) -> list[Constraint]:
-        difference = minus(*(self.evaluator.value(side, names) for side in (relation.left, relation.right)))
-        out = []
+    def new_name(self, relation: Relation, names: Names) -> Token | None:
+        """What stands alone on the left of = and has no meaning yet gets one."""
+        token = relation.left.token
+        plain = relation.left.kind == "name" and relation.sign.text == "=" and token.text not in names
+        return token if plain and token.text not in self.evaluator.functions else None
+
+    def check_used(self) -> None:
+        """A name that is set in the constraints and nowhere used is a slip of the pen."""
+        for name, token in self.temporary.items():
+            if name not in self.evaluator.used:
+                what = f"{shown(name)} is set here and used nowhere"
+                raise self.source.wrong(what, "correct the name of the variable, or take the line out", token)
+
+    def constraint(self, relation: Relation, names: Names, network: Network) -> list[Constraint]:
+        left = self.evaluator.value(relation.left, names)
+        if relation.right is None:
+            return [c for entry in np.ravel(np.asarray(left, dtype=object)) for c in self.whole(entry, network)]
+        right = self.evaluator.value(relation.right, names)
+        if relation.sign.text == "in":
+            return [self.within(*parts) for parts in pairs(left, right)]
+        difference, out = minus(left, right), []
         for entry in difference.ravel() if isinstance(difference, np.ndarray) else [difference]:
             body = as_operand(entry)
             if not isinstance(body, Expr):
                 raise self.source.wrong("a constraint without a variable", "take it out", relation.sign)
             sign = relation.sign.text[0]
-            out.append(body == 0.0 if sign == "=" else body <= 0.0 if sign == "<" else body >= 0.0)
+            out.append(body <= 0.0 if sign == "<" else body >= 0.0 if sign == ">" else body == 0.0)
         return out
+
+    @staticmethod
+    def within(value: Value, bounds: Value) -> Constraint:
+        """An expression in an interval of constants."""
+        body, inside = as_operand(value), interval_of(bounds)
+        if not isinstance(body, Expr):
+            raise ModelError("a constraint without a variable")
+        return body.within((inside.lo, inside.hi))
+
+    @staticmethod
+    def whole(value: Value, network: Network) -> list[Constraint]:
+        """`integer(...)`: of a variable a property of it, of an expression an equation."""
+        body = as_operand(value)
+        if not isinstance(body, Expr):
+            raise ModelError("integer() of a number says nothing of a variable")
+        if body.op == "variable" or (body.op == "index" and body.args[0].op == "variable"):
+            network.require_whole(body)
+            return []
+        return [floor(body) - body == 0.0]
 
 
 def _data(bounds: Interval) -> Interval | Data:

@@ -41,9 +41,11 @@ class Function:
 
 @dataclass(frozen=True)
 class Relation:
+    """`right` is None for "integer". A name that nothing has yet = `right` says what the name stands for."""
+
     sign: Token
     left: SyntaxNode
-    right: SyntaxNode
+    right: SyntaxNode | None = None
 
 
 @dataclass(frozen=True)

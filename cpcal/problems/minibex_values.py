@@ -39,7 +39,7 @@ LARGEST_POWER = 1000
 _NAMES = {"ln": "log", "max": "maximum", "min": "minimum", "abs": "abs"}
 FUNCTIONS = (
     *("sqr", "sqrt", "exp", "ln", "log", "cos", "sin", "tan", "acos", "asin", "atan", "cosh", "sinh", "tanh"),
-    *("acosh", "asinh", "atanh", "abs", "sign", "floor", "ceil", "max", "min", "atan2", "pow"),
+    *("abs", "sign", "floor", "ceil", "max", "min", "atan2", "pow"),
 )
 
 
@@ -168,16 +168,34 @@ def transposed(value: Value) -> Value:
 
 
 def entrywise(function: Callable[..., Any], *values: Value) -> Value:
+    if not any(isinstance(value, np.ndarray) for value in values):
+        return function(*values)  # type: ignore[no-any-return]
     arrays = np.broadcast_arrays(*(_boxed(value) for value in values))
     entries = [function(*parts) for parts in zip(*(array.ravel() for array in arrays), strict=True)]
     return array_of(entries, arrays[0].shape) if arrays[0].ndim else entries[0]
 
 
+def pairs(left: Value, right: Value) -> list[tuple[Scalar, Scalar]]:
+    """The entries of one beside those of another, which may be one number for all. Raises ModelError."""
+    one, two = np.atleast_1d(_boxed(left)), np.atleast_1d(_boxed(right))
+    if two.size > 1 and one.shape != two.shape:
+        raise ModelError(f"values of shapes {one.shape} and {two.shape} do not stand side by side")
+    return list(zip(one.ravel(), np.broadcast_to(two.ravel(), (one.size,)), strict=True))
+
+
 def _of_same_shape(function: Callable[..., Any], left: Value, right: Value) -> Value:
+    left, right = _blocks(left, right), _blocks(right, left)
     shapes = [value.shape if isinstance(value, np.ndarray) else () for value in (left, right)]
     if shapes[0] != shapes[1]:
         raise ModelError(f"values of shapes {shapes[0]} and {shapes[1]} have no sum")
     return entrywise(function, left, right)
+
+
+def _blocks(value: Value, other: Value) -> Value:
+    """An array of matrices beside a matrix of as many numbers: its blocks one below the other."""
+    if isinstance(value, np.ndarray) and isinstance(other, np.ndarray) and (value.ndim, other.ndim) == (3, 2):
+        return value.reshape(-1, value.shape[2])
+    return value
 
 
 def _combined(left: Scalar, right: Scalar, operation: Callable[[Any, Any], Any]) -> Scalar:

@@ -26,9 +26,7 @@ _LONGEST = 10_000_000  # characters
 
 
 def minibex_text(network: ConstraintNetwork, objective: Expr | None = None) -> str:
-    """The problem. Raises ModelError for whole numbers, for arrays of three axes, and for a reading used twice."""
-    if network.whole.any():
-        raise ModelError("Minibex has no whole numbers: leave integer=True out")
+    """The problem. Raises ModelError for arrays of three axes, and for a reading used twice."""
     writer = _MinibexWriter(network)
     lines = ["Variables"]
     lines += [f"  {writer.declared(leaf)};" for leaf in network.variables]
@@ -36,6 +34,7 @@ def minibex_text(network: ConstraintNetwork, objective: Expr | None = None) -> s
         lines += ["Minimize", f"  {writer.of(objective).item()};"]
     lines.append("Constraints")
     lines += [f"  {row};" for constraint in network.constraints for row in writer.rows(constraint)]
+    lines += [f"  integer({text});" for text in writer.whole()]
     return "\n".join([*lines, "end", ""])
 
 
@@ -80,6 +79,11 @@ class _MinibexWriter:
             out += [f"{text} >= {low}"] if low != "(-oo)" else []
             out += [f"{text} <= {high}"] if high != "oo" else []
         return out
+
+    def whole(self) -> list[str]:
+        """The components that take whole numbers only."""
+        texts = [text for leaf in self._network.variables for text in self._done[leaf.digest].ravel().tolist()]
+        return [text for text, is_whole in zip(texts, self._network.whole, strict=True) if is_whole]
 
     def of(self, root: Expr) -> Texts:
         for node in topological((root,)):

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
+from cpcal.solver.consequences import consequences
 from cpcal.solver.existence import Equalities, reads
 from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.network import ConstraintNetwork, polynomial_form
+from cpcal.solver.network import Constraint, ConstraintNetwork, polynomial_form
 from cpcal.solver.network.dag import topological
 
 _LIFTED_UNKNOWNS, _LIFTED_PRODUCTS = 40, 1000  # beyond, linear programs of products take too long at each node
@@ -26,10 +28,12 @@ class SearchMethod:
     strategy: str
     slice: int
     turns: int | None = None  # after which it gives way to the others
+    consequences: bool = False  # of the equations, besides them
 
     @property
     def name(self) -> str:
-        return f"{', '.join(self.contractors)} by {self.strategy}"
+        besides = " with consequences of the equations" if self.consequences else ""
+        return f"{', '.join(self.contractors)}{besides} by {self.strategy}"
 
 
 CERTIFYING = (("lifted",), "it gives weights")
@@ -42,6 +46,13 @@ class Choice:
 
     methods: tuple[SearchMethod, ...]
     why: str
+    consequences: tuple[Constraint, ...] = ()  # what follows from the equations, for the methods that ask for it
+
+    def rows(self, network: ConstraintNetwork, method: SearchMethod) -> ConstraintNetwork:
+        """What the contractors of a method work on."""
+        out = copy(network)
+        out.add(self.consequences if method.consequences else ())
+        return out
 
 
 def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> Choice:
@@ -55,6 +66,9 @@ def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> C
         return Choice((SearchMethod(("hc4", "lifted") if lifted else ("hc4",), "largest", 64),), why)
     many, few = _TURNS if lifted else (None, None)
     methods = [SearchMethod(("hc4", "newton"), by, 2048, many) for by in ("smear-relative", "largest")]
+    more = consequences(network) if lifted else ()
+    if more:
+        methods.append(SearchMethod(("hc4", "newton"), "largest", 512, many, consequences=True))
     methods.append(SearchMethod(("hc4", "cid", "newton"), "smear-relative", 16, few))
     if unknowns <= _DENSE_UNKNOWNS:
         methods.append(SearchMethod(("hc4", "newton", "beaumont"), "smear-relative", 16, few))
@@ -62,7 +76,7 @@ def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> C
         methods.append(SearchMethod(("hc4", "newton", "lifted"), "smear-relative", 128))
         methods.append(SearchMethod(("lifted", "newton"), "largest", 128))
     kind = "polynomial" if lifted else "not polynomial, or with too many products for lifted"
-    return Choice(tuple(methods), f"{unknowns} equations in as many unknowns, {kind}")
+    return Choice(tuple(methods), f"{unknowns} equations in as many unknowns, {kind}", more)
 
 
 def choice_to_minimize(network: ConstraintNetwork, deadline: float = math.inf) -> tuple[tuple[str, ...], str]:

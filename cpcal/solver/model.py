@@ -137,7 +137,7 @@ class Network(ConstraintNetwork):
 
         def contracting(method: SearchMethod) -> Contractor:
             names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
-            parts = plugins.build_each(network, names, arithmetic=arithmetic)
+            parts = plugins.build_each(choice.rows(network, method), names, arithmetic=arithmetic)
             built[method] = list(zip(map(plugins.name_of, names), parts, strict=True))
             contractor = in_sequence(parts)
             if network.whole.any():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 
 import numpy as np
@@ -62,12 +63,99 @@ def residual(body: str, head: str = HEAD, at: dict[str, float] | None = None) ->
         ("1e2*x - .5 - 3.", 196.5),
         ("#4000000000000000*x", 4.0),  # the bits of 2.0
         ("x // a comment\n + /* another */ y", 4.0),
+        ("M(2,:)(3) + M(1)(2)", 0.8),  # one index of a row
+        ("M(1,:)*v", 0.1 * 1.25 + 0.2 * 1.5 + 0.3 * 1.75),
+        ("((v;x)(4))", 2.0),  # a number below a vector
+        ("((M;(1,2,3)))(3,2)*x", 4.0),  # a row below a matrix
+        ("chi(x - 1, 7, x)", 2.0),
+        ("chi(1 - x, 7, x)", 7.0),
+        ("inf([1,3]) + mid([1,3])*x + sup([1,3])", 8.0),
+        ("asinh(x) + asinh(-x/2)", math.asinh(2.0) - math.asinh(1.0)),
+        ("acosh(x) + atanh(1/x)", math.acosh(2.0) + math.atanh(0.5)),
+        ("diff(x^3*y, x)", 24.0),
+        ("diff(x^3*y, x, y)(2)", 8.0),
+        ("diff((x*y; y^2), x, y)(2,2)", 4.0),
+        ("diff(v'*v, v)(3)", 3.5),
+        ("diff(M(1)*v, M)(1,3)", 1.75),
     ],
 )
 def test_an_expression_has_its_value(body: str, value: float) -> None:
     found = residual(body)
     assert found.lo - 1e-12 <= value <= found.hi + 1e-12
     assert found.hi - found.lo < 1e-12
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        *("-x", "x+3*y", "x-y*x", "x/y", "sqr(x)", "sqrt(x)", "x^5", "x^-2", "x^y", "exp(x*y)", "ln(x+y)", "sin(x)"),
+        *("cos(x*x)", "tan(x)", "asin(x/9)", "acos(x/9)", "atan(x)", "sinh(x)", "cosh(x)", "tanh(x)", "atan2(x,y^2)"),
+        *("asinh(x^2)", "acosh(x)", "atanh(x/9)", "exp(sin(x)/x)*x"),
+    ],
+)
+def test_diff_is_the_limit_of_differences(body: str) -> None:
+    head, step = "Variables x in [1,3]; y in [1,3];\n", 1e-6
+    if body == "asinh(x^2)":
+        with pytest.raises(InputError, match="the derivative of 'max' has no formula"):
+            residual(f"diff({body}, x)", head)
+        return
+    found = residual(f"diff({body}, x)", head, {"x": 1.75, "y": 1.25})
+    above, below = (residual(body, head, {"x": 1.75 + h, "y": 1.25}).mid for h in (step, -step))
+    assert found.width < 1e-9
+    assert abs(found.mid - (above - below) / (2 * step)) < 1e-6 * (1 + abs(found.mid))
+
+
+def test_a_kink_has_no_derivative_and_a_part_of_chi_must_be_defined_everywhere() -> None:
+    for body, what in (
+        ("diff(abs(x), x)", "the derivative of 'abs' has no formula"),
+        ("diff(x, 2*x)", "diff differentiates by variables"),
+        ("diff(x)", "diff takes an expression"),
+        ("chi(x, sqrt(-x), 1)", "may be undefined where the other one counts"),
+        ("chi(x, 1)", "chi takes three arguments"),
+        ("mid([0,oo])*x", "has no middle"),
+    ):
+        with pytest.raises(InputError, match=what):
+            residual(body)
+
+
+def test_whole_numbers() -> None:
+    """4 x + 3 y = 14 with whole x has (2, 2); with y - x whole, too."""
+    text = "Variables x in [0.2,3.7]; y in [0,3]; Constraints 4*x + 3*y = 14; {}; end"
+    problem = read(text.format("integer(x); (integer(y))"))
+    assert problem.integer == ("x", "y")
+    assert problem.network.domain["x"] == Interval(1, 3)
+    (solution,) = problem.network.solve().solutions
+    assert (solution.box["x"].mid, solution.box["y"].mid) == (2.0, 2.0)
+    best = read("Variables x in [0,3]; y in [0,3]; Minimize (x-1.2)^2 + y; Constraints integer(x - 2*y); y <= x; end")
+    assert best.objective is not None
+    found = best.network.minimize(best.objective)
+    assert found.lo <= 0.04 <= found.hi < 0.05  # x = 1, y = 0
+
+
+def test_a_name_may_be_set_among_the_constraints() -> None:
+    text = """Variables x[4] in [-10,10];
+    Constraints
+      x(1) = 1;
+      for i=2:3; tmp = i; x(i) = tmp; end;
+      tmp = 4*x(1);
+      x(4) = tmp;
+      tmp in [4,5];
+    end"""
+    (solution,) = read(text).network.solve().solutions
+    np.testing.assert_allclose([solution.box[f"x[{k}]"].mid for k in range(4)], [1, 2, 3, 4])
+    with pytest.raises(InputError, match="column 3: 'xx' is set here and used nowhere"):
+        read("Variables x;\nConstraints x <= 2;\n  xx = 1; end")
+
+
+def test_sums_may_be_long() -> None:
+    body = "+".join(["x"] * 3000)
+    assert abs(residual(body, "Variables x in [0,9];\n", {"x": 2.0}).mid - 6000.0) < 1e-6
+
+
+def test_functions_may_come_first_and_constants_may_be_set_by_programs() -> None:
+    text = "Constants * a = 2; * b[2] = (3;4);\n function f(x) return a*x + b(2); end Variables x in [0,9];"
+    (solution,) = read(f"{text} Constraints f(x) = 10; end").network.solve().solutions
+    assert 3.0 in solution.box["x"]
 
 
 def test_constants_functions_and_loops() -> None:
@@ -157,7 +245,7 @@ def test_an_objective_needs_no_constraints() -> None:
         ("Variables x; Constraints 1 = 1; end", 1, "a constraint without a variable"),
         ("Variables x; Constraints x/0 = 1; end", 1, "a division by 0"),
         ("Variables x; Constraints 1 <= x <= 2; end", 1, "a second relation follows"),
-        ("Variables x; Parameters a; Constraints x = 1; end", 1, "parameters are not understood"),
+        ("Variables x; Parameters a; Constraints x = 1; end", 1, "ibex reserves the word Parameters"),
         ("Variables x; Constraints for i=1:10000000; x = i; end; end", 1, "turns"),
         ("Variables x; Constraints /* x = 1; end", 1, "a comment does not end"),
         ("Variables x; Constraints x = \x00; end", 1, "has no meaning"),

@@ -59,7 +59,10 @@ def test_what_minibex_can_not_say_is_refused() -> None:
     net.add(x + r >= 1)
     with pytest.raises(ModelError, match="used twice"):
         minibex_text(net)
-    whole = cpcal.Network()
-    whole.variable("n", domain=(0, 3), integer=True)
-    with pytest.raises(ModelError, match="whole numbers"):
-        minibex_text(whole)
+
+
+def test_whole_numbers_come_back() -> None:
+    net = cpcal.Network()
+    n = net.variable("n", 2, (0, 3), integer=np.array([False, True]))
+    net.add(n[0] + n[1] == 2.5)
+    assert read_minibex(minibex_text(net), "here").integer == ("n[1]",)

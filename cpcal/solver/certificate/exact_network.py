@@ -26,6 +26,7 @@ from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.rewrite import terms
 
 Objects = npt.NDArray[Any]
+Terms = dict[tuple[int, ...], F]  # sorted unknowns of a monomial -> coefficient
 
 
 class NotStated(ModelError):
@@ -37,7 +38,7 @@ def network_statement(network: ConstraintNetwork, objective: str | None, about: 
     items: list[Stated] = []
     sides: dict[int, list[str]] = {}
     start: dict[int, int] = {}
-    exact = _Exact(network)
+    exact = ExactPolynomials(network)
     for number_, constraint in enumerate(network.constraints):
         try:
             found, sides[number_] = _stated(f"c{number_}", constraint, exact)
@@ -57,7 +58,7 @@ def _on(constraints: Sequence[Constraint], k: int, x: Unknowns, *_: object) -> C
     return constraints[k].on(x.images)
 
 
-def _stated(name: str, constraint: NetworkConstraint, exact: _Exact) -> tuple[list[Stated], list[str]]:
+def _stated(name: str, constraint: NetworkConstraint, exact: ExactPolynomials) -> tuple[list[Stated], list[str]]:
     """The elements of one constraint, and the sides of its polynomial rows in the order of `network.rewrite`."""
     factor, node, rest = _root(constraint.body)
     shape = constraint.body.shape
@@ -104,7 +105,7 @@ def _somewhere(bound: Expr, sign: float) -> bool:
     return not (isinstance(bound.data, IntervalArray) and bool(np.all(bound.data.lo == sign * np.inf)))
 
 
-def _bound(bound: Expr, exact: _Exact, shape: tuple[int, ...]) -> Objects | None:
+def _bound(bound: Expr, exact: ExactPolynomials, shape: tuple[int, ...]) -> Objects | None:
     """Element by element, None where it is infinite."""
     if bound.op == "constant" and isinstance(bound.data, IntervalArray) and np.isinf(bound.data.lo).any():
         if not bool(np.all(bound.data.lo == bound.data.hi)):
@@ -144,7 +145,7 @@ class _Poly:
 
     __slots__ = ("terms",)
 
-    def __init__(self, terms: dict[tuple[int, ...], F]) -> None:
+    def __init__(self, terms: Terms) -> None:
         self.terms = {m: c for m, c in terms.items() if c}
 
     @property
@@ -164,7 +165,7 @@ class _Poly:
         return _Poly({m: -c for m, c in self.terms.items()})
 
     def __mul__(self, other: _Poly) -> _Poly:
-        out: dict[tuple[int, ...], F] = {}
+        out: Terms = {}
         for m, c in self.terms.items():
             for n, d in other.terms.items():
                 key = tuple(sorted(m + n))
@@ -177,7 +178,7 @@ class _Poly:
         return _Poly({m: c / other.constant for m, c in self.terms.items()})
 
 
-class _Exact:
+class ExactPolynomials:
     """Evaluates expressions to arrays of polynomials; every node once."""
 
     def __init__(self, network: ConstraintNetwork) -> None:

@@ -70,6 +70,15 @@ class ConstraintNetwork:
         self._owner |= dict.fromkeys(component_names(leaf), name)
         return leaf
 
+    def require_whole(self, component: Expr) -> None:
+        """A variable, or an element of one, takes whole numbers only from here on. Raises ModelError for others."""
+        name = self.component(component)
+        leaf = self.leaf_of(name)
+        self._whole |= {name}
+        whole = np.array([part in self._whole for part in component_names(leaf)])
+        box = self._domains[leaf.name]
+        self._domains[leaf.name] = _domain(leaf, (box.lo.reshape(leaf.shape), box.hi.reshape(leaf.shape)), whole)
+
     def parameter(self, domain: Domain, shape: int | Shape = (), *, forall: bool = True) -> Expr:
         """A number that nobody chooses: each constraint that it enters must hold FOR ALL its values in `domain`.
 
