@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check docs drawings clean
+.PHONY: demo test nightly check docs drawings clean
 
 # `make demo`: the paper's whole study on a simulated DeltaLab platform; says where the report is.
 demo: .venv/.installed
@@ -11,6 +11,10 @@ demo: .venv/.installed
 # a file's tests stay with one worker, which makes what they share once; files in their order, the long ones early
 test: .venv/.installed-dev
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
+# `make nightly`: the longer sweeps, which `make test` leaves out
+nightly: .venv/.installed-dev
+	$(BIN)/python -m pytest -n auto -m nightly
 
 check: .venv/.installed-dev
 	$(BIN)/ruff check .
