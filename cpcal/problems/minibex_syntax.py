@@ -44,7 +44,7 @@ class Parser(ExpressionParser):
         self.needs("variables")
         variables = [self.variable()]
         while self.takes(";") or self.takes(","):
-            if self.now.kind != "name":
+            if self.now.kind != "name" or self.now.text.lower() == "maximize":
                 break
             variables.append(self.variable())
         functions += self.functions()

@@ -148,8 +148,7 @@ class Network(ConstraintNetwork):
             return contractor
 
         left = partial(_contracted, contracting, choice.methods[0], network.domain)
-        finest, reach = default_width(network, left) if width is None else (checked_width(width), _everywhere(network))
-        unit = small_units(network) if width is None else 1.0
+        finest, reach, unit = _resolution(network, left, width)
 
         def search(method: SearchMethod, place: Place) -> Search:
             contractor = contracting(method)
@@ -278,9 +277,13 @@ def _contracted(contracting: Callable[[SearchMethod], Contractor], method: Searc
     return contracting(method).contract(box).box
 
 
-def _everywhere(network: ConstraintNetwork) -> Floats:
-    """How far from 0 the components are divided where a width is asked for."""
-    return np.full(len(network.names), np.inf)
+def _resolution(
+    network: ConstraintNetwork, left: Callable[[], Box], width: float | None
+) -> tuple[float, Floats, Floats | float]:
+    """Below which width boxes are not divided, how far from 0 they are, and the unit of each component's width."""
+    if width is None:
+        return *default_width(network, left), small_units(network)
+    return checked_width(width), np.full(len(network.names), np.inf), 1.0
 
 
 def _check_weights(named: list[tuple[str, Contractor]]) -> None:

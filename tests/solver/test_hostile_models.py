@@ -8,6 +8,10 @@ import pytest
 import cpcal
 from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.network.rows import Rows
+from cpcal.solver.optimize.equations import Equations
+from cpcal.solver.optimize.local_search import LocalSearch
 
 
 def test_points_of_whole_numbers_that_solve_nothing_are_not_kept() -> None:
@@ -49,10 +53,10 @@ def test_variables_without_bounds_are_named() -> None:
         net.minimize((x - 3) ** 2 + y)
 
 
-def test_equations_that_no_step_mends_end_no_local_search_in_an_error() -> None:
-    """sin(x) w = y with whole x: rows whose derivatives vanish at the start (windfac of MINLPLib)."""
+def test_an_equation_that_no_step_mends_ends_the_local_search() -> None:
+    """x^2 = 1e10 at x = 0: the derivative vanishes."""
     net = cpcal.Network()
-    n = net.variable("n", domain=(1, 100), integer=True)
-    x, w, y = (net.variable(name, domain=(-1e8, 1e8)) for name in "xwy")
-    net.add([x * n == 12.566370616, np.sin(0.5 * x) * n * w - np.sin(0.5 * n * x) == 0, y == w * w])
-    assert net.minimize(y, limits=Limits(nodes=3)).lo <= 0.0 <= net.domain["y"].hi
+    x, y = net.variable("x", domain=(-1e8, 1e8)), net.variable("y", domain=(-1, 1))
+    net.add([x * x == 1e10, y >= x])
+    search = LocalSearch(net, Rows(net), 1, Equations(net, get_arithmetic("float64")))
+    assert search.inside(np.zeros(2), 1e-9, np.ones(2)) is None
