@@ -36,7 +36,6 @@ from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.sample_networks import Case, boxes, cases
 from cpcal.solver.testing import CONFORMANCE, check_contractor
 
-
 Trial = tuple[Case, Contractor, Box, Contraction, str]
 
 
