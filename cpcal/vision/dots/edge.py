@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
-from cpcal.vision.dots.edge_fit import ODD, OUTSIDE, RESULTS, fit_dots
+from cpcal.vision.dots.dot_pixels import OUTSIDE
+from cpcal.vision.dots.edge_fit import ODD, RESULTS, fit_dots
 from cpcal.vision.dots.edge_model import CUBIC, LINEAR, PLAIN
 from cpcal.vision.dots.grey import Grey
 from cpcal.vision.two_by_two import eigenvalues
