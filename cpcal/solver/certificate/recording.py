@@ -19,7 +19,7 @@ from cpcal.checker.problem import Problem
 from cpcal.common.atomic import replacing
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.certificate.affordable import check_affordable
-from cpcal.solver.certificate.readings import at_point, failing, stretching
+from cpcal.solver.certificate.readings import at_point, failing, stretchings
 from cpcal.solver.certificate.statement import Statement, limits, number
 from cpcal.solver.certificate.writer import WeightProver, line, written
 from cpcal.solver.interval import Box
@@ -175,7 +175,7 @@ def with_readings(problem: Problem, claims: Claims) -> Claims:
         return claims
     x = at_point([float.fromhex(v) for v in point["at"]])
     holds = problem.chosen if point["holds"] == "all" else point["holds"]
-    signs = [stretching(problem, x, k) for k in holds]
+    signs = stretchings(problem, x, holds)
     rows = (failing(problem, x, k) for k in point["fails"])
     fails = [written(row) for row in rows if row is not None]
     return claims | {"point": point | {"readings": signs if any(map(_moved, signs)) else None, "fails": fails}}
