@@ -179,15 +179,15 @@ class _Programs:
 
     def _weights(
         self, rows: tuple[tuple[int, int, int, float], ...], products: Iterable[tuple[int, float]]
-    ) -> StepWeights | None:
-        """None for products of more than two variables."""
+    ) -> StepWeights:
+        """Products of more than two variables, which no certificate has, are left out: the others prove less."""
         pairs: list[tuple[int, int, float, float, float]] = []
         tangents: list[tuple[int, float, float]] = []
         forms = self._structure.products.forms
         for position, weight in products:
             form = forms[position]
             if form is None:
-                return None
+                continue
             if len(form) == 4:
                 pairs.append((*form, weight))
             else:
