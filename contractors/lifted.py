@@ -46,9 +46,10 @@ class Lifted(Composable):
     ) -> None:
         self._arithmetic = get_arithmetic(arithmetic)
         self._engine = engine
-        self._network, self._structures = network, Structures(network, self._arithmetic)
         self._within: tuple[Structure, Box, Structure] | None = None  # what is left of the first on boxes in that one
         self._objective = None if objective is None else network.names.index(objective)
+        seeking = self._objective is not None and bool(network.domain.rad[self._objective] > 0.0)
+        self._network, self._structures = network, Structures(network, self._arithmetic, seeking=seeking)
 
     @property
     def unused_constraints(self) -> frozenset[int]:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from cpcal.common import numbers
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
+from cpcal.common.names import listed
 from cpcal.execution.executors import Here, executor_for
 from cpcal.execution.stopping import asked, heard
 from cpcal.execution.threads import linear_algebra_on_one_thread
@@ -24,7 +25,7 @@ from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.certificate.uncertified import certified
 from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
-from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy, Then, in_sequence, until
+from cpcal.solver.contract import Contraction, Contractor, Limits, Repeat, Strategy, Then, in_sequence, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr
@@ -38,6 +39,7 @@ from cpcal.solver.questions import (
     named_strategy,
     relaxed,
     remaining,
+    small_units,
     start_point,
     width_sentence,
     with_objective,
@@ -144,15 +146,15 @@ class Network(ConstraintNetwork):
             built[method] = list(zip(map(plugins.name_of, names), parts, strict=True))
             contractor = in_sequence(parts)
             if network.whole.any():
-                contractor = Then(contractor, WholeNumbers(network.whole))
+                contractor = Repeat(Then(contractor, WholeNumbers(network.whole)))  # a point must be looked at again
             until(contractor, clock.deadline)
             return contractor
 
         left = partial(_contracted, contracting, choice.methods[0], network.domain)
-        finest, reach = default_width(network, left) if width is None else (checked_width(width), _everywhere(network))
+        finest, reach, unit = _resolution(network, left, width)
 
         def search(method: SearchMethod, spread: Callable[[Divide], Process]) -> Search:
-            by = named_strategy(network, method.strategy if strategy is None else strategy, finest, reach, arithmetic)
+            by = named_strategy(network, strategy or method.strategy, finest, reach, unit, arithmetic)
             process = Divide(contracting(method), by, inside=inside, outside=inner)
             roots, batch = [network.domain], process.batch
             return Search(roots, spread(process), priority, outside=inner, abreast=_ABREAST, batch=batch)
@@ -267,9 +269,10 @@ class Network(ConstraintNetwork):
         if "hc4" in contractors and not chosen:
             return
         box = self.contract(contractors=["hc4"]).box if "hc4" in contractors else self.domain
-        bounds = [box[component] for component in self.names if component != objective and not box.is_empty]
-        if not all(one.is_bounded for one in bounds):
-            raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
+        names = [n for n in self.names if n != objective and not box.is_empty and not box[n].is_bounded]
+        if names:
+            or_else = "" if chosen else ", or put hc4 first"
+            raise ModelError(f"minimize needs bounded domains, and has none for {listed(names)}: give one{or_else}")
 
 
 def _contracted(contracting: Callable[[SearchMethod], Contractor], method: SearchMethod, box: Box) -> Box:
@@ -277,9 +280,13 @@ def _contracted(contracting: Callable[[SearchMethod], Contractor], method: Searc
     return contracting(method).contract(box).box
 
 
-def _everywhere(network: ConstraintNetwork) -> Floats:
-    """How far from 0 the components are divided where a width is asked for."""
-    return np.full(len(network.names), np.inf)
+def _resolution(
+    network: ConstraintNetwork, left: Callable[[], Box], width: float | None
+) -> tuple[float, Floats, Floats | float]:
+    """Below which width boxes are not divided, how far from 0 they are, and the unit of each component's width."""
+    if width is None:
+        return *default_width(network, left), small_units(network)
+    return checked_width(width), np.full(len(network.names), np.inf), 1.0
 
 
 def _check_weights(named: list[tuple[str, Contractor]]) -> None:

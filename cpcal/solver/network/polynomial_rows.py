@@ -58,6 +58,10 @@ class PolynomialForms:
         self._parts = [rewritten(row, engine) for row in self._first]
         self._expander: Expander | None = None
 
+    def __getstate__(self) -> dict[str, object]:
+        """Without the expander: its operations do not pickle, and it is made again where it is wanted."""
+        return self.__dict__ | {"_expander": None}
+
     def _expanded(self, sets: Sequence[ReadingSets] | None) -> tuple[list[Expanded], list[tuple[int, str]]]:
         """All rows with their polynomials and guards, and what was left over and why."""
         expanded: list[Expanded] = []

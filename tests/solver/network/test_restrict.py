@@ -80,6 +80,7 @@ def few_rows(monkeypatch: pytest.MonkeyPatch, telling: int) -> None:
     monkeypatch.setattr(structures, "_MANY", 0)
     monkeypatch.setattr(structures, "_MANY_EACH", 0)
     monkeypatch.setattr(structures, "_TELLING", telling)
+    monkeypatch.setattr(structures, "_ENCLOSING", telling)
 
 
 @pytest.mark.parametrize("telling", [1, 3])
