@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check docs drawings clean
+.PHONY: demo test nightly check docs drawings clean
 
 # `make demo`: the paper's whole study on a simulated DeltaLab platform; says where the report is.
 demo: .venv/.installed
@@ -11,6 +11,14 @@ demo: .venv/.installed
 # a file's tests stay with one worker, which makes what they share once; files in their order, the long ones early
 test: .venv/.installed-dev
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
+# `make nightly`: the longer sweeps, which `make test` leaves out or does a part of
+nightly: .venv/.installed-dev
+	$(BIN)/python -m pytest -n auto -m nightly
+	CPCAL_PLANTED=10000 CPCAL_EXAMPLES=250 $(BIN)/python -m pytest -n auto tests/solver/test_planted.py tests/checker/valid/test_rule.py
+	mkdir -p build
+	$(BIN)/python -m benchmarks.mutations --count 10000 --log build/mutations.jsonl
+	$(BIN)/python -m benchmarks.kernel_soundness --pairs 10000000
 
 check: .venv/.installed-dev
 	$(BIN)/ruff check .

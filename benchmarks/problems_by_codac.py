@@ -17,12 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.methods.codac import contract
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.network.dag import topological
 from cpcal.solver.search import clusters
 
-_WIDTH, _PASSES, _SHRUNK = 1e-6, 10, 0.8
+_WIDTH = 1e-6
 _UNARY = ("sqr", "sqrt", "sin", "cos", "tan", "exp", "log", "abs", "atan", "asin", "acos")
 _BINARY: dict[str, Callable[[Any, Any], Any]] = {
     "add": lambda a, b: a + b,
@@ -66,7 +67,7 @@ def _searched(network: ConstraintNetwork, limit: float) -> CodacResult:
     while stack and time.process_time() - began < limit:
         box = stack.pop()
         nodes += 1
-        _contract(contractors, box)
+        contract(contractors, box)
         if box.is_empty():
             continue
         widths = np.asarray(box.diam()).ravel()
@@ -78,17 +79,6 @@ def _searched(network: ConstraintNetwork, limit: float) -> CodacResult:
     left = [Box(network.names, np.asarray(b.lb()).ravel(), np.asarray(b.ub()).ravel()) for b in kept]
     count = int(clusters(left).max(initial=-1)) + 1
     return CodacResult(count, not stack, nodes, spent)
-
-
-def _contract(contractors: list[Any], box: Any) -> None:
-    for _ in range(_PASSES):
-        before = box.volume()
-        for contractor in contractors:
-            contractor.contract(box)
-            if box.is_empty():
-                return
-        if not box.volume() < _SHRUNK * before:
-            return
 
 
 def _contractors(network: ConstraintNetwork) -> list[Any]:

@@ -5,11 +5,11 @@
 
 Each time `cpcal certify` of some legs is begun, and gets the signal after a time between 0 and 1.1 times what an
 undisturbed run takes. Then are counted: exit statuses (as a shell shows them: 128 + signal for a process that the
-signal ended before Python could listen); tracebacks; runs whose certificates `cpcal verify` refuses; legs that the log
-says were answered and that neither the result nor the checkpoint holds; processes that are left ten seconds later.
-Every stopped run (with `--resumed K` every Kth) is then gone on with by --resume, and its certificates compared with
-those of the undisturbed run, byte by byte. With --forked runs begin with all modules loaded: that saves half
-of the time, and leaves start-up out. Linux only.
+signal ended before Python could listen; apart those that came while Python itself began); tracebacks; runs whose
+certificates `cpcal verify` refuses; legs that the log says were answered and that neither the result nor the checkpoint
+holds; processes that are left ten seconds later. Every stopped run (with `--resumed K` every Kth) is then gone on with
+by --resume, and its certificates compared with those of the undisturbed run, byte by byte. With --forked runs begin
+with all modules loaded: that saves half of the time, and leaves start-up out. Linux only.
 """
 
 from __future__ import annotations
@@ -126,8 +126,8 @@ def one(asked: SignalledRun, run: Path, kind: signal.Signals, after: float) -> t
     os.kill(pid, kind)
     status = ended(pid)
     text = said.read_text(encoding="utf-8", errors="replace")
-    if _BEFORE in text:  # Python itself was not there yet, and nothing of ours
-        return "before Python has begun", []
+    if _BEFORE in text or ("Traceback" in text and f"{os.sep}cpcal{os.sep}" not in text):
+        return "while Python began", []  # no line of ours had run
     wrong = []
     if status not in (0, 128 + kind):
         wrong.append(f"status {status}")

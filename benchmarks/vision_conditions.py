@@ -1,12 +1,13 @@
 """Poses by the condition of the image: found, right, and as good as stated?
 
-    python -m benchmarks.vision_conditions [--images 10] [--seed 0] [--only WORD,...] [--calibrated] [--json FILE]
+    python -m benchmarks.vision_conditions [--images 10] [--seed 0] [--only WORD,...] [--calibrated N] [--json FILE]
 
 Images come from `benchmarks.vision_world`, which shares no code with cpcal's renderer. For each condition: poses found;
 images whose identification is wrong (a single wrong pair is wrong); the centres' RMS error, pixels; NEES/6, the mean of
 e' C^-1 e / 6 over the poses' errors e and stated covariances C: 1 is honest; the largest error of position; how many
-poses were marked as doubtful; the most frequent refusals. With --calibrated, the camera is not the true one but one
-calibrated from 18 images of the same renderer, and its covariance is part of C.
+poses were marked as doubtful; the most frequent refusals. With --calibrated, the camera is not the true one: N are
+calibrated, each from 18 images of the same renderer, and take turns; their covariances are part of C. Poses of one
+camera share its errors, so that NEES/6 of a single camera is one draw and no mean.
 """
 
 from __future__ import annotations
@@ -96,12 +97,14 @@ def poses_for(world: World, rng: np.random.Generator, count: int) -> Pose:
     return Pose(poses.position + shift, poses.quaternion)
 
 
-def measured(world: World, images: int, seed: int, record: CameraRecord) -> Figures:
+def measured(world: World, images: int, seed: int, *records: CameraRecord) -> Figures:
+    """Images by the true camera, poses by cameras that take turns."""
     rng = np.random.default_rng(seed)
     out, poses = Figures(), poses_for(world, rng, images)
     for k in range(images):
         true = one(poses, k)
         image = photograph(DELTALAB_TARGET, DELTALAB_CAMERA, true, world, rng)
+        record = records[k % len(records)]
         out.images += 1
         try:
             found = measure_pose(image, DELTALAB_TARGET, record.camera, record.covariance)
@@ -144,18 +147,18 @@ def main() -> None:
     parser.add_argument("--images", type=int, default=10, help="of each condition")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="words that a condition's name must hold one of")
-    parser.add_argument("--calibrated", action="store_true", help="a calibrated camera instead of the true one")
+    parser.add_argument("--calibrated", type=int, default=0, help="so many calibrated cameras instead of the true one")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
     opencv().setNumThreads(1)
-    record = calibrated(options.seed + 1) if options.calibrated else CameraRecord(DELTALAB_CAMERA)
+    records = [calibrated(options.seed + 1 + k) for k in range(options.calibrated)] or [CameraRecord(DELTALAB_CAMERA)]
     print("| condition | found | wrong | centres [px] | NEES/6 | largest error [mm] | doubtful |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     figures = {}
     for name, world in CONDITIONS.items():
         if not any(word in name for word in options.only.split(",")):
             continue
-        figures[name] = measured(world, options.images, options.seed, record).row()
+        figures[name] = measured(world, options.images, options.seed, *records).row()
         print(line(name, figures[name]), *(f"  {n} x {r}" for r, n in figures[name]["reasons"].items()), flush=True)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")

@@ -44,6 +44,28 @@ def found_dots(
     Dots out of the image are left out, then `missing` more; `false` dots are strewn over the image, or on the rows
     that identify the target, no nearer to other dots than three radii. `on_rows` takes missing ones from there too.
     """
+    numbers, places = spoiled_dots(rng, target, camera, pose, missing, false, on_rows)
+    centers = predicted_centers(target, camera, pose)
+    added = centers_of(places, target.radius, camera, pose)
+    added = added[(added > 0.0).all(axis=1) & (added < [camera.width, camera.height]).all(axis=1)]
+    points = np.concatenate([centers[numbers], added])
+    labels = np.concatenate([numbers, np.full(len(added), -1)])
+    order = rng.permutation(len(points))
+    return points[order] + noise * rng.standard_normal((len(points), 2)), labels[order]
+
+
+def spoiled_dots(
+    rng: np.random.Generator,
+    target: Target,
+    camera: Camera,
+    pose: Pose,
+    missing: int,
+    false: int,
+    on_rows: bool,
+    apart: float = 1.5,
+) -> tuple[Ints, Floats]:
+    """The numbers of the dots that are left, clear of the image's border, and places (false, 2) mm of false ones, so
+    many radii `apart` from others."""
     centers = predicted_centers(target, camera, pose)
     margin = 12.0
     inside = (centers > margin).all(axis=1) & (centers < [camera.width - margin, camera.height - margin]).all(axis=1)
@@ -51,15 +73,11 @@ def found_dots(
     rows = np.array(sorted({i for line in target.lines for i in line}))
     preferred = np.intersect1d(numbers, rows) if on_rows else numbers
     numbers = np.setdiff1d(numbers, rng.permutation(preferred)[:missing])
-    added = _strewn(rng, target, camera, pose, false, on_rows)
-    points = np.concatenate([centers[numbers], added])
-    labels = np.concatenate([numbers, np.full(len(added), -1)])
-    order = rng.permutation(len(points))
-    return points[order] + noise * rng.standard_normal((len(points), 2)), labels[order]
+    return numbers, _strewn(rng, target, false, on_rows, apart)
 
 
-def _strewn(rng: np.random.Generator, target: Target, camera: Camera, pose: Pose, count: int, on_rows: bool) -> Floats:
-    """False dots; those on rows are exact images of places on the target, clear of its dots."""
+def _strewn(rng: np.random.Generator, target: Target, count: int, on_rows: bool, apart: float) -> Floats:
+    """Places (count, 2) mm on the target, clear of its dots; on its rows where that is asked for."""
     places: list[Floats] = []
     while len(places) < count:
         if on_rows:
@@ -68,7 +86,6 @@ def _strewn(rng: np.random.Generator, target: Target, camera: Camera, pose: Pose
         else:
             place = rng.uniform(target.dots.min() * 1.2, target.dots.max() * 1.2, 2)
         others = np.concatenate([target.dots, np.array(places).reshape(-1, 2)])
-        if np.linalg.norm(others - place, axis=1).min() > 1.5 * target.radius:
+        if np.linalg.norm(others - place, axis=1).min() > apart * target.radius:
             places.append(place)
-    centers = centers_of(np.array(places).reshape(-1, 2), target.radius, camera, pose)
-    return centers[(centers > 0.0).all(axis=1) & (centers < [camera.width, camera.height]).all(axis=1)]
+    return np.array(places).reshape(-1, 2)

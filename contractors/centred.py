@@ -15,7 +15,7 @@ from contractors.monomials import divisors
 from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, IntervalArray
-from cpcal.solver.network.polynomial import Monomial
+from cpcal.solver.network.term_operations import Monomial
 
 _UNIT = 2.0**-53
 _UNDERFLOW = 1e-290  # more than all that products lose that are too small

@@ -50,7 +50,8 @@ class Krawczyk(Composable):
         unit = np.where(box.width > 0.0, box.width, 1.0)
 
         def pays(before: Floats, after: Floats, ratio: float) -> bool:
-            return bool(np.sum(after / unit) < ratio * np.sum(before / unit))
+            with np.errstate(all="ignore"):  # widths beyond float64 tell nothing
+                return bool(np.sum(after / unit) < ratio * np.sum(before / unit))
 
         return repeated(self._once, box, ratio=self._ratio, most=self._most, pays=pays)
 

@@ -46,9 +46,10 @@ class Lifted(Composable):
     ) -> None:
         self._arithmetic = get_arithmetic(arithmetic)
         self._engine = engine
-        self._network, self._structures = network, Structures(network, self._arithmetic)
         self._within: tuple[Structure, Box, Structure] | None = None  # what is left of the first on boxes in that one
         self._objective = None if objective is None else network.names.index(objective)
+        seeking = self._objective is not None and bool(network.domain.rad[self._objective] > 0.0)
+        self._network, self._structures = network, Structures(network, self._arithmetic, seeking=seeking)
 
     @property
     def unused_constraints(self) -> frozenset[int]:
@@ -178,15 +179,15 @@ class _Programs:
 
     def _weights(
         self, rows: tuple[tuple[int, int, int, float], ...], products: Iterable[tuple[int, float]]
-    ) -> StepWeights | None:
-        """None for products of more than two variables."""
+    ) -> StepWeights:
+        """Products of more than two variables, which no certificate has, are left out: the others prove less."""
         pairs: list[tuple[int, int, float, float, float]] = []
         tangents: list[tuple[int, float, float]] = []
         forms = self._structure.products.forms
         for position, weight in products:
             form = forms[position]
             if form is None:
-                return None
+                continue
             if len(form) == 4:
                 pairs.append((*form, weight))
             else:

@@ -15,7 +15,7 @@ import numpy as np
 
 from cpcal.common.arrays import Bools, Floats
 from cpcal.solver.interval import IntervalArray
-from cpcal.solver.network.polynomial import Monomial
+from cpcal.solver.network.term_operations import Monomial
 
 # Where the parabola of a square is touched from below; its ends and the column bound w >= 0 do the rest.
 _TANGENTS = (-1.0, -0.5, 0.5, 1.0)

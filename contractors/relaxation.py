@@ -18,7 +18,7 @@ from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.linear import LinearEngine
 from cpcal.solver.network import PolynomialSystem
-from cpcal.solver.network.polynomial import Monomial
+from cpcal.solver.network.term_operations import Monomial
 
 _UNIT = 2.0**-53
 _SMALLEST = 1e-290

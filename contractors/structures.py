@@ -21,24 +21,30 @@ from cpcal.solver.network.polynomial_rows import PolynomialForms
 from cpcal.solver.network.restrict import restricted
 from cpcal.solver.network.rows import Rows
 
-_MANY = 1024  # elements of constraints, beyond which only those that say most about a box are expanded,
+_MANY = 4096  # elements of constraints, beyond which only those that say most about a box are expanded,
 _MANY_EACH = 64  # if they are so many for each unknown
 _TELLING = 128  # of them for each side of a constraint, and as many that are spread over all
+_ENCLOSING = 1024  # the same where no objective is sought: then the enclosure is the answer
+_SHARE = 256  # one of so many, where that is more: of 31,000 measurements 128 left out some that decide
 
 
 class Structures:
-    """Those of one network on any boxes. What two boxes in a row have in common is made once."""
+    """Those of one network on any boxes. What two boxes in a row have in common is made once.
 
-    def __init__(self, network: ConstraintNetwork, arithmetic: Arithmetic) -> None:
+    `seeking`: the smallest value of an objective, which few rows decide.
+    """
+
+    def __init__(self, network: ConstraintNetwork, arithmetic: Arithmetic, *, seeking: bool) -> None:
         self._network, self._arithmetic = network, arithmetic
         elements = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints)
+        self._most = max(_TELLING if seeking else _ENCLOSING, elements // _SHARE)
         self._rows = Rows(network) if elements > max(_MANY, _MANY_EACH * len(network.names)) else None
         self.by_box = self._rows is not None or any(map(reads, network.constraints))  # else one serves all boxes
         self._made: _Expanded | None = None
 
     def on(self, box: Box, deadline: float) -> Structure:
         """For a bounded box (any box where `by_box` is false); rows that are not expanded at `deadline` are missing."""
-        keep = None if self._rows is None else self._rows.telling(box.mid, _TELLING)
+        keep = None if self._rows is None else self._rows.telling(box.mid, self._most)
         if self._made is None or not self._made.has(keep):
             self._made = _Expanded(self._network, keep, self._arithmetic, deadline)
         return self._made.on(box)

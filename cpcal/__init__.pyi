@@ -29,6 +29,7 @@ from .results import (
 )
 from .robot import Campaign, Robot
 from .simulate import simulate
+from .solver.certificate.uncertified import UncertifiedError
 from .solver.contract import Contraction, Contractor, Limits, Polyhedron, Step, Strategy, Verdict
 from .solver.interval import Box, Interval
 from .solver.model import Network, Paving, Solution
@@ -85,6 +86,7 @@ __all__ = [
     "Solution",
     "Step",
     "Strategy",
+    "UncertifiedError",
     "Verdict",
     "VerifiedPoint",
     "Workspace",

@@ -18,6 +18,7 @@ SHORT = {  # added to a command so that it ends soon, which changes nothing of h
     "simulate": ["--factor", "0"],
     "certify": ["--legs", "1", "--time-limit", "10"],
     "compare": ["--legs", "1", "--time-limit", "3"],
+    "robust": ["--time-limit", "2"],
 }
 ELSEWHERE = {  # what needs files that a page does not make, or an installed package; and tests that run the same
     "detect": "tests/vision, tests/cli/test_images.py",

@@ -36,7 +36,12 @@ def tree(file: Path) -> ast.Module:
 
 def functions(file: Path) -> Iterable[tuple[str, int]]:
     """Every function of a file with its lines; a docstring is not counted."""
-    for node in ast.walk(tree(file)):
+    waiting: list[ast.AST] = [tree(file)]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.expr):
+            continue  # no function is stated within
+        waiting += ast.iter_child_nodes(node)
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
             told = node.body[0] if ast.get_docstring(node, clean=False) is not None else None
             text = 0 if told is None or told.end_lineno is None else told.end_lineno - told.lineno + 1

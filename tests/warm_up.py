@@ -1,24 +1,32 @@
-"""The compiled kernels, made once before many workers want them: a cold start takes half a minute of processor time.
+"""The compiled kernels, made once before many workers want them: a cold start takes two minutes of processor time.
 
-python -m tests.warm_up programs | networks     those of linear programs, or all others
+python -m tests.warm_up programs | networks | images | legs
 """
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
-
-HALVES = ("programs", "networks")  # of about the same time
+from tempfile import TemporaryDirectory
 
 
 def compile_kernels() -> None:
-    """In two processes at once; those that are in the cache cost next to nothing."""
-    here = Path(__file__).parents[1]
-    quiet = {"cwd": here, "stderr": subprocess.DEVNULL}  # what fails here fails again, and is told, where it is used
-    begun = [subprocess.Popen([sys.executable, "-m", "tests.warm_up", half], **quiet) for half in HALVES]
-    for process in begun:
-        process.wait()
+    """In processes of their own; those that are in the cache cost next to nothing.
+
+    Two at once never make the same kernel: legs call those of programs and of networks.
+    """
+    first = {part: _begun(part) for part in ("programs", "networks", "images")}
+    first.pop("programs").wait()
+    first.pop("networks").wait()
+    _begun("legs").wait()
+    first.pop("images").wait()
+
+
+def _begun(part: str) -> subprocess.Popen[bytes]:
+    here = Path(__file__).parents[1]  # what fails there fails again, and is told, where it is used
+    return subprocess.Popen([sys.executable, "-m", "tests.warm_up", part], cwd=here, stderr=subprocess.DEVNULL)
 
 
 def _programs() -> None:
@@ -40,7 +48,36 @@ def _networks() -> None:
     net.add((cpcal.norm(x) - x[0]).within((0.5, 1.0)))
     net.contract(contractors=("hc4",))
     Rows(net).linearize(net.domain.mid)
+    square = cpcal.Network()
+    y = square.variable("y", 2, ([0.5, 0.5], [2.0, 2.0]))
+    square.add([cpcal.sqr(y[0]) + y[1] == 2.0, y[0] * y[1] == 1.0])
+    square.contract(contractors=("newton",))
 
+
+def _images() -> None:
+    import numpy as np
+
+    from benchmarks.vision_scenes import FACING
+    from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
+    from cpcal.vision.camera import DELTALAB_CAMERA
+    from cpcal.vision.measure import measure_pose
+    from cpcal.vision.render import render
+    from cpcal.vision.target import DELTALAB_TARGET
+
+    turn = quaternion_product(quaternion_from_rotation_vector([0.1, 0.1, 0.2]), FACING)
+    pose = Pose(np.array([0.0, 0.0, 600.0]), turn)
+    measure_pose(render(DELTALAB_TARGET, DELTALAB_CAMERA, pose), DELTALAB_TARGET, DELTALAB_CAMERA)
+
+
+def _legs() -> None:
+    import cpcal
+
+    campaign = cpcal.simulate(seed=1, joint_error=1.0, extremal=False, random_poses=9)
+    with TemporaryDirectory() as folder:
+        cpcal.certify(campaign, legs=[1], delta=1.0, certificates=folder)
+
+
+PARTS: dict[str, Callable[[], None]] = {"programs": _programs, "networks": _networks, "images": _images, "legs": _legs}
 
 if __name__ == "__main__":
-    {"programs": _programs, "networks": _networks}[sys.argv[1]]()
+    PARTS[sys.argv[1]]()

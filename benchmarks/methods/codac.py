@@ -97,7 +97,8 @@ def _each(codac: Any, contractors: list[Any], batch: IntervalArray) -> IntervalA
     return IntervalArray(lo, hi)
 
 
-def _contract(contractors: list[Any], box: Any) -> None:
+def contract(contractors: list[Any], box: Any) -> None:
+    """Each in turn while the volume of the box shrinks by a fifth."""
     for _ in range(_PASSES):
         before = box.volume()
         for contractor in contractors:
@@ -125,7 +126,7 @@ def _minimise(leg: Leg, contractors: list[Any], question: TaskQuestion) -> Metho
         box = heapq.heappop(queue)[2]
         nodes += 1
         box[7] = box[7] & _interval(0.0, best)
-        _contract(contractors, box)
+        contract(contractors, box)
         if box.is_empty():
             continue
         middle = np.asarray(box.mid()).ravel()[:7]
@@ -151,7 +152,7 @@ def _pave(leg: Leg, contractors: list[Any], question: TaskQuestion) -> MethodAns
     while queue and time.monotonic() < deadline:
         box = heapq.heappop(queue)[2]
         nodes += 1
-        _contract(contractors, box)
+        contract(contractors, box)
         if not box.is_empty():
             for half in box.bisect(box.max_diam_index()):
                 heapq.heappush(queue, (-float(half.max_diam()), next(serial), half))

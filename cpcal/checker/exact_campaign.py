@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import hashlib
+from array import array
+from collections.abc import Iterator
 from fractions import Fraction as F
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from .files import content, parsed
-from .leg import Measurement
+from .files import LARGEST_FILE, LONGEST_LINE, opened, parsed
+from .leg import Measurement, Stated
+from .program import Dyadic
 from .readers import anything, choice, decimal, entry, many, record, text
 from .refusal import Refused
 
 NAME = "campaign.json"
 FORMAT = "cpcal-campaign-exact/1"
 _KEYS = ("files", "robot", "uncertainty", "model", "provenance")
+_LARGEST = 64 << 20  # bytes of a file that is read line by line
 _FILE = record({"format": choice(FORMAT), **dict.fromkeys(_KEYS, anything), "measurements": many(many(anything))})
+_LINE = record({"row": many(anything)})
 
 
 class ExactCampaign:
@@ -24,14 +29,18 @@ class ExactCampaign:
     def __init__(self, path: Path) -> None:
         """Raises Unusable where the file cannot be read, Refused where it is no campaign."""
         try:
-            found = content(path)
-            self.sha256 = hashlib.sha256(found).hexdigest()
-            _, _, robot, *_, rows = _FILE(parsed(found))
-            self.robot = robot.get("name") if isinstance(robot, dict) else None
-            self.legs = (len(rows[0]) - 15) // 2 if rows else 0
-            if self.legs < 1:
-                raise Refused("it holds no measurements")
-            self._rows: list[Any] = [_row(cells, self.legs) for cells in rows]
+            with opened(path) as stream:
+                reading = _Reading(stream)
+                first = next(reading.rows, ())
+                self.legs = (len(first) - 15) // 2
+                if self.legs < 1:
+                    raise Refused("it holds no measurements")
+                self._rows: list[tuple[str, str, array[float]]] = [
+                    _row(first, self.legs),
+                    *(_row(cells, self.legs) for cells in reading.rows),
+                ]
+            _, _, robot, *_ = _FILE(reading.rest)
+            self.robot, self.sha256 = robot.get("name") if isinstance(robot, dict) else None, reading.sha256
         except Refused as refused:
             raise Refused(f"{NAME}: {refused.reason}", "campaign", 0) from None
 
@@ -41,21 +50,90 @@ class ExactCampaign:
     @property
     def ids(self) -> list[str]:
         """pose/run of every measurement."""
-        return [f"{pose}/{run}" for pose, run, *_ in self._rows]
+        return [f"{pose}/{run}" for pose, run, _ in self._rows]
 
     def measurement(self, k: int, leg: int) -> Measurement:
         """Row k from 0, leg from 1."""
-        cells, radii = self._rows[k], self._rows[k][9 + self.legs :]
-        length, *pose = map(F, (cells[8 + leg], *cells[2:9]))
-        d_x, d_y, d_z, s_x, s_y, s_z, e = map(F, (*radii[:6], radii[5 + leg]))
-        return Measurement(tuple(pose[:3]), tuple(pose[3:]), length, (d_x, d_y, d_z, s_x / 2, s_y / 2, s_z / 2, e))
+        numbers, reach = self._numbers(k, leg)
+        *quaternion, x, y, z, length = (F(m, 1 << power) for m, power in numbers)
+        return Measurement((x, y, z), tuple(quaternion), length, tuple(F(m, 1 << power) for m, power in reach))
+
+    def stated(self, k: int, leg: int) -> Stated:
+        """The same as programs take it."""
+        return Stated(*self._numbers(k, leg))
+
+    def _numbers(self, k: int, leg: int) -> tuple[list[Dyadic], list[Dyadic]]:
+        """Quaternion, position and length, and the half-widths of the reading (d, s, e)."""
+        numbers, first = self._rows[k][2], 7 + self.legs
+        around = map(_dyadic, (*numbers[first : first + 6], numbers[first + 5 + leg]))
+        reach = [(m, power + 1) if 3 <= j < 6 else (m, power) for j, (m, power) in enumerate(around)]
+        return [_dyadic(v) for v in (*numbers[3:7], *numbers[:3], numbers[6 + leg])], reach
 
 
-def _row(cells: tuple[Any, ...], legs: int) -> tuple[Any, ...]:
-    found: tuple[Any, ...] = entry(text, text, *[decimal] * (13 + 2 * legs))(list(cells))
-    if not any(found[5:9]) or min(found[9 + legs :]) < 0:
+def _dyadic(value: float) -> Dyadic:
+    numerator, denominator = value.as_integer_ratio()
+    return numerator, denominator.bit_length() - 1
+
+
+class _Reading:
+    """A file's measurements, one after the other; when there are no more, its digest, and the `rest` of the object.
+
+    A large file has each measurement on a line of its own, as cpcal writes it: no more than one is held as JSON.
+    """
+
+    def __init__(self, stream: BinaryIO) -> None:
+        whole = stream.read(LARGEST_FILE + 1)
+        self.rest: dict[str, Any] = {}
+        self._digest = hashlib.sha256()
+        self.rows = self._by_line(stream) if len(whole) > LARGEST_FILE else self._at_once(whole)
+
+    @property
+    def sha256(self) -> str:
+        return self._digest.hexdigest()
+
+    def _at_once(self, whole: bytes) -> Iterator[tuple[Any, ...]]:
+        self._digest.update(whole)
+        self.rest = parsed(whole)
+        *_, rows = _FILE(self.rest)
+        yield from rows
+
+    def _by_line(self, stream: BinaryIO) -> Iterator[tuple[Any, ...]]:
+        stream.seek(0)
+        lines, around = self._lines(stream), list[bytes]()
+        for line in lines:
+            around.append(line)
+            if line.strip() == b'"measurements": [' or stream.tell() > LARGEST_FILE:
+                break
+        more = True
+        for line in lines:
+            text = line.strip()
+            if not more:
+                around += [line, *lines]
+                if sum(map(len, around)) > LARGEST_FILE:
+                    raise Refused(f"it holds more than {LARGEST_FILE} bytes beside its measurements", "limit")
+                self.rest = parsed(b"".join(around))
+                if self.rest.get("measurements") != []:
+                    raise Refused("a comma is missing after a measurement")
+                return
+            more = text.endswith(b",")
+            yield from _LINE(parsed(b'{"row":' + text.removesuffix(b",") + b"}"))
+        raise Refused("it ends before its measurements do, or is too large to have several of them on a line")
+
+    def _lines(self, stream: BinaryIO) -> Iterator[bytes]:
+        size = 0
+        while line := stream.readline(LONGEST_LINE + 1):
+            size += len(line)
+            if size > _LARGEST or len(line) > LONGEST_LINE:
+                raise Refused(f"it is larger than {_LARGEST} bytes, or has a line of over {LONGEST_LINE}", "limit")
+            self._digest.update(line)
+            yield line
+
+
+def _row(cells: tuple[Any, ...], legs: int) -> tuple[str, str, array[float]]:
+    pose, run, *numbers = entry(text, text, *[decimal] * (13 + 2 * legs))(list(cells))
+    if not any(numbers[3:7]) or min(numbers[7 + legs :]) < 0:
         raise Refused("a measurement has a quaternion that is no rotation, or a negative half-width")
-    return found
+    return pose, run, array("d", numbers)
 
 
 def beside(certificate: Path, sha256: Any) -> ExactCampaign:

@@ -12,7 +12,7 @@ from .readers import shown
 from .refusal import Refused, Unusable
 
 WORK = 10_000_000  # see docs/certificate-format.md, "Limits"
-_LONGEST_LINE, _LARGEST_FILE = 4 << 20, 16 << 20  # bytes
+LONGEST_LINE, LARGEST_FILE = 4 << 20, 16 << 20  # bytes
 
 
 def opened(path: Path) -> BinaryIO:
@@ -28,9 +28,9 @@ def opened(path: Path) -> BinaryIO:
 def content(path: Path) -> bytes:
     """The bytes of a file that is held in memory."""
     with opened(path) as stream:
-        found = stream.read(_LARGEST_FILE + 1)
-    if len(found) > _LARGEST_FILE:
-        raise Refused(f"it is larger than {_LARGEST_FILE} bytes", "limit")
+        found = stream.read(LARGEST_FILE + 1)
+    if len(found) > LARGEST_FILE:
+        raise Refused(f"it is larger than {LARGEST_FILE} bytes", "limit")
     return found
 
 
@@ -56,6 +56,11 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
+def work_of(measurements: int) -> int:
+    """What certificates about so many measurements may cost more: each of them is looked at once, for a point."""
+    return 300 * min(measurements, 200_000)
+
+
 class Lines:
     """The objects of a certificate, line by line; `spend` counts the work that its check may cost."""
 
@@ -63,9 +68,9 @@ class Lines:
         self._stream, self._left, self._most, self.line = stream, work, work, 0
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        while line := self._stream.readline(_LONGEST_LINE + 1):
+        while line := self._stream.readline(LONGEST_LINE + 1):
             self.line += 1
-            if len(line) > _LONGEST_LINE:
+            if len(line) > LONGEST_LINE:
                 raise Refused("the line is longer than 4 MiB", "limit")
             self.spend(20 + len(line) // 8)
             yield parsed(line)
@@ -75,6 +80,11 @@ class Lines:
             return value
         self.line += 1
         raise Refused(f"the file ends before {what}, or it is empty")
+
+    def allow(self, measurements: int) -> None:
+        """More work for a campaign of so many."""
+        more = work_of(measurements)
+        self._left, self._most = self._left + more, self._most + more
 
     def spend(self, work: int) -> None:
         self._left -= work

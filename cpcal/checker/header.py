@@ -67,7 +67,8 @@ def _leg(
         raise Refused(f"the campaign has {campaign.legs} legs and {len(campaign)} measurements")
     if only == ():
         raise Refused("a certificate of no measurements says nothing")
-    problem = leg_problem(lambda k: campaign.measurement(k, leg), count, model, only)
+    lines.allow(count)
+    problem = leg_problem(lambda k: campaign.stated(k, leg), count, model, only)
     root = _box(lo, hi, len(problem.unknowns))
     if root.lo[-1] < 0:
         raise Refused("eps is negative in the box of the problem")

@@ -30,13 +30,18 @@ class Measurement(NamedTuple):
 
 
 class Stated:
-    """A measurement as programs take it."""
+    """A measurement as programs take it: quaternion, position and length, and the half-widths of its reading."""
 
-    def __init__(self, m: Measurement) -> None:
-        self.radii, self.uncertain = m.radii, any(m.radii)
-        fixed = (*m.quaternion, *m.position, m.length, m.length - m.radii[6])
-        self.fixed = list(map(dyadic, fixed))
-        self._reach = list(map(dyadic, m.radii))
+    def __init__(self, numbers: Sequence[Dyadic], reach: Sequence[Dyadic]) -> None:
+        (length, p), (e, q) = numbers[7], reach[6]
+        power = max(p, q)
+        self.fixed = [*numbers, ((length << power - p) - (e << power - q), power)]
+        self.radii, self._reach = tuple(m for m, _ in reach), reach
+        self.uncertain = any(self.radii)
+
+    @classmethod
+    def of(cls, m: Measurement) -> Stated:
+        return cls(list(map(dyadic, (*m.quaternion, *m.position, m.length))), list(map(dyadic, m.radii)))
 
     def reading(self, signs: str, way: int) -> list[Dyadic]:
         """Its components, or with `way` 0 what they are made of: see `ENDS`."""
@@ -46,9 +51,9 @@ class Stated:
         return [(end * m, power) for (end, _), m, power in ends] + [(slope * m, power) for (_, slope), m, power in ends]
 
 
-def leg_problem(rows: Callable[[int], Measurement], count: int, model: str, only: tuple[int, ...] | None) -> Problem:
+def leg_problem(rows: Callable[[int], Stated], count: int, model: str, only: tuple[int, ...] | None) -> Problem:
     """`count` measurements of a leg, or `only` those."""
-    names, known = (*PARAMETERS, *EXTRA[model], "eps"), lru_cache(_KEPT)(lambda k: Stated(rows(k)))
+    names, known = (*PARAMETERS, *EXTRA[model], "eps"), lru_cache(_KEPT)(rows)
     chosen = tuple(range(count)) if only is None else only
     return Problem(
         names, len(names) - 1, count, chosen,

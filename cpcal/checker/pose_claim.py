@@ -25,7 +25,7 @@ from .readers import choice, dyadic, entry, many, maybe, record, shown, text, wh
 from .refusal import Refused, Unusable
 from .robust_claim import meeting
 
-POSE_SET_FORMAT = "cpcal-pose-set/1"
+POSE_SET_FORMAT = "cpcal-pose-set/2"
 POSE_SET_SUFFIX = ".pose.json"
 _MOST_DOTS = 10_000
 _MOST_CHAINS = 64
@@ -111,7 +111,7 @@ def _checked(path: Path, name: str, work: int) -> PoseSetChecked:
     for _, left in boxes:
         if left is not None and refuted:
             raise Refused("a pose is not excluded")
-        if left is not None and not _holds(left, position, turn):
+        if left is not None and not _holds(left, position, turn, chain):
             raise Refused("its certificates prove a wider box than it states")
     files = tuple((file["name"], file["sha256"]) for file in inputs["files"])
     radii = None if refuted else (*position, *turn)
@@ -119,10 +119,11 @@ def _checked(path: Path, name: str, work: int) -> PoseSetChecked:
     return PoseSetChecked(name, len(sight.dots), outliers, digest, files, pose, radii, named)
 
 
-def _holds(left: list[Bounds], position: tuple[F, ...], turn: tuple[F, ...]) -> bool:
-    """Whether the poses of a box of (W, s) are in the box that is stated."""
+def _holds(left: list[Bounds], position: tuple[F, ...], turn: tuple[F, ...], chain: _Chain) -> bool:
+    """Whether the poses of a box of (W, s) are in the box that is stated, those of larger and smaller plates too."""
     moved = [w.size / stretch(left[3:]).least for w in left[:3]]
     turned = [s.size.times(2) for s in left[3:]]
+    moved = [m + more for m, more in zip(moved, chain.sight.by_scale(chain.pose, moved, turned), strict=True)]
     stated = [between(v, v) for v in (*position, *turn)]
     return all(a.hi <= b.lo for a, b in zip([*moved, *turned], stated, strict=True))
 

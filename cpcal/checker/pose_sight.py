@@ -44,7 +44,9 @@ _INPUTS = record(
                 "field": dyadic,
             }
         ),
-        "target": record({"radius": dyadic, "dots": many(_PAIR), "half_widths": many(many(dyadic, 3))}),
+        "target": record(
+            {"radius": dyadic, "dots": many(_PAIR), "half_widths": many(many(dyadic, 3)), "scale": dyadic}
+        ),
         "frames": record({"camera": many(dyadic, 7), "target": many(dyadic, 7)}),
     }
 )
@@ -70,6 +72,7 @@ class Sight:
     radius: Bounds
     camera: Vector
     target: Vector
+    scale: Bounds
 
     @cached_property
     def turns(self) -> tuple[Matrix, Matrix]:
@@ -92,6 +95,15 @@ class Sight:
         turned = product(product(back, transposed(columns)), transposed(target))
         moved = applied(back, minus(box[:3], self.camera[:3]))
         return turned, minus(moved, applied(turned, self.target[:3]))
+
+    def by_scale(self, pose: Vector, moved: Vector, turned: Vector) -> list[Bounds]:
+        """How far a plate's error of scale moves poses that are so far from one, at most: by the share of the target's
+        origin in the base frame."""
+        camera, arm = self.turns[0], self.target[:3]
+        origin = plus(pose[:3], applied(rotation(pose[3:]), arm))
+        origin = plus(origin, applied(transposed(camera), self.camera[:3]))
+        swung = total(turned) * total(a.size for a in arm)
+        return [self.scale * (o.size + m + swung) for o, m in zip(origin, moved, strict=True)]
 
     def about(self, pose: Vector, root: Vector) -> Place:
         """Of a box of (W, s) about a pose."""
@@ -144,14 +156,14 @@ def sight_of(inputs: Any) -> Sight:
     """What is assumed, read and checked. Raises Refused."""
     _, _, pixels, camera, target, frames = _INPUTS(inputs)
     of, numbers, lo, hi = pixels
-    radius, dots, widths = target
+    radius, dots, widths, scale = target
     count = len(numbers)
     if {len(lo), len(hi), len(dots), len(widths)} != {count} or len(set(numbers)) < count or not count:
         raise Refused("there is not one box of pixels, one place and one box of places for each dot")
     if any(a > b for one, other in zip(lo, hi, strict=True) for a, b in zip(one, other, strict=True)):
         raise Refused("a box of pixels is empty")
-    if radius <= 0 or any(w < 0 for one in widths for w in one):
-        raise Refused("a radius or half-width is negative")
+    if radius <= 0 or not 0 <= scale < 1 or any(w < 0 for one in widths for w in one):
+        raise Refused("a radius, half-width or scale is out of range")
     values, spread, ball, field = camera
     if len({len(row) for row in spread}) != 1 or len(spread[0]) > _MOST_SPREAD:
         raise Refused("the camera's spread is no matrix")
@@ -167,7 +179,7 @@ def sight_of(inputs: Any) -> Sight:
     ]
     cameras = _cameras(values, spread, ball, field)
     one, other = ([number(v) for v in frame] for frame in frames)
-    return Sight(listed, of == "images", cameras, number(radius), one, other)
+    return Sight(listed, of == "images", cameras, number(radius), one, other, number(scale))
 
 
 @lru_cache(maxsize=4)

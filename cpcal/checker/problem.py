@@ -145,7 +145,7 @@ def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
 ENDS = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}
 
 
-def _exact(k: int) -> tuple[F, ...]:
+def _exact(k: int) -> tuple[int, ...]:
     """Of constraints without readings."""
     return ()
 
@@ -159,7 +159,7 @@ class Problem:
     count: int
     chosen: tuple[int, ...]
     constraint: Callable[[int, Unknowns, str, int], OnBox]  # k on a box with signs of a reading, and its `way`
-    radii: Callable[[int], tuple[F, ...]] = _exact  # of readings m: |m_j| <= radii_j
+    radii: Callable[[int], tuple[int, ...]] = _exact  # of the readings of k: 0 where they are exact
     sides: tuple[str, ...] = SIDES
     conditions: tuple[str, ...] = SIDES  # sides that are at most zero at a solution
     model: str | None = None  # of a leg; None: the certificate states the constraints
@@ -170,10 +170,11 @@ class Problem:
 
     def holds(self, x: Unknowns, k: int, signs: str) -> bool:
         """Whether it is proved that the point, a box of width zero, satisfies k for some reading between two ends."""
-        above = [side for side in self.conditions if side in ("upper", "sign")]
-        below = [side for side in self.conditions if side not in above]
-        found = (self.constraint(k, x, signs, way).rows(sides, 0) for way, sides in ((1, below), (-1, above)))
-        return all(row.constant <= 0 for rows in found for row in rows)
+        above = [side for side in self.conditions if side in ("upper", "sign")] if any(self.radii(k)) else []
+        below = [side for side in self.conditions if side not in above]  # all of them where there is one reading
+        ends = ((1, below), (-1, above))
+        found = (self.constraint(k, x, signs, way).rows(sides, 0) for way, sides in ends if sides)
+        return all(row.terms.get(0, 0) <= 0 for rows in found for row in rows)
 
     def fails(self, x: Unknowns, side: str, k: int, signs: str) -> bool:
         """Whether it is proved that it does not for any reading."""

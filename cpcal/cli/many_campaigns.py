@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,7 +28,7 @@ from cpcal.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
 from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.files import campaign_sha256, load_campaign
-from cpcal.files.run_folder import RUN, answers_into
+from cpcal.files.run_folder import RUN, answers_into, locked
 from cpcal.report import write_report
 from cpcal.report.campaigns_page import CampaignRow, row_of, write_campaigns
 from cpcal.results import Result, load_result, save_result
@@ -61,7 +62,11 @@ class CampaignWork:
     resume: bool = False
 
     def __call__(self, task: CampaignTask) -> CertifiedCampaign:
-        """Raises InputError for a campaign that cannot be asked it."""
+        """Raises InputError for a campaign that cannot be asked it, or whose folder another run writes into."""
+        with nullcontext() if task.run is None else locked(task.run):
+            return self._certified(task)
+
+    def _certified(self, task: CampaignTask) -> CertifiedCampaign:
         campaign = task.campaign
         options, model = checked_options(campaign, **self.given)
         kept = None
@@ -85,15 +90,21 @@ def certified_all(folders: Sequence[Path], runs: Path, work: CampaignWork, place
     """Certify each campaign into a folder of `runs` that is called as its own; say which are worst; the exit status.
 
     One that cannot be used stops no other. Where the work resumes those that are answered already stay as they are.
+    Raises InputError for two campaigns of one name, and while another run writes into `runs`.
     """
     names = _names(folders)
+    with locked(runs):
+        return _all_of(dict(zip(names, folders, strict=True)), runs, work, place, talk)
+
+
+def _all_of(folders: Mapping[str, Path], runs: Path, work: CampaignWork, place: Place, talk: Talk) -> Status:
     rows: list[CampaignRow] = []
     failed: list[str] = []
     count = len(folders)
     near = isinstance(place[0], Here | Processes)  # else perhaps of another machine, without our folders
 
     def tasks() -> Iterator[CampaignTask]:
-        for name, folder in zip(names, folders, strict=True):
+        for name, folder in folders.items():
             try:
                 campaign = load_campaign(folder)
                 earlier = _earlier(runs / name, campaign, work.given) if work.resume else None

@@ -49,7 +49,7 @@ def pose_sets(
         typer.Option(
             min=0.0,
             help="The camera is within so many standard deviations: the ellipsoid of its file's covariance. 5 holds "
-            "99.7 % of all calibrations; 0: it is exact.",
+            "99.7 % of all calibrations; 0: it is exact. The plate's scale is within as many of its scale_sigma.",
         ),
     ] = 5.0,
     dots: Annotated[
@@ -74,7 +74,7 @@ def pose_sets(
     with heard(terminate=True), answers_into(folder, POSE_SETS) as draft, bar("images", quiet=talk.quiet) as progress:
         work = Enclosing(
             source,
-            TargetSet.within(plate, [dots, dots, 0.0]),
+            TargetSet.within(plate, [dots, dots, 0.0], factor * plate.scale_sigma),
             _cameras(lens, factor),
             half_width,
             outliers,

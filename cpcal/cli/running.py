@@ -13,6 +13,7 @@ import typer
 from cpcal.execution.executors import Place, executor_for
 from cpcal.execution.stopping import heard, within_memory
 
+_LOADS = ("cpcal.cli.many_campaigns", "cpcal.solver.numba_begun")  # of workers
 _PANEL = "Where it runs"
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*([kKMGT]?)i?B?")
 _UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
@@ -51,7 +52,8 @@ class Running:
         Raises InputError, BadParameter.
         """
         limit = None if self.memory_limit is None else _bytes(self.memory_limit)
-        with heard(terminate=True), within_memory(limit), executor_for(self.workers, self.scheduler) as place:
+        begun = executor_for(self.workers, self.scheduler, loads=_LOADS)
+        with heard(terminate=True), within_memory(limit), begun as place:
             yield place
 
 

@@ -61,6 +61,8 @@ def solve(
         write_file(picture, paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).encode())
     record("answer", status=str(found.status), nodes=found.nodes, seconds=found.seconds)
     _show(found, output, talk)
+    if found.uncertified is not None:
+        raise found.uncertified
     if reason is not None and found.verdict is Verdict.UNKNOWN:
         raise typer.Exit(Status(reason))
     if found.verdict is Verdict.UNKNOWN:

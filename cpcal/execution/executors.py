@@ -10,11 +10,13 @@ import logging
 import multiprocessing
 import os
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cached_property
+from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
 from cpcal.common.errors import InputError, Problem
@@ -27,6 +29,7 @@ Place = tuple[Executor, int]  # and how many tasks it is given at a time
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _LOGGER = logging.getLogger("cpcal")
+_START = "forkserver" if sys.platform == "linux" else "spawn"  # safe beside threads
 _ELSEWHERE = 64  # workers that an executor is taken to have that does not tell
 
 
@@ -51,21 +54,41 @@ class Processes(Executor):
     """Processes of this machine. They end with this one however it ends, and hear of a stop from it alone.
 
     None begins before the first task. A pool in which a process was killed is broken; `renew` makes another.
+
+    loads  modules that tasks will need; on Linux the process that workers are forked from imports them, once for all,
+           if it is these workers that it begins for
     """
 
-    def __init__(self, count: int) -> None:
-        self.count = count
-        self._context = multiprocessing.get_context("spawn")  # the same everywhere, and safe beside threads
+    def __init__(self, count: int, loads: Sequence[str] = ()) -> None:
+        self.count, self._loads = count, loads
+        self._context = multiprocessing.get_context(_START)
         self._pool: ProcessPoolExecutor | None = None
+        self._first: threading.Thread | None = None
+        self._holds: Connection | None = None  # what a pool's workers live by
 
     @cached_property
     def _stop(self) -> Any:
         return self._context.Event()
 
+    @property
+    def ready(self) -> bool:
+        """Whether a task that is submitted now is taken at once; the first time that it is asked a process begins."""
+        if self._first is None:
+            self._first = threading.Thread(target=self._begun, daemon=True)
+            self._first.start()
+        return not self._first.is_alive()
+
+    def _begun(self) -> None:
+        with suppress(OSError, RuntimeError, EOFError):  # whoever submits then is told
+            self.submit(os.getpid)
+
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         with _without_signals():  # which a new process inherits: Ctrl-C is for this one
             if self._pool is None:
-                given = (self._stop,)
+                if self._loads and _START == "forkserver":
+                    self._context.set_forkserver_preload(list(self._loads))
+                ends, self._holds = self._context.Pipe(duplex=False)
+                given = (self._stop, ends)
                 self._pool = ProcessPoolExecutor(self.count, self._context, initializer=_begin, initargs=given)
             return self._pool.submit(fn, *args, **kwargs)
 
@@ -75,21 +98,34 @@ class Processes(Executor):
             self._stop.set()
 
     def renew(self) -> None:
+        """Another pool. What is left of this one's workers ends: nobody takes what they answer."""
         self.shutdown(wait=False, cancel_futures=True)
+        self._let_go()
         self._pool = None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        if wait and self._first is not None:
+            self._first.join()
         if self._pool is not None:
             self._pool.shutdown(wait, cancel_futures=cancel_futures)
+        if wait:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        if self._holds is not None:
+            self._holds.close()
 
 
 @contextmanager
-def executor_for(workers: int | None = None, scheduler: str | None = None, executor: Any = None) -> Iterator[Place]:
+def executor_for(
+    workers: int | None = None, scheduler: str | None = None, executor: Any = None, *, loads: Sequence[str] = ()
+) -> Iterator[Place]:
     """The executor asked for, and how many tasks it is given at a time; none asked for: the work is done here.
 
     workers    processes of this machine; 1: none
     scheduler  address of a Dask scheduler, such as "tls://10.0.0.1:8786"
     executor   any executor, or a `distributed.Client`; it is not shut down
+    loads      modules that the processes will need
 
     Raises InputError for more than one of them, or for a scheduler that does not answer.
     """
@@ -107,7 +143,7 @@ def executor_for(workers: int | None = None, scheduler: str | None = None, execu
     elif workers is None or workers == 1:
         yield Here(), 1
     else:
-        pool = Processes(workers)
+        pool = Processes(workers, loads)
         try:
             yield pool, at_a_time(workers)
         except BaseException:
@@ -155,18 +191,23 @@ def _through(client: Any) -> Place:
     return client.get_executor(pure=False), at_a_time(max(_ELSEWHERE, sum(client.ncores().values())))
 
 
-def _begin(stop: Any) -> None:
-    """In each process of a pool: the coordinator tells it to stop, and its end ends it."""
+def of_dask(executor: Executor) -> bool:
+    """Whether a Dask client lent it."""
+    return type(executor).__module__.partition(".")[0] == "distributed"
+
+
+def _begin(stop: Any, ends: Connection) -> None:
+    """In each process of a pool: the coordinator tells it to stop; the end of either ends it."""
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     stopping.from_now_on_asked_by(lambda: Reason.INTERRUPTED if stop.is_set() else None)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with, args=(ends,), daemon=True).start()
 
 
-def _end_with_parent() -> None:
+def _end_with(pool: Connection) -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
-        parent.join()
+        wait([parent.sentinel, pool])
         os._exit(1)
 
 

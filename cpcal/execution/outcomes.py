@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import dataclass
+from functools import partial
+from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
 from cpcal.common.errors import CpcalError
-from cpcal.execution.executors import Processes
+from cpcal.execution.executors import Processes, of_dask
 from cpcal.execution.stopping import Stopped, asked
 
 A = TypeVar("A")
@@ -53,7 +55,7 @@ def outcomes(executor: Executor, most: int, work: Callable[[A], T], tasks: Itera
     is begun any more; those at work in processes of ours are told, and what they answer still comes. Raises
     LostWorkerError where nobody takes tasks any more.
     """
-    road = _Road(executor, work, iter(tasks), most)
+    road = Road(executor, work, partial(next, iter(tasks), None), most)
     try:
         while True:
             road.fill()
@@ -64,14 +66,29 @@ def outcomes(executor: Executor, most: int, work: Callable[[A], T], tasks: Itera
         road.cancel()
 
 
-class _Road(Generic[A, T]):
-    """Tasks on their way."""
+class Road(Generic[A, T]):
+    """Tasks on their way. `task` gives the next one; None where there is none at the moment."""
 
-    def __init__(self, executor: Executor, work: Callable[[A], T], tasks: Iterator[A], most: int) -> None:
-        self._executor, self._work, self._tasks, self._most = executor, work, tasks, most
+    def __init__(self, executor: Executor, work: Callable[[A], T], task: Callable[[], A | None], most: int) -> None:
+        self._executor, self._work, self._task, self._most = executor, work, task, most
         self._again: deque[tuple[A, int]] = deque()
+        self._finished: SimpleQueue[Future[T]] = SimpleQueue()  # in the order in which they are
         self._stopping = False
         self.running: dict[Future[T], tuple[A, int]] = {}  # and how often it was begun
+
+    @property
+    def free(self) -> int:
+        """How many tasks more may be given out."""
+        return self._most - len(self.running) - len(self._again)
+
+    @property
+    def ready(self) -> bool:
+        """Whether a task that is given out now does not hold up who gives it."""
+        return not isinstance(self._executor, Processes) or self._executor.ready
+
+    @property
+    def some_done(self) -> bool:
+        return not self._finished.empty()
 
     def fill(self) -> None:
         """Give out tasks, as many as may run; one that lost its worker twice runs alone."""
@@ -81,12 +98,14 @@ class _Road(Generic[A, T]):
             elif self._again:
                 return
             else:
-                try:
-                    task, begun = next(self._tasks), 0
-                except StopIteration:
+                fresh = self._task()
+                if fresh is None:
                     return
+                task, begun = fresh, 0
             try:
-                self.running[self._executor.submit(self._work, task)] = task, begun + 1
+                future = self._executor.submit(self._work, task)
+                self.running[future] = task, begun + 1
+                future.add_done_callback(self._finished.put)
             except BrokenExecutor:
                 self._again.append((task, begun))
                 self._renew()
@@ -98,8 +117,9 @@ class _Road(Generic[A, T]):
 
     def done(self) -> Iterator[TaskOutcome[A, T]]:
         """Wait for some task to be done, or for a moment."""
-        finished, _ = wait(self.running, _LOOK, FIRST_COMPLETED)
-        for future in finished:
+        for future in self._ended():
+            if future not in self.running:  # given up
+                continue
             task, begun = self.running.pop(future)
             if future.cancelled():  # by a Dask client that lost its scheduler, and looks for it again
                 if begun < _TRIES and not asked():
@@ -119,6 +139,14 @@ class _Road(Generic[A, T]):
         if asked() and not self._stopping:
             self._stop()
 
+    def _ended(self) -> Iterator[Future[T]]:
+        try:
+            yield self._finished.get(timeout=_LOOK)
+            while True:
+                yield self._finished.get_nowait()
+        except Empty:
+            return
+
     def _renew(self) -> None:
         if not isinstance(self._executor, Processes):
             raise LostWorkerError("the executor takes no more tasks")
@@ -136,9 +164,15 @@ class _Road(Generic[A, T]):
             self.cancel()
 
     def cancel(self) -> None:
-        for future in self.running:
-            future.cancel()
-        self.running.clear()
+        """Give up what is on its way. Processes of ours that are to stop are told."""
+        if asked() and self.running and not self._stopping:
+            self._stop()
+        given_up, self.running = self.running, {}
+        if asked() or not of_dask(
+            self._executor
+        ):  # which complains of tasks that are cancelled: they end by themselves
+            for future in given_up:
+                future.cancel()
 
 
 def _lost(task: A, why: str) -> TaskOutcome[A, T]:

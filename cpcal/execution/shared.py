@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 from cpcal.execution.executors import Place
-from cpcal.execution.outcomes import outcomes
+from cpcal.execution.outcomes import Road, TaskOutcome, outcomes
 from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.execution.threads import linear_algebra_on_one_thread
 
@@ -49,6 +50,55 @@ class Shared(Generic[V]):
                 raise Stopped(asked() or Reason.INTERRUPTED)
             left, content = again, self._bytes
         return [found[k] for k in range(len(items))]
+
+    def given_out(self, place: Place, work: Callable[[V, A], T]) -> GivenOut[V, A, T]:
+        """The same one by one, taken back as they are done."""
+        return GivenOut(self._bytes, self._digest, place, work)
+
+
+class GivenOut(Generic[V, A, T]):
+    """Tasks on a value that travels: give some out, go on with other work, take back what is done."""
+
+    def __init__(self, content: bytes, digest: str, place: Place, work: Callable[[V, A], T]) -> None:
+        self._content, self._digest, self._work = content, digest, work
+        self._waiting: deque[_Task[V, A, T]] = deque()
+        self._road = Road(place[0], _done, self._next, place[1])
+
+    @property
+    def free(self) -> int:
+        """How many more may be given out."""
+        return self._road.free - len(self._waiting)
+
+    @property
+    def ready(self) -> bool:
+        """Whether a task that is given out now does not hold up who gives it."""
+        return self._road.ready
+
+    @property
+    def some_done(self) -> bool:
+        return self._road.some_done
+
+    def give(self, item: A, *, first: bool = False) -> None:
+        """Begin a task; `first`: the value goes with it, since the worker cannot know it yet."""
+        self._waiting.append(_Task(self._work, self._digest, self._content if first else None, item, 0))
+        self._road.fill()
+
+    def taken_back(self) -> Iterator[TaskOutcome[A, T]]:
+        """What is done; where nothing is, wait for some, or for a moment. Raises LostWorkerError as `outcomes`."""
+        for outcome in self._road.done():
+            if outcome.error is None and isinstance(outcome.value, _Missing):
+                self._waiting.append(replace(outcome.task, content=self._content))
+            else:
+                yield TaskOutcome(outcome.task.item, outcome.future)  # type: ignore[arg-type]
+        self._road.fill()
+
+    def cancel(self) -> None:
+        """Give up what is on its way."""
+        self._waiting.clear()
+        self._road.cancel()
+
+    def _next(self) -> _Task[V, A, T] | None:
+        return self._waiting.popleft() if self._waiting else None
 
 
 class _Missing:

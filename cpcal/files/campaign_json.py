@@ -23,7 +23,7 @@ from cpcal.robot.uncertainty import Uncertainty
 
 NAME = "campaign.json"
 FORMAT = "cpcal-campaign-exact/1"
-_LARGEST = 16 << 20  # bytes: the checker reads no more
+_LARGEST = 64 << 20  # bytes: the checker reads no more
 _ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
 _REMEDY = "certify the campaign again"
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from fractions import Fraction as F
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.checker.leg import Measurement, leg_problem
+from cpcal.checker.leg import Measurement, Stated, leg_problem
 from cpcal.files import campaign_sha256
 from cpcal.legs.equation import exactly_read, leg_network
 from cpcal.legs.models import PLAIN, LegModel, built_in
@@ -34,7 +33,7 @@ def leg_statement(
 
     `model` is the name of one that comes with cpcal: those the checker knows.
     """
-    problem = leg_problem(partial(exact_measurement, campaign, leg), len(campaign), model, only)
+    problem = leg_problem(lambda k: Stated.of(exact_measurement(campaign, leg, k)), len(campaign), model, only)
     return LegStatement(problem, campaign_sha256(campaign), leg, only)
 
 

@@ -51,16 +51,17 @@ def model_residuals(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegMo
     return ModelResiduals(campaign, leg, model).values(x)
 
 
-def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN) -> Floats:
+def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN, known: ModelResiduals | None = None) -> Floats:
     """Parameters (n,) that minimise the sum of squares of g, the extra ones within their half-widths of 0.
 
-    From the fit of the plain model, with which it begins.
+    From the fit of the plain model, with which it begins. `known`: the residuals, where they are there already.
     """
     start = np.append(least_squares(campaign, leg), np.zeros(len(model.extra)))
     free = np.append(np.ones(7, dtype=bool), model.half_widths > 0.0)
     if free.sum() == 7:
         return start
-    of, reach = ModelResiduals(campaign, leg, model), np.append(np.full(7, np.inf), model.half_widths)[free]
+    of = ModelResiduals(campaign, leg, model) if known is None else known
+    reach = np.append(np.full(7, np.inf), model.half_widths)[free]
 
     def full(x: Floats) -> Floats:
         out = start.copy()

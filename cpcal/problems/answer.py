@@ -8,9 +8,10 @@ import os
 import time
 from dataclasses import dataclass
 
-from cpcal.common.errors import ModelError
+from cpcal.common.errors import InputError, ModelError
 from cpcal.common.numbers import at_most, bracket_text
 from cpcal.problems.stated_problem import StatedProblem
+from cpcal.solver.certificate.uncertified import UncertifiedError
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.model import Paving
@@ -27,6 +28,7 @@ class Answer:
     verdict  PROVED: complete, or the bracket closed to the gap; REFUTED: there is no solution; UNKNOWN: a limit came
              first
     pending  boxes that were left
+    uncertified  why a certificate that was asked for could not be written
     """
 
     problem: StatedProblem
@@ -37,6 +39,7 @@ class Answer:
     pending: int = 0
     paving: Paving | None = None
     best: Minimum | None = None
+    uncertified: InputError | None = None
 
     @property
     def method(self) -> str:
@@ -110,9 +113,21 @@ def answer(
         pending = 0 if found.complete else unknown
         return Answer(problem, verdict, found.status, found.nodes, time.monotonic() - start, pending, paving=found)
     objective = -problem.objective if problem.maximize else problem.objective
-    best = network.minimize(objective, limits=limits, certificate=certificate)
-    spent = time.monotonic() - start
-    return Answer(problem, best.verdict, _sentence(problem, best), best.nodes, spent, best.pending, best=best)
+    why: InputError | None = None
+    try:
+        best = network.minimize(objective, limits=limits, certificate=certificate)
+    except UncertifiedError as error:
+        best, why = error.answer, error
+    return Answer(
+        problem,
+        best.verdict,
+        _sentence(problem, best),
+        best.nodes,
+        time.monotonic() - start,
+        best.pending,
+        best=best,
+        uncertified=why,
+    )
 
 
 def _sentence(problem: StatedProblem, best: Minimum) -> str:

@@ -11,6 +11,7 @@ from cpcal.common.errors import shown
 from cpcal.problems.minibex_tree import SyntaxNode
 from cpcal.problems.tokens import Source, Token
 
+_HABITS = {"==": "write = once", "**": "write ^ for a power"}  # of other languages
 DEEPEST = 60  # of nested brackets, functions and loops
 
 
@@ -101,9 +102,9 @@ class ExpressionParser:
         if token.text == "(" and token.kind == "sign":
             return self.bracketed(token)
         self.at -= 1
-        return self.fail(
-            f"{self.told()} stands where an expression should begin", "write a number, a name or a bracket"
-        )
+        before = self.tokens[self.at - 1].text + token.text if self.at else ""
+        remedy = _HABITS.get(before, "write a number, a name or a bracket")
+        return self.fail(f"{self.told()} stands where an expression should begin", remedy)
 
     def bracketed(self, token: Token) -> SyntaxNode:
         parts = [self.expression()]

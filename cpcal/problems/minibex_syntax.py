@@ -44,7 +44,7 @@ class Parser(ExpressionParser):
         self.needs("variables")
         variables = [self.variable()]
         while self.takes(";") or self.takes(","):
-            if self.now.kind != "name":
+            if self.now.kind != "name" or self.now.text.lower() == "maximize":
                 break
             variables.append(self.variable())
         functions += self.functions()
@@ -55,7 +55,9 @@ class Parser(ExpressionParser):
             self.takes(";")
             blocks = self.blocks()
         elif goal is None:
-            self.fail("neither Minimize nor Constraints comes", "say what is asked for")
+            largest = self.now.text.lower() == "maximize"
+            remedy = "write Minimize and the negative" if largest else "say what is asked for, after a ;"
+            self.fail(f"{self.told()} stands where Minimize or Constraints should", remedy)
         else:
             self.takes("end")
         if self.now.kind != "end of file":

@@ -109,10 +109,10 @@ class PyomoCpcal(SolverBase):  # type: ignore[misc]
         self._fill(results, model, config)
         results.timing_info.wall_time = time.monotonic() - began
         if config.raise_exception_on_nonoptimal_result and results.solution_status is not SolutionStatus.optimal:
-            raise NoOptimalSolutionError(str(results.extra_info.get("sentence", "")))
+            raise NoOptimalSolutionError(_said(results))
         if config.load_solutions:
             if results.solution_status is SolutionStatus.noSolution:
-                raise NoSolutionError(str(results.extra_info.get("sentence", "")))
+                raise NoSolutionError(_said(results))
             results.solution_loader.load_solution()
         return results
 
@@ -138,6 +138,11 @@ class PyomoCpcal(SolverBase):  # type: ignore[misc]
         )
         found = answer(problem, width=config.width, limits=limits, certificate=config.certificate)
         _translated(found, results, config, model, info.variables)
+
+
+def _said(results: Results) -> str:
+    """What the answer says in a sentence, for an error."""
+    return str(getattr(results.extra_info, "sentence", "no solution was found"))
 
 
 def _written(model: Any, text: io.StringIO) -> Any:

@@ -16,7 +16,7 @@ from cpcal.calibration.averaging import kept
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about
-from cpcal.legs import PLAIN, LegModel, fit_model, leg_model, model_residuals
+from cpcal.legs import PLAIN, LegModel, ModelResiduals, fit_model, leg_model
 from cpcal.report.fitted import Fitted
 from cpcal.results import Bounded, Explained, LegResult, LegVerdict, Result, Undecided, Undetermined, verdict_of
 from cpcal.robot import Campaign, rotation_matrix, small_rotation
@@ -142,8 +142,9 @@ def _another_model(
     for name in _OTHER_MODELS:
         other = leg_model(name)
         try:
-            x = fit_model(some, leg.leg, other)
-            largest[name] = float(np.max(np.abs(model_residuals(campaign, leg.leg, x, other))))
+            residuals = ModelResiduals(campaign, leg.leg, other)
+            x = fit_model(some, leg.leg, other, residuals if some is campaign else None)
+            largest[name] = float(np.max(np.abs(residuals.values(x))))
         except (CpcalError, ValueError, np.linalg.LinAlgError):  # a fit that does not exist helps nobody
             continue
     best = min(largest.values(), default=math.inf)

@@ -16,14 +16,16 @@ import numpy.typing as npt
 from cpcal.common import numbers
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
-from cpcal.execution.executors import Here, Place, executor_for
+from cpcal.common.names import listed
+from cpcal.execution.executors import Here, executor_for
 from cpcal.execution.stopping import asked, heard
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
+from cpcal.solver.certificate.uncertified import certified
 from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
-from cpcal.solver.contract import Contraction, Contractor, Limits, Strategy, Then, in_sequence, until
+from cpcal.solver.contract import Contraction, Contractor, Limits, Repeat, Strategy, Then, in_sequence, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr
@@ -37,6 +39,7 @@ from cpcal.solver.questions import (
     named_strategy,
     relaxed,
     remaining,
+    small_units,
     start_point,
     width_sentence,
     with_objective,
@@ -48,13 +51,14 @@ from cpcal.solver.search import (
     Divide,
     Event,
     Paving,
+    Process,
     Race,
     Search,
     Solution,
-    Spread,
     StepProver,
     WholeNumbers,
     conclusion,
+    spread_over,
 )
 
 if TYPE_CHECKING:
@@ -64,6 +68,7 @@ __all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
 
 DEFAULT_CONTRACTORS = ("hc4", "lifted")
 
+_LOADS = ("cpcal.solver.model", "cpcal.solver.numba_begun")  # of workers
 _ABREAST = 64  # pending boxes that a round of `solve` takes, whatever the order
 
 
@@ -141,22 +146,22 @@ class Network(ConstraintNetwork):
             built[method] = list(zip(map(plugins.name_of, names), parts, strict=True))
             contractor = in_sequence(parts)
             if network.whole.any():
-                contractor = Then(contractor, WholeNumbers(network.whole))
+                contractor = Repeat(Then(contractor, WholeNumbers(network.whole)))  # a point must be looked at again
             until(contractor, clock.deadline)
             return contractor
 
         left = partial(_contracted, contracting, choice.methods[0], network.domain)
-        finest, reach = default_width(network, left) if width is None else (checked_width(width), _everywhere(network))
+        finest, reach, unit = _resolution(network, left, width)
 
-        def search(method: SearchMethod, place: Place) -> Search:
-            contractor = contracting(method)
-            by = named_strategy(network, method.strategy if strategy is None else strategy, finest, reach, arithmetic)
-            process = Divide(contractor, by, inside=inside)
-            spread = process if isinstance(place[0], Here) else Spread(process, place)
-            return Search([network.domain], spread, priority, outside=inner, abreast=_ABREAST)
+        def search(method: SearchMethod, spread: Callable[[Divide], Process]) -> Search:
+            by = named_strategy(network, strategy or method.strategy, finest, reach, unit, arithmetic)
+            process = Divide(contracting(method), by, inside=inside, outside=inner)
+            roots, batch = [network.domain], process.batch
+            return Search(roots, spread(process), priority, outside=inner, abreast=_ABREAST, batch=batch)
 
-        with heard(), linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor) as place:
-            race = Race([Contender(m.name, partial(search, m, place), m.slice, m.turns) for m in choice.methods])
+        there = spread_over(executor_for(workers, scheduler, executor, loads=_LOADS))
+        with heard(), linear_algebra_on_one_thread(), there as spread:
+            race = Race([Contender(m.name, partial(search, m, spread), m.slice, m.turns) for m in choice.methods])
             try:
                 for event in race:
                     nodes += 1
@@ -166,7 +171,7 @@ class Network(ConstraintNetwork):
                         break
             except KeyboardInterrupt:
                 pass
-            found = race.leader.search or search(choice.methods[0], place)
+            found = race.leader.search or search(choice.methods[0], spread)
             paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
             used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
         said = f"{choice.why}: {race.sentence()}" if chooses else choice.why
@@ -201,7 +206,8 @@ class Network(ConstraintNetwork):
         `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
         it is in `found`. `workers`, `scheduler` and `executor` are as in `solve`; certificates are the same, byte for
-        byte. Constraints with readings or without polynomial form raise ModelError.
+        byte. Constraints with readings or without polynomial form raise ModelError. Where it cannot be written, or the
+        checker would refuse it for its size, UncertifiedError is raised, whose `answer` is what was found.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         """
@@ -224,7 +230,7 @@ class Network(ConstraintNetwork):
         first = None if start is None else start_point(network, start, len(self.names))
 
         def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
-            with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor) as place:
+            with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
                 states = minimize(
                     network,
                     name,
@@ -248,8 +254,7 @@ class Network(ConstraintNetwork):
         _check_weights(named)
         with heard(), Recording(network_statement(stated, name), network.domain) as recording:
             found = bracketed(recording.prover, recording.event)
-            recording.write(certificate, claims_of(found, network.domain, name))
-        return replace(found, contractors_used=recording.credited(found.contractors_used))
+            return certified(recording, certificate, claims_of(found, network.domain, name), found)
 
     def _as_asked(self) -> Network:
         """A copy, since a callback may add to this network meanwhile. Raises ModelError where there is no variable."""
@@ -264,9 +269,10 @@ class Network(ConstraintNetwork):
         if "hc4" in contractors and not chosen:
             return
         box = self.contract(contractors=["hc4"]).box if "hc4" in contractors else self.domain
-        bounds = [box[component] for component in self.names if component != objective and not box.is_empty]
-        if not all(one.is_bounded for one in bounds):
-            raise ModelError("minimize needs bounded domains: give every variable one, or put hc4 first")
+        names = [n for n in self.names if n != objective and not box.is_empty and not box[n].is_bounded]
+        if names:
+            or_else = "" if chosen else ", or put hc4 first"
+            raise ModelError(f"minimize needs bounded domains, and has none for {listed(names)}: give one{or_else}")
 
 
 def _contracted(contracting: Callable[[SearchMethod], Contractor], method: SearchMethod, box: Box) -> Box:
@@ -274,9 +280,13 @@ def _contracted(contracting: Callable[[SearchMethod], Contractor], method: Searc
     return contracting(method).contract(box).box
 
 
-def _everywhere(network: ConstraintNetwork) -> Floats:
-    """How far from 0 the components are divided where a width is asked for."""
-    return np.full(len(network.names), np.inf)
+def _resolution(
+    network: ConstraintNetwork, left: Callable[[], Box], width: float | None
+) -> tuple[float, Floats, Floats | float]:
+    """Below which width boxes are not divided, how far from 0 they are, and the unit of each component's width."""
+    if width is None:
+        return *default_width(network, left), small_units(network)
+    return checked_width(width), np.full(len(network.names), np.inf), 1.0
 
 
 def _check_weights(named: list[tuple[str, Contractor]]) -> None:

@@ -27,6 +27,7 @@ from cpcal.solver.search import ORDERS, STRATEGIES, Priority
 FINE_WIDTH = 1e-6  # of the boxes about single points
 REACH = 100.0  # from 0, of boxes that are divided where solutions may run to infinity and nobody asks for a width
 _BOXES = 256  # about as many make up the set of solutions, or some times as many
+_DIVISIONS = 1000.0
 _WHOLE = 0.5  # so that boxes of whole numbers are points
 
 N = TypeVar("N", bound=ConstraintNetwork)
@@ -80,6 +81,16 @@ def default_width(network: ConstraintNetwork, left: Callable[[], Box]) -> tuple[
     return round(width, -math.floor(math.log10(width))), reach  # one digit
 
 
+def small_units(network: ConstraintNetwork) -> Floats:
+    """The unit of each component (n,): 1, or smaller where the whole domain is hardly wider than boxes about points.
+
+    So that a domain of a nanometre is divided, too: a thousand times at least.
+    """
+    widths = network.domain.width
+    small = (widths > 0.0) & (widths < _DIVISIONS * FINE_WIDTH)
+    return np.where(small, widths / (_DIVISIONS * FINE_WIDTH), 1.0)
+
+
 def width_sentence(width: float, reach: Floats) -> str:
     """What `default_width` chose, to follow a sentence; empty for the width of single points."""
     if width == FINE_WIDTH:
@@ -129,14 +140,19 @@ def start_point(network: ConstraintNetwork, start: npt.ArrayLike, count: int) ->
 
 
 def named_strategy(
-    network: ConstraintNetwork, strategy: str | Strategy, width: float, reach: Floats, arithmetic: str
+    network: ConstraintNetwork,
+    strategy: str | Strategy,
+    width: float,
+    reach: Floats,
+    unit: Floats | float,
+    arithmetic: str,
 ) -> Strategy:
     if not isinstance(strategy, str):
         if not hasattr(strategy, "split"):
             raise ModelError(f"strategy={strategy!r} divides no box: give a name or an object with split(box)")
         return strategy
     if strategy in STRATEGIES:
-        return STRATEGIES[strategy](network, width).within(reach)
+        return STRATEGIES[strategy](network, width).within(reach, unit)
     return plugins.load_strategy(strategy, STRATEGIES)(network, width, arithmetic=arithmetic)
 
 

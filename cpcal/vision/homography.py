@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.common.arrays import Floats
+from cpcal.solver.compiled import compiled
 from cpcal.vision.median import median
 
 
@@ -20,25 +21,47 @@ def fitted(points: Floats, images: Floats) -> Floats:
 
     Its sign makes the third coordinates of most points positive, and H has the norm 1.
     """
-    (p, into), (q, out) = _normalised(points), _normalised(images)
-    rows = np.zeros((len(p), 2, 9))
-    rows[:, 0, 0:2] = rows[:, 1, 3:5] = p
-    rows[:, 0, 2] = rows[:, 1, 5] = 1.0
-    rows[:, :, 6:8] = -q[:, :, None] * p[:, None, :]
-    rows[:, :, 8] = -q
-    flat = rows.reshape(-1, 9)
-    homography = np.linalg.eigh(flat.T @ flat)[1][:, 0].reshape(3, 3)
+    normal, into, out = np.zeros((9, 9)), np.zeros((3, 3)), np.zeros((3, 3))
+    transform_equations(np.array(points), np.array(images), normal, into, out)
+    homography = np.linalg.eigh(normal)[1][:, 0].reshape(3, 3)
     homography = np.linalg.solve(out, homography @ into)
     depth = points @ homography[2, :2] + homography[2, 2]
     return np.asarray(homography * (np.sign(median(np.sign(depth))) or 1.0) / np.linalg.norm(homography))
 
 
-def _normalised(points: Floats) -> tuple[Floats, Floats]:
-    """Points about their mean at a mean distance of sqrt 2, and the matrix (3, 3) that does it."""
-    mean = points.mean(axis=0)
-    scale = np.sqrt(2.0 / max(((points - mean) ** 2).sum(axis=1).mean(), 1e-300))
-    matrix = np.array([[scale, 0.0, -scale * mean[0]], [0.0, scale, -scale * mean[1]], [0.0, 0.0, 1.0]])
-    return (points - mean) * scale, matrix
+@compiled
+def transform_equations(points: Floats, images: Floats, normal: Floats, into: Floats, out: Floats) -> None:
+    """The normal matrix (9, 9) of the direct linear transform of points about their mean at a mean distance of sqrt 2
+    to images likewise, into zeros; and the matrices (3, 3) that bring points and images there."""
+    _normalisation(points, into)
+    _normalisation(images, out)
+    row = np.zeros((2, 9))
+    for i in range(len(points)):
+        x, y = points[i, 0] * into[0, 0] + into[0, 2], points[i, 1] * into[1, 1] + into[1, 2]
+        for axis in range(2):
+            seen = images[i, axis] * out[axis, axis] + out[axis, 2]
+            row[axis, 3 * axis], row[axis, 3 * axis + 1], row[axis, 3 * axis + 2] = x, y, 1.0
+            row[axis, 6], row[axis, 7], row[axis, 8] = -seen * x, -seen * y, -seen
+            for j in range(9):
+                for k in range(j + 1):
+                    normal[j, k] += row[axis, j] * row[axis, k]
+    for j in range(9):
+        for k in range(j):
+            normal[k, j] = normal[j, k]
+
+
+@compiled
+def _normalisation(points: Floats, matrix: Floats) -> None:
+    count = len(points)
+    x, y = 0.0, 0.0
+    for i in range(count):
+        x, y = x + points[i, 0] / count, y + points[i, 1] / count
+    square = 0.0
+    for i in range(count):
+        square += ((points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2) / count
+    scale = np.sqrt(2.0 / max(square, 1e-300))
+    matrix[0, 0], matrix[1, 1], matrix[2, 2] = scale, scale, 1.0
+    matrix[0, 2], matrix[1, 2] = -scale * x, -scale * y
 
 
 def orientation(homography: Floats, points: Floats) -> Floats:

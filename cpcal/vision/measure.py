@@ -15,14 +15,13 @@ from cpcal.vision.camera import Camera
 from cpcal.vision.dots import Dots, populations, refitted
 from cpcal.vision.identify import FEWEST as FEWEST_DOTS
 from cpcal.vision.identify import Identification, Unidentified, identify
-from cpcal.vision.pose import PoseEstimate, estimate_pose
+from cpcal.vision.pose import DOUBTFUL, PoseEstimate, estimate_pose
 from cpcal.vision.pose_fit import NoPose
 from cpcal.vision.target import Target
 
 FEWEST = 20  # dots of the target
 LARGEST = 100_000_000  # pixels: larger images are refused before they are looked at
 RESIDUAL = 0.1  # pixels: a larger rms says that camera, target or identification is wrong
-DOUBTFUL = 2.0  # scale: what a camera and a target as stated never come near
 _STAGES = ("dots", "identification", "pose")
 
 

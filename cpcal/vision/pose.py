@@ -29,6 +29,9 @@ AMBIGUOUS = 30.0  # a second pose whose chi-square is no more than this above th
 OUTLIER = 0.01  # expected number of good dots screened, per image
 OUTLIERS = 0.1  # share of the dots that may be screened
 POOR = 1e-3  # p-value below which the covariance is scaled by the residuals
+DOUBTFUL = 2.0  # scale: what a camera and a target as stated never come near
+_NEIGHBOURS = 4
+_ALIKE = 0.25  # correlation of neighbours' residuals from which on they are no noise: that of noise is below
 _MEDIAN = 2.0 * np.log(2.0)  # of a chi-square variable with two degrees of freedom
 _SLIM = 0.01  # breadth by length of all dots, below which they are as good as on a line
 
@@ -39,7 +42,8 @@ class PoseEstimate:
 
     pose        position (3,) mm, unit quaternion (4,)
     covariance  (6, 6) of position (mm) and rotation vector (rad) in the camera frame: R = R(vector) R_estimated;
-                it follows from the dots' covariances, times `scale`, and from the errors that images share
+                it follows from the dots' covariances, times `scale`, and from the errors that images share; where
+                `scale` is above 2 and neighbouring dots are off alike, no mean over dots makes it smaller
     shared_part (6, 6) of it: what the camera's covariance and the target's deviations make; these errors are the same
                 in every image of that camera and plate, so no mean makes them smaller
     residuals   (m, 2) found minus predicted centres, pixels, of all given dots
@@ -106,9 +110,10 @@ def estimate_pose(
     if rival < AMBIGUOUS:
         raise NoPose(f"ambiguous: two poses fit about equally well, chi-square {rival:.1f} apart")
     rms = float(np.sqrt((residuals[used] ** 2).mean()))
+    common = _common(kept.dots, final.residuals.reshape(-1, 2), degrees) if scale > DOUBTFUL else 1.0
     return PoseEstimate(
         pose=Pose(final.pose.position, normalised(final.pose.quaternion)),
-        covariance=np.asarray(scale * np.linalg.inv(final.normal) + part, dtype=np.float64),
+        covariance=np.asarray(scale * common * np.linalg.inv(final.normal) + part, dtype=np.float64),
         shared_part=part,
         residuals=residuals,
         outliers=~used,
@@ -119,6 +124,18 @@ def estimate_pose(
         scale=scale,
         rival=rival,
     )
+
+
+def _common(dots: Floats, residuals: Floats, degrees: int) -> float:
+    """How much larger a misfit is in each direction of the pose than in one of the residuals (n, 2) of dots (n, 2).
+
+    1 if dots are off each by itself. A bent plate or a wrong lens moves neighbours alike; the share that is alike is in
+    the six directions of the pose as much as in all of the residuals together, at a guess: it does not average out.
+    """
+    apart = ((dots[:, None] - dots) ** 2).sum(axis=2)
+    near = np.argsort(apart, axis=1)[:, 1 : 1 + _NEIGHBOURS]
+    alike = float((residuals[:, None] * residuals[near]).sum(axis=2).mean() / (residuals**2).sum(axis=1).mean())
+    return 1.0 + alike * (degrees / 6.0 - 1.0) if alike > _ALIKE else 1.0
 
 
 def _rival(first: PoseFit, second: PoseFit, final: PoseFit, pixels: Pixels, used: Bools, scale: float) -> float:

@@ -105,7 +105,8 @@ def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[PinholeEq
     triangle = np.linalg.qr(rows.reshape(-1, 9), mode="r")
     h = np.linalg.svd(triangle)[2][-1].reshape(3, 3) / [[size], [size], [1.0]]
     h = h * (np.sign(h[2, 2]) * 2.0 / np.linalg.norm(h[:2], axis=1).sum())
-    left, _, right = np.linalg.svd(np.stack([h[0], h[1], np.cross(h[0], h[1])], axis=1))
+    (a, b, c), (d, e, f) = h[0].tolist(), h[1].tolist()
+    left, _, right = np.linalg.svd(np.array([[a, d, b * f - c * e], [b, e, c * d - a * f], [c, f, a * e - b * d]]))
     turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     start = Pose(h[2], quaternion_from_matrix(turn))
     return PinholeEquations(triangle * (np.repeat([size, size, 1.0], 3) * sharpness / h[2, 2])), start

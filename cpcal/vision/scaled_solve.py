@@ -20,30 +20,48 @@ def solved(
     False where the diagonal is not above `least`, or the matrix is not positive definite.
     """
     factor, scale = np.empty((size, size)), np.empty(size)
+    if not factored(matrix, size, damping, least, factor, scale):
+        return False
+    substituted(factor, scale, size, right, out)
+    return True
+
+
+@compiled
+def factored(
+    matrix: npt.NDArray[np.floating[Any]], size: int, damping: float, least: float, factor: Floats, scale: Floats
+) -> bool:
+    """The lower triangular factor (size, size), one over its diagonal in the diagonal's place, and the scale (size,)
+    that makes a unit diagonal; False as `solved` says."""
     for i in range(size):
         if not matrix[i, i] > least:
             return False
         scale[i] = 1.0 / np.sqrt(matrix[i, i])
-        for j in range(i + 1):
-            value = matrix[i, j] * scale[i] * scale[j] + (damping if i == j else 0.0)
+        for j in range(i):
+            value = matrix[i, j] * scale[i] * scale[j]
             for k in range(j):
                 value -= factor[i, k] * factor[j, k]
-            if i == j:
-                if not value > 0.0:
-                    return False
-                factor[i, i] = np.sqrt(value)
-            else:
-                factor[i, j] = value / factor[j, j]
+            factor[i, j] = value * factor[j, j]
+        value = matrix[i, i] * scale[i] * scale[i] + damping
+        for k in range(i):
+            value -= factor[i, k] * factor[i, k]
+        if not value > 0.0:
+            return False
+        factor[i, i] = 1.0 / np.sqrt(value)
+    return True
+
+
+@compiled
+def substituted(factor: Floats, scale: Floats, size: int, right: Floats, out: Floats) -> None:
+    """The solution for a right side, forward and backward."""
     for i in range(size):
         value = right[i] * scale[i]
         for k in range(i):
             value -= factor[i, k] * out[k]
-        out[i] = value / factor[i, i]
+        out[i] = value * factor[i, i]
     for i in range(size - 1, -1, -1):
         value = out[i]
         for k in range(i + 1, size):
             value -= factor[k, i] * out[k]
-        out[i] = value / factor[i, i]
+        out[i] = value * factor[i, i]
     for i in range(size):
         out[i] *= scale[i]
-    return True

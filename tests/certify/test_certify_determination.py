@@ -31,7 +31,8 @@ def of(rows):
     return determination(campaign, 1, campaign.robot.parameters[0], PLAIN)
 
 
-first = [k for k, name in enumerate(whole.measurement_ids) if name.startswith(whole.measurement_ids[0].split("/")[0])]
+names = whole.measurement_ids
+first = [k for k, name in enumerate(names) if name.startswith(names[0].split("/")[0])]
 
 
 @pytest.mark.parametrize("rows", [[0], [0] * 5, [0] * 40, first])

@@ -11,6 +11,7 @@ import cpcal
 from cpcal.checker import check_run
 from cpcal.cli import app
 from cpcal.execution.stopping import Reason, also_asked_by
+from cpcal.files.run_folder import locked
 
 OPTIONS = ["--legs", "1,2", "--delta", "0.5", "--gap", "1e-2"]
 
@@ -130,3 +131,16 @@ def test_two_of_one_name_are_refused(folders, tmp_path):
     said = certified(folders, tmp_path, "day1", "../" + folders.name + "/day1")
     assert said.exit_code == 2
     assert "is the name of two campaigns" in said.output
+
+
+def test_a_folder_that_another_run_writes_into_is_left_alone(folders, tmp_path):
+    with locked(tmp_path / "day1"):
+        said = certified(folders, tmp_path, "day1", "day2")
+    assert said.exit_code == 2
+    assert "is being written by another run of cpcal" in said.output
+    assert not (tmp_path / "day1" / "checkpoint").exists()
+    assert {row["campaign"] for row in rows(tmp_path)} == {"day2"}
+    with locked(tmp_path):
+        said = certified(folders, tmp_path, "day1", "day2")
+    assert said.exit_code == 2
+    assert "is being written by another run of cpcal" in said.output

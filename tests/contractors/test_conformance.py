@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from contractors import (
     Newton,
     Shaving,
 )
-from cpcal.solver import plugins
+from cpcal.solver import plugins, testing
 from cpcal.solver.contract import (
     Contraction,
     Contractor,
@@ -33,8 +33,10 @@ from cpcal.solver.contract import (
 from cpcal.solver.existence import krawczyk
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.sample_networks import boxes, cases
+from cpcal.solver.sample_networks import Case, boxes, cases
 from cpcal.solver.testing import CONFORMANCE, check_contractor
+
+Trial = tuple[Case, Contractor, Box, Contraction, str]
 
 
 def then(network: ConstraintNetwork, **options: Any) -> Contractor:
@@ -74,12 +76,27 @@ VARIANTS = {
 FACTORIES = {name: plugins.load(name) for name in plugins.found()} | ALGEBRA
 
 
+TRIALS = testing._trials
+
+
+@lru_cache(maxsize=1)  # the checks of a contractor come one after another
+def tried(factory: ContractorFactory, seed: int) -> tuple[Trial, ...]:
+    return tuple(TRIALS(factory, seed))
+
+
+@pytest.fixture
+def tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(testing, "_trials", tried)
+
+
+@pytest.mark.usefixtures("tried_once")
 @pytest.mark.parametrize("check", CONFORMANCE)
 @pytest.mark.parametrize("name", FACTORIES)
 def test_conformance(name: str, check: str) -> None:
     CONFORMANCE[check](FACTORIES[name])
 
 
+@pytest.mark.usefixtures("tried_once")
 @pytest.mark.parametrize("check", ["keeps_solutions", "never_widens", "steps_agree"])
 @pytest.mark.parametrize("name", VARIANTS)
 def test_conformance_of_variants(name: str, check: str) -> None:

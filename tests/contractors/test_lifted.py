@@ -22,7 +22,7 @@ from cpcal.solver.interval import Interval, get_arithmetic
 from cpcal.solver.linear import Dense
 from cpcal.solver.linear.glop import Glop
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
-from cpcal.solver.network.polynomial import Monomial
+from cpcal.solver.network.term_operations import Monomial
 from cpcal.solver.optimize import minimize, run
 
 SEEDS = st.integers(0, 2**32 - 1)

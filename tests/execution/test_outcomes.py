@@ -1,5 +1,6 @@
 """Tasks wherever they are done: each has one outcome, none is lost with its worker, and workers end with us."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -70,6 +71,18 @@ def test_a_task_whose_worker_is_killed_is_begun_again(tmp_path):
     paths = [tmp_path / str(k) for k in range(2)]
     with executor_for(workers=2) as (pool, most):
         assert sorted(one.value for one in outcomes(pool, most, killed_once, paths)) == ["0", "1"]
+
+
+def test_no_worker_outlives_its_pool():
+    """One whose answer nobody takes any more would keep the process that began it from ending."""
+    pool = Processes(1)
+    pid = pool.submit(os.getpid).result()
+    pool.submit(time.sleep, 100.0)
+    pool.renew()
+    until = time.monotonic() + 30.0
+    while pid in {child.pid for child in multiprocessing.active_children()} and time.monotonic() < until:
+        time.sleep(0.05)
+    assert pid not in {child.pid for child in multiprocessing.active_children()}
 
 
 def test_a_task_that_kills_its_worker_harms_no_other():

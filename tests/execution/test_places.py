@@ -29,7 +29,7 @@ def certified(campaign, run, **place):
     return brackets, {path.name: path.read_bytes() for path in sorted(run.glob("*.cert.jsonl"))}
 
 
-@pytest.mark.parametrize("workers", [2, 4])
+@pytest.mark.parametrize("workers", [2, pytest.param(4, marks=pytest.mark.nightly)])
 def test_processes_give_the_same_certificates(campaign, here, tmp_path, workers):
     assert certified(campaign, tmp_path, workers=workers) == here
 
@@ -44,7 +44,7 @@ def test_a_dask_cluster_gives_the_same_certificates(campaign, here, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         cluster = distributed.LocalCluster(
-            n_workers=3, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, protocol="tcp://"
+            n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, protocol="tcp://"
         )
         with cluster, distributed.Client(cluster) as client:
             assert certified(campaign, tmp_path / "client", executor=client) == here

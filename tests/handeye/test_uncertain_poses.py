@@ -1,6 +1,5 @@
 """Errors of the robot's poses: one reading an image, shared by all its points."""
 
-import json
 import shutil
 from dataclasses import replace
 
@@ -77,13 +76,15 @@ FORGERIES = {
 
 
 @pytest.mark.parametrize("name", FORGERIES)
-def test_an_edited_answer_is_refused(finished, tmp_path, name):
-    shutil.copytree(finished[0], tmp_path / "run")
-    path = tmp_path / "run" / "handeye.json"
-    data = json.loads(path.read_text())
-    FORGERIES[name](data)
-    path.write_text(json.dumps(data))
-    assert not all(accepted for accepted, _ in verify_hand_eye(tmp_path / "run"))
+@pytest.mark.parametrize("finished", SETUPS[:1], indirect=True)
+def test_an_edited_answer_is_refused(finished, refused, name):
+    assert refused(finished[0], "handeye.json", FORGERIES[name], verify_hand_eye)
+
+
+@pytest.mark.parametrize("name", ["a larger lower end", "no readings", "a narrower range"])
+@pytest.mark.parametrize("finished", SETUPS[1:], indirect=True)
+def test_an_edited_answer_that_the_other_equations_refuse_is_refused(finished, refused, name):
+    assert refused(finished[0], "handeye.json", FORGERIES[name], verify_hand_eye)
 
 
 def test_smaller_half_widths_than_those_of_the_run_are_refused(finished, tmp_path):

@@ -245,6 +245,7 @@ def test_an_objective_needs_no_constraints() -> None:
         ("Variables x; Constraints 1 = 1; end", 1, "a constraint without a variable"),
         ("Variables x; Constraints x/0 = 1; end", 1, "a division by 0"),
         ("Variables x; Constraints 1 <= x <= 2; end", 1, "a second relation follows"),
+        ("Variables x; Maximize x;", 1, "column 14: 'Maximize' stands where Minimize or Constraints should"),
         ("Variables x; Parameters a; Constraints x = 1; end", 1, "ibex reserves the word Parameters"),
         ("Variables x; Constraints for i=1:10000000; x = i; end; end", 1, "turns"),
         ("Variables x; Constraints /* x = 1; end", 1, "a comment does not end"),

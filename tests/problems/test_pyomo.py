@@ -12,6 +12,7 @@ from cpcal.solver.contract import Verdict
 
 pyo: Any = pytest.importorskip("pyomo.environ")
 results_: Any = pytest.importorskip("pyomo.contrib.solver.common.results")
+errors_: Any = pytest.importorskip("pyomo.common.errors")
 
 from cpcal.checker.certificate import check  # noqa: E402
 from cpcal.problems import pyomo_solver  # noqa: E402
@@ -47,6 +48,15 @@ def test_a_maximum_has_its_bound_above() -> None:
     results = solver().solve(m)
     assert results.incumbent_objective <= 2.0 + 1e-9 <= results.objective_bound + 1e-8
     assert pyo.value(m.x) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_an_infeasible_model_that_is_to_be_loaded_is_told_in_words() -> None:
+    model = pyo.ConcreteModel()
+    model.x = pyo.Var(bounds=(0, 1))
+    model.c = pyo.Constraint(expr=model.x**2 >= 2)
+    for asked in ({}, {"raise_exception_on_nonoptimal_result": False}):
+        with pytest.raises(errors_.PyomoException, match="no common solution in the domain: proved"):
+            solver().solve(model, **asked)
 
 
 def test_an_infeasible_model_is_proved_infeasible() -> None:

@@ -150,6 +150,19 @@ def test_residuals_larger_than_stated_widen_the_covariance() -> None:
     assert np.abs((widened - honest.covariance) / size / size[:, None]).max() < 0.1
 
 
+def test_a_misfit_that_neighbours_share_is_not_averaged_out() -> None:
+    rng = np.random.default_rng(4)
+    centers = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, tilted(0.0, 0.0, 700.0, 10.0))
+    arm = DELTALAB_TARGET.dots / np.abs(DELTALAB_TARGET.dots).max()
+    alike = np.stack([arm[:, 0] * arm[:, 1], arm[:, 0] ** 2 - arm[:, 1] ** 2], axis=1)
+    alike *= 0.05 / np.sqrt((alike**2).mean())
+    seen = centers + 0.01 * rng.standard_normal((133, 2))
+    smooth, rough = estimated(seen + alike, 0.01), estimated(seen + rng.permutation(alike), 0.01)
+    assert min(smooth.scale, rough.scale) > 5.0
+    alone, common = np.trace(rough.covariance) / rough.scale, np.trace(smooth.covariance) / smooth.scale
+    assert 20.0 * alone < common < 50.0 * alone  # 43 times: 260 residuals, six directions of the pose
+
+
 def test_two_poses_that_fit_about_equally_well_are_refused() -> None:
     """A small, distant target: its depths turned over look nearly the same. Nearer and sharper, only one fits."""
     small = Target("small", DELTALAB_TARGET.dots / 5.0, 1.2, DELTALAB_TARGET.lines)

@@ -21,7 +21,7 @@ from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dot_model import predicted_centers
-from cpcal.vision.pose_sets import PixelBoxes, PoseSet, enclose_pose
+from cpcal.vision.pose_sets import PixelBoxes, PoseSet, TargetSet, enclose_pose
 from cpcal.vision.pose_sets.pose_frames import Frames
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
@@ -145,6 +145,16 @@ def test_poses_of_the_mobile_frame_in_the_base_frame() -> None:
     assert np.abs(back.position - there.pose.position).max() < 0.02  # the middles of two boxes around one set
     assert radii(there)[:3].max() < 0.05
     assert radii(there)[3:].max() < 1e-3
+    scaled = enclose_pose(
+        boxes,
+        TargetSet.within(DELTALAB_TARGET, 0.0, scale=1e-3),
+        DELTALAB_CAMERA,
+        frames=Frames(truth.camera, truth.target),
+    )
+    farther = Pose(1.000999 * seen.position, seen.quaternion)
+    assert compose(compose(inverse(truth.camera), farther), inverse(truth.target)) in scaled
+    assert (radii(scaled)[:3] - radii(there)[:3]).max() < 1.1e-3 * np.linalg.norm(seen.position)
+    assert (radii(scaled)[3:] == radii(there)[3:]).all()
 
 
 def test_measured_centres_are_freed_of_their_bias() -> None:

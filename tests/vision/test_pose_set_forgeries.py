@@ -13,6 +13,7 @@ import pytest
 from benchmarks.pose_sets import drawn_pose
 from benchmarks.uncertain_poses import shown
 from cpcal.checker import check_pose_set, check_pose_sets
+from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.pose_sets import CameraSet, PixelBoxes, TargetSet, enclose_pose
 from cpcal.vision.pose_sets.claim_file import digest_of
@@ -27,7 +28,7 @@ def certified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A pose set of everything uncertain, with its certificates."""
     folder = tmp_path_factory.mktemp("sets")
     rng = np.random.default_rng(7)
-    targets = TargetSet.within(FEW, 0.01)
+    targets = TargetSet.within(FEW, 0.01, scale=2e-4)
     cameras = CameraSet.ellipsoid(DELTALAB_CAMERA, np.diag(WIDTHS**2), 1.0)
     pose = drawn_pose(rng)
     numbers, centers = shown(rng, pose, cameras, targets)
@@ -35,7 +36,8 @@ def certified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = enclose_pose(
         boxes, targets, cameras, certificate=folder / "e00-1", sources={"camera.toml": b"the bytes of it"}
     )
-    assert pose in found
+    for larger in (1.0 - 1.9e-4, 1.0, 1.0 + 1.9e-4):  # such a plate, so much farther away, looks the same
+        assert Pose(larger * pose.position, pose.quaternion) in found
     plain = enclose_pose(boxes, targets, cameras)
     for written, first in (
         (found.position_radius, plain.position_radius),
@@ -94,6 +96,10 @@ def _plate(claim: dict[str, Any]) -> None:
     claim["inputs"]["target"]["half_widths"] = [[(1.1 * float.fromhex(v)).hex() for v in one] for one in widths]
 
 
+def _scale(claim: dict[str, Any]) -> None:
+    claim["inputs"]["target"]["scale"] = (4e-4).hex()
+
+
 def _radius(claim: dict[str, Any]) -> None:
     claim["inputs"]["target"]["radius"] = (7.0).hex()
 
@@ -132,7 +138,7 @@ def _side(claim: dict[str, Any]) -> None:
 
 
 EDITS = (_pixel, _camera, _wider_camera, _cube, _target, _plate, _radius, _frame)
-CLAIMS = (_narrower, _moved, _refuted, _outliers, _no_chain, _no_start, _side)
+CLAIMS = (_scale, _narrower, _moved, _refuted, _outliers, _no_chain, _no_start, _side)
 
 
 @pytest.mark.parametrize(("edit", "forged"), [(_camera, False), *((edit, True) for edit in (*EDITS, *CLAIMS))])

@@ -87,3 +87,9 @@ def test_a_shadows_edge_and_motion_leave_poses_as_good_as_stated(name):
     assert figures["found"] == 3
     assert figures["doubtful"] == 0
     assert 0.3 < figures["NEES/6"] < 2.2  # 18 degrees of freedom
+
+
+def test_a_bent_plates_pose_is_doubtful_and_its_deviations_hold_what_the_residuals_show():
+    figures = measured(CONDITIONS["bent by 0.2 mm"], 3, 5, TRUE).row()
+    assert figures["doubtful"] == 3
+    assert figures["NEES/6"] < 5.0  # 60 if dots were taken to be off each by itself

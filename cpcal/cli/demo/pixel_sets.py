@@ -116,7 +116,8 @@ def with_sets(found: ImagesFound, done: ImageStudy, run: PixelRun, campaign: Cam
         "found (the centre of its image). "
         f"Of {count} sets of poses that show all dots in such boxes, {len(proved)} are enclosed and {refuted} empty, "
         f"both proved, in {about(float(seconds), 2)} s each with a certificate. The true pose lies in {holding} of the "
-        f"{len(proved)}. The half-widths of the enclosures, beside those of the first campaign's reading sets:",
+        f"{len(proved)}. No page checks these proofs: `cpcal verify {PIXEL_SETS}` does. "
+        "The half-widths of the enclosures, beside those of the first campaign's reading sets:",
         "These sets are the readings' sets of a second campaign, certified as the first is: for some pose that the "
         "pixels allow, and some leg reading in its set. So the proof begins at the image. The smallest model error of "
         "each leg, for both campaigns:",

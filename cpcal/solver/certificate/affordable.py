@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 from cpcal.checker import Refused
 from cpcal.checker import problem as exact
 from cpcal.checker.certificate import check_lines
-from cpcal.checker.files import WORK, Lines
+from cpcal.checker.files import WORK, Lines, work_of
 from cpcal.checker.header import problem_of
 from cpcal.checker.problem import Problem, Unknowns
 from cpcal.common.errors import InputError
@@ -36,7 +36,7 @@ def check_affordable(
 
     `where`: the file that they are for.
     """
-    most = WORK if work is None else work
+    most = (WORK if work is None else work) + (0 if problem.model is None else work_of(problem.count))
     if _NEAR * (_WORK_A_BYTE * lines.seek(0, 2) + _work_of_point(problem, claims)) <= most:
         return
     lines.seek(0)

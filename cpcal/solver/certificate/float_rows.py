@@ -55,14 +55,11 @@ def programs(legs: Sequence[LegConstraint]) -> list[list[int]]:
     return [places for places in kinds if places]
 
 
-def linear_part(leg: LegConstraint, name: str) -> tuple[float, list[float]]:
-    """Of a part of the constraint the value at the centres of the sets, and the derivative by each reading there."""
-    plan = _plan(leg, name)
-    v, _ = _swept(plan.notes, plan.given([leg])[0], plan.fixed, plan.numbers, plan.size)
-    values = v[plan.places]
-    slopes, of_one = np.zeros(READINGS), plan.alone & (plan.linear >= 0)
-    slopes[plan.linear[of_one]] = values[of_one]
-    return float(values[plan.kept == 0].sum()), slopes.tolist()
+def linear_parts(legs: Sequence[LegConstraint], name: str) -> tuple[Floats, Floats]:
+    """Of a part of the constraints the values (B,) at the centres of the sets, and the derivatives (B, 7) by each
+    reading there; they have one program."""
+    plan = _plan(legs[0], name)
+    return _all_linear(*plan.sweep(legs), plan.linear, plan.alone, plan.kept)
 
 
 def cheapest(low: float, high: float) -> str:
@@ -91,8 +88,12 @@ class _Plan:
     kept: Indices
 
     def given(self, legs: Sequence[LegConstraint]) -> Floats:
-        """What the program takes, each number rounded once: (B, G)."""
-        return np.array([[number / (1 << power) for number, power in leg.numbers()] for leg in legs])
+        """What the program takes, each number rounded once: (B, G). All are on the same box."""
+        x = [number / (1 << power) for number, power in legs[0].x.numbers]
+        beyond = len(legs[0].m.fixed) + len(x)
+        stated = ([number / (1 << power) for number, power in leg.m.fixed] for leg in legs)
+        readings = ([number / (1 << power) for number, power in leg.numbers()[beyond:]] for leg in legs)
+        return np.array([[*fixed, *x, *own] for fixed, own in zip(stated, readings, strict=True)])
 
     def sweep(self, legs: Sequence[LegConstraint]) -> tuple[Indices, Floats, Indices, Floats, int, Indices]:
         """How kernels begin that sweep it."""
@@ -204,6 +205,30 @@ def _all_slopes(
                 low[b, j] += value if alone[t] else -abs(value)
                 high[b, j] += value if alone[t] else abs(value)
     return low, high
+
+
+@compiled
+def _all_linear(
+    notes: Indices,
+    given: Floats,
+    fixed: Indices,
+    numbers: Floats,
+    size: int,
+    places: Indices,
+    linear: Indices,
+    alone: Bools,
+    kept: Indices,
+) -> tuple[Floats, Floats]:
+    """For each of (B, G) numbers given the value without readings, and the derivative by each of them alone."""
+    values, slopes = np.zeros(len(given)), np.zeros((len(given), READINGS))
+    for b in range(len(given)):
+        v, _ = _swept(notes, given[b], fixed, numbers, size)
+        for t in range(places.size):
+            if kept[t] == 0:
+                values[b] += v[places[t]]
+            if linear[t] >= 0 and alone[t]:
+                slopes[b, linear[t]] = v[places[t]]
+    return values, slopes
 
 
 @compiled

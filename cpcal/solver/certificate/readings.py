@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from fractions import Fraction as F
+
+import numpy as np
 
 from cpcal.checker.leg import LegConstraint
 from cpcal.checker.problem import Box, Problem, Unknowns
 from cpcal.checker.rule import Row
-from cpcal.solver.certificate.float_rows import best_signs, linear_part
+from cpcal.solver.certificate.float_rows import best_signs, linear_parts
 from cpcal.solver.certificate.statement import free
 
 
@@ -39,19 +40,22 @@ def _leg(problem: Problem, x: Unknowns, k: int) -> LegConstraint:
 
 def stretching(problem: Problem, x: Unknowns, k: int) -> str:
     """The end of the reading set, in signs, at which sqrt(body) is largest compared to its bounds, at a point."""
-    radii = problem.radii(k)
-    center = "0" * len(radii)
-    if not any(radii):
-        return center
-    leg = _leg(problem, x, k)
-    parts = (linear_part(leg, name) for name in ("under_root", "factor", "at_least", "at_most"))
-    (body, of_body), (factor, of_factor), (_, of_low), (_, of_high) = parts
-    square = body / factor
-    slopes = (
-        (b - square * f) / factor - math.sqrt(max(square, 0.0)) * (u + v)
-        for b, f, u, v in zip(of_body, of_factor, of_low, of_high, strict=True)
-    )
-    return "".join("+" if slope > 0.0 else "-" if slope < 0.0 else "0" for slope in slopes)
+    return stretchings(problem, x, [k])[0]
+
+
+def stretchings(problem: Problem, x: Unknowns, numbers: Sequence[int]) -> list[str]:
+    """`stretching` of several."""
+    found = ["0" * len(problem.radii(k)) for k in numbers]
+    mine = [n for n, k in enumerate(numbers) if any(problem.radii(k))]
+    if mine:
+        legs = [_leg(problem, x, numbers[n]) for n in mine]
+        (body, of_body), (factor, of_factor) = (linear_parts(legs, name) for name in ("under_root", "factor"))
+        of_bounds = linear_parts(legs, "at_least")[1] + linear_parts(legs, "at_most")[1]
+        square = (body / factor)[:, None]
+        slopes = (of_body - square * of_factor) / factor[:, None] - np.sqrt(np.maximum(square, 0.0)) * of_bounds
+        for n, row in zip(mine, slopes.tolist(), strict=True):
+            found[n] = "".join("+" if slope > 0.0 else "-" if slope < 0.0 else "0" for slope in row)
+    return found
 
 
 def at_point(point: Sequence[float]) -> Unknowns:

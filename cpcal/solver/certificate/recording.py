@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import tempfile
+from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -19,7 +20,7 @@ from cpcal.checker.problem import Problem
 from cpcal.common.atomic import replacing
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.certificate.affordable import check_affordable
-from cpcal.solver.certificate.readings import at_point, failing, stretching
+from cpcal.solver.certificate.readings import at_point, failing, stretchings
 from cpcal.solver.certificate.statement import Statement, limits, number
 from cpcal.solver.certificate.writer import WeightProver, line, written
 from cpcal.solver.interval import Box
@@ -30,12 +31,15 @@ Claims = dict[str, Any]  # line of a certificate
 
 
 class Recording:
-    """Steps of one search, kept in a temporary file until `write`; use it in a `with` block."""
+    """Steps of one search, kept in a temporary file until `write`; use it in a `with` block.
+
+    There a box is called by the serial number of the node that first stood for it, so that nothing about the boxes that
+    wait is in memory; `write` gives them their names, in order.
+    """
 
     def __init__(self, statement: Statement, domain: Box) -> None:
         self._statement, self._domain = statement, domain
         self._steps = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - closed by __exit__
-        self._names, self._fresh = {0: 0}, 1
         self._written = Counter[str]()
         self._objective = statement.problem.objective
 
@@ -55,7 +59,7 @@ class Recording:
 
     def event(self, event: Event) -> None:
         """Take down what became of a node."""
-        name = self._names.pop(event.node.serial)
+        name = event.node.serial
         records = list(event.decision.proof)
         if event.kind is EventKind.PRUNED and not records:  # cut away by the incumbent
             records.append(("", {"pass": name, "cap": self._cap(event.node.box), "rows": [], "bounds": []}))
@@ -63,27 +67,24 @@ class Recording:
             step = record | {"exclude" if "weights" in record else "pass": name}
             self._put(event.node.box, step, contractor)
         if event.kind is EventKind.CONTRACTED:
-            self._names[event.children[0].serial] = name
+            self._put(event.node.box, {"same": name, "as": event.children[0].serial})
         elif event.kind is EventKind.SPLIT:
             first, second = event.children
             i = int(np.flatnonzero(first.box.hi != second.box.hi)[0])
-            into = [self._fresh, self._fresh + 1]
-            split = {"split": name, "unknown": i, "at": number(first.box.hi[i]), "into": into}
+            split = {"split": name, "unknown": i, "at": number(first.box.hi[i]), "into": [first.serial, second.serial]}
             self._put(event.contraction.box, split)
-            self._names[first.serial], self._names[second.serial] = into
-            self._fresh += 2
 
     def saved(self) -> Iterator[dict[str, Any]]:
         """All that was taken down, as lines of JSON, for `restore`."""
-        yield {"names": sorted(self._names.items()), "fresh": self._fresh}
+        yield {"calls": "boxes by serial"}
         self._steps.seek(0)
         yield from ({"step": text} for text in self._steps)
 
     def restore(self, lines: Iterable[dict[str, Any]]) -> None:
         """Stand where another recording of the same search stood. Raises KeyError, TypeError, ValueError."""
         head, *steps = lines
-        self._names = {int(serial): int(name) for serial, name in head["names"]}
-        self._fresh = int(head["fresh"])
+        if head != {"calls": "boxes by serial"}:
+            raise ValueError("its steps are those of an older version")
         self._steps.seek(0)
         self._steps.truncate()
         self._steps.writelines(str(step["step"]) for step in steps)
@@ -100,19 +101,23 @@ class Recording:
 
     def _useful_steps(self, cap: float | None) -> Iterator[dict[str, Any]]:
         """The steps on boxes that reach down to `cap`, their boxes named in order."""
-        names, fresh = {0: 0}, 1
+        names, fresh = _Names(), 1
+        names[0] = 0
         self._written.clear()
         self._steps.seek(0)
         for text in self._steps:
             lowest, contractor, step = json.loads(text)
-            kind = next(word for word in ("pass", "exclude", "split") if word in step)
-            old = step[kind]
-            if old not in names or (cap is not None and lowest > cap):
+            kind = next(word for word in ("pass", "exclude", "split", "same") if word in step)
+            name = names[step[kind]]
+            if kind == "same" and name is not None:
+                names[step["as"]] = name
+            if kind == "same" or name is None or (cap is not None and lowest > cap):
                 continue
-            step[kind] = names[old] if kind == "pass" else names.pop(old)
+            step[kind] = name
             if kind == "split":
-                names |= dict(zip(step["into"], (fresh, fresh + 1), strict=True))
-                step["into"], fresh = [fresh, fresh + 1], fresh + 2
+                into = [fresh, fresh + 1]
+                names[step["into"][0]], names[step["into"][1]] = into
+                step["into"], fresh = into, fresh + 2
             self._written[contractor] += len(step["bounds"]) if kind == "pass" else 1
             yield step
 
@@ -134,6 +139,21 @@ class Recording:
             whole.seek(0)
             shutil.copyfileobj(whole, out)
         return Path(path)
+
+
+class _Names:
+    """The names of boxes by serial number, in eight bytes each."""
+
+    def __init__(self) -> None:
+        self._of = array("q")
+
+    def __getitem__(self, serial: int) -> int | None:
+        name = self._of[serial] if serial < len(self._of) else -1
+        return None if name < 0 else name
+
+    def __setitem__(self, serial: int, name: int) -> None:
+        self._of.extend([-1] * (serial + 1 - len(self._of)))
+        self._of[serial] = name
 
 
 def claims_of(found: Minimum, domain: Box, objective: str, *, lower_only: bool = False) -> Claims:
@@ -175,7 +195,7 @@ def with_readings(problem: Problem, claims: Claims) -> Claims:
         return claims
     x = at_point([float.fromhex(v) for v in point["at"]])
     holds = problem.chosen if point["holds"] == "all" else point["holds"]
-    signs = [stretching(problem, x, k) for k in holds]
+    signs = stretchings(problem, x, holds)
     rows = (failing(problem, x, k) for k in point["fails"])
     fails = [written(row) for row in rows if row is not None]
     return claims | {"point": point | {"readings": signs if any(map(_moved, signs)) else None, "fails": fails}}

@@ -5,14 +5,50 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.common.arrays import Floats, Indices
+from cpcal.solver.compiled import compiled
 from cpcal.solver.linear.engine import LinearEngine, LinearSolution, LinearStatus
-from cpcal.solver.linear.simplex import FAILED, OPTIMAL, begin, solved
-from cpcal.solver.linear.vertex import Vertex
+from cpcal.solver.linear.simplex import FAILED, INFEASIBLE, OPTIMAL, begin, minimise
+from cpcal.solver.linear.vertex import Vertex, exact_point, to_box
 
 _ALL = 640  # rows that are all looked at in every pivot
 _FIRST = 3  # of more rows, those that enter at the start, per column
 _ROOM = 1536  # and the most that enter at all
 _PIVOTS = 60  # for one program, per column
+
+
+@compiled
+def _solved(
+    v: Vertex,
+    columns: Floats,
+    rhs: Floats,
+    objective: Floats,
+    pivots: int,
+    fresh: bool,
+    point: Floats,
+    carrying: Indices,
+    weights: Floats,
+) -> tuple[int, int]:
+    """`minimise`, from the box alone where the vertex is not of this polyhedron: the status, and how many rows carry.
+
+    `point` (n,) is the vertex; the rows with a multiplier go into `carrying`, their multipliers into `weights`
+    (both (n + 1,)).
+    """
+    if fresh:
+        to_box(v, objective)
+    status = minimise(v, columns, rhs, objective, pivots)
+    count = 0
+    for k in range(point.size):
+        if v.tight[k] >= 0 and v.multipliers[k] > 0.0:
+            carrying[count], weights[count] = v.number[v.tight[k]], v.multipliers[k]
+            count += 1
+    if status == OPTIMAL:
+        exact_point(v, rhs, point)
+        return status, count
+    point[:] = v.point
+    if status == INFEASIBLE and v.counters[3] >= 0:
+        carrying[count], weights[count] = v.number[v.counters[3]], 1.0
+        count += 1
+    return status, count
 
 
 class Dense:
@@ -52,7 +88,7 @@ class Dense:
         n = len(objective)
         point, rows, weights = np.empty(n), np.empty(n + 1, np.intp), np.empty(n + 1)
         program = (self._vertex, self._columns, self._rhs, objective, _PIVOTS * n)
-        status, count = solved(*program, self._fresh, point, rows, weights)
+        status, count = _solved(*program, self._fresh, point, rows, weights)
         self._fresh = bool(status == FAILED)
         if self._fresh:
             return self._by_glop(objective)

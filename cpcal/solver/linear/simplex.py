@@ -18,7 +18,6 @@ from cpcal.solver.linear.vertex import (
     Vertex,
     along,
     coefficients,
-    exact_point,
     exchange,
     refactored,
     residual,
@@ -295,38 +294,3 @@ def minimise(v: Vertex, columns: Floats, rhs: Floats, objective: Floats, pivots:
         if status != FAILED:
             return status
     return status
-
-
-@compiled
-def solved(
-    v: Vertex,
-    columns: Floats,
-    rhs: Floats,
-    objective: Floats,
-    pivots: int,
-    fresh: bool,
-    point: Floats,
-    carrying: Indices,
-    weights: Floats,
-) -> tuple[int, int]:
-    """`minimise`, from the box alone where the vertex is not of this polyhedron: the status, and how many rows carry.
-
-    `point` (n,) is the vertex; the rows with a multiplier go into `carrying`, their multipliers into `weights`
-    (both (n + 1,)).
-    """
-    if fresh:
-        to_box(v, objective)
-    status = minimise(v, columns, rhs, objective, pivots)
-    count = 0
-    for k in range(point.size):
-        if v.tight[k] >= 0 and v.multipliers[k] > 0.0:
-            carrying[count], weights[count] = v.number[v.tight[k]], v.multipliers[k]
-            count += 1
-    if status == OPTIMAL:
-        exact_point(v, rhs, point)
-        return status, count
-    point[:] = v.point
-    if status == INFEASIBLE and v.counters[3] >= 0:
-        carrying[count], weights[count] = v.number[v.counters[3]], 1.0
-        count += 1
-    return status, count

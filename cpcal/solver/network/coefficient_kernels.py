@@ -39,6 +39,26 @@ def combined(
 
 
 @compiled
+def _add(lo: Floats, hi: Floats, s: int, m: int, k: int, low: float, high: float, twice: bool) -> None:
+    if twice:
+        low, high = min(2.0 * low, _MAX), max(2.0 * high, -_MAX)
+    lo[s, m, k], hi[s, m, k] = interval_sum(lo[s, m, k], hi[s, m, k], low, high)
+
+
+@compiled
+def _moving(lo: Floats, hi: Floats) -> Bools:
+    """Which slots of which terms of (1 + J, T, E) are not zero everywhere; the first is not asked for."""
+    out = np.zeros(lo.shape[:2], np.bool_)
+    for s in range(1, lo.shape[0]):
+        for t in range(lo.shape[1]):
+            for k in range(lo.shape[2]):
+                if lo[s, t, k] != 0.0 or hi[s, t, k] != 0.0:
+                    out[s, t] = True
+                    break
+    return out
+
+
+@compiled
 def products(
     x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats, pairs: Indices, size: int, count: int, square: bool
 ) -> tuple[Floats, Floats]:
@@ -52,29 +72,32 @@ def products(
     p, q = x_lo.shape[0], y_lo.shape[0]
     at_x, at_y = int(x_lo.shape[2] > 1), int(y_lo.shape[2] > 1)
     lo, hi = np.zeros((max(p, q), size, count)), np.zeros((max(p, q), size, count))
+    moves_x, moves_y = _moving(x_lo, x_hi), _moving(y_lo, y_hi)
     for t in range(len(pairs)):
         i, j, m = pairs[t]
-        twice = square and i != j
-        for s in range(max(p, q)):
+        both = moves_x[1:, i].any() and moves_y[1:, j].any()
+        for k in range(count):
+            a, b = k * at_x, k * at_y
+            if square and i == j and p == 1:
+                low, high = interval_square(x_lo[0, i, a], x_hi[0, i, a])
+            else:
+                low, high = interval_product(x_lo[0, i, a], x_hi[0, i, a], y_lo[0, j, b], y_hi[0, j, b])
+                if both:
+                    more = _second_order(x_lo[:, i, a], x_hi[:, i, a], y_lo[:, j, b], y_hi[:, j, b])
+                    low, high = interval_sum(low, high, more[0], more[1])
+            _add(lo, hi, 0, m, k, low, high, square and i != j)
+        for s in range(1, max(p, q)):
+            by_x, by_y = s < p and moves_x[s, i], s < q and moves_y[s, j]
+            if not (by_x or by_y):
+                continue
             for k in range(count):
-                a, b = k * at_x, k * at_y
-                if s == 0 and square and i == j and p == 1:
-                    low, high = interval_square(x_lo[0, i, a], x_hi[0, i, a])
-                elif s == 0:
-                    low, high = interval_product(x_lo[0, i, a], x_hi[0, i, a], y_lo[0, j, b], y_hi[0, j, b])
-                    if p > 1 and q > 1:
-                        more = _second_order(x_lo[:, i, a], x_hi[:, i, a], y_lo[:, j, b], y_hi[:, j, b])
-                        low, high = interval_sum(low, high, more[0], more[1])
-                else:
-                    low, high = 0.0, 0.0
-                    if s < p:
-                        low, high = interval_product(x_lo[s, i, a], x_hi[s, i, a], y_lo[0, j, b], y_hi[0, j, b])
-                    if s < q:
-                        other = interval_product(x_lo[0, i, a], x_hi[0, i, a], y_lo[s, j, b], y_hi[s, j, b])
-                        low, high = interval_sum(low, high, other[0], other[1])
-                if twice:
-                    low, high = min(2.0 * low, _MAX), max(2.0 * high, -_MAX)
-                lo[s, m, k], hi[s, m, k] = interval_sum(lo[s, m, k], hi[s, m, k], low, high)
+                a, b, low, high = k * at_x, k * at_y, 0.0, 0.0
+                if by_x:
+                    low, high = interval_product(x_lo[s, i, a], x_hi[s, i, a], y_lo[0, j, b], y_hi[0, j, b])
+                if by_y:
+                    other = interval_product(x_lo[0, i, a], x_hi[0, i, a], y_lo[s, j, b], y_hi[s, j, b])
+                    low, high = interval_sum(low, high, other[0], other[1])
+                _add(lo, hi, s, m, k, low, high, square and i != j)
     return lo, hi
 
 

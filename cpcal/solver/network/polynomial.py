@@ -9,21 +9,32 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpcal.common.arrays import Indices
+from cpcal.common.arrays import Bools
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.dag import topological
-from cpcal.solver.network.engines import elementwise
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
+from cpcal.solver.network.term_operations import (
+    Monomial,
+    Monomials,
+    Operation,
+    Terms,
+    constant_term,
+    power_of,
+    product_of,
+    quotient_of,
+    square_of,
+    structural,
+    sum_of,
+    value_of,
+)
 
-Monomial = tuple[int, ...]
 _MOST_PRODUCTS = 50_000  # of terms in one multiplication, about half a second
 MOST_PAIRS = 50_000  # of monomials and divisors: what it takes to write a network on a box in the box's coordinates
 
@@ -50,20 +61,28 @@ class PolynomialArray:
 
     @property
     def constant(self) -> IntervalArray:
-        if () in self.monomials:
-            return self.coefficients[:, self.monomials.index(())]
-        return IntervalArray.point(np.zeros((1,) + (1,) * len(self.shape)))
+        """The coefficient of 1."""
+        return constant_term(self.coefficients, self.monomials)
 
 
 Found = PolynomialArray | NotPolynomial
-Terms = tuple[tuple[Monomial, ...], IntervalArray]
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """How a node's coefficients follow from those of its arguments: `keep` are the monomials that do not vanish."""
+
+    digest: bytes
+    args: tuple[bytes, ...]
+    operation: Operation
+    keep: Bools | None
 
 
 class Expander:
-    """Expands expressions of one network; every node once.
+    """Expands expressions of one network over all of their reading sets; every node once.
 
-    `fixed` keeps what depends on no reading: one for all expanders of a network, whatever their `sets`. What is not
-    expanded at `deadline` (of time.monotonic()), or would have very many terms, counts as not polynomial.
+    `again` repeats that over parts of the sets, for the price of the arithmetic. What is not expanded at `deadline` (of
+    time.monotonic()), or would have very many terms, counts as not polynomial.
     """
 
     def __init__(
@@ -71,64 +90,96 @@ class Expander:
         network: ConstraintNetwork,
         engine: Arithmetic,
         roots: tuple[Expr, ...],
-        sets: dict[bytes, IntervalArray] | None = None,
-        fixed: dict[bytes, Found] | None = None,
         deadline: float = math.inf,
     ) -> None:
         self._engine, self._deadline = engine, deadline
-        self._fixed: dict[bytes, Found] = {} if fixed is None else fixed
         self._start: dict[bytes, int] = {}
         start = 0
         for leaf in network.variables:
             self._start[leaf.digest] = start
             start += int(np.prod(leaf.shape))
-        self._readings: dict[bytes, PolynomialArray] = {}
-        self._allot([node for node in topological(roots) if node.op == "reading"], sets or {})
-        self._done: dict[bytes, Found] = {}  # what depends on readings
+        self._leaves = {node.digest: node for node in topological(roots) if node.op == "reading"}
+        self._whole = self._allotted({})
+        self._done: dict[bytes, Found] = {}
+        self._recorded: dict[bytes, _Recorded] = {}  # of the nodes that depend on readings
+        self._orders: dict[bytes, list[_Recorded]] = {}
 
     def expand(self, root: Expr) -> PolynomialArray:
         """The polynomial form of `root`. Raises NotPolynomial."""
         for node in topological((root,)):
-            if node.digest not in self._done and node.digest not in self._fixed:
-                reads = node.op == "reading" or any(arg.digest in self._done for arg in node.args)
-                known = self._done if reads else self._fixed
+            if node.digest not in self._done:
                 try:
-                    known[node.digest] = self._node(node)
+                    self._done[node.digest] = self._node(node)
                 except NotPolynomial as reason:
-                    known[node.digest] = reason
-        found = self._of(root)
+                    self._done[node.digest] = reason
+        found = self._done[root.digest]
         if isinstance(found, NotPolynomial):
             raise found
         return found
 
-    def _of(self, node: Expr) -> Found:
-        return self._done[node.digest] if node.digest in self._done else self._fixed[node.digest]
+    def again(self, roots: Sequence[Expr], sets: Mapping[bytes, IntervalArray]) -> list[PolynomialArray]:
+        """The forms of some `roots`, which `expand` has found, for readings in other `sets`, parts of theirs.
+
+        A coefficient that is zero for all readings of the whole sets is zero for these: monomials stay away.
+        """
+        known, out = self._allotted(sets), []
+        for root in roots:
+            whole = self.expand(root)
+            for step in self._steps(root):
+                if step.digest not in known:
+                    value = step.operation([known.get(arg) or self._coefficients(arg) for arg in step.args])
+                    known[step.digest] = value if step.keep is None else value[:, step.keep]
+            if root.digest in known:
+                whole = replace(whole, coefficients=known[root.digest])
+            out.append(whole)
+        return out
+
+    def _steps(self, root: Expr) -> list[_Recorded]:
+        """Of the nodes under a root that depend on readings, arguments first."""
+        if root.digest not in self._orders:
+            under = (self._recorded.get(node.digest) for node in topological((root,)))
+            self._orders[root.digest] = [step for step in under if step is not None]
+        return self._orders[root.digest]
+
+    def _coefficients(self, digest: bytes) -> IntervalArray:
+        found = self._done[digest]
+        assert isinstance(found, PolynomialArray)
+        return found.coefficients
 
     def _node(self, node: Expr) -> PolynomialArray:
         if node.op == "variable":
             return self._variable(node)
         if node.op == "constant":
             assert isinstance(node.data, IntervalArray)
-            return _cleared(node.shape, ((),), _owned(node.data)[None, None])
+            return PolynomialArray(node.shape, ((),), _owned(node.data)[None, None])
         if node.op == "reading":
-            return self._readings[node.digest]
+            return PolynomialArray(node.shape, ((),), self._whole[node.digest], reads=bool(node.shape))
         args = []
         for arg in node.args:
-            found = self._of(arg)
+            found = self._done[arg.digest]
             if isinstance(found, NotPolynomial):
                 raise found
             args.append(found)
         _check_rows(node, args)
-        monomials, coefficients = self._operation(node, args)
-        return _cleared(node.shape, monomials, coefficients, any(arg.reads for arg in args))
+        monomials, operation = self._operation(node, args)
+        coefficients = operation([arg.coefficients for arg in args])
+        keep = _occurring(monomials, coefficients)
+        if keep is not None:
+            monomials = tuple(m for m, kept in zip(monomials, keep.tolist(), strict=True) if kept)
+            coefficients = coefficients[:, keep]
+        if "reading" in node.ops:
+            digests = tuple(arg.digest for arg in node.args)
+            self._recorded[node.digest] = _Recorded(node.digest, digests, operation, keep)
+        return PolynomialArray(node.shape, monomials, coefficients, any(arg.reads for arg in args))
 
     def _variable(self, node: Expr) -> PolynomialArray:
         count, start = int(np.prod(node.shape)), self._start[node.digest]
         unit = np.eye(count).reshape((1, count, *node.shape))
         return PolynomialArray(node.shape, tuple((start + k,) for k in range(count)), IntervalArray.point(unit))
 
-    def _allot(self, readings: list[Expr], sets: dict[bytes, IntervalArray]) -> None:
-        """One scaled reading `delta_j` per component of a reading whose set has a width in some row."""
+    def _allotted(self, sets: Mapping[bytes, IntervalArray]) -> dict[bytes, IntervalArray]:
+        """Every reading's coefficients: one `delta_j` for each component whose set has a width in some row."""
+        readings, out = self._leaves.values(), dict[bytes, IntervalArray]()
         columns: list[tuple[Expr, int, IntervalArray]] = []
         for node in readings:
             values = sets.get(node.digest, node.data)
@@ -146,50 +197,38 @@ class Expander:
                 if owner is node:
                     rows[k, :, component] = flat.rad[:, component]
             used = 1 + len(columns) if any(owner is node for owner, _, _ in columns) else 1
-            own = IntervalArray.point(slopes[:used, None])
-            self._readings[node.digest] = PolynomialArray(node.shape, ((),), own, reads=bool(node.shape))
+            out[node.digest] = IntervalArray.point(slopes[:used, None])
+        return out
 
     def _operation(self, node: Expr, args: list[PolynomialArray]) -> Terms:
-        e, x = self._engine, args[0]
+        e, rank, own = self._engine, node.ndim, [arg.monomials for arg in args]
         if node.op in ("neg", "index", "sum"):
-            return x.monomials, self._structural(node, x)
+            return structural(e, node, own[0])
         if node.op in ("add", "sub"):
-            return polynomial_sum(e, node.ndim, x, args[1], 1.0 if node.op == "add" else -1.0)
+            return sum_of(e, rank, own[0], own[1], 1.0 if node.op == "add" else -1.0)
         if node.op == "mul":
-            return self._product(node.ndim, x, args[1])
+            self._check_size(len(own[0]) * len(own[1]))
+            return product_of(e, rank, own[0], own[1])
         if node.op == "sqr":
-            self._check_size(len(x.monomials) ** 2)
-            return polynomial_product(e, node.ndim, x, x, square=True)
+            self._check_size(len(own[0]) ** 2)
+            return square_of(e, rank, own[0])
         if node.op == "power" and node.parameter >= 0:
-            return self._power(node, x)
+            return self._power(rank, own[0], node.parameter)
         if node.op == "div" and args[1].is_constant:
-            divisor = coef.reciprocal(e, args[1].constant)
-            shape = (divisor.shape[0], 1, *divisor.shape[1:])
-            return self._product(node.ndim, x, PolynomialArray(args[1].shape, ((),), divisor.reshape(shape)))
+            return quotient_of(e, rank, own[0], own[1])
         if all(arg.is_constant for arg in args):
-            values = tuple(coef.total(e, arg.constant) for arg in args)
-            return ((),), elementwise(e, node, values)[None]
+            return value_of(e, node, own)
         raise NotPolynomial(f"{node.op!r} of an expression with variables")
 
-    def _structural(self, node: Expr, arg: PolynomialArray) -> IntervalArray:
-        c = arg.coefficients
-        if node.op == "neg":
-            return self._engine.neg(c)
-        full = c.broadcast_to((*c.shape[:2], *arg.shape))
-        if node.op == "sum":
-            return coef.total_over(self._engine, full, node.parameter + 1)
-        assert isinstance(node.data, np.ndarray)
-        return full.reshape((*full.shape[:2], -1))[:, :, node.data]
-
-    def _product(self, rank: int, x: PolynomialArray, y: PolynomialArray) -> Terms:
-        self._check_size(len(x.monomials) * len(y.monomials))
-        return polynomial_product(self._engine, rank, x, y)
-
-    def _power(self, node: Expr, x: PolynomialArray) -> Terms:
-        out = PolynomialArray(node.shape, ((),), IntervalArray.point(np.ones((1, 1) + (1,) * node.ndim)))
-        for _ in range(node.parameter):
-            out = PolynomialArray(node.shape, *self._product(node.ndim, out, x))
-        return out.monomials, out.coefficients
+    def _power(self, rank: int, x: Monomials, exponent: int) -> Terms:
+        """A whole power, one factor after the other."""
+        monomials: Monomials = ((),)
+        products: list[Operation] = []
+        for _ in range(exponent):
+            self._check_size(len(monomials) * len(x))
+            monomials, product = product_of(self._engine, rank, monomials, x)
+            products.append(product)
+        return monomials, power_of(rank, products)
 
     def _check_size(self, products: int) -> None:
         if products > _MOST_PRODUCTS:
@@ -204,60 +243,13 @@ def _owned(data: IntervalArray) -> IntervalArray:
     return IntervalArray(lo, lo if data.hi is data.lo else data.hi.copy())
 
 
-def _cleared(
-    shape: tuple[int, ...], monomials: tuple[Monomial, ...], coefficients: IntervalArray, reads: bool = False
-) -> PolynomialArray:
-    """Without the monomials whose coefficients are all zero, but for the constant."""
+def _occurring(monomials: Monomials, coefficients: IntervalArray) -> Bools | None:
+    """The monomials whose coefficients are not all zero, and the constant; None for all of them."""
     keep = coef.occurring_terms(coefficients)
-    if not keep.all():
-        keep |= np.array([m == () for m in monomials], np.bool_)
-        monomials = tuple(m for m, kept in zip(monomials, keep.tolist(), strict=True) if kept)
-        coefficients = coefficients[:, keep]
-    return PolynomialArray(shape, monomials, coefficients, reads)
-
-
-def polynomial_sum(e: Arithmetic, rank: int, x: PolynomialArray, y: PolynomialArray, sign: float) -> Terms:
-    """x + sign y, for arrays of a common rank."""
-    monomials, of_x, of_y = _union(x.monomials, y.monomials)
-    return monomials, coef.combined_terms(e, _aligned(x, rank), _aligned(y, rank), of_x, of_y, sign)
-
-
-def polynomial_product(
-    e: Arithmetic, rank: int, x: PolynomialArray, y: PolynomialArray, *, square: bool = False
-) -> Terms:
-    """x y, for arrays of a common rank; `square`: they are one."""
-    monomials, table = _products(x.monomials, y.monomials, square)
-    return monomials, coef.term_products(e, _aligned(x, rank), _aligned(y, rank), table, len(monomials), square)
-
-
-def _aligned(x: PolynomialArray, rank: int) -> IntervalArray:
-    c = x.coefficients
-    missing = rank + 2 - c.ndim
-    return c if missing == 0 else c.reshape((*c.shape[:2], *(1,) * missing, *c.shape[2:]))
-
-
-# What follows depends on the monomials alone, which networks of one kind share.
-
-
-@lru_cache(maxsize=256)
-def _union(x: tuple[Monomial, ...], y: tuple[Monomial, ...]) -> tuple[tuple[Monomial, ...], Indices, Indices]:
-    """All monomials, and for each its place among those of x and of y, -1 where it has none."""
-    of_x, of_y = ({m: k for k, m in enumerate(own)} for own in (x, y))
-    both = tuple(of_x | of_y)
-    places = [np.array([own.get(m, -1) for m in both], np.intp) for own in (of_x, of_y)]
-    return both, places[0], places[1]
-
-
-@lru_cache(maxsize=256)
-def _products(x: tuple[Monomial, ...], y: tuple[Monomial, ...], square: bool) -> tuple[tuple[Monomial, ...], Indices]:
-    """The monomials of a product, and (P, 3) which terms multiply to which; of a square both orders are one."""
-    place: dict[Monomial, int] = {}
-    table = []
-    for i, p in enumerate(x):
-        for j in range(i if square else 0, len(y)):
-            m = tuple(sorted(p + y[j]))
-            table.append((i, j, place.setdefault(m, len(place))))
-    return tuple(place), np.array(table, np.intp).reshape(len(table), 3)
+    if keep.all():
+        return None
+    keep |= np.array([m == () for m in monomials], np.bool_)
+    return keep
 
 
 def pairs(monomials: Iterable[Monomial]) -> int:

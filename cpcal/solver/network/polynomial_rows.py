@@ -14,13 +14,12 @@ from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.polynomial import (
     MOST_PAIRS,
     Expander,
-    Found,
-    Monomial,
     NotPolynomial,
     PolynomialArray,
     pairs,
 )
 from cpcal.solver.network.rewrite import ReadingSets, Row, one_sided_rows, rewritten
+from cpcal.solver.network.term_operations import Monomial
 
 
 @dataclass(frozen=True)
@@ -57,30 +56,39 @@ class PolynomialForms:
         self._network, self._engine, self._deadline = network, engine, deadline
         self._first = one_sided_rows(network)
         self._parts = [rewritten(row, engine) for row in self._first]
-        self._fixed: dict[bytes, Found] = {}
+        self._expander: Expander | None = None
 
-    def _expander(self, rows: Sequence[Row], sets: ReadingSets | None = None) -> Expander:
-        return Expander(self._network, self._engine, tuple(row.expr for row in rows), sets, self._fixed, self._deadline)
+    def __getstate__(self) -> dict[str, object]:
+        """Without the expander: its operations do not pickle, and it is made again where it is wanted."""
+        return self.__dict__ | {"_expander": None}
 
     def _expanded(self, sets: Sequence[ReadingSets] | None) -> tuple[list[Expanded], list[tuple[int, str]]]:
         """All rows with their polynomials and guards, and what was left over and why."""
         expanded: list[Expanded] = []
         leftover: list[tuple[int, str]] = []
-        shared, monomials, size = self._expander(self._first), set[Monomial](), 0
-        for k, (row, parts) in enumerate(zip(self._first, self._parts, strict=True)):
-            expander = self._expander([row], sets[k]) if sets and sets[k] else shared
+        if self._expander is None:
+            roots = tuple(row.expr for row in self._first)
+            self._expander = Expander(self._network, self._engine, roots, self._deadline)
+        monomials, size = set[Monomial](), 0
+        for k, parts in enumerate(self._parts):
             for part in parts:
                 try:
-                    guard = None if part.guard is None else expander.expand(part.guard)
-                    body = expander.expand(part.expr)
-                    more = {*body.monomials, *(() if guard is None else guard.monomials)} - monomials
+                    body, *guards = self._forms_of(part, sets[k] if sets else {})
+                    more = {m for p in (body, *guards) for m in p.monomials} - monomials
                     if size + pairs(more) > MOST_PAIRS:
                         raise NotPolynomial("with the other rows, too many products")
                     monomials, size = monomials | more, size + pairs(more)
-                    expanded.append((part, body, guard))
+                    expanded.append((part, body, guards[0] if guards else None))
                 except NotPolynomial as reason:
                     leftover.append((part.constraint, str(reason)))
         return expanded, leftover
+
+    def _forms_of(self, part: Row, sets: ReadingSets) -> list[PolynomialArray]:
+        """Of a row, and of its guard if it has one. Raises NotPolynomial."""
+        assert self._expander is not None
+        roots = [root for root in (part.guard, part.expr) if root is not None]
+        forms = [self._expander.expand(root) for root in roots]
+        return (self._expander.again(roots, sets) if sets else forms)[::-1]
 
     def on(self, sets: Sequence[ReadingSets] | None = None) -> PolynomialSystem:
         """All rows that have a polynomial form, over one list of shared monomials.

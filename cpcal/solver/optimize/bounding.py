@@ -131,8 +131,11 @@ class Bounding:
         pays = self._pays(before, step.box, was_closed) or self._pays(found_before, done.found, was_closed)
         # boxes that contraction closes alone need no other fit than the first
         wanted = branch.fresh and not known.closed(step.box) and not (pays and known.witness is not None)
-        if step.point is not None and wanted:
-            pays = known.propose(step.point) or pays
+        point = step.point
+        if point is None and known.witness is None and not step.box.is_empty:
+            point = step.box.mid  # no program says better where the objective has no bounds yet
+        if point is not None and wanted:
+            pays = known.propose(point) or pays
             branch = replace(branch, fresh=False)
         left = replace(step, box=known.cut(step.box))
         branch = replace(branch, found=known.cut(done.found))

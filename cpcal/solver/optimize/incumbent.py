@@ -92,7 +92,10 @@ class Incumbent:
         Other problems have a local search that takes longer: it runs at the first proposals, then ever less often.
         """
         self.calls += 1
-        better = False
+        better, o = False, self.objective
+        if not np.isfinite(self.domain.hi[o] - self.domain.lo[o]):  # the middle of a half-line is of no use
+            start = start.copy()
+            start[o] = np.clip(0.0, self.domain.lo[o], self.domain.hi[o])
         if self._minimax or not self._local.applies:
             better = self._keep(fit_of_many(self._network, self._rows, self.objective, start, Dense()))
         better = better or self._keep(start)

@@ -24,7 +24,7 @@ _TOLERANCE = 1e-13  # relative decrease below which the fit has converged
 _ROUGH = 1e-3  # and while measurements may still be missing
 _SMALLEST_RADIUS = 1e-12  # of the trust region, relative to the box
 _MANY = 2048  # elements of constraints, beyond which those that matter are looked for
-_WORST = 256  # of each side of a constraint, those that enter at a time
+_WORST = 64  # of each side of a constraint, those that enter at a time
 _EXTENSIONS = 8  # times that they enter
 _FLOOR = 1e-12  # an objective below this is small enough whatever the model promises
 

@@ -84,11 +84,11 @@ class LocalSearch:
         if not (np.isfinite(matrix).all() and np.isfinite(right).all() and np.isfinite(equal).all()):
             return None
         near = right < _REACH * np.abs(matrix).sum(axis=1)  # the others can not be reached
-        with np.errstate(over="ignore"):
-            limits = right[near] / _REACH
-        if not np.isfinite(limits).all():  # a row that no step mends
-            return None
         size = np.abs(equal).sum(axis=1) + 1e-300
+        with np.errstate(all="ignore"):
+            limits, missing = right[near] / _REACH, -value / size / _REACH
+        if not (np.isfinite(limits).all() and np.isfinite(missing).all()):  # a row that no step mends
+            return None
         low = np.clip((self._domain.lo - point) / scale, -_REACH, 0.0) / _REACH
         high = np.clip((self._domain.hi - point) / scale, 0.0, _REACH) / _REACH
         low, high = np.where(self._whole, 0.0, low), np.where(self._whole, 0.0, high)
@@ -99,7 +99,7 @@ class LocalSearch:
             A_ub=_twice(matrix[near]) if near.any() else None,
             b_ub=limits if near.any() else None,
             A_eq=_twice(equal / size[:, None]) if len(equal) else None,
-            b_eq=-value / size / _REACH if len(equal) else None,
+            b_eq=missing if len(equal) else None,
             bounds=np.stack([np.zeros(2 * n), np.concatenate([high, -low])], axis=1),
             method="highs",
             options={"primal_feasibility_tolerance": 1e-10},

@@ -8,7 +8,7 @@ from cpcal.solver.search.paving import Paving, Solution
 from cpcal.solver.search.race import Contender, Race
 from cpcal.solver.search.regions import clusters, difference, hull, volume
 from cpcal.solver.search.search import Decision, Event, EventKind, Piece, Process, Search
-from cpcal.solver.search.spread import Spread
+from cpcal.solver.search.spread import Spread, spread_over
 from cpcal.solver.search.strategies import STRATEGIES, LargestFirst, RoundRobin, Smear, bisect
 from cpcal.solver.search.whole import WholeNumbers
 
@@ -47,5 +47,6 @@ __all__ = [
     "difference",
     "divided",
     "hull",
+    "spread_over",
     "volume",
 ]

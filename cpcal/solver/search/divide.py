@@ -10,7 +10,10 @@ from cpcal.solver.interval import Box
 from cpcal.solver.search.batches import Batches
 from cpcal.solver.search.orders import Node
 from cpcal.solver.search.passes import Contracting, divided
+from cpcal.solver.search.regions import difference
 from cpcal.solver.search.search import Decision, EventKind, Piece
+
+_BATCH = 64  # nodes
 
 
 @runtime_checkable
@@ -24,7 +27,7 @@ class Divide:
     """The contractors on every box; `strategy` divides what they leave. A node's state is what was found of its box.
 
     A box that `inside` proves to hold nothing but solutions is not divided. With `again` a box of which some width
-    shrank below that share is contracted once more before it is divided.
+    shrank below that share is contracted once more before it is divided. `outside`: decisions say what was removed.
     """
 
     def __init__(
@@ -34,15 +37,21 @@ class Divide:
         *,
         inside: Callable[[Box], bool] | None = None,
         again: float | None = None,
+        outside: bool = False,
     ) -> None:
         if not isinstance(contracting, Contracting):
             contracting = Contracting([("", contracting)])
         self._contracting = contracting
-        self._strategy, self._inside, self._again = strategy, inside, again
-        alone = inside is None and again is None and not contracting.proves
+        self._strategy, self._inside, self._again, self._outside = strategy, inside, again, outside
+        alone = inside is None and again is None and not (outside or contracting.proves)
         self._batches = (
             Batches(contracting.named, strategy) if alone and Batches.serve(contracting.named, strategy) else None
         )
+
+    @property
+    def batch(self) -> int:
+        """How many nodes are best decided together: 1 where they are decided one by one."""
+        return 1 if self._batches is None else _BATCH
 
     def all(self, nodes: Sequence[Node]) -> list[Decision]:
         """The decisions about several nodes, at once where contractors and strategy take batches."""
@@ -56,7 +65,8 @@ class Divide:
         kind, pieces = self._next(node, before, done.contraction.box, done.found)
         proves = self._contracting.proves  # else the two boxes of a node are one
         children = tuple(Piece(piece, done.found.intersect(piece) if proves else piece) for piece in pieces)
-        return Decision(kind, done.contraction, children, done.uses, done.proof)
+        removed = difference(node.box, done.contraction.box) if self._outside else None
+        return Decision(kind, done.contraction, children, done.uses, done.proof, removed)
 
     def _next(self, node: Node, before: Box, box: Box, found: Box) -> tuple[EventKind, tuple[Box, ...]]:
         if box.is_empty:

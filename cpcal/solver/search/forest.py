@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,8 +30,9 @@ class Forest:
     kinds     (B,) places in `EventKind`
     boxes     (B, 2, n) what is left of each node's box
     programs  (B,)
-    counts    (B,) pieces of each
+    counts    (B, 2) pieces of each, and parts of its box that were removed; -1: nobody asked for these
     pieces    (P, 2, n)
+    removed   (R, 2, n)
     stated    (P,) whether there is a state
     links     (P,) the decision about each piece; -1: it is not made yet
     uses      (B, m, 2) calls and steps of each contractor
@@ -42,6 +45,7 @@ class Forest:
     programs: Ints
     counts: Ints
     pieces: Floats
+    removed: Floats
     stated: Bools
     links: Ints
     uses: Ints
@@ -50,38 +54,81 @@ class Forest:
     def of(cls, decisions: Sequence[Decision], links: Sequence[int]) -> Forest:
         """At least one decision."""
         pieces = [piece for decision in decisions for piece in decision.pieces]
+        removed = [box for decision in decisions for box in decision.removed or ()]
+        n = len(decisions[0].box)
         return cls(
             names=decisions[0].box.names,
             contractors=tuple(use.name for use in decisions[0].uses),
             kinds=np.array([_KINDS.index(decision.kind) for decision in decisions]),
-            boxes=_bounds([decision.box for decision in decisions], len(decisions[0].box)),
+            boxes=_bounds([decision.box for decision in decisions], n),
             programs=np.array([decision.contraction.programs for decision in decisions]),
-            counts=np.array([len(decision.pieces) for decision in decisions]),
+            counts=np.array([(len(d.pieces), -1 if d.removed is None else len(d.removed)) for d in decisions]),
             stated=np.array([piece.state is not None for piece in pieces], dtype=np.bool_),
-            pieces=_bounds([piece.box for piece in pieces], len(decisions[0].box)),
+            pieces=_bounds([piece.box for piece in pieces], n),
+            removed=_bounds(removed, n),
             links=np.array(links, dtype=np.intp),
             uses=np.array([[(use.calls, use.steps) for use in decision.uses] for decision in decisions]),
         )
 
-    def roots(self, count: int) -> list[Decision]:
-        """The first so many decisions; pieces carry those that were made about them."""
-        boxes = Box.rows(self.names, self.boxes[:, 0], self.boxes[:, 1])
-        parts = Box.rows(self.names, self.pieces[:, 0], self.pieces[:, 1])
-        kinds, programs, uses = (a.tolist() for a in (self.kinds, self.programs, self.uses))
-        links, stated = self.links.tolist(), self.stated.tolist()
-        starts = np.concatenate([[0], np.cumsum(self.counts)]).tolist()
-        made: list[Decision | None] = [None] * len(boxes)
-        for k in reversed(range(len(boxes))):
-            places = range(starts[k], starts[k + 1])
-            pieces = tuple(
-                Piece(parts[p], parts[p] if stated[p] else None, made[links[p]] if links[p] >= 0 else None)
-                for p in places
-            )
-            used = tuple(ContractorUse(name, *use) for name, use in zip(self.contractors, uses[k], strict=True))
-            made[k] = Decision(_KINDS[kinds[k]], Contraction(boxes[k], programs=programs[k]), pieces, used)
-        return [decision for decision in made[:count] if decision is not None]
+    def __len__(self) -> int:
+        return len(self.kinds)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_lists"}
+
+    @cached_property
+    def _lists(self) -> _Lists:
+        """Opened when the first of the decisions is wanted: until then they take little memory."""
+        starts = np.concatenate([np.zeros((1, 2), np.intp), np.cumsum(np.maximum(self.counts, 0), axis=0)])
+        boxes, parts, removed = (
+            Box.rows(self.names, a[:, 0], a[:, 1]) for a in (self.boxes, self.pieces, self.removed)
+        )
+        lists = (a.tolist() for a in (self.kinds, self.programs, starts, self.stated, self.links, self.uses))
+        return _Lists(boxes, parts, removed, *lists)
+
+    def decision(self, k: int) -> Decision:
+        """That of this place; its pieces know where theirs are."""
+        of = self._lists
+        (first, gone), (last, end) = of.starts[k], of.starts[k + 1]
+        pieces = tuple(
+            Piece(of.parts[p], of.parts[p] if of.stated[p] else None, Ahead(self, of.links[p]))
+            if of.links[p] >= 0
+            else Piece(of.parts[p], of.parts[p] if of.stated[p] else None)
+            for p in range(first, last)
+        )
+        uses = tuple(ContractorUse(name, *use) for name, use in zip(self.contractors, of.uses[k], strict=True))
+        removed = None if self.counts[k, 1] < 0 else tuple(of.removed[gone:end])
+        return Decision(
+            _KINDS[of.kinds[k]], Contraction(of.boxes[k], programs=of.programs[k]), pieces, uses, (), removed
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Ahead:
+    """A decision that was made ahead of its time, in a forest."""
+
+    forest: Forest
+    place: int
+
+    @property
+    def decision(self) -> Decision:
+        return self.forest.decision(self.place)
+
+
+class _Lists(NamedTuple):
+    """A forest's arrays as objects."""
+
+    boxes: list[Box]
+    parts: list[Box]
+    removed: list[Box]
+    kinds: list[int]
+    programs: list[int]
+    starts: list[list[int]]
+    stated: list[bool]
+    links: list[int]
+    uses: list[list[list[int]]]
 
 
 def _bounds(boxes: Sequence[Box], n: int) -> Floats:
     """(B, 2, n)"""
-    return np.array([(box.lo, box.hi) for box in boxes]).reshape(len(boxes), 2, n)
+    return np.array([(box.lo, box.hi) for box in boxes], np.float64).reshape(len(boxes), 2, n)

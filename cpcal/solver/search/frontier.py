@@ -13,6 +13,7 @@ from cpcal.solver.search.orders import Node, Priority
 
 IN_MEMORY = 100_000  # nodes, at most, if there is room on the disk: some 100 MB
 _CHUNK = 4096  # nodes that go to the disk, and come back, together
+_SOON = 256  # nodes
 _WASTE = 2**26  # bytes of the file that nobody needs any more
 
 Entry = tuple[float, int, Node]  # priority, serial
@@ -65,6 +66,10 @@ class Frontier:
         for chunk in tuple(self._chunks):
             yield from (node for *_, node in self._read(chunk))
         yield from (node for *_, node in tuple(self._heap))
+
+    def soon(self) -> list[Node]:
+        """Some of the most urgent nodes in memory, nearly in their order."""
+        return [node for *_, node in sorted(self._heap[:_SOON], key=lambda entry: entry[:2])]
 
     def push(self, node: Node) -> None:
         heapq.heappush(self._heap, (self._priority(node), node.serial, node))

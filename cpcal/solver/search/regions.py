@@ -17,14 +17,20 @@ def difference(box: Box, part: Box) -> tuple[Box, ...]:
     """At most 2n boxes that cover `box` without `part`, a subset of it; they meet only at their faces."""
     if part.is_empty:
         return () if box.is_empty else (box,)
-    pieces = []
-    for k in np.flatnonzero((part.lo > box.lo) | (part.hi < box.hi)).tolist():
-        if part.lo[k] > box.lo[k]:
-            pieces.append(box.replace(k, hi=part.lo[k]))
-        if part.hi[k] < box.hi[k]:
-            pieces.append(box.replace(k, lo=part.hi[k]))
-        box = box.replace(k, lo=part.lo[k], hi=part.hi[k])
-    return tuple(pieces)
+    low, high = part.lo > box.lo, part.hi < box.hi
+    if not (low.any() or high.any()):
+        return ()
+    lo, hi = box.lo.copy(), box.hi.copy()
+    lower, upper = [], []
+    for k in np.flatnonzero(low | high).tolist():
+        for cut, end, other in ((low[k], part.lo[k], hi), (high[k], part.hi[k], lo)):
+            if cut:
+                before, other[k] = other[k], end
+                lower.append(lo.copy())
+                upper.append(hi.copy())
+                other[k] = before
+        lo[k], hi[k] = part.lo[k], part.hi[k]
+    return tuple(Box.rows(box.names, np.array(lower), np.array(upper)))
 
 
 def clusters(boxes: Sequence[Box]) -> npt.NDArray[np.intp]:

@@ -33,11 +33,12 @@ class EventKind(Enum):
 
 @dataclass(frozen=True)
 class Piece:
-    """A box and what later decisions about it depend on besides; `decided`: the next one, where it is made already."""
+    """A box and what later decisions about it depend on besides; `decided`: the next one, where it is made already, as
+    the process that made it says it."""
 
     box: Box
     state: Any = None
-    decided: Decision | None = field(default=None, compare=False, repr=False)
+    decided: Any = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,8 @@ class Decision:
     """What becomes of a node. `contraction.box` is what is left of its box, and `pieces` cover that.
 
     PRUNED has no pieces; KEPT and INSIDE have one, which is stored; CONTRACTED has one, which comes back as a node, and
-    SPLIT has several. `uses` says who contracted, `proof` how weights prove it, for a certificate.
+    SPLIT has several. `uses` says who contracted, `proof` how weights prove it, for a certificate. `removed` is what
+    the node's box has lost, in boxes, where whoever decided worked that out.
     """
 
     kind: EventKind
@@ -53,6 +55,7 @@ class Decision:
     pieces: tuple[Piece, ...] = ()
     uses: tuple[ContractorUse, ...] = ()
     proof: tuple[tuple[str, dict[str, Any]], ...] = ()
+    removed: tuple[Box, ...] | None = None
 
     @property
     def box(self) -> Box:
@@ -86,6 +89,8 @@ class Search(Iterator[Event]):
     With `abreast` the most urgent so many nodes (or as many as it says for a number of pending ones) are taken as one
     round, one after the other, before any that came of them; `process.all(nodes)`, if there is one, decides `batch` of
     them at a time. The size of batches changes nothing else. Of a round that is not over, the rest is pending.
+    A process with `ahead(node, waiting)` is asked for every node that way, and sees which others wait, the most urgent
+    ones first, so that it can have them decided meanwhile.
     With `subtrees` pieces that come with their decision belong to the round of their parent; else they wait their turn.
 
     `kept` holds the pieces that were fine enough and `inside` the boxes that hold nothing but solutions; `outside`, if
@@ -108,6 +113,7 @@ class Search(Iterator[Event]):
         self._frontier = Frontier(priority)
         self._round: list[Node] = []  # the next one last
         self._decided: dict[int, Decision] = {}  # by serial, of the round
+        self._ahead: Callable[[Node, Callable[[], Iterable[Node]]], Decision] | None = getattr(process, "ahead", None)
         self._created = 0
         self.kept: list[Piece] = []
         self.inside: list[Box] = []
@@ -167,7 +173,9 @@ class Search(Iterator[Event]):
         node = self._round[-1]
         decision = self._decision(node)
         check_rounding()  # a plug-in that changed it makes all contractors after it unsound
-        removed = difference(node.box, decision.box) if self.wants_outside else ()
+        removed = decision.removed if self.wants_outside else ()
+        if removed is None:
+            removed = difference(node.box, decision.box)
         children = self._stored(node, decision)
         self.outside.extend(removed)
         if self._subtrees:
@@ -177,7 +185,14 @@ class Search(Iterator[Event]):
         self._decided.pop(node.serial, None)
         return Event(node, decision, children)
 
+    def _soon(self) -> Iterator[Node]:
+        """Undecided nodes, the most urgent ones first; not all."""
+        yield from reversed(self._round)
+        yield from self._frontier.soon()
+
     def _decision(self, node: Node) -> Decision:
+        if self._ahead is not None:
+            return self._ahead(node, self._soon)
         made: Decision | None = node.decided or self._decided.get(node.serial)
         if made is not None:
             return made

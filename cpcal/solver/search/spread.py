@@ -1,57 +1,162 @@
-"""The rounds of a search, decided by the workers of an executor. Decisions and their order are the same as here.
+"""The boxes of a search, decided by the workers of an executor ahead of their turn. Decisions are the same as here.
 
-A task is some boxes of a round and what comes of them, the subtrees below: whoever has decided a box goes on with its
-pieces while its time lasts. That is no other work than the search would give out later, because a decision depends on
-the box alone. So how far a worker looks ahead, which depends on its speed, changes nothing but the time.
+A decision depends on the box alone. So while the search takes in one decision after the other, in its order, workers
+decide boxes that wait, and what comes of these, the subtrees below: whoever has decided a box goes on with its pieces
+while its time lasts. How far workers look ahead, which depends on their speed, changes nothing but the time.
 """
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from itertools import islice
 from typing import Protocol
 
-from cpcal.execution.executors import Place
+from cpcal.execution.executors import Here, Place
 from cpcal.execution.shared import Shared
-from cpcal.execution.stopping import asked
-from cpcal.solver.search.forest import Forest
+from cpcal.execution.stopping import Reason, Stopped, asked
+from cpcal.solver.search.divide import Divide
+from cpcal.solver.search.forest import Ahead, Forest
 from cpcal.solver.search.orders import Node
-from cpcal.solver.search.search import Decision, EventKind
+from cpcal.solver.search.search import Decision, EventKind, Process
 
-_SPAN = 0.1  # seconds of a task, if its own boxes do not take longer
+_SPAN = 0.1  # seconds of the processor for a task, if its own boxes do not take longer
 _MOST = 4096  # boxes of a task
+_FEW = 16  # nodes that a task begins with, at most
+_STOCK = 200_000  # decisions made ahead, at most: some 50 MB
+_LOOK = 64  # decisions between two looks for work to give out
+_NOBODY = -1  # serial of a node that is no node of the search
 _DIVIDED = (EventKind.SPLIT, EventKind.CONTRACTED)
 
 
-class Rounds(Protocol):
-    """A process that decides rounds, each node by itself and by nothing but its box and depth."""
+class DecidesAlone(Protocol):
+    """A process that decides each node by itself and by nothing but its box and depth, so many best at a time."""
+
+    @property
+    def batch(self) -> int: ...
 
     def __call__(self, node: Node) -> Decision: ...
 
     def all(self, nodes: Sequence[Node]) -> list[Decision]: ...
 
 
-class Spread:
-    """A process whose rounds are divided among as many tasks as the executor takes at a time."""
+Undecided = Callable[[], Iterable[Node]]  # of a search, the most urgent first
+Task = tuple[list[Node], float]  # and for how many seconds to go on with what comes of them
 
-    def __init__(self, process: Rounds, place: Place) -> None:
-        self._process, self._shared, self._place = process, Shared(process), place
+
+class Spread:
+    """A process whose nodes are decided by workers. Until the first of them is there, it decides here."""
+
+    def __init__(self, process: DecidesAlone, place: Place) -> None:
+        self._process = process
+        self._tasks = Shared(process).given_out(place, grown)
+        self._workers = (place[1] + 1) // 2
+        self._begun = self._there = False  # the workers
+        self._given: set[int] = set()  # serials of nodes that are with workers
+        self._found: dict[int, Ahead | Decision] = {}  # by serial
+        self._stock = 0
+        self._calls = 0
 
     def __call__(self, node: Node) -> Decision:
         return self._process(node)
 
-    def all(self, nodes: Sequence[Node]) -> list[Decision]:
-        """Their pieces carry the decisions that were made about them, too."""
-        size = -(-len(nodes) // self._place[1])
-        parts = [nodes[k : k + size] for k in range(0, len(nodes), size)]
-        forests = self._shared.mapped(self._place, grown, parts)
-        return [one for part, forest in zip(parts, forests, strict=True) for one in forest.roots(len(part))]
+    def ahead(self, node: Node, undecided: Undecided) -> Decision:
+        """The decision about the most urgent node. Others are given out, and taken back as they are done."""
+        if not self._begun and self._tasks.ready:
+            self._begin(node)
+        self._calls += 1
+        if self._tasks.some_done:
+            self._take_back()
+        elif self._there and self._calls % _LOOK == 0:
+            self._give(node, undecided)
+        while (made := self._made(node)) is None:
+            if not self._there:
+                self._decide_here(undecided)
+                continue
+            if node.serial not in self._given:
+                self._give(node, undecided)
+            if asked():
+                raise Stopped(asked() or Reason.INTERRUPTED)
+            self._take_back()
+            self._give(node, undecided)
+        return made
+
+    def close(self) -> None:
+        """Give up what is with workers."""
+        self._tasks.cancel()
+
+    def _made(self, node: Node) -> Decision | None:
+        made: Ahead | Decision | None = node.decided or self._found.pop(node.serial, None)
+        if not isinstance(made, Ahead):
+            return made
+        self._stock -= 1
+        return made.decision
+
+    def _begin(self, node: Node) -> None:
+        """Have each worker begin, with a task that makes it load what it needs."""
+        self._begun = True
+        alone = replace(node, serial=_NOBODY)
+        for _ in range(self._workers):
+            self._tasks.give(([alone], 0.0), first=True)
+
+    def _decide_here(self, undecided: Undecided) -> None:
+        nodes = list(islice(filter(self._is_open, undecided()), self._process.batch))
+        decisions = self._process.all(nodes)
+        self._found.update((node.serial, decision) for node, decision in zip(nodes, decisions, strict=True))
+
+    def _is_open(self, node: Node) -> bool:
+        return node.decided is None and node.serial not in self._given and node.serial not in self._found
+
+    def _give(self, node: Node, undecided: Undecided) -> None:
+        """Give out nodes that nobody has decided; where enough is decided ahead, no other than this one."""
+        free = self._tasks.free
+        if not free:
+            return
+        nodes = [one for one in ([node] if self._stock > _STOCK else undecided()) if self._is_open(one)]
+        size = min(_FEW, -(-len(nodes) // free))
+        for k in range(0, min(len(nodes), size * free), size or 1):
+            some = nodes[k : k + size]
+            self._given.update(one.serial for one in some)
+            self._tasks.give((some, _SPAN))
+
+    def _take_back(self) -> None:
+        """What is done, or wait for some of it for a moment. Raises what was raised there."""
+        for outcome in self._tasks.taken_back():
+            self._there = True
+            forest, (nodes, _) = outcome.value, outcome.task
+            if nodes[0].serial == _NOBODY:
+                continue
+            self._stock += len(forest)
+            self._given.difference_update(node.serial for node in nodes)
+            self._found.update((node.serial, Ahead(forest, k)) for k, node in enumerate(nodes))
 
 
-def grown(process: Rounds, nodes: Sequence[Node], span: float = _SPAN) -> Forest:
+@contextmanager
+def spread_over(there: AbstractContextManager[Place]) -> Iterator[Callable[[Divide], Process]]:
+    """What has a process decide by the workers of a place, if there are any; in the end nothing is left with them."""
+    made: list[Spread] = []
+
+    def spread(process: Divide) -> Process:
+        if isinstance(place[0], Here):
+            return process
+        made.append(Spread(process, place))
+        return made[-1]
+
+    with there as place:
+        try:
+            yield spread
+        finally:
+            for one in made:
+                one.close()
+
+
+def grown(process: DecidesAlone, task: Task) -> Forest:
     """Decide the nodes, then what came of them, the oldest first, for about so many seconds."""
-    began = time.monotonic()
+    nodes, span = task
+    began = time.thread_time()
     decisions: list[Decision] = []
     links: list[int] = []
     waiting = deque[tuple[int, Node]]()  # and the place of their link
@@ -67,7 +172,7 @@ def grown(process: Rounds, nodes: Sequence[Node], span: float = _SPAN) -> Forest
 
     decide(nodes)
     while waiting and len(decisions) < _MOST and not asked():
-        spent = time.monotonic() - began
+        spent = time.thread_time() - began
         count = min(int((span - spent) / spent * len(decisions)), len(waiting), _MOST) if spent else 1
         if count < 1:
             break

@@ -51,10 +51,10 @@ class LargestFirst:
     def __init__(self, width: float = 0.0, scale: npt.ArrayLike = 1.0, skip: Iterable[str] = ()) -> None:
         self._width, self._scale, self._skip = width, np.asarray(scale, np.float64), frozenset(skip)
 
-    def within(self, reach: Floats) -> Self:
-        """The same, but no component (n,) is divided further than its `reach` from 0."""
+    def within(self, reach: Floats, unit: Floats | float = 1.0) -> Self:
+        """The same, but no component (n,) is divided further than its `reach` from 0; widths are in `unit` (n,)."""
         out = copy(self)
-        out._reach = reach
+        out._reach, out._scale = reach, self._scale * unit
         return out
 
     def split(self, box: Box) -> tuple[Box, ...]:

@@ -8,13 +8,14 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from cpcal.execution.executors import executor_for
+from cpcal.execution.executors import Processes, executor_for
 from cpcal.execution.outcomes import outcomes
 from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.vision.batch.thread_limits import one_thread
 
 T = TypeVar("T")
 
+_LOADS = ("cpcal.vision.batch.detect", "cpcal.solver.numba_begun")
 _CHUNK = 8  # images that a worker is given at a time
 
 
@@ -25,7 +26,8 @@ def in_parallel(
     executor: Executor | None = None,
     scheduler: str | None = None,
 ) -> Iterator[T]:
-    """`work` on all names, a few at a time, each on one thread, in the order in which it is done.
+    """`work` on all names, a few at a time, each on one thread, in the order in which it is done; here, too, until the
+    first of the processes has begun.
 
     workers    processes; left out: one a core. 1: none, the work is done here
     executor   any executor to use instead; it is not shut down
@@ -33,15 +35,18 @@ def in_parallel(
 
     Raises what the work raises, LostWorkerError, and Stopped after the last answer when the process is asked to stop.
     """
-    chunks = [names[k : k + _CHUNK] for k in range(0, len(names), _CHUNK)]
     if executor is None and scheduler is None:
-        workers = 1 if len(chunks) <= 1 else workers or multiprocessing.cpu_count()
-    done = 0
-    with one_thread(), executor_for(workers, scheduler, executor) as (place, most):
-        for outcome in outcomes(place, most, _OnOneThread(work), chunks):
+        workers = 1 if len(names) <= _CHUNK else workers or multiprocessing.cpu_count()
+    done, alone = 0, _OnOneThread(work)
+    with one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as (place, most):
+        while done < len(names) and not asked() and isinstance(place, Processes) and not place.ready:
+            yield alone(names[done : done + 1])  # while the first worker begins
             done += 1
+        chunks = [names[k : k + _CHUNK] for k in range(done, len(names), _CHUNK)]
+        for outcome in outcomes(place, most, alone, chunks):
+            done += len(outcome.task)
             yield outcome.value
-    if done < len(chunks):
+    if done < len(names):
         raise Stopped(asked() or Reason.INTERRUPTED)
 
 

@@ -13,8 +13,8 @@ from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import Detection
 from cpcal.vision.files.image_file import UnreadableImageError, image_files, read_image
-from cpcal.vision.measure import DOUBTFUL, NotMeasured, measure_pose
-from cpcal.vision.pose import PoseEstimate
+from cpcal.vision.measure import NotMeasured, measure_pose
+from cpcal.vision.pose import DOUBTFUL, PoseEstimate
 from cpcal.vision.pose_fit import NoPose
 from cpcal.vision.rig.joint_pose import joint_pose
 from cpcal.vision.rig.rig import Rig, SeenPlate

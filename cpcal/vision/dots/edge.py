@@ -2,7 +2,8 @@
 
 The model of a pixel at signed distance d inside the ellipse is light (back + contrast Phi(d / blur)): the edge spread
 of a Gaussian blur (the pixel's own square is part of it), which may be wider in one direction (motion), under light
-that grows linearly, or by a cubic. The ellipse is where the grey is half-way between back and dot. Gauss-Newton steps
+that grows linearly, or by a cubic. The ellipse is where the grey is half-way between back and dot; the
+centre is freed of what a blur makes of steep light (`edge_fit._moves`). Gauss-Newton steps
 on all pixels use every bit of information on the edge that the image holds, so errors are close to the Cramer-Rao
 bound, and the inverse normal matrix is their covariance. What the model leaves out and is symmetric about the centre
 moves the ellipse but not its centre; what is not symmetric, light, is tested for.
@@ -18,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
-from cpcal.vision.dots.edge_fit import ODD, OUTSIDE, RESULTS, fit_dots
+from cpcal.vision.dots.dot_pixels import OUTSIDE
+from cpcal.vision.dots.edge_fit import ODD, RESULTS, fit_dots
 from cpcal.vision.dots.edge_model import CUBIC, LINEAR, PLAIN
 from cpcal.vision.dots.grey import Grey
 from cpcal.vision.two_by_two import eigenvalues

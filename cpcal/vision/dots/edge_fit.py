@@ -6,6 +6,7 @@ import numpy as np
 
 from cpcal.common.arrays import Floats
 from cpcal.solver.compiled import compiled
+from cpcal.vision.dots.dot_pixels import gathered, reach, square
 from cpcal.vision.dots.edge_model import (
     CUBIC,
     PARAMETERS,
@@ -17,19 +18,17 @@ from cpcal.vision.dots.edge_model import (
     singles,
 )
 from cpcal.vision.dots.grey import Grey
-from cpcal.vision.scaled_solve import solved
+from cpcal.vision.scaled_solve import factored, solved, substituted
 
 ODD = CUBIC - PLAIN  # parameters of the light
 RESULTS = 14  # numbers of a fit, see `fit_dots`
-OUTSIDE = 3.0  # pixels beyond the edge that take part
-INSIDE = 3.5  # pixels inside the edge that take part, at least
 _ROUGH_STEPS = 4
 _FINE_STEPS = 6
 _ROUGH = 0.05  # pixels: the change of the centre that ends the rough steps
 _FINE = 0.006  # and the fine ones, of which each leaves less than a twentieth of its change
 _SMALL = 4.0  # pixels of radius: of a smaller dot no one can tell an ellipse from a blur that is wider one way
 _STEEPEST = 0.85  # growth of the light from a dot's centre to its edge: more of it is no light but half a dot
-_FEW = 150  # pixels, of which the rough steps take them all
+_RIDGE, _LEAST = 1e-7, 1e-24  # of the normal matrix, relative to its diagonal; and the least diagonal
 _EVEN = 0.1  # standard deviation of the parameters 8 and 9 before anything is seen: only motion makes them large
 
 
@@ -45,19 +44,19 @@ def fit_dots(
     parameters, had they been fitted as well, the inverse covariance, times that their values, and how far (pixels, x
     and y) each of them moves the centre.
     """
-    reach = 0
+    longest = 0
     for i in range(len(center)):
-        reach = max(reach, _reach(spread[i]))
-    most = (2 * reach + 1) ** 2
+        longest = max(longest, reach(spread[i]))
+    most = (2 * longest + 1) ** 2
     x, y, depth = np.empty(most, np.float32), np.empty(most, np.float32), np.empty(most, np.float32)
     level, rows = np.empty(most, np.float32), np.empty((1 + PARAMETERS + SCRATCH) * most, np.float32)
     for i in range(len(center)):
         p = np.zeros(PARAMETERS)
         unit = _begin(p, center[i], spread[i], light[i])
         at_x, at_y = int(np.rint(center[i, 0])), int(np.rint(center[i, 1]))
-        size = _square(grey.shape, at_x, at_y, _reach(spread[i]), unit, x, y)
+        size, third = square(grey.shape, at_x, at_y, reach(spread[i]), unit, x, y)
         depths(singles(p), x, y, size, depth)
-        count, rough = _gathered(grey, at_x, at_y, unit, room[i], size, x, y, depth, level)
+        count, rough = gathered(grey, at_x, at_y, unit, room[i], size, third, x, y, depth, level)
         if count <= 2 * PLAIN:
             continue
         variance = _levels(p, unit, depth, level, count)
@@ -65,14 +64,6 @@ def fit_dots(
         out[i, 0] += at_x
         out[i, 1] += at_y
         out[i, 12] = variance
-
-
-@compiled
-def _reach(spread: Floats) -> int:
-    """How many pixels from its own a dot reaches, room included."""
-    half = 0.5 * (spread[0, 0] + spread[1, 1])
-    long = half + np.sqrt(max(0.25 * (spread[0, 0] - spread[1, 1]) ** 2 + spread[0, 1] ** 2, 0.0))
-    return int(2.0 * np.sqrt(long) + OUTSIDE + 0.7) + 1
 
 
 @compiled
@@ -85,46 +76,6 @@ def _begin(p: Floats, center: Floats, spread: Floats, light: Floats) -> float:
     p[2], p[3], p[4] = scale * spread[1, 1], -scale * spread[0, 1], scale * spread[0, 0]
     p[10], p[11] = light[0] * unit, light[1] * unit
     return unit
-
-
-@compiled
-def _square(shape: tuple[int, int], at_x: int, at_y: int, reach: int, unit: float, x: Single, y: Single) -> int:
-    """The places of the pixels in a square round the dot, every third one first; how many."""
-    height, width = shape
-    size = 0
-    for turn in range(2):
-        for row in range(max(-reach, -at_y), min(reach, height - 1 - at_y) + 1):
-            for column in range(max(-reach, -at_x), min(reach, width - 1 - at_x) + 1):
-                if ((column - row) % 3 == 0) == (turn == 0):
-                    x[size], y[size] = column / unit, row / unit
-                    size += 1
-    return size
-
-
-@compiled
-def _gathered(
-    grey: Grey,
-    at_x: int,
-    at_y: int,
-    unit: float,
-    room: float,
-    size: int,
-    x: Single,
-    y: Single,
-    depth: Single,
-    level: Single,
-) -> tuple[int, int]:
-    """Keeps the pixels of a square that are the dot's: how many, and how many of these the rough steps take."""
-    count, rough = 0, 0
-    least, most = -room / unit, INSIDE / unit
-    for k in range(size):
-        if least < depth[k] < most:
-            column, row = int(np.rint(x[k] * unit)), int(np.rint(y[k] * unit))
-            x[count], y[count], depth[count] = x[k], y[k], depth[k]
-            level[count] = grey[at_y + row, at_x + column]
-            count += 1
-            rough += (column - row) % 3 == 0
-    return count, (rough if count >= _FEW else count)
 
 
 @compiled
@@ -177,7 +128,7 @@ def _run(
         if moved <= _FINE and _growth(p) < _STEEPEST:
             _result(p, unit, used, count, matrix, step, out)
             if used < CUBIC:
-                _further(matrix, unit, used, out[11] ** 2, odd)
+                _further(matrix, _moves(p), unit, used, out[11] ** 2, odd)
             return
 
 
@@ -207,7 +158,12 @@ def _stepped(p: Floats, unit: float, used: int, count: int, matrix: Single, step
 @compiled
 def _solved(matrix: Single, size: int, right: Floats, out: Floats) -> bool:
     """out = matrix^-1 right, of the first `size`, all finite."""
-    return solved(matrix, size, 1e-7, 1e-24, right, out) and bool(np.isfinite(out[:size]).all())
+    if not solved(matrix, size, _RIDGE, _LEAST, right, out):
+        return False
+    total = 0.0
+    for i in range(size):
+        total += abs(out[i])
+    return bool(np.isfinite(total))
 
 
 @compiled
@@ -227,24 +183,48 @@ def _result(p: Floats, unit: float, used: int, count: int, matrix: Single, step:
     for i in range(used):  # after the step, to first order
         squares -= matrix[-1, i] * step[i]
     variance = max(squares, 0.0) / max(count - used, 1)
-    one, by_x, by_y = np.zeros(used), np.zeros(used), np.zeros(used)
-    one[0] = 1.0
-    if not _solved(matrix, used, one, by_x):
+    moves, by_x, by_y = _moves(p), np.zeros(used), np.zeros(used)
+    factor, scales = np.empty((used, used)), np.empty(used)
+    if not factored(matrix, used, _RIDGE, _LEAST, factor, scales):
         return
-    one[0], one[1] = 0.0, 1.0
-    if not _solved(matrix, used, one, by_y):
-        return
-    out[0], out[1] = p[0] * unit, p[1] * unit
+    substituted(factor, scales, used, moves[0], by_x)
+    substituted(factor, scales, used, moves[1], by_y)
+    out[0], out[1] = np.dot(moves[0], p) * unit, np.dot(moves[1], p) * unit
     for i in range(3):
         out[2 + i] = p[2 + i] / unit**2
     out[5], out[6], out[7] = p[5], p[6], np.exp(p[7]) * unit
     scale = variance * unit * unit
-    out[8], out[9], out[10] = scale * by_x[0], scale * by_x[1], scale * by_y[1]
+    out[8], out[9] = scale * np.dot(moves[0, :used], by_x), scale * np.dot(moves[1, :used], by_x)
+    out[10] = scale * np.dot(moves[1, :used], by_y)
     out[11], out[13] = np.sqrt(variance), count
 
 
 @compiled
-def _further(matrix: Single, unit: float, used: int, variance: float, odd: Floats) -> None:
+def _moves(p: Floats) -> Floats:
+    """How the centre (x, y) depends on the parameters, (2, PARAMETERS).
+
+    Light falls on the plate before the optics blur it: a blur of the covariance B makes of a step S under light l not
+    l S but l S + (B grad l) . grad S, a step moved by -B grad l / l. The fit's ellipse is so moved; this takes it back.
+    Of the gradient of a cubic the first harmonic on the dot's edge counts.
+    """
+    square = np.exp(p[7]) ** 2
+    xx, xy, yy = square * (1.0 + p[8]), square * p[9], square * (1.0 - p[8])
+    out = np.zeros((2, PARAMETERS))
+    out[0, 0], out[1, 1] = 1.0, 1.0
+    for i in range(2):
+        along_x, along_y = (xx, xy) if i == 0 else (xy, yy)
+        out[i, 10], out[i, 11] = along_x, along_y
+        out[i, 12], out[i, 13], out[i, 14], out[i, 15] = (
+            2.25 * along_x,
+            0.75 * along_y,
+            0.75 * along_x,
+            2.25 * along_y,
+        )
+    return out
+
+
+@compiled
+def _further(matrix: Single, moves: Floats, unit: float, used: int, variance: float, odd: Floats) -> None:
     """What the light's parameters from `used` on would be: information and right side after the odd ones before them
     (centre, and light as far as it was fitted) were eliminated, and how they would move the centre."""
     size, before = 2 + ODD, 2 + used - PLAIN
@@ -266,6 +246,10 @@ def _further(matrix: Single, unit: float, used: int, variance: float, odd: Float
     scale = 1.0 / max(variance, 1e-12)
     for i in range(before, size):
         odd[i - 2, ODD] = scale * block[i, size]
-        odd[i - 2, ODD + 1], odd[i - 2, ODD + 2] = -unit * block[0, i], -unit * block[1, i]
+        for axis in range(2):
+            move = moves[axis, i - 2 + PLAIN]
+            for k in range(before):
+                move -= moves[axis, k if k < 2 else k - 2 + PLAIN] * block[k, i]
+            odd[i - 2, ODD + 1 + axis] = unit * move
         for j in range(before, size):
             odd[i - 2, j - 2] = scale * block[i, j]

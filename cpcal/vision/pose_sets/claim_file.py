@@ -17,7 +17,7 @@ from cpcal.vision.pose_sets.field_of_view import field_of_view
 from cpcal.vision.pose_sets.pose_box import PoseBox
 from cpcal.vision.pose_sets.sight import Sight
 
-POSE_SET_FORMAT = "cpcal-pose-set/1"
+POSE_SET_FORMAT = "cpcal-pose-set/2"
 SUFFIX = ".pose.json"
 
 
@@ -49,7 +49,12 @@ def inputs_of(sight: Sight, name: str, sources: Mapping[str, bytes]) -> dict[str
             "ball": bool(cameras.ball),
             "field": _hex(field_of_view(cameras).radius),
         },
-        "target": {"radius": _hex(target.radius), "dots": _hex(sight.dots), "half_widths": _hex(sight.widths)},
+        "target": {
+            "radius": _hex(target.radius),
+            "dots": _hex(sight.dots),
+            "half_widths": _hex(sight.widths),
+            "scale": _hex(sight.targets.scale),
+        },
         "frames": {"camera": _motion(sight.frames.camera), "target": _motion(sight.frames.target)},
     }
 

@@ -107,6 +107,7 @@ def write_certificate(
         hull = _hull([left for _, left in chains], center)
         if (hull is None) != (found is None):
             raise ModelError("no certificate: the rows in their rounded form do not exclude all poses")
+        hull = hull and view.sight.with_scale(hull)
     except BaseException:
         for path in record.written:
             path.unlink(missing_ok=True)

@@ -131,6 +131,8 @@ def enclose_pose(
         found = enclosed(view)
     if certificate is not None:
         found = write_certificate(Path(certificate), view, found, outliers, sources)
+    elif isinstance(found, PoseBox):
+        found = view.sight.with_scale(found)
     wrong = tuple(int(k) for k in np.sort(boxes.numbers[refuted]))
     return _pose_set(found, frames, outliers, wrong, time.perf_counter() - begin)
 

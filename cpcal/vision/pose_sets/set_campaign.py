@@ -11,6 +11,9 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Campaign, Robot
 from cpcal.vision.pose_sets.pose_set import PoseSet
 
+# a page of such a campaign shows it among the campaign's provenance
+NOT_ON_THE_PAGE = "checked by `cpcal verify` of their folder, from pixels on; the check on this page begins after them"
+
 
 def campaign_of(
     sets: Sequence[PoseSet],
@@ -27,7 +30,8 @@ def campaign_of(
     Row k states |P - P_k| <= p and |2 s| <= r with half-widths of its own, which hold the pose set of image k: what is
     certified of the campaign is true of every robot whose poses show the dots in their pixel boxes and whose leg
     readings are off by at most `length_radius` (broadcast to (N, n) mm). The frames were exact: what is not known of
-    them (hand-eye calibration) is not in the sets.
+    them (hand-eye calibration) is not in the sets. What the campaign's certificates and pages check begins at these
+    boxes, not at the pixels; its `provenance` says so.
 
     Raises InputError for sets that are not proved, for frames that differ, and for what makes no campaign.
     """
@@ -52,5 +56,5 @@ def campaign_of(
         rotation_radius=np.array([one.rotation_radius for one in sets]),
         length_radius=length_radius,
         exact=length_radius is None,
-        provenance=provenance,
+        provenance={"pose sets": NOT_ON_THE_PAGE, **(provenance or {})},
     )

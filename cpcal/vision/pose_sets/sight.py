@@ -13,7 +13,7 @@ import numpy as np
 from cpcal.common.arrays import Floats, Indices
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.pose_sets.bias import center_bias
-from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner, rotation, times, turned_by
+from cpcal.vision.pose_sets.enclosed import ENGINE, exact, inner, rotation, times, transposed, turned_by
 from cpcal.vision.pose_sets.field_of_view import BIAS_ROUNDS, NEAREST, field_of_view
 from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes
 from cpcal.vision.pose_sets.pose_box import PoseBox
@@ -96,6 +96,20 @@ class Sight:
         if bias is None:
             return TURNS_BACK
         return pyramids(self.cameras, ENGINE.sub(IntervalArray(self.boxes.lo, self.boxes.hi), bias))
+
+    def with_scale(self, box: PoseBox) -> PoseBox:
+        """The poses of a box if the plate may be 1 + tau times as large: one that is so much farther away, and turned
+        alike, looks the same. So the target's origin C'c + P + R p in the base frame moves by tau times itself."""
+        if not self.targets.scale:
+            return box
+        e, frames = ENGINE, self.frames
+        arm = exact(frames.target.position)
+        origin = e.add(exact(box.center.position), times(rotation(box.center.quaternion), arm))
+        origin = e.add(origin, times(transposed(rotation(frames.camera.quaternion)), exact(frames.camera.position)))
+        turned = e.mul(e.sum(exact(2.0 * box.half_turn.mag), 0), e.sum(exact(arm.mag), 0))  # at least |R p - R0 p|
+        far = e.add(e.add(exact(origin.mag), exact(box.position.mag)), turned)
+        moved = IntervalArray.around(np.zeros(3), e.mul(exact(self.targets.scale), far).hi)
+        return PoseBox(box.center, e.add(box.position, moved), box.half_turn)
 
     def placed(self, box: PoseBox) -> tuple[IntervalArray, IntervalArray]:
         """Dots (m, 3) mm and the plate's normal (3,) in the camera frame, for the poses of a box."""

@@ -20,6 +20,7 @@ from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, Camera
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact
 from cpcal.vision.target import Target
 
+LARGEST_SCALE = 0.1  # of a plate's error, as a share
 _COUNT = len(CAMERA_NUMBERS)
 
 
@@ -107,11 +108,14 @@ class CameraSet(Value):
 class TargetSet(Value):
     """Targets whose dot i is within `half_widths[i]` of its place: (n, 3) mm along x, y and z of the target.
 
-    Raises InputError for half-widths that are none.
+    scale  the plate as a whole, dots' radius included, is 1 + tau times such a one, |tau| <= scale: as a print shrinks
+
+    Raises InputError for half-widths or a scale that are none.
     """
 
     target: Target
     half_widths: Floats
+    scale: float = 0.0
 
     def __post_init__(self) -> None:
         widths, shape = frozen_array(self.half_widths), (len(self.target.dots), 3)
@@ -120,6 +124,9 @@ class TargetSet(Value):
             raise InputError([Problem("target half-widths", what, f"give one number, (3,) or {shape}, mm")])
         if not (np.isfinite(widths) & (widths >= 0.0)).all():
             raise InputError([Problem("target half-widths", "are negative or not finite", "give mm >= 0")])
+        if not 0.0 <= self.scale <= LARGEST_SCALE:
+            what = f"is {self.scale}"
+            raise InputError([Problem("target scale", what, f"give a share from 0 to {LARGEST_SCALE:g}")])
         object.__setattr__(self, "half_widths", widths)
 
     @classmethod
@@ -128,8 +135,9 @@ class TargetSet(Value):
         return target if isinstance(target, TargetSet) else cls.within(target, 0.0)
 
     @classmethod
-    def within(cls, target: Target, half_widths: npt.ArrayLike) -> TargetSet:
+    def within(cls, target: Target, half_widths: npt.ArrayLike, scale: float = 0.0) -> TargetSet:
         """One half-width, or one for each coordinate (3,), for all dots; or (n, 3). Raises InputError."""
         widths = np.asarray(half_widths, dtype=np.float64)
         alike = widths.ndim == 0 or widths.shape == (3,)
-        return cls(target, np.tile(widths * np.ones(3), (len(target.dots), 1)) if alike else widths)
+        each = np.tile(widths * np.ones(3), (len(target.dots), 1)) if alike else widths
+        return cls(target, each, float(scale))

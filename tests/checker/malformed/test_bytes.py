@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cpcal.checker import Refused, Unusable, check
+from cpcal.checker import ExactCampaign, Refused, Unusable, check
 from cpcal.files.campaign_json import NAME
 
 Lines = list[dict[str, Any]]
@@ -186,3 +186,29 @@ def test_a_directory_and_a_missing_file(tmp_path: Path, exact_proof: Any) -> Non
     for path in (tmp_path, tmp_path / "missing"):
         with pytest.raises(Unusable, match=r"regular|cannot be read"):
             check(path, exact_proof.folder / NAME)
+
+
+def test_a_large_campaign_is_read_line_by_line_to_the_same_measurements(
+    exact_proof: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = (exact_proof.folder / NAME).read_bytes()
+    at_once, path = ExactCampaign(exact_proof.folder / NAME), tmp_path / NAME
+    monkeypatch.setattr("cpcal.checker.exact_campaign.LARGEST_FILE", len(content) // 2)
+    path.write_bytes(content)
+    by_line = ExactCampaign(path)
+    assert (by_line.sha256, by_line.robot, by_line.ids) == (at_once.sha256, at_once.robot, at_once.ids)
+    for k in range(len(at_once)):
+        assert by_line.measurement(k, 3) == at_once.measurement(k, 3)
+    first, second = (b"\n" + line for line in content.splitlines()[-4:-2])
+    for broken in (
+        content.replace(second, second.rstrip(b",")),  # ends after it, by the comma that it lacks
+        content.replace(second, second.replace(b'",', b'"],"more":["', 1)),
+        content.replace(first + second, first + second.lstrip()),
+        content[: content.index(second)],
+        content.replace(b"\n ]}", b",\n ]}"),
+        content.replace(b"{", b"{" + b" " * len(content), 1),
+        content.replace(b'"measurements": [\n', b'"measurements": ['),
+    ):
+        path.write_bytes(broken)
+        with pytest.raises(Refused, match=NAME):
+            ExactCampaign(path)

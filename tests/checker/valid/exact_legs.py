@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fractions import Fraction as F
 
 from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial
-from cpcal.checker.leg import Measurement, leg_problem
+from cpcal.checker.leg import Measurement, Stated, leg_problem
 from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.problem import Problem, Unknowns
 from cpcal.solver.certificate.statement import free
@@ -74,7 +74,7 @@ def value(p: Polynomial, u: Vector, readings: Sequence[F] = (F(0),) * READINGS) 
 
 def leg(m: Measurement, model: str) -> Problem:
     """A leg of one measurement."""
-    return leg_problem([m].__getitem__, 1, model, None)
+    return leg_problem(lambda _: Stated.of(m), 1, model, None)
 
 
 def unknowns(box: ExactBox) -> Unknowns:

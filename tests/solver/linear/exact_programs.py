@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from fractions import Fraction as F
+from functools import cache
 
 import numpy as np
 
@@ -119,6 +120,13 @@ def _minimised(tableau: list[list[F]], sides: list[F], basis: list[int], cost: l
         _pivot(tableau, sides, basis, min(ratios)[2], entering)
 
 
+@cache  # for one engine after another
+def optima(seed: int) -> tuple[F | None, ...]:
+    """Of each objective of program `seed`; None where the program is infeasible."""
+    case = program(seed)
+    return tuple(optimum(case, objective) for objective in case.objectives)
+
+
 def contradictions(seed: int, solver: type[LinearEngine] = Dense) -> tuple[list[str], int]:
     """What an engine proves of a program that is not true (nothing, or there is a mistake), and how often it failed."""
     case = program(seed)
@@ -126,9 +134,8 @@ def contradictions(seed: int, solver: type[LinearEngine] = Dense) -> tuple[list[
     engine.load(case.matrix, case.rhs, case.lower, case.upper)
     columns, nothing = IntervalArray(case.lower, case.upper), np.zeros(len(case.lower))
     wrong, failed = [], 0
-    for objective in case.objectives:
+    for objective, exact in zip(case.objectives, optima(seed), strict=True):
         solution = engine.minimize(objective)
-        exact = optimum(case, objective)
         rows, y = solution.rows, solution.multipliers
         bound = lower_bound(arithmetic, case.matrix, case.rhs, rows, y, objective, columns)
         empty = lower_bound(arithmetic, case.matrix, case.rhs, rows, y, nothing, columns) > 0.0

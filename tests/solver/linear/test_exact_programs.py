@@ -11,7 +11,7 @@ import pytest
 
 from cpcal.solver.linear import Dense, LinearEngine
 from cpcal.solver.linear.glop import Glop
-from tests.solver.linear.exact_programs import KINDS, contradictions, program
+from tests.solver.linear.exact_programs import KINDS, contradictions, main, program
 
 COUNT = 210
 
@@ -24,6 +24,11 @@ def test_no_bound_is_contradicted_and_nearly_every_program_is_solved(solver: typ
     failed = sum(count for _, count in outcomes)
     allowed = 0.2 if kind == "badly scaled" else 0.02  # of programs that nobody has scaled
     assert failed <= allowed * 4 * len(outcomes)
+
+
+@pytest.mark.nightly
+def test_no_bound_of_three_thousand_programs_is_contradicted() -> None:
+    assert main(3000) == 0
 
 
 def test_the_kernel_ends_in_its_bounded_number_of_pivots_without_help(monkeypatch: pytest.MonkeyPatch) -> None:

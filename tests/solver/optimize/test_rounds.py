@@ -67,22 +67,24 @@ def test_a_paving_is_the_same_with_workers(paved):
 
 @pytest.mark.parametrize("span", [0.0, 10.0])
 def test_how_far_a_worker_looks_ahead_changes_no_decision(paved, span):
-    process = Divide(HC4(paved), LargestFirst(0.3))
+    process = Divide(HC4(paved), LargestFirst(0.3), outside=True)
     search = Search([paved.domain], process, abreast=64)
-    nodes = []
-    for event in search:
-        nodes.append(event)
+    for _ in search:
         if search.waiting > 8 and not search.within_round:
             break
-    roots = grown(process, search.pending, span).roots(search.waiting)
+    forest = grown(process, (search.pending, span))
+    roots = [forest.decision(k) for k in range(search.waiting)]
     assert [ahead(one) for one in roots] == [0 if span == 0.0 else below(process, node) for node in search.pending]
     for node, one in zip(search.pending, roots, strict=True):
         same(process, node, one)
 
 
+def made_ahead(decision):
+    return [piece.decided.decision for piece in decision.pieces if piece.decided is not None]
+
+
 def ahead(decision):
-    made = [piece.decided for piece in decision.pieces if piece.decided is not None]
-    return sum(1 + ahead(one) for one in made)
+    return sum(1 + ahead(one) for one in made_ahead(decision))
 
 
 def below(process, node):
@@ -96,11 +98,16 @@ def below(process, node):
 def same(process, node, decision):
     """That a decision, and all that it carries, is what is decided here."""
     here = process(node)
-    assert (here.kind, here.box, here.uses) == (decision.kind, decision.box, decision.uses)
+    assert (here.kind, here.box, here.uses, here.removed) == (
+        decision.kind,
+        decision.box,
+        decision.uses,
+        decision.removed,
+    )
     assert [piece.box for piece in here.pieces] == [piece.box for piece in decision.pieces]
     for piece in decision.pieces:
         if piece.decided is not None:
-            same(process, Node(piece.box, node.depth + 1, -1, piece.state), piece.decided)
+            same(process, Node(piece.box, node.depth + 1, -1, piece.state), piece.decided.decision)
 
 
 def test_one_leg_uses_all_workers_and_its_certificate_is_the_same(tmp_path):

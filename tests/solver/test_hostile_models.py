@@ -1,0 +1,62 @@
+"""Models that are asked too much, or wrongly: a right answer, checked by hand, or a clear error."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import cpcal
+from cpcal.common.errors import ModelError
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.network.rows import Rows
+from cpcal.solver.optimize.equations import Equations
+from cpcal.solver.optimize.local_search import LocalSearch
+
+
+def test_points_of_whole_numbers_that_solve_nothing_are_not_kept() -> None:
+    """6 a + 10 b + 15 c = 29 has no solution in whole numbers of at least 0: 29 is the largest such number."""
+    for total, count in ((29, 0), (30, 3), (31, 1)):
+        net = cpcal.Network()
+        n = net.variable("n", 3, domain=(0, 50), integer=True)
+        net.add(6 * n[0] + 10 * n[1] + 15 * n[2] == total)
+        paving = net.solve()
+        assert len(paving.solutions) == count, total
+        assert paving.complete
+
+
+def test_a_domain_of_nanometres_is_divided_too() -> None:
+    net = cpcal.Network()
+    x = net.variable("x", domain=(-1e-9, 1e-9))
+    net.add(x**2 == 1e-20)
+    paving = net.solve()
+    assert [s.verdict for s in paving.solutions] == [Verdict.PROVED] * 2
+    assert sorted(round(s.box["x"].mid * 1e10, 9) for s in paving.solutions) == [-1.0, 1.0]
+
+
+def test_an_objective_without_a_finite_bound_at_first_is_closed() -> None:
+    """1/x^2 on [-4, 4] is least at the ends; 1/x has no least value, and points show how far down it goes."""
+    net = cpcal.Network()
+    x = net.variable("x", domain=(-4, 4))
+    best = net.minimize(1 / (x * x))
+    assert best.verdict is Verdict.PROVED
+    assert best.lo <= 1 / 16 <= best.hi
+    down = net.minimize(1 / x, limits=Limits(nodes=30))
+    assert down.lo == -np.inf
+    assert down.hi < -0.25
+
+
+def test_variables_without_bounds_are_named() -> None:
+    net = cpcal.Network()
+    x, y = net.variable("x"), net.variable("y", domain=(0, 1))
+    with pytest.raises(ModelError, match="has none for x: give one"):
+        net.minimize((x - 3) ** 2 + y)
+
+
+def test_an_equation_that_no_step_mends_ends_the_local_search() -> None:
+    """x^2 = 1e10 at x = 0: the derivative vanishes."""
+    net = cpcal.Network()
+    x, y = net.variable("x", domain=(-1e8, 1e8)), net.variable("y", domain=(-1, 1))
+    net.add([x * x == 1e10, y >= x])
+    search = LocalSearch(net, Rows(net), 1, Equations(net, get_arithmetic("float64")))
+    assert search.inside(np.zeros(2), 1e-9, np.ones(2)) is None
