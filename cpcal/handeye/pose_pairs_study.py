@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.handeye.hand_eye_study import HandEyeStudy, Setup
-from cpcal.robot import Pose, quaternion_from_matrix
+from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
 
 STAND_IN = Camera(2000, 2000, np.array([1000.0, 1000.0]), np.array([999.5, 999.5]), np.zeros(5))
@@ -49,8 +48,3 @@ def study_of_pairs(
         pixels=camera.project(points).reshape(-1, 2),
         points=np.tile(board, (count, 1)),
     )
-
-
-def pose_of_matrices(matrices: Floats, millimetres: float) -> Pose:
-    """Poses of matrices (n, 4, 4), their translations times `millimetres`."""
-    return Pose(millimetres * matrices[:, :3, 3], quaternion_from_matrix(matrices[:, :3, :3]))

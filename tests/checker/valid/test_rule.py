@@ -8,7 +8,7 @@ import random
 from fractions import Fraction as F
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given, seed, settings
 from hypothesis import strategies as st
 
 from cpcal.checker.exact_polynomial import FIELD, READINGS, signed
@@ -137,7 +137,7 @@ def test_a_point_that_holds_has_a_reading(model: str) -> None:
     outcomes: set[bool] = set()
 
     @given(solutions(model), st.sampled_from([F(0), F(1, 128), F(-1, 128), F(-1)]))
-    @settings(max_examples=EXAMPLES, derandomize=True)  # both outcomes must be among them
+    @settings(max_examples=EXAMPLES, database=None)
     def check(found: tuple[Measurement, ExactBox, Vector, Vector], more: F) -> None:
         m, _, x, reading = found
         x[-1] = x[-1] + more if more > -1 else F(0)
@@ -164,7 +164,10 @@ def test_a_point_that_holds_has_a_reading(model: str) -> None:
                 low, high = (low, middle) if over(middle) > 0 else (middle, high)
         assert abs(over(low if over(high) > 0 else high) + x[-1]) <= x[-1] + F(1, 10**6)
 
-    check()
+    for start in range(8):  # until both outcomes are among them
+        seed(start)(check)()
+        if len(outcomes) == 2:
+            break
     assert outcomes == {True, False}
 
 
