@@ -23,7 +23,7 @@ from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.certificate.uncertified import certified
 from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
-from cpcal.solver.contract import Contraction, Contractor, Limits, Repeat, Strategy, Then, in_sequence, until
+from cpcal.solver.contract import Clock, Contraction, Contractor, Limits, Repeat, Strategy, Then, in_sequence, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr
@@ -166,17 +166,7 @@ class Network(ConstraintNetwork):
         there = spread_over(executor_for(workers, scheduler, executor, loads=_LOADS))
         with heard(), linear_algebra_on_one_thread(), there as spread:
             race = Race([Contender(m.name, partial(search, m, spread), m.slice, m.turns) for m in choice.methods])
-            nodes = before = keeper.begin(race)
-            try:
-                for event in race:
-                    nodes += 1
-                    keeper.after(race, nodes)
-                    if progress is not None:
-                        progress(event)
-                    if clock.over(nodes - before) or asked():
-                        break
-            except KeyboardInterrupt:
-                pass
+            nodes = _raced(race, keeper, clock, progress)
             found = race.leader.search or search(choice.methods[0], spread)
             keeper.end(complete=not found.waiting)
             paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
@@ -280,6 +270,22 @@ class Network(ConstraintNetwork):
         if names:
             or_else = "" if chosen else ", or put hc4 first"
             raise ModelError(f"minimize needs bounded domains, and has none for {listed(names)}: give one{or_else}")
+
+
+def _raced(race: Race, keeper: PavingCheckpoint, clock: Clock, progress: Callable[[Event], None] | None) -> int:
+    """Run the race, from where the checkpoint says, until it ends or is stopped; how many nodes it has taken in all."""
+    nodes = before = keeper.begin(race)
+    try:
+        for event in race:
+            nodes += 1
+            keeper.after(race, nodes)
+            if progress is not None:
+                progress(event)
+            if clock.over(nodes - before) or asked():
+                break
+    except KeyboardInterrupt:
+        pass
+    return nodes
 
 
 def _contracted(contracting: Callable[[SearchMethod], Contractor], method: SearchMethod, box: Box) -> Box:
