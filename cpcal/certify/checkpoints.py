@@ -10,16 +10,14 @@ import hashlib
 import json
 import logging
 import shutil
-import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
-from typing import Any
 
-from cpcal.common.errors import CpcalError, InputError, Problem
+from cpcal.common.errors import CpcalError
 from cpcal.common.version import __version__
-from cpcal.execution.checkpoint_file import Line, read_checkpoint, write_checkpoint
+from cpcal.execution.checkpoint_file import Line, read_checkpoint
+from cpcal.execution.keeping import Regularly, garbled, kept
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import decoded, encoded
 from cpcal.legs import LegModel
@@ -30,9 +28,7 @@ from cpcal.solver.optimize import Minimum
 from cpcal.solver.optimize.saved import Saved
 
 FOLDER = "checkpoint"
-_EVERY = 5.0  # seconds between two checkpoints of a search
 _LONG = 1.0  # seconds: a search that is not done twice
-_SHARE = 20.0  # and at least so many times as long as the last one took
 _LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket
 _LOGGER = logging.getLogger("cpcal")
 
@@ -84,13 +80,13 @@ class Checkpoints:
             files = {str(line["file"]): str(line["text"]).encode() for line in rest}
             return decoded(LegResult, first["leg"]), files
         except (KeyError, ValueError, CpcalError) as error:
-            raise _garbled(path, error) from None
+            raise garbled(path, error) from None
 
     def keep_answer(self, leg: LegResult, files: Files) -> None:
         """The leg is answered: that is kept, and where its search stood no longer matters."""
         path = self._path(leg.leg, "answer")
         lines = [{"leg": encoded(leg)}, *({"file": name, "text": text.decode()} for name, text in files.items())]
-        if _kept(path, self._of(path.name), lines):
+        if kept(path, self._of(path.name), lines):
             self._path(leg.leg, "search").unlink(missing_ok=True)
             _LOGGER.info("kept", extra={"fields": {"leg": leg.leg, "eps_lo": leg.eps_lo, "eps_hi": leg.eps_hi}})
 
@@ -101,7 +97,7 @@ class Checkpoints:
 
     def keep_search(self, leg: int, lines: Iterator[Line]) -> None:
         path = self._path(leg, "search")
-        _kept(path, self._of(path.name), lines)
+        kept(path, self._of(path.name), lines)
 
     def _path(self, leg: int, kind: str) -> Path:
         return self.folder / f"leg{leg}.{kind}"
@@ -116,7 +112,7 @@ class SearchKeeper:
     def __init__(self, checkpoints: Checkpoints, leg: int, recording: Recording | None) -> None:
         self._checkpoints, self._leg, self._recording = checkpoints, leg, recording
         self._saved: Callable[[], Saved] | None = None
-        self._next = time.monotonic() + _EVERY
+        self._regularly = Regularly(self._keep)
 
     def resumed(self) -> Saved | None:
         """Where to go on, the recording brought there; None to begin. Raises InputError."""
@@ -132,13 +128,12 @@ class SearchKeeper:
                 self._recording.restore(steps)
             return found
         except (KeyError, ValueError, TypeError, CpcalError) as error:
-            raise _garbled(self._checkpoints.folder / f"leg{self._leg}.search", error) from None
+            raise garbled(self._checkpoints.folder / f"leg{self._leg}.search", error) from None
 
     def __call__(self, saved: Callable[[], Saved]) -> None:
         """After every node: `saved` says where the search stands."""
         self._saved = saved
-        if time.monotonic() >= self._next:
-            self.keep()
+        self._regularly()
 
     def end(self, found: Minimum) -> None:
         """At the end: where boxes are left; or it took long, for its support may be interrupted."""
@@ -147,36 +142,14 @@ class SearchKeeper:
 
     def keep(self) -> None:
         """Now."""
-        if self._saved is None:
-            return
-        began = time.monotonic()
-        self._checkpoints.keep_search(self._leg, self._lines(self._saved()))
-        now = time.monotonic()
-        self._next = now + max(_EVERY, _SHARE * (now - began))
+        self._regularly.now()
+
+    def _keep(self) -> None:
+        if self._saved is not None:
+            self._checkpoints.keep_search(self._leg, self._lines(self._saved()))
 
     def _lines(self, saved: Saved) -> Iterator[Line]:
         for line in saved.lines():
             yield {"search": line}
         if self._recording is not None:
             yield from self._recording.saved()
-
-
-def _kept(path: Path, of: Mapping[str, str], lines: Any) -> bool:
-    """Write, or say in the log that it could not be: no checkpoint is worth the run."""
-    try:
-        write_checkpoint(path, of, lines)
-    except InputError as error:
-        _say_once(str(error.problems[0]))
-        return False
-    return True
-
-
-@cache
-def _say_once(problem: str) -> None:
-    """On stderr, or in the log where there is one."""
-    _LOGGER.warning("cpcal: warning: a checkpoint is missing: %s", problem)
-
-
-def _garbled(path: Path, error: Exception) -> InputError:
-    what = f"lacks or garbles something ({error})"
-    return InputError([Problem(str(path), what, "run again without --resume, which begins anew")])

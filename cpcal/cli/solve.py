@@ -41,6 +41,9 @@ def solve(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.svg", help="Of all solutions in the first two unknowns.")
     ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where a stopped search for all solutions left OUTPUT.checkpoint.")
+    ] = False,
     *,
     talk: Talk,
 ) -> None:
@@ -52,7 +55,14 @@ def solve(
     problem = load_problem(source)
     limits = Limits(seconds=time_limit, nodes=node_limit, gap=gap)
     with heard(terminate=True):
-        found = answer(problem, width=width, limits=limits, certificate=certificate)
+        found = answer(
+            problem,
+            width=width,
+            limits=limits,
+            certificate=certificate,
+            checkpoint=output.with_name(f"{output.name}.checkpoint"),
+            resume=resume,
+        )
         reason = asked()
     rows = len(problem.network.constraints)
     write_file(output, sol_bytes(found, rows) if output.suffix == ".sol" else found.to_json())

@@ -101,17 +101,24 @@ def answer(
     width: float | None = None,
     limits: Limits | None = None,
     certificate: str | os.PathLike[str] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    resume: bool = False,
 ) -> Answer:
-    """Solve, or minimise, the problem. Raises ModelError for what the solver cannot take."""
+    """Solve, or minimise, the problem; `checkpoint` and `resume` are those of `Network.solve`.
+
+    Raises ModelError for what the solver cannot take, InputError for a checkpoint of other things.
+    """
     start, network = time.monotonic(), problem.network
     if problem.objective is None:
         if certificate is not None:
             raise ModelError("a certificate is written of a minimisation: this problem has no objective")
-        found = network.solve(width=width, limits=limits)
+        found = network.solve(width=width, limits=limits, checkpoint=checkpoint, resume=resume)
         unknown = sum(s.verdict is Verdict.UNKNOWN for s in found.solutions)
         verdict = Verdict.UNKNOWN if not found.complete else Verdict.PROVED if found.solutions else Verdict.REFUTED
         pending = 0 if found.complete else unknown
         return Answer(problem, verdict, found.status, found.nodes, time.monotonic() - start, pending, paving=found)
+    if resume:
+        raise ModelError("a minimisation keeps no checkpoint: leave --resume out, which begins anew")
     objective = -problem.objective if problem.maximize else problem.objective
     why: InputError | None = None
     try:

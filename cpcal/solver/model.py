@@ -10,11 +10,9 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
 import numpy.typing as npt
 
 from cpcal.common import numbers
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
 from cpcal.common.names import listed
 from cpcal.execution.executors import Here, executor_for
@@ -25,21 +23,20 @@ from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.certificate.uncertified import certified
 from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
-from cpcal.solver.contract import Contraction, Contractor, Limits, Repeat, Strategy, Then, in_sequence, until
+from cpcal.solver.contract import Clock, Contraction, Contractor, Limits, Repeat, Strategy, Then, in_sequence, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.network.divisions import with_products
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.questions import (
+    check_weights,
     checked_limits,
-    checked_width,
-    default_width,
     named_order,
     named_strategy,
     relaxed,
     remaining,
-    small_units,
+    resolution,
     start_point,
     width_sentence,
     with_objective,
@@ -47,7 +44,6 @@ from cpcal.solver.questions import (
 from cpcal.solver.row_use import row_use
 from cpcal.solver.search import (
     Contender,
-    Contracting,
     Divide,
     Event,
     Paving,
@@ -60,6 +56,7 @@ from cpcal.solver.search import (
     conclusion,
     spread_over,
 )
+from cpcal.solver.search.paving_checkpoint import PavingCheckpoint
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -110,6 +107,8 @@ class Network(ConstraintNetwork):
         workers: int | None = None,
         scheduler: str | None = None,
         executor: Executor | Client | None = None,
+        checkpoint: str | os.PathLike[str] | None = None,
+        resume: bool = False,
     ) -> Paving:
         """Boxes, of components no wider than `width`, that hold all solutions. Ctrl-C ends it early, cleanly.
 
@@ -128,6 +127,10 @@ class Network(ConstraintNetwork):
 
         `workers` processes, a Dask `scheduler` or an `executor` (see `cpcal.certify`) decide the boxes of each round;
         the answer is the same. It pays where a box takes some tenths of a millisecond or more.
+
+        `checkpoint` names a file that says every few seconds, and at a stop, where the search stands; with `resume` it
+        goes on from there, to the answer that it would have had. The file goes when all is decided. Limits are of each
+        call. Raises InputError for a file that is cut off, or of another problem or other options.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
@@ -138,7 +141,8 @@ class Network(ConstraintNetwork):
         choice = choice_to_solve(network, clock.deadline) if chooses else Choice(AS_ASKED, "as asked for")
         priority, inside = named_order(network, order), Inside(network, engine) if inner else None
         built: dict[SearchMethod, list[tuple[str, Contractor]]] = {}
-        nodes = 0
+        options = (contractors, strategy, order, inner, width, arithmetic)
+        keeper = PavingCheckpoint(checkpoint, network, options, resume=resume)
 
         def contracting(method: SearchMethod) -> Contractor:
             names = method.contractors if chooses else DEFAULT_CONTRACTORS if contractors is None else contractors
@@ -151,7 +155,7 @@ class Network(ConstraintNetwork):
             return contractor
 
         left = partial(_contracted, contracting, choice.methods[0], network.domain)
-        finest, reach, unit = _resolution(network, left, width)
+        finest, reach, unit = resolution(network, left, width)
 
         def search(method: SearchMethod, spread: Callable[[Divide], Process]) -> Search:
             by = named_strategy(network, strategy or method.strategy, finest, reach, unit, arithmetic)
@@ -162,16 +166,9 @@ class Network(ConstraintNetwork):
         there = spread_over(executor_for(workers, scheduler, executor, loads=_LOADS))
         with heard(), linear_algebra_on_one_thread(), there as spread:
             race = Race([Contender(m.name, partial(search, m, spread), m.slice, m.turns) for m in choice.methods])
-            try:
-                for event in race:
-                    nodes += 1
-                    if progress is not None:
-                        progress(event)
-                    if clock.over(nodes) or asked():
-                        break
-            except KeyboardInterrupt:
-                pass
+            nodes = _raced(race, keeper, clock, progress)
             found = race.leader.search or search(choice.methods[0], spread)
+            keeper.end(complete=not found.waiting)
             paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
             used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
         said = f"{choice.why}: {race.sentence()}" if chooses else choice.why
@@ -251,7 +248,7 @@ class Network(ConstraintNetwork):
         if certificate is None:
             with heard():
                 return bracketed(None, None)
-        _check_weights(named)
+        check_weights(named)
         with heard(), Recording(network_statement(stated, name), network.domain) as recording:
             found = bracketed(recording.prover, recording.event)
             return certified(recording, certificate, claims_of(found, network.domain, name), found)
@@ -275,22 +272,22 @@ class Network(ConstraintNetwork):
             raise ModelError(f"minimize needs bounded domains, and has none for {listed(names)}: give one{or_else}")
 
 
+def _raced(race: Race, keeper: PavingCheckpoint, clock: Clock, progress: Callable[[Event], None] | None) -> int:
+    """Run the race, from where the checkpoint says, until it ends or is stopped; how many nodes it has taken in all."""
+    nodes = before = keeper.begin(race)
+    try:
+        for event in race:
+            nodes += 1
+            keeper.after(race, nodes)
+            if progress is not None:
+                progress(event)
+            if clock.over(nodes - before) or asked():
+                break
+    except KeyboardInterrupt:
+        pass
+    return nodes
+
+
 def _contracted(contracting: Callable[[SearchMethod], Contractor], method: SearchMethod, box: Box) -> Box:
     """What the contractors of a method leave of a box."""
     return contracting(method).contract(box).box
-
-
-def _resolution(
-    network: ConstraintNetwork, left: Callable[[], Box], width: float | None
-) -> tuple[float, Floats, Floats | float]:
-    """Below which width boxes are not divided, how far from 0 they are, and the unit of each component's width."""
-    if width is None:
-        return *default_width(network, left), small_units(network)
-    return checked_width(width), np.full(len(network.names), np.inf), 1.0
-
-
-def _check_weights(named: list[tuple[str, Contractor]]) -> None:
-    """Raises ModelError where no certificate could come of it."""
-    if not Contracting(named).gives_weights:
-        given = ", ".join(called for called, _ in named)
-        raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")

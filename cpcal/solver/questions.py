@@ -16,13 +16,13 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import stated
 from cpcal.solver import plugins
-from cpcal.solver.contract import Clock, Limits, Strategy
+from cpcal.solver.contract import Clock, Contractor, Limits, Strategy
 from cpcal.solver.existence import Equalities
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.number import float_bounds
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate
 from cpcal.solver.network.expression import as_expr
-from cpcal.solver.search import ORDERS, STRATEGIES, Priority
+from cpcal.solver.search import ORDERS, STRATEGIES, Contracting, Priority
 
 FINE_WIDTH = 1e-6  # of the boxes about single points
 REACH = 100.0  # from 0, of boxes that are divided where solutions may run to infinity and nobody asks for a width
@@ -160,3 +160,19 @@ def named_order(network: ConstraintNetwork, order: str) -> Priority:
     if order not in ORDERS:
         raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
     return ORDERS[order](network)
+
+
+def resolution(
+    network: ConstraintNetwork, left: Callable[[], Box], width: float | None
+) -> tuple[float, Floats, Floats | float]:
+    """Below which width boxes are not divided, how far from 0 they are, and the unit of each component's width."""
+    if width is None:
+        return *default_width(network, left), small_units(network)
+    return checked_width(width), np.full(len(network.names), np.inf), 1.0
+
+
+def check_weights(named: list[tuple[str, Contractor]]) -> None:
+    """Raises ModelError where no certificate could come of it."""
+    if not Contracting(named).gives_weights:
+        given = ", ".join(called for called, _ in named)
+        raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")

@@ -224,3 +224,25 @@ def test_a_largest_value_has_its_signs_turned() -> None:
     assert found.objective is not None
     assert found.objective[1] >= 17.014  # the largest is not below the smallest
     assert found.verdict is Verdict.UNKNOWN
+
+
+def test_a_stopped_search_goes_on_to_the_same_answer(tmp_path: Path) -> None:
+    ring = "Variables x in [-2,2]; y in [-2,2]; Constraints x^2 + y^2 = 2; end"
+    (tmp_path / "ring.mbx").write_text(ring)
+    (tmp_path / "least.mbx").write_text(ring.replace("Constraints", "Minimize x + y; Constraints"))
+
+    def solved(name: str, *options: str) -> int:
+        arguments = ["solve", str(tmp_path / f"{name}.mbx"), "-o", str(tmp_path / f"{name}.json"), "--width", "0.05"]
+        return CliRunner().invoke(app, [*arguments, *options]).exit_code
+
+    def said() -> dict[str, object]:
+        return {**json.loads((tmp_path / "ring.json").read_text()), "seconds": None}
+
+    assert solved("ring") == 0
+    whole = said()
+    assert solved("ring", "--node-limit", "30") == 1
+    assert (tmp_path / "ring.json.checkpoint").exists()
+    assert solved("ring", "--resume") == 0
+    assert said() == whole
+    assert not (tmp_path / "ring.json.checkpoint").exists()
+    assert solved("least", "--resume") == 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +14,7 @@ from cpcal.solver.optimize.bounding import Branch, Row
 from cpcal.solver.optimize.incumbent import Known
 from cpcal.solver.optimize.witness import Witness
 from cpcal.solver.search import Node, Piece
+from cpcal.solver.search.box_lines import bounds_of, box_of
 
 
 @dataclass(frozen=True)
@@ -89,29 +89,14 @@ class Saved:
 
 
 def _branch(box: Box, branch: Branch) -> dict[str, Any]:
-    line: dict[str, Any] = {"box": _bounds(box), "fresh": branch.fresh, "rows": sorted(branch.rows)}
-    return line if branch.found == box else line | {"found": _bounds(branch.found)}
+    line: dict[str, Any] = {"box": bounds_of(box), "fresh": branch.fresh, "rows": sorted(branch.rows)}
+    return line if branch.found == box else line | {"found": bounds_of(branch.found)}
 
 
 def _read_branch(names: tuple[str, ...], line: Mapping[str, Any]) -> tuple[Box, Branch]:
-    box = _box(names, line["box"])
-    found = _box(names, line["found"]) if "found" in line else box
+    box = box_of(names, line["box"])
+    found = box_of(names, line["found"]) if "found" in line else box
     return box, Branch(found, bool(line["fresh"]), _rows(line["rows"]))
-
-
-def _bounds(box: Box) -> list[list[float | str]] | None:
-    if box.is_empty:
-        return None
-    return [[v if math.isfinite(v) else str(v) for v in side.tolist()] for side in (box.lo, box.hi)]
-
-
-def _box(names: tuple[str, ...], bounds: Any) -> Box:
-    if bounds is None:
-        return Box.empty(names)
-    lo, hi = (np.array([float(v) for v in side], np.float64) for side in bounds)
-    if not len(lo) == len(hi) == len(names) or not (lo <= hi).all():
-        raise ValueError("a box is none")
-    return Box(names, lo, hi)
 
 
 def _rows(rows: Any) -> frozenset[Row]:

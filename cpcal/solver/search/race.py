@@ -22,7 +22,9 @@ class Contender:
     """One way to search: `start` builds it when its first turn comes; `slice` nodes make up a turn.
 
     `turns`: after so many rounds it gives up, unless nobody else is left. `decided` is the share of the domain that it
-    has decided, where every division is taken to halve: 1 at the end. It sits out `rest` rounds after its last turn.
+    has decided, where every division is taken to halve: 1 at the end. It sits out `rest` rounds after its last turn, up
+    to the round `back`. Of a turn it has `taken` so many nodes; `before` and `most`, what it and the first had decided
+    when the turn began.
     """
 
     name: str
@@ -32,23 +34,30 @@ class Contender:
     nodes: int = 0
     decided: float = 0.0
     rest: int = 0
+    back: int = 0
+    taken: int = 0
+    before: float = 0.0
+    most: float = 0.0
     search: Search | None = field(default=None, repr=False)
 
-    def turn(self, most: float = 0.0) -> Iterator[Event]:
-        """The events of one turn; fewer when the search ends. `most`: what the first has decided."""
+    def turn(self, most: float) -> Iterator[Event]:
+        """The events of one turn, or of what is left of it; fewer when the search ends. `most`: of the first."""
         if self.search is None:
             self.search = self.start()
-        before = self.decided
-        for _ in range(self.slice):
+        if not self.taken:
+            self.before, self.most = self.decided, most
+        while self.taken < self.slice:
             event = next(self.search, None)
             if event is None:
                 return
             self.nodes += 1
+            self.taken += 1
             if event.kind in _DECIDED:
                 self.decided += 2.0**-event.node.depth
             yield event
-        stalled = self.decided - before < _PROGRESS * (1.0 - before)
-        self.rest = max(1, 2 * self.rest) if stalled or self.decided < most / 2 else 0
+        stalled = self.decided - self.before < _PROGRESS * (1.0 - self.before)
+        self.rest = max(1, 2 * self.rest) if stalled or self.decided < self.most / 2 else 0
+        self.taken = 0
 
     @property
     def ended(self) -> bool:
@@ -56,31 +65,37 @@ class Contender:
 
 
 class Race:
-    """Iterate for all events; `leader` is the contender whose search is the answer so far, in the end the winner."""
+    """Iterate for all events; `leader` is the contender whose search is the answer so far, in the end the winner.
+
+    Between two events everything that the rest of the race depends on is in `rounds`, `place` (whose turn it is, of
+    those alive), `first` (who had decided most when the round began), `alive`, and the contenders.
+    """
 
     def __init__(self, contenders: Sequence[Contender]) -> None:
-        self.contenders, self._alive = tuple(contenders), list(contenders)
-        self.rounds = 0
+        self.contenders, self.alive = tuple(contenders), list(contenders)
+        self.rounds = self.place = 0
+        self.first: Contender | None = None
 
     @property
     def leader(self) -> Contender:
         """The one that ended, else the last one that goes on longest."""
-        return next((c for c in self._alive if c.ended), self._alive[-1 if self.rounds else 0])
+        return next((c for c in self.alive if c.ended), self.alive[-1 if self.rounds else 0])
 
     def __iter__(self) -> Iterator[Event]:
-        back = {id(contender): 0 for contender in self.contenders}  # the round in which each is back
         while True:
-            first = max(self._alive, key=lambda contender: contender.decided)
-            for contender in tuple(self._alive):
-                if contender is not first and self.rounds < back[id(contender)]:
-                    continue
-                yield from contender.turn(first.decided)
-                if contender.ended:
-                    return
-                back[id(contender)] = self.rounds + 1 + contender.rest
-            self.rounds += 1
-            lasting = [c for c in self._alive if c.turns is None or self.rounds < c.turns]
-            self._alive = lasting or self._alive
+            if self.first is None:
+                self.first = max(self.alive, key=lambda contender: contender.decided)
+            while self.place < len(self.alive):
+                contender = self.alive[self.place]
+                if contender.taken or contender is self.first or self.rounds >= contender.back:
+                    yield from contender.turn(self.first.decided)
+                    if contender.ended:
+                        return
+                    contender.back = self.rounds + 1 + contender.rest
+                self.place += 1
+            self.rounds, self.place, self.first = self.rounds + 1, 0, None
+            lasting = [c for c in self.alive if c.turns is None or self.rounds < c.turns]
+            self.alive = lasting or self.alive
 
     def sentence(self) -> str:
         """Who won, and against whom."""

@@ -131,12 +131,27 @@ class Search(Iterator[Event]):
         """How many nodes were ever made."""
         return self._created
 
-    def restore(self, pending: Iterable[Node], kept: Iterable[Piece], created: int) -> None:
-        """Stand where another search of the same process and priority stood between two nodes."""
+    @property
+    def begun(self) -> tuple[Node, ...]:
+        """The nodes of the round at work that are still to come, the next one first."""
+        return tuple(reversed(self._round))
+
+    def restore(
+        self,
+        pending: Iterable[Node],
+        kept: Iterable[Piece],
+        created: int,
+        *,
+        begun: Iterable[Node] = (),
+        inside: Iterable[Box] = (),
+        outside: Iterable[Box] = (),
+    ) -> None:
+        """Stand where another search of the same process and priority stood between two nodes; `pending` are the nodes
+        of no round."""
         self._frontier = Frontier(self._priority)
         self._frontier.extend(pending)
-        self._round, self._decided = [], {}
-        self.kept, self._created = list(kept), created
+        self._round, self._decided = [*begun][::-1], {}
+        self.kept, self.inside, self.outside, self._created = list(kept), list(inside), list(outside), created
 
     @property
     def pending(self) -> tuple[Node, ...]:
