@@ -62,7 +62,7 @@ def spoiled(rng: np.random.Generator, kind: str) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Trial:
+class Attempt:
     """One list or image: `right` None where it was refused, for the reason `why`; dots that were left out, and how long
     it took, s."""
 
@@ -73,7 +73,7 @@ class Trial:
 
 
 def counted(
-    count: int, seed: int, tried: Callable[[np.random.Generator, Pose, str, int], Trial]
+    count: int, seed: int, tried: Callable[[np.random.Generator, Pose, str, int], Attempt]
 ) -> dict[str, dict[str, Any]]:
     """For each kind: right, refused by reason, wrong, dots left out, median and largest ms; so many trials in all."""
     rng = np.random.default_rng(seed)
@@ -83,16 +83,16 @@ def counted(
         poses = facing_poses(rng, each)
         if kind == ASIDE:
             poses.position[:, :2] += rng.uniform(-200.0, 200.0, (each, 2))
-        trials = [tried(rng, one(poses, k), kind, k) for k in range(each)]
-        times = [1e3 * trial.seconds for trial in trials]
+        attempts = [tried(rng, one(poses, k), kind, k) for k in range(each)]
+        times = [1e3 * attempt.seconds for attempt in attempts]
         result[kind] = {
-            "right": sum(trial.right is True for trial in trials),
-            "refused": sum(trial.right is None for trial in trials),
-            "wrong": sum(trial.right is False for trial in trials),
-            "left out": sum(trial.left_out for trial in trials),
+            "right": sum(attempt.right is True for attempt in attempts),
+            "refused": sum(attempt.right is None for attempt in attempts),
+            "wrong": sum(attempt.right is False for attempt in attempts),
+            "left out": sum(attempt.left_out for attempt in attempts),
             "median ms": float(np.median(times)),
             "largest ms": float(np.max(times)),
-            "reasons": dict(Counter(trial.why for trial in trials if trial.right is None)),
+            "reasons": dict(Counter(attempt.why for attempt in attempts if attempt.right is None)),
         }
     return result
 
@@ -100,16 +100,16 @@ def counted(
 def identified(lists: int, seed: int) -> dict[str, dict[str, Any]]:
     """Lists of dots, without images."""
 
-    def tried(rng: np.random.Generator, pose: Pose, kind: str, _: int) -> Trial:
+    def tried(rng: np.random.Generator, pose: Pose, kind: str, _: int) -> Attempt:
         centers, labels = found_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, pose, noise=0.02, **spoiled(rng, kind))
         begin = perf_counter()
         try:
             found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
         except Unidentified as refusal:
-            return Trial(None, perf_counter() - begin, why=str(refusal))
+            return Attempt(None, perf_counter() - begin, why=str(refusal))
         seconds = perf_counter() - begin
         right = np.array_equal(labels[found.found], found.numbers)
-        return Trial(right, seconds, int((labels >= 0).sum()) - len(found.found))
+        return Attempt(right, seconds, int((labels >= 0).sum()) - len(found.found))
 
     return counted(lists, seed, tried)
 
@@ -117,7 +117,7 @@ def identified(lists: int, seed: int) -> dict[str, dict[str, Any]]:
 def shown(images: int, seed: int) -> dict[str, dict[str, Any]]:
     """The same of rendered images, blur 0.5 to 1.2 px and noise 1 to 4: from pixels to pose."""
 
-    def tried(rng: np.random.Generator, pose: Pose, kind: str, k: int) -> Trial:
+    def tried(rng: np.random.Generator, pose: Pose, kind: str, k: int) -> Attempt:
         how = {"missing": 0, "false": 0, "on_rows": False, **spoiled(rng, kind)}
         kept, places = spoiled_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, pose, **how, apart=2.5)
         plate = replace(DELTALAB_TARGET, dots=np.concatenate([DELTALAB_TARGET.dots, places]))
@@ -129,12 +129,12 @@ def shown(images: int, seed: int) -> dict[str, dict[str, Any]]:
             found = measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
         except NotMeasured as refusal:
             why = "".join("#" if c.isdigit() else c for c in str(refusal))
-            return Trial(None, perf_counter() - begin, why=why)
+            return Attempt(None, perf_counter() - begin, why=why)
         seconds = perf_counter() - begin
         told = found.dots.centers[found.identification.found]
         true = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, pose)[found.identification.numbers]
         right = not np.linalg.norm(told - true, axis=1).max() > WRONG
-        return Trial(bool(right), seconds, len(kept) - len(told))
+        return Attempt(bool(right), seconds, len(kept) - len(told))
 
     return counted(images, seed, tried)
 
