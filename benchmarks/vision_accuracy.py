@@ -19,7 +19,8 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -60,74 +61,82 @@ def spoiled(rng: np.random.Generator, kind: str) -> dict[str, Any]:
     }[kind]
 
 
-def identified(lists: int, seed: int) -> dict[str, dict[str, Any]]:
-    """For each kind: right, refused by reason, wrong, found dots that were left out, median and largest ms."""
+@dataclass(frozen=True)
+class Attempt:
+    """One list or image: `right` None where it was refused, for the reason `why`; dots that were left out, and how long
+    it took, s."""
+
+    right: bool | None
+    seconds: float
+    left_out: int = 0
+    why: str = ""
+
+
+def counted(
+    count: int, seed: int, tried: Callable[[np.random.Generator, Pose, str, int], Attempt]
+) -> dict[str, dict[str, Any]]:
+    """For each kind: right, refused by reason, wrong, dots left out, median and largest ms; so many trials in all."""
     rng = np.random.default_rng(seed)
     result = {}
     for kind in (*KINDS, ASIDE):
-        count = lists // (len(KINDS) + 1)
-        poses = facing_poses(rng, count)
+        each = count // (len(KINDS) + 1)
+        poses = facing_poses(rng, each)
         if kind == ASIDE:
-            poses.position[:, :2] += rng.uniform(-200.0, 200.0, (count, 2))
-        outcome: Counter[str] = Counter()
-        reasons: Counter[str] = Counter()
-        left_out, times = 0, []
-        for k in range(count):
-            centers, labels = found_dots(
-                rng, DELTALAB_TARGET, DELTALAB_CAMERA, one(poses, k), noise=0.02, **spoiled(rng, kind)
-            )
-            begin = perf_counter()
-            try:
-                found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
-                right = np.array_equal(labels[found.found], found.numbers)
-                outcome["right" if right else "wrong"] += 1
-                left_out += int((labels >= 0).sum()) - len(found.found)
-            except Unidentified as refusal:
-                outcome["refused"] += 1
-                reasons[str(refusal)] += 1
-            times.append(1e3 * (perf_counter() - begin))
-        times_ms = {"median ms": float(np.median(times)), "largest ms": float(np.max(times))}
-        counts = {name: outcome[name] for name in ("right", "refused", "wrong")}
-        result[kind] = {**counts, "left out": left_out, **times_ms, "reasons": dict(reasons)}
+            poses.position[:, :2] += rng.uniform(-200.0, 200.0, (each, 2))
+        attempts = [tried(rng, one(poses, k), kind, k) for k in range(each)]
+        times = [1e3 * attempt.seconds for attempt in attempts]
+        result[kind] = {
+            "right": sum(attempt.right is True for attempt in attempts),
+            "refused": sum(attempt.right is None for attempt in attempts),
+            "wrong": sum(attempt.right is False for attempt in attempts),
+            "left out": sum(attempt.left_out for attempt in attempts),
+            "median ms": float(np.median(times)),
+            "largest ms": float(np.max(times)),
+            "reasons": dict(Counter(attempt.why for attempt in attempts if attempt.right is None)),
+        }
     return result
+
+
+def identified(lists: int, seed: int) -> dict[str, dict[str, Any]]:
+    """Lists of dots, without images."""
+
+    def tried(rng: np.random.Generator, pose: Pose, kind: str, _: int) -> Attempt:
+        centers, labels = found_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, pose, noise=0.02, **spoiled(rng, kind))
+        begin = perf_counter()
+        try:
+            found = identify(centers, DELTALAB_TARGET, DELTALAB_CAMERA)
+        except Unidentified as refusal:
+            return Attempt(None, perf_counter() - begin, why=str(refusal))
+        seconds = perf_counter() - begin
+        right = np.array_equal(labels[found.found], found.numbers)
+        return Attempt(right, seconds, int((labels >= 0).sum()) - len(found.found))
+
+    return counted(lists, seed, tried)
 
 
 def shown(images: int, seed: int) -> dict[str, dict[str, Any]]:
     """The same of rendered images, blur 0.5 to 1.2 px and noise 1 to 4: from pixels to pose."""
-    rng = np.random.default_rng(seed)
-    result = {}
-    for kind in (*KINDS, ASIDE):
-        count = images // (len(KINDS) + 1)
-        poses = facing_poses(rng, count)
-        if kind == ASIDE:
-            poses.position[:, :2] += rng.uniform(-200.0, 200.0, (count, 2))
-        outcome: Counter[str] = Counter()
-        reasons: Counter[str] = Counter()
-        left_out, times = 0, []
-        for k in range(count):
-            pose, how = one(poses, k), spoiled(rng, kind)
-            how = {"missing": 0, "false": 0, "on_rows": False, **how}
-            kept, places = spoiled_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, pose, **how, apart=2.5)
-            plate = replace(DELTALAB_TARGET, dots=np.concatenate([DELTALAB_TARGET.dots, places]))
-            hidden = tuple(np.setdiff1d(np.arange(len(DELTALAB_TARGET.dots)), kept).tolist())
-            scene = Scene(blur=rng.uniform(0.5, 1.2), noise=rng.uniform(1.0, 4.0))
-            image = render(plate, DELTALAB_CAMERA, pose, scene, seed=seed + k, hidden=hidden)
-            begin = perf_counter()
-            try:
-                found = measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
-                told = found.dots.centers[found.identification.found]
-                true = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, pose)[found.identification.numbers]
-                wrong = bool(np.linalg.norm(told - true, axis=1).max() > WRONG)
-                outcome["wrong" if wrong else "right"] += 1
-                left_out += len(kept) - len(told)
-            except NotMeasured as refusal:
-                outcome["refused"] += 1
-                reasons["".join("#" if c.isdigit() else c for c in str(refusal))] += 1
-            times.append(1e3 * (perf_counter() - begin))
-        times_ms = {"median ms": float(np.median(times)), "largest ms": float(np.max(times))}
-        counts = {name: outcome[name] for name in ("right", "refused", "wrong")}
-        result[kind] = {**counts, "left out": left_out, **times_ms, "reasons": dict(reasons)}
-    return result
+
+    def tried(rng: np.random.Generator, pose: Pose, kind: str, k: int) -> Attempt:
+        how = {"missing": 0, "false": 0, "on_rows": False, **spoiled(rng, kind)}
+        kept, places = spoiled_dots(rng, DELTALAB_TARGET, DELTALAB_CAMERA, pose, **how, apart=2.5)
+        plate = replace(DELTALAB_TARGET, dots=np.concatenate([DELTALAB_TARGET.dots, places]))
+        hidden = tuple(np.setdiff1d(np.arange(len(DELTALAB_TARGET.dots)), kept).tolist())
+        scene = Scene(blur=rng.uniform(0.5, 1.2), noise=rng.uniform(1.0, 4.0))
+        image = render(plate, DELTALAB_CAMERA, pose, scene, seed=seed + k, hidden=hidden)
+        begin = perf_counter()
+        try:
+            found = measure_pose(image, DELTALAB_TARGET, DELTALAB_CAMERA)
+        except NotMeasured as refusal:
+            why = "".join("#" if c.isdigit() else c for c in str(refusal))
+            return Attempt(None, perf_counter() - begin, why=why)
+        seconds = perf_counter() - begin
+        told = found.dots.centers[found.identification.found]
+        true = predicted_centers(DELTALAB_TARGET, DELTALAB_CAMERA, pose)[found.identification.numbers]
+        right = not np.linalg.norm(told - true, axis=1).max() > WRONG
+        return Attempt(bool(right), seconds, len(kept) - len(told))
+
+    return counted(images, seed, tried)
 
 
 def pose_error(true: Pose, estimate: PoseEstimate) -> Floats:
