@@ -109,11 +109,10 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
 def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.CENTROID.value) -> None:
     """A few sentences; with --verbose every table and sentence, parameters in one of `study_tables.FRAMES`."""
     if talk.verbose:
-        return _show_everything(talk.out, record, frame)
-    for sentence in summary(record):
-        talk.say(printable(sentence))
-    talk.say("Tables of deviations, parameters and validation: --verbose.")
-    return None
+        _show_everything(talk.out, record, frame)
+    else:
+        for sentence in (*summary(record), "Tables of deviations, parameters and validation: --verbose."):
+            talk.say(printable(sentence))
 
 
 def _show_everything(console: Console, record: CalibrationRecord, frame: str) -> None:
