@@ -7,6 +7,8 @@ box, then constants, then readings. Bounds of one box are two arrays of all slot
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from cpcal.common.arrays import Floats, Ints
@@ -235,3 +237,38 @@ def row_qualities(first: int, start: Ints, order: Ints, operations: Ints, out: I
         for p in range(start[r], start[r + 1]):
             if order[p] >= first:
                 out[r] = min(out[r], operations[order[p] - first])
+
+
+@compiled
+def point_jacobians(
+    code: Ints,
+    arg: Ints,
+    par: Ints,
+    first: int,
+    given: int,
+    roots: Ints,
+    start: Ints,
+    order: Ints,
+    leaves_lo: Floats,
+    leaves_hi: Floats,
+    points: Floats,
+    out: Floats,
+) -> None:
+    """About the derivatives of every root by the components of a box at B points (B, n): `out` (B, K, n), of zeros.
+
+    What is not defined, as the derivative of a norm at zero, stays 0.
+    """
+    n, size = points.shape[1], first + len(code)
+    lo, hi = np.empty(size), np.empty(size)
+    factors, g_lo, g_hi = np.empty((len(code), 4)), np.empty(len(order)), np.empty(len(order))
+    for b in range(len(points)):
+        lo[:n], hi[:n] = points[b], points[b]
+        lo[n:first], hi[n:first] = leaves_lo, leaves_hi
+        forward(code, arg, par, first, lo, hi)
+        all_partials(code, arg, par, first, lo, hi, factors)
+        gradients(arg, first, n, given, roots, start, order, factors, g_lo, g_hi)
+        for r in range(len(roots)):
+            for p in range(start[r], start[r + 1]):
+                middle = 0.5 * g_lo[p] + 0.5 * g_hi[p]
+                if order[p] < n and math.isfinite(middle):
+                    out[b, r, order[p]] = middle
