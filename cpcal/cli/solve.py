@@ -41,9 +41,7 @@ def solve(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.svg", help="Of all solutions in the first two unknowns.")
     ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where a stopped search for all solutions left OUTPUT.checkpoint.")
-    ] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where a stopped run left OUTPUT.checkpoint.")] = False,
     *,
     talk: Talk,
 ) -> None:

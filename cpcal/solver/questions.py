@@ -121,10 +121,11 @@ def checked_limits(limits: Limits | None) -> Limits:
     return limits
 
 
-def remaining(clock: Clock) -> Limits:
-    """The limits of a clock with the seconds that are left."""
-    left = max(0.0, clock.deadline - time.monotonic())
-    return clock.limits if clock.limits.seconds is None else replace(clock.limits, seconds=left)
+def remaining(clock: Clock, before: int = 0) -> Limits:
+    """The limits of a clock with the seconds that are left, for a search that counts nodes `before` this call, too."""
+    given = clock.limits
+    left = None if given.seconds is None else max(0.0, clock.deadline - time.monotonic())
+    return replace(given, seconds=left, nodes=None if given.nodes is None else given.nodes + before)
 
 
 def _is_number(value: object) -> bool:
