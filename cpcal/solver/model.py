@@ -25,17 +25,17 @@ from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.certificate.search_keeper import SearchKeeper
 from cpcal.solver.certificate.uncertified import certified
-from cpcal.solver.checkpoint_of import checkpoint_of
 from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
 from cpcal.solver.contract import Contraction, Contractor, Limits, Repeat, Strategy, Then, in_sequence, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr
+from cpcal.solver.network.checkpoint_of import checkpoint_of
 from cpcal.solver.network.divisions import with_products
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.questions import (
-    check_weights,
     checked_limits,
+    named_contractors,
     named_order,
     named_strategy,
     relaxed,
@@ -222,20 +222,13 @@ class Network(ConstraintNetwork):
         if contractors is None:
             contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
         network._check_bounded(name, contractors, chosen=why != "asked for")
-        parts = plugins.build_each(stated, contractors, objective=name, arithmetic=arithmetic)
-        for part in parts:
-            until(part, clock.deadline)
-        named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
-        if network.whole.any() and exact:
-            raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
-        if network.whole.any():
-            named.append(("whole numbers", WholeNumbers(network.whole)))
+        named = named_contractors(network, stated, name, contractors, arithmetic, clock.deadline, exact=exact)
         first = None if start is None else start_point(network, start, len(self.names))
-        begun = None if first is None else first.tolist()
-        options = (list(contractors), arithmetic, limit.gap, limit.gap_absolute, begun, relax, exact)
+        options = (list(contractors), arithmetic, limit.gap, limit.gap_absolute, first, relax, exact)
         of = {} if checkpoint is None else checkpoint_of(network, options)
-
-        def bracketed(recording: Recording | None, keeper: SearchKeeper) -> Minimum:
+        recorded = Recording(network_statement(stated, name), network.domain) if exact else nullcontext()
+        with heard(), recorded as recording:
+            keeper = SearchKeeper(None if checkpoint is None else Path(checkpoint), of, recording, resume=resume)
             before = keeper.resumed()
             with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
                 states = minimize(
@@ -255,17 +248,8 @@ class Network(ConstraintNetwork):
                 keeper.end(found)
             status = found.status + (f" Equations were relaxed to within {numbers.stated(relax)}." if relax else "")
             method = f"{', '.join(called for called, _ in named)}: {why}"
-            used = row_use(network, named[: len(parts)], origin)
-            return replace(found, status=status, relax=float(relax), names=network.names, method=method, row_use=used)
-
-        if exact:
-            check_weights(named)
-        with (
-            heard(),
-            Recording(network_statement(stated, name), network.domain) if exact else nullcontext() as recording,
-        ):
-            keeper = SearchKeeper(None if checkpoint is None else Path(checkpoint), of, recording, resume=resume)
-            found = bracketed(recording, keeper)
+            used = row_use(network, named[: len(contractors)], origin)
+            found = replace(found, status=status, relax=float(relax), names=network.names, method=method, row_use=used)
             if certificate is not None and recording is not None:
                 found = certified(recording, certificate, claims_of(found, network.domain, name), found)
             keeper.done(found)

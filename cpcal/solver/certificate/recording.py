@@ -162,7 +162,8 @@ class Recording:
         """The certificate, all or nothing. Raises UncheckableError where its check would take too much work, InputError
         where it cannot be written, or its steps could not."""
         if not self.whole:
-            what = f"no room for the steps of a proof ({self._lost})"
+            assert self._lost is not None
+            what = f"no room for the steps of a proof ({self._lost.strerror or self._lost})"
             raise errors.InputError([errors.Problem(Path(path).name, what, _ROOM)])
         problem = self._statement.problem
         claims = with_readings(problem, claims)

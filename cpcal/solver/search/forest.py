@@ -40,6 +40,7 @@ class Forest:
     depths    (P,)
     links     (P,) the decision about each piece; NOT_YET, or NEVER where it is not divided
     uses      (B, m, 2) calls and steps of each contractor
+    seconds   of the processor that all of it took
     """
 
     names: tuple[str, ...]
@@ -54,9 +55,10 @@ class Forest:
     depths: Ints
     links: Ints
     uses: Ints
+    seconds: float
 
     @classmethod
-    def of(cls, decisions: Sequence[Decision], depths: Sequence[int], links: Sequence[int]) -> Forest:
+    def of(cls, decisions: Sequence[Decision], depths: Sequence[int], links: Sequence[int], seconds: float) -> Forest:
         """At least one decision; depths and links of their pieces."""
         pieces = [piece for decision in decisions for piece in decision.pieces]
         removed = [box for decision in decisions for box in decision.removed or ()]
@@ -74,6 +76,7 @@ class Forest:
             depths=np.array(depths, dtype=np.intp),
             links=np.array(links, dtype=np.intp),
             uses=np.array([[(use.calls, use.steps) for use in decision.uses] for decision in decisions]),
+            seconds=seconds,
         )
 
     def __len__(self) -> int:

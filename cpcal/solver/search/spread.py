@@ -25,7 +25,7 @@ from cpcal.solver.search.search import Decision, EventKind, Process
 
 _SPAN = 0.1  # seconds of the processor for a task, if its own boxes do not take longer
 _MOST = 4096  # boxes of a task
-_FEW = 16  # nodes that a task begins with, at most
+_FEW, _MANY = 16, 64  # nodes that a task begins with, until it is known how long they take, and at most
 _STOCK = 200_000  # decisions made ahead, at most: some 50 MB
 _LOOK = 64  # decisions between two looks for work to give out
 _DIVIDED = (EventKind.SPLIT, EventKind.CONTRACTED)
@@ -46,7 +46,7 @@ Undecided = Callable[[], Iterable[Node]]  # of a search, the most urgent first
 
 
 @dataclass(frozen=True)
-class Task:
+class DecideTask:
     """Nodes to decide, and for how many seconds to go on with what comes of them."""
 
     nodes: list[Node]
@@ -67,6 +67,7 @@ class Spread:
         self._open: deque[Node] = deque()  # of forests; some are given out by now
         self._out: dict[int, list[Ahead]] = {}  # with workers, by number of task
         self._given = 0  # tasks
+        self._each = _SPAN / _FEW  # seconds that a node of a task takes, with what comes of it
         self._stock = 0
         self._calls = 0
 
@@ -128,7 +129,8 @@ class Spread:
         free = self._tasks.free
         if not free:
             return
-        nodes = list(islice(self._chosen(node, undecided), free * _FEW))
+        most = min(max(int(_SPAN / self._each), 1), _MANY)
+        nodes = list(islice(self._chosen(node, undecided), free * most))
         size = -(-len(nodes) // free)
         for k in range(0, len(nodes), size or 1):
             some = nodes[k : k + size]
@@ -160,7 +162,7 @@ class Spread:
     def _send(self, nodes: Sequence[Node], places: list[Ahead], span: float, *, first: bool = False) -> None:
         self._given += 1
         self._out[self._given] = places
-        task = Task([replace(node, decided=None) for node in nodes], span, self._given)
+        task = DecideTask([replace(node, decided=None) for node in nodes], span, self._given)
         self._tasks.give(task, first=first)
 
     def _take_back(self) -> None:
@@ -171,6 +173,7 @@ class Spread:
             if not places:
                 continue
             self._stock += len(forest)
+            self._each = (self._each + max(forest.seconds / len(places), _SPAN / _MANY)) / 2
             for k, place in enumerate(places):
                 place.forest, place.place = forest, k
             self._open.extend(forest.open.values())
@@ -195,7 +198,7 @@ def spread_over(there: AbstractContextManager[Place]) -> Iterator[Callable[[Divi
                 one.close()
 
 
-def grown(process: DecidesAlone, task: Task) -> Forest:
+def grown(process: DecidesAlone, task: DecideTask) -> Forest:
     """Decide the nodes, then what came of them, the oldest first, for about so many seconds."""
     began = time.thread_time()
     decisions: list[Decision] = []
@@ -223,4 +226,4 @@ def grown(process: DecidesAlone, task: Task) -> Forest:
         for k, (place, _) in enumerate(some):
             links[place] = len(decisions) + k
         decide([node for _, node in some])
-    return Forest.of(decisions, depths, links)
+    return Forest.of(decisions, depths, links, time.thread_time() - began)

@@ -7,7 +7,7 @@ import pytest
 import cpcal
 from contractors.hc4 import HC4
 from cpcal.solver.search import Divide, EventKind, LargestFirst, Node, Search
-from cpcal.solver.search.spread import Task, grown
+from cpcal.solver.search.spread import DecideTask, grown
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_how_far_a_worker_looks_ahead_changes_no_decision(paved, span):
     for _ in search:
         if search.waiting > 8 and not search.within_round:
             break
-    forest = grown(process, Task(list(search.pending), span))
+    forest = grown(process, DecideTask(list(search.pending), span))
     roots = [forest.decision(k) for k in range(search.waiting)]
     assert [ahead(one) for one in roots] == [0 if span == 0.0 else below(process, node) for node in search.pending]
     for node, one in zip(search.pending, roots, strict=True):

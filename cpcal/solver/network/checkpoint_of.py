@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 
+import numpy as np
+
 from cpcal.common.version import __version__
 from cpcal.solver.interval import IntervalArray
-from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.dag import topological
+from cpcal.solver.network.network import ConstraintNetwork
 
 
 def checkpoint_of(network: ConstraintNetwork, options: Sequence[object]) -> dict[str, str]:
@@ -19,6 +21,8 @@ def checkpoint_of(network: ConstraintNetwork, options: Sequence[object]) -> dict
 
 def _plain(option: object) -> object:
     """Contractors and strategies that are objects by the names of their classes."""
+    if isinstance(option, np.ndarray):
+        return option.tolist()
     if isinstance(option, (list, tuple)):
         return [_plain(part) for part in option]
     return option if option is None or isinstance(option, (str, int, float)) else type(option).__name__
