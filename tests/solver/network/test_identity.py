@@ -20,6 +20,7 @@ from cpcal.solver.model import Network
 from cpcal.solver.network import Expr
 from cpcal.solver.network.expression import as_expr
 
+
 def test_what_is_made_of_a_network_is_made_once_and_anew_after_a_change() -> None:
     net = Network()
     x = net.variable("x", 2, (-5, 5))
