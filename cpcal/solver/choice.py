@@ -92,7 +92,8 @@ def _slices(unknowns: int) -> tuple[int, int]:
     What newton takes for a box grows with the third power of the unknowns.
     """
     times = max(1.0, unknowns**3 / _CUBE)
-    return tuple(max(_LEAST_SLICE, int(nodes / times)) for nodes in _SLICES)
+    quick, slow = (max(_LEAST_SLICE, int(nodes / times)) for nodes in _SLICES)
+    return quick, slow
 
 
 def choice_to_minimize(network: ConstraintNetwork, deadline: float = math.inf) -> tuple[tuple[str, ...], str]:

@@ -170,7 +170,7 @@ def rewritten(row: Row, engine: Arithmetic) -> list[Row]:
 
     A sum of n absolute values stands for 2^n rows.
     """
-    todo, done, given = [row], [], row
+    todo, done, given = [row], list[Row](), row
     while todo:
         if len(todo) + len(done) > _MOST:
             return [given]
