@@ -102,7 +102,7 @@ class _Meaning:
         return array_of([leaf[k] for k in np.ndindex(shape)], shape) if shape else leaf
 
     def parameter(self, symbol: Symbol, network: Network) -> Value:
-        """Numbers that are not known but for their bounds: THERE EXISTS a value of each, the same wherever it stands."""
+        """Numbers known to lie within bounds: THERE EXISTS a value of each, the same wherever it stands."""
         assert symbol.value is not None  # the grammar asks for one
         shape, value = self.dimensions(symbol), self.evaluator.value(symbol.value, self.evaluator.constants)
         with Placed(self.source, symbol.token):

@@ -1,7 +1,7 @@
 """The grammar of Minibex: text to a tree. What it means stands in `minibex_meaning`.
 
-file        = [ "constants" { constant ";" } ] parts "variables" variable { (";" | ",") variable } ";" parts [ "minimize" expression [";"] ]
-              [ "constraints" block { ";" block } [";"] "end" | "end" ]
+file        = [ "constants" { constant ";" } ] parts "variables" variable { (";" | ",") variable } ";" parts
+              [ "minimize" expression [";"] ] [ "constraints" block { ";" block } [";"] "end" | "end" ]
 parts       = { function | "parameters" constant { (";" | ",") constant } ";" }
 constant    = [ "*" ] name dimensions ("=" | "in") expression     "*": its value may be set by a program
 variable    = name dimensions [ "in" expression ]
