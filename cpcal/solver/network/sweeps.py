@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from cpcal.common.arrays import Floats, Ints
+from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.kernels import add, meet, mul
 from cpcal.solver.network.derivatives import partials, slopes
@@ -148,6 +148,21 @@ def scaled(g_lo: float, g_hi: float, p_lo: float, p_hi: float) -> tuple[float, f
     if p_lo == p_hi and abs(p_lo) == 1.0:
         return (g_lo, g_hi) if p_lo == 1.0 else (-g_hi, -g_lo)
     return mul(g_lo, g_hi, p_lo, p_hi)
+
+
+@compiled
+def needed(arg: Ints, first: int, roots: Ints) -> Bools:
+    """Which operations (P,) some root is computed from."""
+    out = np.zeros(len(arg), np.bool_)
+    for root in roots:
+        if root >= first:
+            out[root - first] = True
+    for k in range(len(arg) - 1, -1, -1):
+        if out[k]:
+            for a in arg[k]:
+                if a >= first:
+                    out[a - first] = True
+    return out
 
 
 @compiled

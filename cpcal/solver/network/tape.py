@@ -20,8 +20,8 @@ from cpcal.solver.network.dag import topological
 from cpcal.solver.network.engines import sweeps_of
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.operations import ADD, CONTINUOUS, DEFINED, TABLE
-from cpcal.solver.network.sweeps import reach
+from cpcal.solver.network.operations import ADD, CONTINUOUS, DEFINED, SELECTS, TABLE
+from cpcal.solver.network.sweeps import needed, reach
 
 # For readings, by the digest of their leaf: values or smaller sets.
 ReadingSets = Mapping[bytes, IntervalArray]
@@ -53,9 +53,20 @@ class Tape:
         self._leaves = writer.leaves
         self.code, self.arg, self.par = writer.table()
         self._slots = {root.digest: writer.slots[root.digest] for root in self.roots}
+        self._drop_unused()
         flat = [self._slots[root.digest].ravel() for root in self.roots]
         self.root_slots: Ints = np.concatenate([np.zeros(0, np.int64), *flat])
         self.count = len(self.root_slots)
+
+    def _drop_unused(self) -> None:
+        """Elements that no root takes, as of `sqrt(v)[0]` the others: where they are defined restricts nothing."""
+        flat = [slots.ravel() for slots in self._slots.values()]
+        used = needed(self.arg, self.first, np.concatenate([np.zeros(0, np.int64), *flat]))
+        if used.all():
+            return
+        number = np.concatenate([np.arange(self.first), self.first + np.cumsum(used) - 1])
+        self.code, self.arg, self.par = self.code[used], number[self.arg[used]], self.par[used]
+        self._slots = {digest: number[slots] for digest, slots in self._slots.items()}
 
     def rows(self, expr: Expr) -> slice:
         """Where the elements of a root stand among those of all roots."""
@@ -242,11 +253,18 @@ class _Writer:
         if node.op == "index":
             assert isinstance(node.data, np.ndarray)
             return np.asarray(args[0].ravel()[node.data])
+        if node.op == "mul" and node.parameter == SELECTS:
+            return np.where(self._ones(node.args[1]), *(np.broadcast_to(arg, node.shape) for arg in args))
         if node.op == "sum":
             return self._total(np.moveaxis(args[0], node.parameter, 0))
         if node.shape:
             args = [np.broadcast_to(arg, node.shape) for arg in args]
         return self._emitted(TABLE[node.op].code, args, node.parameter)
+
+    @staticmethod
+    def _ones(mask: Expr) -> Bools:
+        assert isinstance(mask.data, IntervalArray)
+        return np.asarray(mask.data.lo == 1.0)
 
     def _total(self, terms: Ints) -> Ints:
         """Sums along axis 0, as a tree: rounding errors grow with its depth."""
