@@ -71,7 +71,7 @@ class ModelError(CpcalError):
 
 
 class RoundingError(CpcalError):
-    """The processor rounds otherwise than IEEE 754 has it by default: another library has changed that in this thread."""
+    """The processor does not round as IEEE 754 has it by default: another library has changed that in this thread."""
 
 
 class PluginError(CpcalError):

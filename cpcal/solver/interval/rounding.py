@@ -42,8 +42,8 @@ def check_rounding() -> None:
     nearest = _ONE + _TINY == _ONE and _ONE - _TINY == _ONE
     if not nearest or _NORMAL * _HALF == 0.0 or ETA / _NORMAL == 0.0:
         raise RoundingError(
-            "another library in this process has changed how the processor rounds, or has switched small numbers off, so "
-            "no bound in float64 can be trusted: run that library in a process of its own"
+            "another library in this process has changed how the processor rounds, or switched small numbers off: no "
+            "bound in float64 can be trusted. Run that library in a process of its own"
         )
 
 
