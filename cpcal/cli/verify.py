@@ -22,8 +22,8 @@ from cpcal.report.words import missing_legs
 from cpcal.results import INFORMATION, RESULT_NAME, Uncertified, information
 
 OWN_MODEL = (
-    "The model {} is user-defined: its certificates state the constraints themselves. That these are the model's of "
-    "this campaign is not checked."
+    "The checker does not know the model {}: its certificates state the constraints themselves. That these are the "
+    "model's of this campaign is not checked."
 )
 _AGAIN = {  # what to do about a run in which no leg is certified
     Uncertified.INTERRUPTED: "again, without a limit that ends it too early",

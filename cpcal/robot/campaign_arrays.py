@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -129,6 +130,12 @@ def mapped(
             problems.add(Problem("map", what, "the columns are " + ", ".join(map(shown, header[:40]))))
         if (wrong := unit_problem(target, source.unit)) is not None:
             problems.add(wrong)
+        if source.unit is None and is_angle(target) and target not in form.columns and source.name != target:
+            problems.add(Problem("map", f"{target} has no unit", f"write {target}={source.name}[deg] or [rad]"))
+    for one, other in itertools.combinations([name for name in found if re.fullmatch("L[0-9]+", name)], 2):
+        if found[one].place(header) == found[other].place(header) is not None:
+            what = f"{one} and {other} are the same column, {shown(found[one].name)}"
+            problems.add(Problem("map", what, "map each leg to its own"))
     problems.raise_any(YOUR_DATA)
     require(found, [*(n for n in names[: 5 + legs] if n not in ("pose", "run")), *form.columns], "map")
     return found

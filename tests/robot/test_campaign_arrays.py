@@ -155,6 +155,22 @@ def test_a_frame_with_foreign_columns_is_mapped():
     assert campaign.measurement_ids[:2] == ["p1/1", "p2/1"]
 
 
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ("L1=L2, L2=L2", "L1 and L2 are the same column, 'L2' -> map each leg to its own"),
+        ("L3=#11, L1=L2, L2=L1", "L3 and L1 are the same column"),
+        ("drx=error", r"drx has no unit -> write drx=error[deg] or [rad]"),
+    ],
+)
+def test_maps_that_would_be_wrong_without_a_word_are_refused(columns, message):
+    frame = GOOD.to_frame().iloc[:, :15]
+    frame["error"] = 0.01
+    with pytest.raises(InputError) as caught:
+        Campaign.from_frame(frame, robot="deltalab", columns=columns, exact=True)
+    assert message in str(caught.value)
+
+
 def test_maps_are_read_as_text_and_as_mappings():
     known = ["x", "y", "L1"]
     expected = {"x": ColumnSource("Tx", "m"), "y": ColumnSource("T y"), "L1": ColumnSource("#3", "mm")}
