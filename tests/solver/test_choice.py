@@ -197,6 +197,7 @@ def test_a_contender_begins_in_its_round() -> None:
     race, seen = Race(made), []
     for _ in race:
         seen.append((race.rounds, made[1].nodes > 0))
+        assert race.leader.search is not None
     assert {begun for rounds, begun in seen if rounds == 0} == {False}
     assert made[1].nodes
 

@@ -78,8 +78,9 @@ class Race:
 
     @property
     def leader(self) -> Contender:
-        """The one that ended, else the last one that goes on longest."""
-        return next((c for c in self.alive if c.ended), self.alive[-1 if self.rounds else 0])
+        """The one that ended, else the last one that goes on longest, of those that have begun."""
+        begun = [c for c in self.alive if c.search is not None] or self.alive
+        return next((c for c in begun if c.ended), begun[-1 if self.rounds else 0])
 
     def __iter__(self) -> Iterator[Event]:
         while True:
