@@ -65,8 +65,8 @@ def linearize(
 
 
 @compiled
-def square_part(jacobian: Floats, box: Floats, rows: Ints, columns: Ints) -> int:
-    """The rows and columns of a square part that is far from singular, and its size: as many as can be.
+def square_part(jacobian: Floats, box: Floats, stop: Ints, rows: Ints, columns: Ints) -> int:
+    """The rows and columns of a square part that is far from singular, and its size: as many as can be. 0: stopped.
 
     Components of no width are no unknowns. Rows and columns are chosen by Gauss elimination with full pivoting of the
     midpoints, in units of the box.
@@ -93,7 +93,7 @@ def square_part(jacobian: Floats, box: Floats, rows: Ints, columns: Ints) -> int
             for j in range(step, free):
                 if abs(scaled[i, j]) > best:
                     best, at_row, at_column = abs(scaled[i, j]), i, j
-        if at_row < 0 or not math.isfinite(best):
+        if at_row < 0 or not math.isfinite(best) or stop[0] != 0:
             return 0
         for j in range(free):
             scaled[step, j], scaled[at_row, j] = scaled[at_row, j], scaled[step, j]
@@ -277,7 +277,7 @@ def newton_all(
             for j in range(n):
                 center[j] = middle(box[j, 0], box[j, 1])
             known = linearize(code, arg, par, first, given, roots, start, order, leaves, box, center, value, jacobian)
-            size = square_part(jacobian, box, rows, columns) if known else 0
+            size = square_part(jacobian, box, stop, rows, columns) if known else 0
             if size == 0:
                 break
             square_rows, unknowns = rows[:size], columns[:size]
