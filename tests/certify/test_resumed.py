@@ -6,9 +6,10 @@ import sys
 import pytest
 
 import cpcal
-from cpcal.certify.checkpoints import FOLDER, Checkpoints
+from cpcal.certify.checkpoints import FOLDER
 from cpcal.common.errors import InputError
 from cpcal.execution.stopping import Reason, also_asked_by, heard
+from cpcal.solver.certificate.search_keeper import SearchKeeper
 
 OPTIONS = {"legs": [2, 3], "delta": 200.0}
 
@@ -50,7 +51,7 @@ def test_the_problem_has_boxes_that_are_divided(whole):
 
 @pytest.mark.parametrize("looks", [2, 5, 12])
 def test_a_stopped_run_ends_as_an_undisturbed_one(campaign, whole, tmp_path, monkeypatch, looks):
-    monkeypatch.setattr(sys.modules[Checkpoints.__module__], "_LONG", 0.0)  # a stop may strike after a quick search
+    monkeypatch.setattr(sys.modules[SearchKeeper.__module__], "_LONG", 0.0)  # a stop may strike after a quick search
     part = stopped(campaign, tmp_path, looks)
     assert part.interrupted
     assert (tmp_path / FOLDER).is_dir() or not part.legs
@@ -61,7 +62,7 @@ def test_a_stopped_run_ends_as_an_undisturbed_one(campaign, whole, tmp_path, mon
 
 
 def test_stopped_again_and_again_it_ends_the_same(campaign, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules[Checkpoints.__module__], "_LONG", 0.0)
+    monkeypatch.setattr(sys.modules[SearchKeeper.__module__], "_LONG", 0.0)
     for _ in range(20):  # (a support that is stopped again and again would begin again and again)
         if not stopped(campaign, tmp_path, 9, resume=True, support="none").interrupted:
             break
@@ -99,3 +100,25 @@ def test_without_resume_it_begins_anew(campaign, whole, tmp_path):
     result = cpcal.certify(campaign, certificates=tmp_path, **OPTIONS)
     same(result, whole[0])
     assert not (tmp_path / FOLDER).exists()
+
+
+def test_an_edited_user_defined_model_does_not_go_on_from_answers_of_the_old_one(campaign, tmp_path):
+    def model(factor):
+        extra = (cpcal.Parameter("s", "mm/mm", 0.05),)
+        return cpcal.LegModel("mine", "a gain", extra, lambda measured, x: factor * measured.length * x["s"])
+
+    first = {"model": model(1.0), "node_limit": 1, "delta": 5.0}
+    begun = stopped_after_a_leg(campaign, tmp_path, **first)
+    assert begun.interrupted
+    assert begun.legs
+    with pytest.raises(InputError, match="of another run: model differ"):
+        cpcal.certify(campaign, certificates=tmp_path, resume=True, **{**first, "model": model(2.0)})
+    cpcal.certify(campaign, certificates=tmp_path, resume=True, **first)  # the same function again
+
+
+def stopped_after_a_leg(campaign, run, **options):
+    def stop(leg, _):
+        if leg == 2:
+            raise KeyboardInterrupt
+
+    return cpcal.certify(campaign, legs=[1, 2], certificates=run, progress=stop, **options)
