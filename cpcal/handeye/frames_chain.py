@@ -128,7 +128,8 @@ def prove_chain(
     if len(chosen) < _FEWEST:
         pixels = prove_in_turns(study, eps, domain, about=about, time_limit=time_limit, tell=tell)
         return ChainProof(eps, domain, pixels[-1].left, (), (), pixels)
-    images, sets = [], []
+    images: list[tuple[str, NominalPose, FramesProof]] = []
+    sets: list[ImagePoseSet] = []
     for k in chosen:
         if len(sets) >= _FEWEST and time.monotonic() > end:
             break

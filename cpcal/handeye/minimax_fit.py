@@ -6,11 +6,9 @@ point satisfies every pixel is proved elsewhere.
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
-from scipy.optimize import linprog
-from scipy.sparse import csr_array
 
 from cpcal.common.arrays import Floats
 from cpcal.handeye.hand_eye_study import HandEyeStudy
@@ -111,6 +109,10 @@ def _of_few(matrix: Floats, rhs: Floats, low: Floats, high: Floats) -> Floats | 
 
 def _of_many(matrix: Floats, rhs: Floats, low: Floats, high: Floats) -> Floats | None:
     """The same by HiGHS, which passes over zeros; a little outside of the bounds or rows does no harm here."""
+    from scipy.optimize import linprog  # when it is needed
+    from scipy.sparse import csr_array
+
+    rows: Any = csr_array(matrix)
     cost = np.append(np.zeros(len(low) - 1), 1.0)
-    found = linprog(cost, csr_array(matrix), rhs, bounds=np.stack([low, high], axis=1), method="highs")
+    found = linprog(cost, rows, rhs, bounds=np.stack([low, high], axis=1), method="highs")
     return np.asarray(found.x) if found.status == 0 else None
