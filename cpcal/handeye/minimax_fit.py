@@ -113,6 +113,6 @@ def _of_many(matrix: Floats, rhs: Floats, low: Floats, high: Floats) -> Floats |
     from scipy.sparse import csr_array
 
     rows: Any = csr_array(matrix)
-    cost = np.append(np.zeros(len(low) - 1), 1.0)
-    found = linprog(cost, rows, rhs, bounds=np.stack([low, high], axis=1), method="highs")
+    cost, bounds = np.append(np.zeros(len(low) - 1), 1.0), list(zip(low.tolist(), high.tolist(), strict=True))
+    found = linprog(cost, rows, rhs, bounds=bounds, method="highs")
     return np.asarray(found.x) if found.status == 0 else None
