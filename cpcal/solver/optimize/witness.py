@@ -7,6 +7,7 @@ is proved to exist in a tiny box (see `cpcal.solver.optimize.equations`), on whi
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,6 +49,12 @@ class WitnessProver:
         self.equations = Equations(network, engine)
         rest = list(self.equations.rest.constraints) if self.equations.count else []
         self._rest = _Rows(network, [c for c in rest if not reads(c)], objective)
+
+    def within(self, domain: Box) -> WitnessProver:
+        """The same for points in a part of the network's domain."""
+        other = copy(self)
+        other._domain, other.equations = domain, self.equations.within(domain)
+        return other
 
     def prove(self, point: Floats) -> Witness | None:
         """The smallest objective (within rounding) at which the rest of `point` is proved, or None.
