@@ -155,7 +155,8 @@ def answered(question: Question, place: Place = HERE) -> Result:
             interrupted = interrupted or stopped
             done[leg.leg] = _written(question, answer.files, leg)
             if kept is not None and not (stopped or leg.pending or leg.not_certified is Uncertified.UNWRITTEN):
-                kept.keep_answer(leg, answer.files)
+                begun = kept.answer(leg.leg) if isinstance(answer.asked, LegResult) else None
+                kept.keep_answer(leg, answer.files if begun is None else {**begun[1], **answer.files})
             if question.progress is not None and not here:
                 question.progress(leg.leg, Bracket(leg.eps_lo, leg.eps_hi, leg.nodes, leg.programs, leg.seconds))
             if stopped and here:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpcal.certify.bracket import Answered, by_bound, prove_support
 from cpcal.certify.certified_ranges import ranges_of
-from cpcal.certify.point import verified_rows
+from cpcal.certify.point import verified_center
 from cpcal.certify.prepared_leg import PreparedLeg
 from cpcal.certify.projections import projections_of
 from cpcal.certify.question import Question
@@ -101,7 +101,7 @@ def _leg_result(prepared: PreparedLeg, answer: Answered, few: tuple[int, ...]) -
     found = answer.minimum
     ids, enclosure = question.campaign.measurement_ids, found.enclosure
     eps = question.options.eps or 0.0
-    good, bad = verified_rows(question.campaign, leg, center, eps, question.engine, question.model)
+    good, bad = verified_center(prepared)
     names, beyond = question.model.parameters, found.found
     return LegResult(
         leg=leg,

@@ -45,7 +45,7 @@ class WitnessProver:
         if self._whole.any():  # their rows hold with equality, which outward rounding in float64 does not see
             self._engine = engine = get_arithmetic("arb")
         self._plain = _Rows(network, [c for c in network.constraints if not reads(c)], objective)
-        self._reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
+        self.reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
         self.equations = Equations(network, engine)
         rest = list(self.equations.rest.constraints) if self.equations.count else []
         self._rest = _Rows(network, [c for c in rest if not reads(c)], objective)
@@ -113,7 +113,7 @@ class WitnessProver:
                 return np.inf, stuck
             worst = [plain]
             open_constraints = 0
-            for constraint in self._reading:
+            for constraint in self.reading:
                 if constraint.holds_for_all(self._engine, values):
                     continue
                 open_constraints += 1
