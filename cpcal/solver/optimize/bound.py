@@ -81,19 +81,13 @@ def minimize(
     index = network.names.index(objective)
     clock = limits.clock()
     domain = network.domain if domain is None else domain
-    if strategy is None:
-        strategy = LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
+    strategy = strategy or LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
     named = contractors if isinstance(contractors, Sequence) else [("", contractors)]
-    prepared = Prepared(network, objective, engine) if prepared is None else prepared
+    prepared = prepared or Prepared(network, objective, engine)
     incumbent = Incumbent(prepared, limits, clock.deadline, domain=domain, best=best)
     process = Bounding(incumbent, Contracting(named, prover), strategy, enclose, place)
-    search = Search(
-        [Piece(domain, Branch(domain, fresh=True))],
-        process,
-        lambda node: float(node.box.lo[index]),
-        abreast=_abreast,
-        subtrees=True,
-    )
+    root = Piece(domain, Branch(domain, fresh=True))
+    search = Search([root], process, lambda node: float(node.box.lo[index]), abreast=_abreast, subtrees=True)
     tally = _Tally(process, index)
     if resume is not None:
         search.restore(resume.pending, resume.kept, resume.created)
