@@ -60,7 +60,8 @@ class FloatRule:
         columns, values = [own for own, _, _ in formed], [own for _, own, _ in formed]
         sizes = [own.size for own in values] + [4] * len(products) + [3] * len(squares)
         places, coefficients = list[int](), list[float]()
-        for one in (*products, *squares):
+        beside: list[Product | Square] = [*products, *squares]
+        for one in beside:
             more = self._beside(one)
             places += more[0]
             coefficients += more[1]
