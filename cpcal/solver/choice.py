@@ -17,6 +17,7 @@ from cpcal.solver.network.dag import topological
 _LIFTED_UNKNOWNS, _LIFTED_PRODUCTS = 40, 1000  # beyond, linear programs of products take too long at each node
 _DENSE_UNKNOWNS = 100  # for the linear programs of beaumont, one row and two programs an unknown
 _TURNS = (16, 8)  # of hc4 and newton alone, and of cid and beaumont, where there is lifted
+_LIFTED_COEFFICIENTS = 4_000_000  # of one array of expressions, as of a matrix times the unknowns: some 100 MB
 _SLICES, _LEAST_SLICE, _LIFTED_SLICE = (2048, 16), 8, 32
 _CUBE = 4000  # of the unknowns: up to there a node takes some ten microseconds
 _SHALLOW = {"add", "sub", "neg", "mul", "sqr", "index", "sum", "constant", "variable", "power", "div"}
@@ -114,7 +115,9 @@ def _lifts(network: ConstraintNetwork, deadline: float) -> bool:
         return True
     if len(network.names) > _LIFTED_UNKNOWNS:
         linear_time = all(len(c.body.shape) for c in network.constraints)
-        if not linear_time:
+        sizes = (math.prod(node.shape) for c in network.constraints for node in topological((c.body,)))
+        largest = max(sizes, default=0)
+        if not linear_time or largest * len(network.names) > _LIFTED_COEFFICIENTS:
             return False
     system = polynomial_form(network, get_arithmetic("float64"), deadline=deadline)
     return bool(len(system.origin)) and len(system.monomials) <= _LIFTED_PRODUCTS

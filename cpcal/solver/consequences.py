@@ -32,9 +32,11 @@ def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
 
     Equations that are not polynomial with exact coefficients take no part. Empty where nothing short follows.
     """
-    given = _polynomials(network)
     size = len(network.names)
-    if len(given) < 2 or size > _UNKNOWNS or len(given) > _EQUATIONS:
+    if size > _UNKNOWNS or not 2 <= Equalities.of(network).count <= _EQUATIONS:
+        return ()
+    given = _polynomials(network)
+    if len(given) < 2:
         return ()
     longest, highest = max(map(len, given)), max(len(m) for m in chain.from_iterable(given))
     if longest > _TERMS or highest > _DEGREE:
