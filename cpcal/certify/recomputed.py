@@ -37,6 +37,13 @@ def stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
             yield f"states other parameters of leg {leg.leg} as undetermined than the campaign leaves open"
 
 
+def speaks_of(accepted: Accepted, delta: float) -> bool:
+    """Whether a leg's certificate is about (a, b, l) within `delta` mm of some center; its box is rounded outward."""
+    sides = zip(accepted.lo[: len(PARAMETERS)], accepted.hi, strict=False)
+    slack = Fraction(1, 2**49)
+    return all(2 * delta <= hi - lo <= 2 * Fraction(delta) + (abs(lo) + abs(hi)) * slack for lo, hi in sides)
+
+
 def leg_stated_otherwise(
     comparison: Comparison, entry: Entry, accepted: Accepted, campaign: Campaign, delta: float
 ) -> str | None:
@@ -49,9 +56,7 @@ def leg_stated_otherwise(
         or said != f"{entry.subject}, model {entry.model}, campaign {comparison.campaign_sha256}"
     ):
         return "by the certificate of another"
-    sides = [(accepted.lo[i], accepted.hi[i]) for i in range(min(len(accepted.lo), len(PARAMETERS)))]
-    widest = [2 * Fraction(delta) + (abs(lo) + abs(hi)) / 2**49 for lo, hi in sides]  # the box is rounded outward
-    if any(not 2 * delta <= hi - lo <= most for (lo, hi), most in zip(sides, widest, strict=True)):
+    if not speaks_of(accepted, delta):
         return "of another box"
     try:
         model = leg_model(entry.model)

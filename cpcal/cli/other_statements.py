@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
 from cpcal.certify.fits import FITS_NAME, load_fits
-from cpcal.certify.recomputed import leg_stated_otherwise
+from cpcal.certify.recomputed import leg_stated_otherwise, speaks_of
 from cpcal.checker import Accepted, Refused, Unusable, check
 from cpcal.cli.talk import Talk
 from cpcal.common.errors import InputError, Problem
@@ -77,7 +77,8 @@ def _other_sets(folder: Path, talk: Talk) -> Iterator[str]:
     """Of the sets of parameters on which the bounds of an accuracy run rest."""
     if not (folder / ACCURACY_NAME).exists():
         return
-    for box in load_accuracy(folder).boxes:
+    found = load_accuracy(folder)
+    for box in found.boxes:
         if box.certificate is None:
             talk.say(f"set of leg {box.leg}: NOT CERTIFIED")
             continue
@@ -87,6 +88,8 @@ def _other_sets(folder: Path, talk: Talk) -> Iterator[str]:
         proved = (accepted.leg, None if claims.cap is None else float(claims.cap), lo, hi)
         if claims.infeasible != (not box.lo) or proved != (box.leg, box.eps, box.lo, box.hi):
             yield f"set of leg {box.leg}"
+        elif not speaks_of(accepted, found.delta):
+            yield f"set of leg {box.leg}, of another box"
     said = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
     talk.say(f"{ACCURACY_NAME}: {said}")
 
