@@ -116,11 +116,11 @@ def _dataclass(kind: Any, value: Any, where: str) -> Any:
 def _tuple(parts: tuple[Any, ...], value: Any, where: str) -> tuple[Any, ...]:
     if not isinstance(value, list):
         raise ValueError(f"{where} is no list")
-    if parts[-1] is Ellipsis and parts[0] in (float, str) and all(type(part) is parts[0] for part in value):
-        return tuple(value)
     kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else list(parts)
     if len(kinds) != len(value):
         raise ValueError(f"{where} is no list of {len(kinds)}")
+    if all(type(part) is of and of in _WORDS for of, part in zip(kinds, value, strict=True)):
+        return tuple(value)
     return tuple(decoded(of, part, f"{where}[{k}]") for k, (of, part) in enumerate(zip(kinds, value, strict=True)))
 
 
