@@ -47,14 +47,16 @@ class Running:
 
     @contextmanager
     def place(self) -> Iterator[Place]:
-        """Where the work is done; until the end of the block a signal, or the limit of memory, asks it to stop.
-
-        Raises InputError, BadParameter.
-        """
-        limit = None if self.memory_limit is None else _bytes(self.memory_limit)
-        begun = executor_for(self.workers, self.scheduler, loads=_LOADS)
-        with heard(terminate=True), within_memory(limit), begun as place:
+        """Where the work is done, which can be stopped. Raises InputError, BadParameter."""
+        with self.stoppable(), executor_for(self.workers, self.scheduler, loads=_LOADS) as place:
             yield place
+
+    @contextmanager
+    def stoppable(self) -> Iterator[None]:
+        """Until the end of the block a signal, or the limit of memory, asks the work to stop. Raises BadParameter."""
+        limit = None if self.memory_limit is None else _bytes(self.memory_limit)
+        with heard(terminate=True), within_memory(limit):
+            yield
 
 
 def _bytes(text: str) -> int:
