@@ -30,7 +30,7 @@ from cpcal.solver.optimize import Bracket
 if TYPE_CHECKING:
     from distributed import Client
 
-_LOADS = ("cpcal.certify.certify", "cpcal.solver.numba_begun")  # of workers
+LOADS = ("cpcal.certify.certify", "cpcal.solver.numba_begun")  # of workers
 
 
 def certify(
@@ -108,7 +108,7 @@ def certify(
         half_widths=half_widths or {},
     )
     question = Question(campaign=campaign, options=options, model=corrected, progress=progress)
-    with heard(), within_memory(memory_limit), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
+    with heard(), within_memory(memory_limit), executor_for(workers, scheduler, executor, loads=LOADS) as place:
         if certificates is None:
             return answered(question, place)
         with answers_into(certificates, RUN, campaign) as draft:
