@@ -5,6 +5,7 @@ from __future__ import annotations
 import cpcal
 from cpcal.cli.search_progress import SearchProgress
 from cpcal.solver.optimize import Bracket
+from cpcal.solver.search import Event
 
 
 def test_a_search_tells_its_rate_and_the_boxes_that_wait() -> None:
@@ -14,9 +15,9 @@ def test_a_search_tells_its_rate_and_the_boxes_that_wait() -> None:
     net = cpcal.Network()
     x = net.variable("x", 2, (-2, 2))
     net.add((x[0] * x[0] + x[1] * x[1]).within((1.0, 2.0)))
-    events = []
+    events: list[Event] = []
 
-    def both(event: object) -> None:
+    def both(event: Event) -> None:
         events.append(event)
         progress.event(event)
 
