@@ -152,7 +152,7 @@ def answered(question: Question, place: Place = HERE) -> Result:
         for answer in answers(question, certify_leg, left, place):
             leg, stopped = answer.found
             interrupted = interrupted or stopped
-            done[answer.asked] = _written(question, answer.files, leg)
+            done[answer.asked] = with_certificates(question, answer.files, leg)
             if kept is not None and not (stopped or leg.pending or leg.not_certified is Uncertified.UNWRITTEN):
                 kept.keep_answer(leg, answer.files)
             if question.progress is not None and not here:
@@ -177,11 +177,11 @@ def _resumed(question: Question, kept: Checkpoints, numbers: Sequence[int]) -> d
     for number in numbers:
         found = kept.answer(number)
         if found is not None:
-            done[number] = _written(question, found[1], found[0])
+            done[number] = with_certificates(question, found[1], found[0])
     return done
 
 
-def _written(question: Question, files: Mapping[str, bytes], leg: LegResult) -> LegResult:
+def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegResult) -> LegResult:
     """The leg, its certificates in the folder for them; where they cannot be written it stays, without them."""
     try:
         for name, content in files.items():

@@ -35,4 +35,4 @@ def test_a_minimum_tells_its_bracket_and_what_this_call_has_done() -> None:
     progress.bracket(Bracket(-2.0, -1.0, nodes=100, programs=0, seconds=1.0, pending=7), largest=True)
     progress.bracket(Bracket(-2.0, -1.0, nodes=150, programs=0, seconds=2.0, pending=7), largest=True)
     (text,) = told
-    assert text.startswith("in [1.0, 2.0]: 50 boxes, ")
+    assert text.startswith("in [1.000000, 2.000000]: 50 boxes, ")
