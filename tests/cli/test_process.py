@@ -78,6 +78,7 @@ def test_a_signal_leaves_what_is_proved(campaign, tmp_path, name, status):
         "checkpoint",
         "leg1.cert.jsonl",
         "leg2.cert.jsonl",
+        "ranges-leg1.cert.jsonl",
         "report.html",
         "result.json",
     ]
