@@ -1,7 +1,7 @@
 """The constraint network: named variables with domains, readings known only to a set, constraints.
 
 A point x solves the network when THERE EXISTS one value of every reading in its set such that every
-element of every constraint holds. (Constants are exact numbers; an interval constant is an enclosure
+element of every constraint is defined and holds. (Elements of an array that no constraint takes need not be.) (Constants are exact numbers; an interval constant is an enclosure
 of one, and whatever is claimed holds for every number in it.)
 """
 
