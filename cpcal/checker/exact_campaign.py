@@ -5,14 +5,12 @@ from __future__ import annotations
 import hashlib
 from array import array
 from collections.abc import Iterator
-from fractions import Fraction as F
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from .files import LARGEST_FILE, LONGEST_LINE, opened, parsed
-from .leg import Measurement, Stated
-from .program import Dyadic
-from .readers import anything, choice, decimal, entry, many, record, text
+from .leg import Measurement
+from .readers import anything, choice, decimals, entry, many, record, text
 from .refusal import Refused
 
 NAME = "campaign.json"
@@ -54,25 +52,9 @@ class ExactCampaign:
 
     def measurement(self, k: int, leg: int) -> Measurement:
         """Row k from 0, leg from 1."""
-        numbers, reach = self._numbers(k, leg)
-        *quaternion, x, y, z, length = (F(m, 1 << power) for m, power in numbers)
-        return Measurement((x, y, z), tuple(quaternion), length, tuple(F(m, 1 << power) for m, power in reach))
-
-    def stated(self, k: int, leg: int) -> Stated:
-        """The same as programs take it."""
-        return Stated(*self._numbers(k, leg))
-
-    def _numbers(self, k: int, leg: int) -> tuple[list[Dyadic], list[Dyadic]]:
-        """Quaternion, position and length, and the half-widths of the reading (d, s, e)."""
         numbers, first = self._rows[k][2], 7 + self.legs
-        around = map(_dyadic, (*numbers[first : first + 6], numbers[first + 5 + leg]))
-        reach = [(m, power + 1) if 3 <= j < 6 else (m, power) for j, (m, power) in enumerate(around)]
-        return [_dyadic(v) for v in (*numbers[3:7], *numbers[:3], numbers[6 + leg])], reach
-
-
-def _dyadic(value: float) -> Dyadic:
-    numerator, denominator = value.as_integer_ratio()
-    return numerator, denominator.bit_length() - 1
+        widths = (*numbers[first : first + 6], numbers[first + 5 + leg])
+        return Measurement(numbers[3:7], numbers[:3], numbers[6 + leg], widths)
 
 
 class _Reading:
@@ -130,7 +112,8 @@ class _Reading:
 
 
 def _row(cells: tuple[Any, ...], legs: int) -> tuple[str, str, array[float]]:
-    pose, run, *numbers = entry(text, text, *[decimal] * (13 + 2 * legs))(list(cells))
+    pose, run, *numbers = entry(text, text, *[anything] * (13 + 2 * legs))(list(cells))
+    numbers = decimals(numbers)
     if not any(numbers[3:7]) or min(numbers[7 + legs :]) < 0:
         raise Refused("a measurement has a quaternion that is no rotation, or a negative half-width")
     return pose, run, array("d", numbers)
