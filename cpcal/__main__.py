@@ -7,7 +7,10 @@ def main() -> None:
 
     _leave_at_once_while_starting()
     try:
-        from cpcal.cli.app import app
+        from cpcal.common.loading import loading
+
+        with loading():
+            from cpcal.cli.app import app
 
         app(prog_name="cpcal")
     except KeyboardInterrupt:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 from functools import wraps
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -17,6 +19,7 @@ from cpcal.cli.status import (
     STATUS_HELP,
     VERIFY_STATUS_HELP,
 )
+from cpcal.common.loading import loading
 from cpcal.common.version import __version__
 from cpcal.execution.stopping import raising
 
@@ -32,6 +35,14 @@ class Verb(NamedTuple):
     @property
     def epilog(self) -> str:
         return "\n\n".join(filter(None, (f"Example: `cpcal {self.example}`", self.statuses)))
+
+    @property
+    def summary(self) -> str:
+        """Its docstring, read and not imported: to load all verbs for a list of them would take a second or two."""
+        spec: Any = find_spec(self.module)
+        functions = (node for node in ast.parse(spec.loader.get_data(spec.origin)).body)
+        own = next(node for node in functions if isinstance(node, ast.FunctionDef) and node.name == self.function)
+        return ast.get_docstring(own) or ""
 
 
 VERBS = {
@@ -85,14 +96,27 @@ class _Verbs(TyperGroup):
             return None
         verb = VERBS[cmd_name]
         alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
-        alone.command(cmd_name, epilog=verb.epilog)(getattr(import_module(verb.module), verb.function))
-        command = typer.main.get_command(alone)
+        with loading():
+            alone.command(cmd_name, epilog=verb.epilog)(getattr(import_module(verb.module), verb.function))
+            command = typer.main.get_command(alone)
         command.callback = _interruptible(command.callback)
         _untyped(command.get_params(ctx))
         return command
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _untyped(super().get_params(ctx))
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        listed = TyperGroup(
+            name=self.name,
+            commands={name: TyperCommand(name, help=verb.summary) for name, verb in VERBS.items()},
+            params=self.get_params(ctx),
+            add_help_option=False,  # which is one of them
+            help=self.help,
+            epilog=self.epilog,
+            rich_markup_mode=self.rich_markup_mode,
+        )
+        listed.format_help(ctx, formatter)
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         with leaving():
