@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-from array import array
+from array import array as array_of
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from .files import LARGEST_FILE, LONGEST_LINE, opened, parsed
 from .leg import Measurement
-from .readers import anything, choice, decimals, entry, many, record, text
+from .readers import anything, array, choice, decimals, many, record, text
 from .refusal import Refused
 
 NAME = "campaign.json"
 FORMAT = "cpcal-campaign-exact/1"
 _KEYS = ("files", "robot", "uncertainty", "model", "provenance")
 _LARGEST = 64 << 20  # bytes of a file that is read line by line
-_FILE = record({"format": choice(FORMAT), **dict.fromkeys(_KEYS, anything), "measurements": many(many(anything))})
-_LINE = record({"row": many(anything)})
+_FILE = record({"format": choice(FORMAT), **dict.fromkeys(_KEYS, anything), "measurements": many(array)})
+_LINE = record({"row": array})
 
 
 class ExactCampaign:
@@ -29,11 +29,11 @@ class ExactCampaign:
         try:
             with opened(path) as stream:
                 reading = _Reading(stream)
-                first = next(reading.rows, ())
+                first = next(reading.rows, [])
                 self.legs = (len(first) - 15) // 2
                 if self.legs < 1:
                     raise Refused("it holds no measurements")
-                self._rows: list[tuple[str, str, array[float]]] = [
+                self._rows: list[tuple[str, str, array_of[float]]] = [
                     _row(first, self.legs),
                     *(_row(cells, self.legs) for cells in reading.rows),
                 ]
@@ -73,13 +73,13 @@ class _Reading:
     def sha256(self) -> str:
         return self._digest.hexdigest()
 
-    def _at_once(self, whole: bytes) -> Iterator[tuple[Any, ...]]:
+    def _at_once(self, whole: bytes) -> Iterator[list[Any]]:
         self._digest.update(whole)
         self.rest = parsed(whole)
         *_, rows = _FILE(self.rest)
         yield from rows
 
-    def _by_line(self, stream: BinaryIO) -> Iterator[tuple[Any, ...]]:
+    def _by_line(self, stream: BinaryIO) -> Iterator[list[Any]]:
         stream.seek(0)
         lines, around = self._lines(stream), list[bytes]()
         for line in lines:
@@ -111,12 +111,13 @@ class _Reading:
             yield line
 
 
-def _row(cells: tuple[Any, ...], legs: int) -> tuple[str, str, array[float]]:
-    pose, run, *numbers = entry(text, text, *[anything] * (13 + 2 * legs))(list(cells))
-    numbers = decimals(numbers)
+def _row(cells: list[Any], legs: int) -> tuple[str, str, array_of[float]]:
+    if len(cells) != 15 + 2 * legs:
+        raise Refused(f"a list of {15 + 2 * legs} is needed here")
+    pose, run, numbers = text(cells[0]), text(cells[1]), decimals(cells[2:])
     if not any(numbers[3:7]) or min(numbers[7 + legs :]) < 0:
         raise Refused("a measurement has a quaternion that is no rotation, or a negative half-width")
-    return pose, run, array("d", numbers)
+    return pose, run, array_of("d", numbers)
 
 
 def beside(certificate: Path, sha256: Any) -> ExactCampaign:

@@ -116,6 +116,13 @@ def anything(value: Any) -> Any:
     return value
 
 
+def array(value: Any) -> list[Any]:
+    """A list of whatever there is in it."""
+    if not isinstance(value, list):
+        raise Refused("a list is needed here")
+    return value
+
+
 def dyadic(value: Any) -> F:
     """A number of a certificate: exactly what its hexadecimal digits say."""
     found = _DYADIC.fullmatch(value) if isinstance(value, str) else None

@@ -19,7 +19,6 @@ from cpcal.cli.status import (
     STATUS_HELP,
     VERIFY_STATUS_HELP,
 )
-from cpcal.common.loading import loading
 from cpcal.common.version import __version__
 from cpcal.execution.stopping import raising
 
@@ -96,9 +95,8 @@ class _Verbs(TyperGroup):
             return None
         verb = VERBS[cmd_name]
         alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
-        with loading():
-            alone.command(cmd_name, epilog=verb.epilog)(getattr(import_module(verb.module), verb.function))
-            command = typer.main.get_command(alone)
+        alone.command(cmd_name, epilog=verb.epilog)(getattr(import_module(verb.module), verb.function))
+        command = typer.main.get_command(alone)
         command.callback = _interruptible(command.callback)
         _untyped(command.get_params(ctx))
         return command

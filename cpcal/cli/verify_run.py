@@ -36,12 +36,13 @@ def run_verified(run: Path, checked: Callable[[], Legs], talk: Talk) -> bool:
     if isinstance(legs, str) or isinstance(result, str):
         talk.say(f"{RESULT_NAME}: REFUSED, {legs}")
         return False
-    wrong = list(stated_otherwise(load_campaign_json(run), result))
+    campaign = load_campaign_json(run)
+    wrong = list(stated_otherwise(campaign, result))
     for sentence in wrong:
         talk.say(f"{RESULT_NAME}: REFUSED, {sentence}")
     if result.model.name not in {model.name for model in BUILT_IN}:
         talk.say(OWN_MODEL.format(printable(result.model.name)))
-    missing = missing_legs(result, load_campaign_json(run).legs)
+    missing = missing_legs(result, campaign.legs)
     if missing is not None:
         talk.say(missing)
     for leg, found in zip(legs, result.legs, strict=True):

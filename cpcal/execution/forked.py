@@ -50,8 +50,8 @@ def _children(tasks: int) -> int:
     """How many children to begin for so many tasks."""
     if sys.platform != "linux" or threading.active_count() > 1:
         return 0
-    most = min(tasks, len(os.sched_getaffinity(0)))
-    return most if most > 1 else 0
+    processors = len(os.sched_getaffinity(0))
+    return min(tasks, processors) if processors > 1 else 0
 
 
 def _child(share: Sequence[Callable[[], object]]) -> tuple[int, int]:
