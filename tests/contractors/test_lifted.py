@@ -22,6 +22,7 @@ from cpcal.solver.interval import Interval, get_arithmetic
 from cpcal.solver.linear import Dense
 from cpcal.solver.linear.glop import Glop
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
+from cpcal.solver.network.restrict import restricted
 from cpcal.solver.network.term_operations import Monomial
 from cpcal.solver.optimize import minimize, run
 
@@ -246,3 +247,22 @@ def test_both_engines_lead_to_the_same_claims(joint_error: float) -> None:
     assert one.verdict is other.verdict is Verdict.PROVED
     assert max(one.lo, other.lo) <= min(one.hi, other.hi)
     assert one.enclosure.intersect(other.enclosure).is_empty is False
+
+
+@pytest.mark.parametrize("factor", [0.0, 3.0])
+def test_restricted_to_some_measurements_it_says_what_these_alone_say(factor: float) -> None:
+    """On a box, and on one within it: of the measurements alone, whose numbers stay, and no solution is lost."""
+    campaign = simulate(seed=2, joint_error=1.0, factor=factor)
+    box = leg_box(least_squares(campaign, 1), 30.0)
+    net = leg_network(campaign, 1, box, engine=get_arithmetic("float64"), eps=(0.0, 5.0))
+    few = np.arange(5, 60, 4)
+    alone = Lifted(restricted(net, [few, few]), objective="eps")
+    some, domain = Lifted(net, objective="eps").restricted_to(few), net.domain
+    for _ in range(2):
+        found, expected = some.contract(domain), alone.contract(domain)
+        assert found.steps
+        assert {k for step in found.steps for _, k in step.rows} <= set(few.tolist())
+        tolerance = 0.05 * domain.width  # rows of the box before serve the second one
+        assert (np.abs(found.box.lo - expected.box.lo) <= tolerance).all()
+        assert (np.abs(found.box.hi - expected.box.hi) <= tolerance).all()
+        domain = expected.box
