@@ -119,6 +119,11 @@ def _header(
     required = required_for(legs)
     known = {*required, *optional(legs)}
     if not known.intersection(names):
+        for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+            if len(cells) == 1 and known.intersection(part.strip() for part in cells[0].split(separator)):
+                remedy = "write commas, and points as decimal signs; or let `cpcal import` read the table"
+                problems.add(Problem(where, f"the cells are separated by {name}", remedy, line))
+                return None
         remedy = "start with the line " + shorter(",".join(required))
         problems.add(Problem(where, f"no header: {shown(','.join(names))}", remedy, line))
         return None
@@ -145,9 +150,9 @@ def shorter(text: str) -> str:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """ "pose and run", "pose, run and image"."""
+    """ "image", "pose and run", "pose, run and image"."""
     *first, last = names
-    return ", ".join(first) + " and " + last
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 class _Rows:
