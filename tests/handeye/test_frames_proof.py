@@ -121,7 +121,7 @@ def test_links_that_rest_on_narrower_poses_than_are_proved_are_refused(finished,
     box = box_of(asked.lo, asked.hi)
 
     def forged(sets):
-        links = prove_linked(study, sets, asked.center, ranges.eps, box, "ranges", lambda text: None)
+        links = prove_linked(study, sets, asked.center, ranges.eps, box, "ranges", np.inf, lambda text: None)
         steps = []
         for k, (proof, cuts) in enumerate(links):
             proof.write(tmp_path / "run" / f"forged-{k}.cert.jsonl")
