@@ -1,9 +1,10 @@
 """Products and sums of coefficients (see `coefficient`) from midpoints, with one bound for all that they leave out.
 
-A coefficient here is `c + sum_j s_j delta_j` with an error of at most e: numbers, not intervals. As |delta_j| <= 1, what
-rounding does to a slope s_j is an error of that size in the value, so that e covers it. The loops have no branches:
-processors do four elements at a time. With unit roundoff u a sum of n products errs by at most n u / (1 - n u) times the
-sum of their sizes; `_gamma` is more than twice that, which covers the roundings of the bound itself.
+A coefficient here is `c + sum_j s_j delta_j` with an error of at most e: numbers, not intervals. As |delta_j| <= 1,
+what rounding does to a slope s_j is an error of that size in the value, so that e covers it. The loops have no
+branches: processors do four elements at a time. With unit roundoff u a sum of n products errs by at most
+n u / (1 - n u) times the sum of their sizes; `_gamma` is more than twice that, which covers the roundings of the bound
+itself.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def centred(lo: Floats, hi: Floats, count: int) -> Centred:
                 error[t, k] += max(high - middle, middle - low) * up
                 total[t, k] += abs(middle) * up
                 size = max(size, abs(middle))
-            moves[s, t] = s > 0 and not size == 0.0
+            moves[s, t] = s > 0 and size != 0.0
             if moves[s, t]:
                 for k in range(count):
                     slopes[t, k] += abs(mid[s, t, k]) * up
@@ -117,7 +118,7 @@ def _add_slope(slope: Floats, factor: Floats, twice: float, out: Floats, extent:
 def _second_order(
     x: Centred, y: Centred, i: int, j: int, twice: float, value: Floats, extent: Floats, error: Floats
 ) -> None:
-    """`sum x_s d_s sum y_s d_s` over |d| <= 1: half of all `x_s y_s`, as d_s^2 is in [0, 1], and the rest as an error."""
+    """`sum x_s d_s sum y_s d_s` over |d| <= 1: half of all `x_s y_s`, as d_s^2 is in [0, 1]; the rest is an error."""
     both = np.zeros(value.size)
     for s in range(1, min(x.mid.shape[0], y.mid.shape[0])):
         if x.moves[s, i] and y.moves[s, j]:
