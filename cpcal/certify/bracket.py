@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from cpcal.certify.checkpoints import SearchKeeper
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError
@@ -19,8 +16,7 @@ from cpcal.execution.stopping import asked
 from cpcal.results import SupportProof, Uncertified
 from cpcal.solver.accounts import Trial
 from cpcal.solver.certificate.affordable import UncheckableError
-from cpcal.solver.certificate.recording import Claims, Recording, claims_of
-from cpcal.solver.certificate.statement import Statement
+from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.certificate.writer import WeightProver
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
@@ -83,8 +79,7 @@ def by_bound(
     def solved(
         prover: StepProver | None, observe: Callable[[Event], None] | None, recording: Recording | None
     ) -> Minimum:
-        checkpoints = question.checkpoints
-        keeper = None if checkpoints is None else SearchKeeper(checkpoints, leg, recording)
+        keeper = None if question.checkpoints is None else question.checkpoints.search_keeper(leg, recording)
         states = minimize(
             network,
             "eps",
@@ -99,7 +94,7 @@ def by_bound(
             place=question.place,
         )
         found = run(states, tell)
-        if keeper is not None and not _torn(found):
+        if keeper is not None:
             keeper.end(found)
         return found
 
@@ -107,13 +102,13 @@ def by_bound(
     statement = question.statement(leg, network.domain) if wanted else None
     if statement is None:
         return Answered(solved(None, None, None))
-    with ProofFile(statement, network.domain) as proof:
-        found = solved(LegProver(question, leg, network.domain), proof.event, proof.recording)
+    with Recording(statement, network.domain) as recording:
+        found = solved(LegProver(question, leg, network.domain), recording.event, recording)
         if _torn(found) or (found.witness is None and found.lo <= network.domain["eps"].lo):
             return Answered(found)  # nothing is proved, or the last step may be half written
         claims = claims_of(found, network.domain, "eps") | ({"point": None} if hull_only else {})
-        name, lost = written(question.certificate(leg), partial(proof.write, claims=claims))
-        found = replace(found, contractors_used=proof.recording.credited(found.contractors_used))
+        name, lost = written(question.certificate(leg), partial(recording.write, claims=claims))
+        found = replace(found, contractors_used=recording.credited(found.contractors_used))
         return Answered(found, name, lost=lost)
 
 
@@ -129,7 +124,7 @@ def prove_support(
     statement = question.statement(leg, network.domain, few)
     if not Contracting(named).gives_weights or statement is None:
         return None
-    with ProofFile(statement, network.domain) as proof:
+    with Recording(statement, network.domain) as recording:
         found = run(
             minimize(
                 smaller,
@@ -139,8 +134,8 @@ def prove_support(
                 limits=limits,
                 start=start,
                 enclose=False,
-                prover=proof.recording.prover,
-                observe=proof.event,
+                prover=recording.prover,
+                observe=recording.event,
             ),
             None,
         )
@@ -148,39 +143,10 @@ def prove_support(
         if _torn(found) or found.lo <= lowest:
             return None
         claims = claims_of(found, network.domain, "eps", lower_only=True)
-        name, _ = written(question.certificate(leg, ".support"), partial(proof.write, claims=claims))
+        name, _ = written(question.certificate(leg, ".support"), partial(recording.write, claims=claims))
         if name is None:
             return None
         return SupportProof(highest if lowest == highest else float(found.lo), name)
-
-
-class ProofFile:
-    """A recording that no full disk stops: what was found stays, without a certificate. Use it in a `with` block."""
-
-    def __init__(self, statement: Statement, domain: Box) -> None:
-        self.recording = Recording(statement, domain)
-        self._whole = True
-
-    def __enter__(self) -> ProofFile:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        with suppress(OSError):
-            self.recording.close()
-
-    def event(self, event: Event) -> None:
-        """Take down what became of a node, as long as there is space."""
-        try:
-            if self._whole:
-                self.recording.event(event)
-        except OSError:
-            self._whole = False
-
-    def write(self, path: Path, claims: Claims) -> Path:
-        """The certificate, all or nothing. Raises OSError, and InputError as `Recording.write`."""
-        if not self._whole:
-            raise OSError(errno.ENOSPC, "there was no space for its steps")
-        return self.recording.write(path, claims)
 
 
 def written(path: Path, write: Callable[[Path], object]) -> tuple[str | None, Uncertified]:
@@ -189,7 +155,7 @@ def written(path: Path, write: Callable[[Path], object]) -> tuple[str | None, Un
         write(path)
     except UncheckableError:
         return None, Uncertified.UNCHECKABLE
-    except (OSError, InputError):
+    except InputError:
         return None, Uncertified.UNWRITTEN
     return path.name, Uncertified.NOTHING
 

@@ -10,25 +10,23 @@ import hashlib
 import json
 import logging
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cpcal.common.errors import CpcalError
 from cpcal.common.version import __version__
-from cpcal.execution.checkpoint_file import Line, read_checkpoint
-from cpcal.execution.keeping import Regularly, garbled, kept
+from cpcal.execution.checkpoint_file import read_checkpoint
+from cpcal.execution.keeping import garbled, kept
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import decoded, encoded
 from cpcal.legs import LegModel
 from cpcal.results import LegResult, Options, Result
 from cpcal.robot import Campaign
 from cpcal.solver.certificate.recording import Recording
-from cpcal.solver.optimize import Minimum
-from cpcal.solver.optimize.saved import Saved
+from cpcal.solver.certificate.search_keeper import SearchKeeper
 
 FOLDER = "checkpoint"
-_LONG = 1.0  # seconds: a search that is not done twice
 _LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket
 _LOGGER = logging.getLogger("cpcal")
 
@@ -90,66 +88,13 @@ class Checkpoints:
             self._path(leg.leg, "search").unlink(missing_ok=True)
             _LOGGER.info("kept", extra={"fields": {"leg": leg.leg, "eps_lo": leg.eps_lo, "eps_hi": leg.eps_hi}})
 
-    def search(self, leg: int) -> list[Line] | None:
-        """Where the search for a leg stood. Raises InputError."""
+    def search_keeper(self, leg: int, recording: Recording | None) -> SearchKeeper:
+        """What keeps where the search for a leg stands."""
         path = self._path(leg, "search")
-        return read_checkpoint(path, self._of(path.name)) if self.resume and path.exists() else None
-
-    def keep_search(self, leg: int, lines: Iterator[Line]) -> None:
-        path = self._path(leg, "search")
-        kept(path, self._of(path.name), lines)
+        return SearchKeeper(path, self._of(path.name), recording, resume=self.resume)
 
     def _path(self, leg: int, kind: str) -> Path:
         return self.folder / f"leg{leg}.{kind}"
 
     def _of(self, name: str) -> dict[str, str]:
         return {**self.of, "part": name}
-
-
-class SearchKeeper:
-    """Keeps where one leg's search stands, every few seconds and at the end, if boxes are left then."""
-
-    def __init__(self, checkpoints: Checkpoints, leg: int, recording: Recording | None) -> None:
-        self._checkpoints, self._leg, self._recording = checkpoints, leg, recording
-        self._saved: Callable[[], Saved] | None = None
-        self._regularly = Regularly(self._keep)
-
-    def resumed(self) -> Saved | None:
-        """Where to go on, the recording brought there; None to begin. Raises InputError."""
-        lines = self._checkpoints.search(self._leg)
-        if lines is None:
-            return None
-        try:
-            found = Saved.from_lines([line["search"] for line in lines if "search" in line])
-            steps = [line for line in lines if "search" not in line]
-            if (self._recording is None) != (not steps):
-                raise ValueError("it was kept with certificates, or without, and this run is not")
-            if self._recording is not None:
-                self._recording.restore(steps)
-            return found
-        except (KeyError, ValueError, TypeError, CpcalError) as error:
-            raise garbled(self._checkpoints.folder / f"leg{self._leg}.search", error) from None
-
-    def __call__(self, saved: Callable[[], Saved]) -> None:
-        """After every node: `saved` says where the search stands."""
-        self._saved = saved
-        self._regularly()
-
-    def end(self, found: Minimum) -> None:
-        """At the end: where boxes are left; or it took long, for its support may be interrupted."""
-        if found.pending or found.seconds > _LONG:
-            self.keep()
-
-    def keep(self) -> None:
-        """Now."""
-        self._regularly.now()
-
-    def _keep(self) -> None:
-        if self._saved is not None:
-            self._checkpoints.keep_search(self._leg, self._lines(self._saved()))
-
-    def _lines(self, saved: Saved) -> Iterator[Line]:
-        for line in saved.lines():
-            yield {"search": line}
-        if self._recording is not None:
-            yield from self._recording.saved()

@@ -41,9 +41,7 @@ def solve(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.svg", help="Of all solutions in the first two unknowns.")
     ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where a stopped search for all solutions left OUTPUT.checkpoint.")
-    ] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where a stopped run left OUTPUT.checkpoint.")] = False,
     *,
     talk: Talk,
 ) -> None:
@@ -54,13 +52,14 @@ def solve(
             check_writable(file.absolute().parent)
     problem = load_problem(source)
     limits = Limits(seconds=time_limit, nodes=node_limit, gap=gap)
+    checkpoint = output.with_name(f"{output.name}.checkpoint")
     with heard(terminate=True):
         found = answer(
             problem,
             width=width,
             limits=limits,
             certificate=certificate,
-            checkpoint=output.with_name(f"{output.name}.checkpoint"),
+            checkpoint=checkpoint,
             resume=resume,
         )
         reason = asked()
@@ -71,6 +70,8 @@ def solve(
         write_file(picture, paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).encode())
     record("answer", status=str(found.status), nodes=found.nodes, seconds=found.seconds)
     _show(found, output, talk)
+    if checkpoint.exists():
+        talk.say(f"--resume goes on from here, by {checkpoint}.")
     if found.uncertified is not None:
         raise found.uncertified
     if reason is not None and found.verdict is Verdict.UNKNOWN:

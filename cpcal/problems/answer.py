@@ -117,12 +117,10 @@ def answer(
         verdict = Verdict.UNKNOWN if not found.complete else Verdict.PROVED if found.solutions else Verdict.REFUTED
         pending = 0 if found.complete else unknown
         return Answer(problem, verdict, found.status, found.nodes, time.monotonic() - start, pending, paving=found)
-    if resume:
-        raise ModelError("a minimisation keeps no checkpoint: leave --resume out, which begins anew")
     objective = -problem.objective if problem.maximize else problem.objective
     why: InputError | None = None
     try:
-        best = network.minimize(objective, limits=limits, certificate=certificate)
+        best = network.minimize(objective, limits=limits, certificate=certificate, checkpoint=checkpoint, resume=resume)
     except UncertifiedError as error:
         best, why = error.answer, error
     return Answer(

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from contextlib import nullcontext
 from copy import copy
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy.typing as npt
@@ -16,22 +18,24 @@ from cpcal.common import numbers
 from cpcal.common.errors import ModelError
 from cpcal.common.names import listed
 from cpcal.execution.executors import Here, executor_for
-from cpcal.execution.stopping import asked, heard
+from cpcal.execution.stopping import heard
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
+from cpcal.solver.certificate.search_keeper import SearchKeeper
 from cpcal.solver.certificate.uncertified import certified
 from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
-from cpcal.solver.contract import Clock, Contraction, Contractor, Limits, Repeat, Strategy, Then, in_sequence, until
+from cpcal.solver.contract import Contraction, Contractor, Limits, Repeat, Strategy, Then, in_sequence, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr
+from cpcal.solver.network.checkpoint_of import checkpoint_of
 from cpcal.solver.network.divisions import with_products
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.questions import (
-    check_weights,
     checked_limits,
+    named_contractors,
     named_order,
     named_strategy,
     relaxed,
@@ -51,12 +55,11 @@ from cpcal.solver.search import (
     Race,
     Search,
     Solution,
-    StepProver,
     WholeNumbers,
     conclusion,
     spread_over,
 )
-from cpcal.solver.search.paving_checkpoint import PavingCheckpoint
+from cpcal.solver.search.paving_checkpoint import PavingCheckpoint, raced
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -166,7 +169,7 @@ class Network(ConstraintNetwork):
         there = spread_over(executor_for(workers, scheduler, executor, loads=_LOADS))
         with heard(), linear_algebra_on_one_thread(), there as spread:
             race = Race([Contender(m.name, partial(search, m, spread), m.slice, m.turns) for m in choice.methods])
-            nodes = _raced(race, keeper, clock, progress)
+            nodes = raced(race, keeper, clock, progress)
             found = race.leader.search or search(choice.methods[0], spread)
             keeper.end(complete=not found.waiting)
             paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
@@ -189,6 +192,8 @@ class Network(ConstraintNetwork):
         workers: int | None = None,
         scheduler: str | None = None,
         executor: Executor | Client | None = None,
+        checkpoint: str | os.PathLike[str] | None = None,
+        resume: bool = False,
     ) -> Minimum:
         """The smallest value of `objective`, a scalar expression over this network, bracketed by proofs.
 
@@ -202,9 +207,10 @@ class Network(ConstraintNetwork):
 
         `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
-        it is in `found`. `workers`, `scheduler` and `executor` are as in `solve`; certificates are the same, byte for
-        byte. Constraints with readings or without polynomial form raise ModelError. Where it cannot be written, or the
-        checker would refuse it for its size, UncertifiedError is raised, whose `answer` is what was found.
+        it is in `found`. `workers`, `scheduler`, `executor`, `checkpoint` and `resume` are as in `solve`; certificates
+        are the same, byte for byte. Constraints with readings or without polynomial form raise ModelError. Where it
+        cannot be written, or the checker would refuse it for its size, UncertifiedError is raised, whose `answer` is
+        what was found.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         """
@@ -216,42 +222,38 @@ class Network(ConstraintNetwork):
         if contractors is None:
             contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
         network._check_bounded(name, contractors, chosen=why != "asked for")
-        parts = plugins.build_each(stated, contractors, objective=name, arithmetic=arithmetic)
-        for part in parts:
-            until(part, clock.deadline)
-        named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
-        if network.whole.any() and exact:
-            raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
-        if network.whole.any():
-            named.append(("whole numbers", WholeNumbers(network.whole)))
+        named = named_contractors(network, stated, name, contractors, arithmetic, clock.deadline, exact=exact)
         first = None if start is None else start_point(network, start, len(self.names))
-
-        def bracketed(prover: StepProver | None, observe: Callable[[Event], None] | None) -> Minimum:
+        options = (list(contractors), arithmetic, limit.gap, limit.gap_absolute, first, relax, exact)
+        of = {} if checkpoint is None else checkpoint_of(network, options)
+        recorded = Recording(network_statement(stated, name), network.domain) if exact else nullcontext()
+        with heard(), recorded as recording:
+            keeper = SearchKeeper(None if checkpoint is None else Path(checkpoint), of, recording, resume=resume)
+            before = keeper.resumed()
             with linear_algebra_on_one_thread(), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
                 states = minimize(
                     network,
                     name,
                     named,
                     engine=engine,
-                    limits=remaining(clock),
+                    limits=remaining(clock, 0 if before is None else before.nodes),
                     start=first,
-                    prover=prover,
-                    observe=observe,
+                    prover=None if recording is None else recording.prover,
+                    observe=None if recording is None else recording.event,
+                    resume=before,
+                    keep=keeper,
                     place=None if isinstance(place[0], Here) else place,
                 )
                 found = run(states, progress)
+                keeper.end(found)
             status = found.status + (f" Equations were relaxed to within {numbers.stated(relax)}." if relax else "")
             method = f"{', '.join(called for called, _ in named)}: {why}"
-            used = row_use(network, named[: len(parts)], origin)
-            return replace(found, status=status, relax=float(relax), names=network.names, method=method, row_use=used)
-
-        if certificate is None:
-            with heard():
-                return bracketed(None, None)
-        check_weights(named)
-        with heard(), Recording(network_statement(stated, name), network.domain) as recording:
-            found = bracketed(recording.prover, recording.event)
-            return certified(recording, certificate, claims_of(found, network.domain, name), found)
+            used = row_use(network, named[: len(contractors)], origin)
+            found = replace(found, status=status, relax=float(relax), names=network.names, method=method, row_use=used)
+            if certificate is not None and recording is not None:
+                found = certified(recording, certificate, claims_of(found, network.domain, name), found)
+            keeper.done(found)
+            return found
 
     def _as_asked(self) -> Network:
         """A copy, since a callback may add to this network meanwhile. Raises ModelError where there is no variable."""
@@ -270,22 +272,6 @@ class Network(ConstraintNetwork):
         if names:
             or_else = "" if chosen else ", or put hc4 first"
             raise ModelError(f"minimize needs bounded domains, and has none for {listed(names)}: give one{or_else}")
-
-
-def _raced(race: Race, keeper: PavingCheckpoint, clock: Clock, progress: Callable[[Event], None] | None) -> int:
-    """Run the race, from where the checkpoint says, until it ends or is stopped; how many nodes it has taken in all."""
-    nodes = before = keeper.begin(race)
-    try:
-        for event in race:
-            nodes += 1
-            keeper.after(race, nodes)
-            if progress is not None:
-                progress(event)
-            if clock.over(nodes - before) or asked():
-                break
-    except KeyboardInterrupt:
-        pass
-    return nodes
 
 
 def _contracted(contracting: Callable[[SearchMethod], Contractor], method: SearchMethod, box: Box) -> Box:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import TypeVar
@@ -16,13 +16,13 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import stated
 from cpcal.solver import plugins
-from cpcal.solver.contract import Clock, Contractor, Limits, Strategy
+from cpcal.solver.contract import Clock, Contractor, Limits, Strategy, until
 from cpcal.solver.existence import Equalities
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.number import float_bounds
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate
 from cpcal.solver.network.expression import as_expr
-from cpcal.solver.search import ORDERS, STRATEGIES, Contracting, Priority
+from cpcal.solver.search import ORDERS, STRATEGIES, Contracting, Priority, WholeNumbers
 
 FINE_WIDTH = 1e-6  # of the boxes about single points
 REACH = 100.0  # from 0, of boxes that are divided where solutions may run to infinity and nobody asks for a width
@@ -121,10 +121,11 @@ def checked_limits(limits: Limits | None) -> Limits:
     return limits
 
 
-def remaining(clock: Clock) -> Limits:
-    """The limits of a clock with the seconds that are left."""
-    left = max(0.0, clock.deadline - time.monotonic())
-    return clock.limits if clock.limits.seconds is None else replace(clock.limits, seconds=left)
+def remaining(clock: Clock, before: int = 0) -> Limits:
+    """The limits of a clock with the seconds that are left, for a search that counts nodes `before` this call, too."""
+    given = clock.limits
+    left = None if given.seconds is None else max(0.0, clock.deadline - time.monotonic())
+    return replace(given, seconds=left, nodes=None if given.nodes is None else given.nodes + before)
 
 
 def _is_number(value: object) -> bool:
@@ -176,3 +177,27 @@ def check_weights(named: list[tuple[str, Contractor]]) -> None:
     if not Contracting(named).gives_weights:
         given = ", ".join(called for called, _ in named)
         raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
+
+
+def named_contractors(
+    network: ConstraintNetwork,
+    stated: ConstraintNetwork,
+    objective: str,
+    contractors: Sequence[str | Contractor],
+    arithmetic: str,
+    deadline: float,
+    *,
+    exact: bool,
+) -> list[tuple[str, Contractor]]:
+    """The contractors of a minimisation, of the rows of `stated`, by their names. Raises ModelError."""
+    parts = plugins.build_each(stated, contractors, objective=objective, arithmetic=arithmetic)
+    for part in parts:
+        until(part, deadline)
+    named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
+    if network.whole.any() and exact:
+        raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
+    if network.whole.any():
+        named.append(("whole numbers", WholeNumbers(network.whole)))
+    if exact:
+        check_weights(named)
+    return named

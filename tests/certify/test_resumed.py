@@ -6,9 +6,10 @@ import sys
 import pytest
 
 import cpcal
-from cpcal.certify.checkpoints import FOLDER, Checkpoints
+from cpcal.certify.checkpoints import FOLDER
 from cpcal.common.errors import InputError
 from cpcal.execution.stopping import Reason, also_asked_by, heard
+from cpcal.solver.certificate.search_keeper import SearchKeeper
 
 OPTIONS = {"legs": [2, 3], "delta": 200.0}
 
@@ -50,7 +51,7 @@ def test_the_problem_has_boxes_that_are_divided(whole):
 
 @pytest.mark.parametrize("looks", [2, 5, 12])
 def test_a_stopped_run_ends_as_an_undisturbed_one(campaign, whole, tmp_path, monkeypatch, looks):
-    monkeypatch.setattr(sys.modules[Checkpoints.__module__], "_LONG", 0.0)  # a stop may strike after a quick search
+    monkeypatch.setattr(sys.modules[SearchKeeper.__module__], "_LONG", 0.0)  # a stop may strike after a quick search
     part = stopped(campaign, tmp_path, looks)
     assert part.interrupted
     assert (tmp_path / FOLDER).is_dir() or not part.legs
@@ -61,7 +62,7 @@ def test_a_stopped_run_ends_as_an_undisturbed_one(campaign, whole, tmp_path, mon
 
 
 def test_stopped_again_and_again_it_ends_the_same(campaign, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules[Checkpoints.__module__], "_LONG", 0.0)
+    monkeypatch.setattr(sys.modules[SearchKeeper.__module__], "_LONG", 0.0)
     for _ in range(20):  # (a support that is stopped again and again would begin again and again)
         if not stopped(campaign, tmp_path, 9, resume=True, support="none").interrupted:
             break

@@ -47,7 +47,7 @@ def test_answers_are_printed_and_kept_where_the_run_cannot_be_written(campaign, 
     assert not (tmp_path / FOLDER).exists()
 
 
-@pytest.mark.parametrize("method", ["event", "write"])
+@pytest.mark.parametrize("method", ["_put", "_useful_steps"])
 def test_a_certificate_that_cannot_be_written_costs_no_answer(campaign, tmp_path, monkeypatch, method):
     measured = cpcal.load_campaign(campaign)
     whole = cpcal.certify(measured, legs=[2], delta=0.5, certificates=tmp_path / "whole").legs[0]

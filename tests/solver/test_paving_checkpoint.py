@@ -9,7 +9,7 @@ import pytest
 import cpcal
 from cpcal.common.errors import InputError
 from cpcal.solver.contract import Limits
-from cpcal.solver.search.paving_checkpoint import problem_digest
+from cpcal.solver.network.checkpoint_of import problem_digest
 
 
 def ring(least: float = 1.0) -> cpcal.Network:

@@ -9,14 +9,17 @@ import tempfile
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.checker.problem import Problem
+from cpcal.common import errors
 from cpcal.common.atomic import replacing
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.certificate.affordable import check_affordable
@@ -29,6 +32,8 @@ from cpcal.solver.search import Event, EventKind
 
 Claims = dict[str, Any]  # line of a certificate
 
+_ROOM = "make room, or name another folder for temporary files by TMPDIR; what was found stays"
+
 
 class Recording:
     """Steps of one search, kept in a temporary file until `write`; use it in a `with` block.
@@ -39,7 +44,12 @@ class Recording:
 
     def __init__(self, statement: Statement, domain: Box) -> None:
         self._statement, self._domain = statement, domain
-        self._steps = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - closed by __exit__
+        self._lost: OSError | None = None
+        self._steps: IO[str] = StringIO()
+        try:
+            self._steps = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - closed by __exit__
+        except OSError as error:
+            self._lost = error
         self._written = Counter[str]()
         self._objective = statement.problem.objective
 
@@ -50,7 +60,18 @@ class Recording:
         self.close()
 
     def close(self) -> None:
-        self._steps.close()
+        with suppress(OSError):
+            self._steps.close()
+
+    @property
+    def whole(self) -> bool:
+        """Whether all steps could be taken down: a full disk costs the certificate, and no search is worth less."""
+        if self._lost is None:
+            try:
+                self._steps.flush()
+            except OSError as error:
+                self._lost = error
+        return self._lost is None
 
     @property
     def prover(self) -> WeightProver:
@@ -58,7 +79,15 @@ class Recording:
         return WeightProver(self._statement)
 
     def event(self, event: Event) -> None:
-        """Take down what became of a node."""
+        """Take down what became of a node, as long as there is space."""
+        if self._lost is not None:
+            return
+        try:
+            self._take_down(event)
+        except OSError as error:
+            self._lost = error
+
+    def _take_down(self, event: Event) -> None:
         name = event.node.serial
         records = list(event.decision.proof)
         if event.kind is EventKind.PRUNED and not records:  # cut away by the incumbent
@@ -85,9 +114,12 @@ class Recording:
         head, *steps = lines
         if head != {"calls": "boxes by serial"}:
             raise ValueError("its steps are those of an older version")
-        self._steps.seek(0)
-        self._steps.truncate()
-        self._steps.writelines(str(step["step"]) for step in steps)
+        try:
+            self._steps.seek(0)
+            self._steps.truncate()
+            self._steps.writelines(str(step["step"]) for step in steps)
+        except OSError as error:
+            self._lost = error
 
     def credited(self, uses: Iterable[ContractorUse]) -> tuple[ContractorUse, ...]:
         """With the number of steps that the certificate written last holds of each."""
@@ -127,7 +159,12 @@ class Recording:
         return None if o is None else number(np.nextafter(box.lo[o], -np.inf))
 
     def write(self, path: str | os.PathLike[str], claims: Claims) -> Path:
-        """The certificate, all or nothing. Raises UncheckableError where its check would take too much work."""
+        """The certificate, all or nothing. Raises UncheckableError where its check would take too much work, InputError
+        where it cannot be written, or its steps could not."""
+        if not self.whole:
+            assert self._lost is not None
+            what = f"no room for the steps of a proof ({self._lost.strerror or self._lost})"
+            raise errors.InputError([errors.Problem(Path(path).name, what, _ROOM)])
         problem = self._statement.problem
         claims = with_readings(problem, claims)
         cap = None if claims["cap"] is None else float.fromhex(claims["cap"])

@@ -16,7 +16,10 @@ from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
+from cpcal.solver.search.orders import Node
 from cpcal.solver.search.search import Decision, EventKind, Piece
+
+NOT_YET, NEVER = -1, -2
 
 _KINDS = tuple(EventKind)
 
@@ -34,8 +37,10 @@ class Forest:
     pieces    (P, 2, n)
     removed   (R, 2, n)
     stated    (P,) whether there is a state
-    links     (P,) the decision about each piece; -1: it is not made yet
+    depths    (P,)
+    links     (P,) the decision about each piece; NOT_YET, or NEVER where it is not divided
     uses      (B, m, 2) calls and steps of each contractor
+    seconds   of the processor that all of it took
     """
 
     names: tuple[str, ...]
@@ -47,12 +52,14 @@ class Forest:
     pieces: Floats
     removed: Floats
     stated: Bools
+    depths: Ints
     links: Ints
     uses: Ints
+    seconds: float
 
     @classmethod
-    def of(cls, decisions: Sequence[Decision], links: Sequence[int]) -> Forest:
-        """At least one decision."""
+    def of(cls, decisions: Sequence[Decision], depths: Sequence[int], links: Sequence[int], seconds: float) -> Forest:
+        """At least one decision; depths and links of their pieces."""
         pieces = [piece for decision in decisions for piece in decision.pieces]
         removed = [box for decision in decisions for box in decision.removed or ()]
         n = len(decisions[0].box)
@@ -66,15 +73,32 @@ class Forest:
             stated=np.array([piece.state is not None for piece in pieces], dtype=np.bool_),
             pieces=_bounds([piece.box for piece in pieces], n),
             removed=_bounds(removed, n),
+            depths=np.array(depths, dtype=np.intp),
             links=np.array(links, dtype=np.intp),
             uses=np.array([[(use.calls, use.steps) for use in decision.uses] for decision in decisions]),
+            seconds=seconds,
         )
 
     def __len__(self) -> int:
         return len(self.kinds)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_lists"}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_lists", "open")}
+
+    @cached_property
+    def open(self) -> dict[int, Node]:
+        """The pieces about which nothing is decided here, as nodes, by their place."""
+        places = np.flatnonzero(self.links == NOT_YET)
+        boxes = Box.rows(self.names, self.pieces[places, 0], self.pieces[places, 1])
+        rest = zip(places.tolist(), boxes, self.depths[places].tolist(), self.stated[places].tolist(), strict=True)
+        return {p: Node(box, depth, -1, box if stated else None, Ahead()) for p, box, depth, stated in rest}
+
+    def _ahead(self, piece: int, link: int) -> Ahead | None:
+        if link == NEVER:
+            return None
+        if link == NOT_YET:
+            return self.open[piece].decided  # type: ignore[no-any-return]
+        return Ahead(self, link, given=True)
 
     @cached_property
     def _lists(self) -> _Lists:
@@ -87,13 +111,11 @@ class Forest:
         return _Lists(boxes, parts, removed, *lists)
 
     def decision(self, k: int) -> Decision:
-        """That of this place; its pieces know where theirs are."""
+        """That of this place; its pieces know where theirs are, or will be."""
         of = self._lists
         (first, gone), (last, end) = of.starts[k], of.starts[k + 1]
         pieces = tuple(
-            Piece(of.parts[p], of.parts[p] if of.stated[p] else None, Ahead(self, of.links[p]))
-            if of.links[p] >= 0
-            else Piece(of.parts[p], of.parts[p] if of.stated[p] else None)
+            Piece(of.parts[p], of.parts[p] if of.stated[p] else None, self._ahead(p, of.links[p]))
             for p in range(first, last)
         )
         uses = tuple(ContractorUse(name, *use) for name, use in zip(self.contractors, of.uses[k], strict=True))
@@ -103,16 +125,18 @@ class Forest:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Ahead:
-    """A decision that was made ahead of its time, in a forest."""
+    """Where the decision about a node is that is made ahead of its turn; without a forest it will be. `given`: to
+    whoever makes it."""
 
-    forest: Forest
-    place: int
+    forest: Forest | None = None
+    place: int = 0
+    given: bool = False
 
     @property
-    def decision(self) -> Decision:
-        return self.forest.decision(self.place)
+    def decision(self) -> Decision | None:
+        return None if self.forest is None else self.forest.decision(self.place)
 
 
 class _Lists(NamedTuple):

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from cpcal.common.version import __version__
 from cpcal.execution.checkpoint_file import read_checkpoint
 from cpcal.execution.keeping import Regularly, garbled, kept
-from cpcal.solver.interval import IntervalArray
+from cpcal.execution.stopping import asked
+from cpcal.solver.contract import Clock
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.dag import topological
+from cpcal.solver.network.checkpoint_of import checkpoint_of
 from cpcal.solver.search.race import Race
 from cpcal.solver.search.saved_race import brought_there, lines_of
+from cpcal.solver.search.search import Event
 
 
 class PavingCheckpoint:
@@ -35,8 +35,7 @@ class PavingCheckpoint:
         self._resume, self._names = resume, network.names
         self._of: dict[str, str] = {}
         if path is not None:
-            asked = repr([_plain(option) for option in options])
-            self._of = {"version": __version__, "problem": problem_digest(network), "options": asked}
+            self._of = checkpoint_of(network, options)
         self._race: Race | None = None
         self._nodes = 0
         self._regularly = Regularly(self._keep)
@@ -73,27 +72,17 @@ class PavingCheckpoint:
             kept(self._path, self._of, lines_of(self._race, self._nodes))
 
 
-def _plain(option: object) -> object:
-    """Contractors and strategies that are objects by the names of their classes."""
-    if isinstance(option, (list, tuple)):
-        return [_plain(part) for part in option]
-    return option if option is None or isinstance(option, (str, int, float)) else type(option).__name__
-
-
-def problem_digest(network: ConstraintNetwork) -> str:
-    """SHA-256 of domain and constraints as they are built: the same in every process."""
-    domain = network.domain
-    digest = hashlib.sha256(repr((network.names, network.whole.tolist())).encode())
-    digest.update(domain.lo.tobytes() + domain.hi.tobytes())
-    places: dict[bytes, int] = {}
-    roots = [expr for c in network.constraints for expr in (c.body, c.lower, c.upper)]
-    for node in topological(roots):
-        places[node.digest] = len(places)
-        below = [places[arg.digest] for arg in node.args]
-        digest.update(repr((node.op, node.shape, node.parameter, node.name, below)).encode())
-        if isinstance(node.data, IntervalArray):
-            digest.update(node.data.lo.tobytes() + node.data.hi.tobytes())
-        elif node.data is not None:
-            digest.update(node.data.tobytes())
-    digest.update(repr([places[root.digest] for root in roots]).encode())
-    return digest.hexdigest()
+def raced(race: Race, keeper: PavingCheckpoint, clock: Clock, progress: Callable[[Event], None] | None) -> int:
+    """Run the race, from where the checkpoint says, until it ends or is stopped; how many nodes it has taken in all."""
+    nodes = before = keeper.begin(race)
+    try:
+        for event in race:
+            nodes += 1
+            keeper.after(race, nodes)
+            if progress is not None:
+                progress(event)
+            if clock.over(nodes - before) or asked():
+                break
+    except KeyboardInterrupt:
+        pass
+    return nodes

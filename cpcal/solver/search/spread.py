@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Protocol
 
@@ -19,16 +19,15 @@ from cpcal.execution.executors import Here, Place
 from cpcal.execution.shared import Shared
 from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.search.divide import Divide
-from cpcal.solver.search.forest import Ahead, Forest
+from cpcal.solver.search.forest import NEVER, NOT_YET, Ahead, Forest
 from cpcal.solver.search.orders import Node
 from cpcal.solver.search.search import Decision, EventKind, Process
 
 _SPAN = 0.1  # seconds of the processor for a task, if its own boxes do not take longer
 _MOST = 4096  # boxes of a task
-_FEW = 16  # nodes that a task begins with, at most
+_FEW, _MANY = 16, 64  # nodes that a task begins with, until it is known how long they take, and at most
 _STOCK = 200_000  # decisions made ahead, at most: some 50 MB
 _LOOK = 64  # decisions between two looks for work to give out
-_NOBODY = -1  # serial of a node that is no node of the search
 _DIVIDED = (EventKind.SPLIT, EventKind.CONTRACTED)
 
 
@@ -44,7 +43,15 @@ class DecidesAlone(Protocol):
 
 
 Undecided = Callable[[], Iterable[Node]]  # of a search, the most urgent first
-Task = tuple[list[Node], float]  # and for how many seconds to go on with what comes of them
+
+
+@dataclass(frozen=True)
+class DecideTask:
+    """Nodes to decide, and for how many seconds to go on with what comes of them."""
+
+    nodes: list[Node]
+    span: float
+    number: int = 0
 
 
 class Spread:
@@ -55,8 +62,12 @@ class Spread:
         self._tasks = Shared(process).given_out(place, grown)
         self._workers = (place[1] + 1) // 2
         self._begun = self._there = False  # the workers
-        self._given: set[int] = set()  # serials of nodes that are with workers
-        self._found: dict[int, Ahead | Decision] = {}  # by serial
+        self._here: dict[int, Decision] = {}  # made by this process, by serial
+        self._roots: dict[int, Ahead] = {}  # of nodes that come of no forest, by serial
+        self._open: deque[Node] = deque()  # of forests; some are given out by now
+        self._out: dict[int, list[Ahead]] = {}  # with workers, by number of task
+        self._given = 0  # tasks
+        self._each = _SPAN / _FEW  # seconds that a node of a task takes, with what comes of it
         self._stock = 0
         self._calls = 0
 
@@ -70,18 +81,17 @@ class Spread:
         self._calls += 1
         if self._tasks.some_done:
             self._take_back()
+            self._give(node, undecided)
         elif self._there and self._calls % _LOOK == 0:
             self._give(node, undecided)
         while (made := self._made(node)) is None:
             if not self._there:
                 self._decide_here(undecided)
                 continue
-            if node.serial not in self._given:
-                self._give(node, undecided)
             if asked():
                 raise Stopped(asked() or Reason.INTERRUPTED)
-            self._take_back()
             self._give(node, undecided)
+            self._take_back()
         return made
 
     def close(self) -> None:
@@ -89,49 +99,84 @@ class Spread:
         self._tasks.cancel()
 
     def _made(self, node: Node) -> Decision | None:
-        made: Ahead | Decision | None = node.decided or self._found.pop(node.serial, None)
-        if not isinstance(made, Ahead):
-            return made
+        if node.serial in self._here:
+            return self._here.pop(node.serial)
+        found = self._place_of(node)
+        if found.forest is None:
+            return None
+        self._roots.pop(node.serial, None)
         self._stock -= 1
-        return made.decision
+        return found.decision
+
+    def _place_of(self, node: Node) -> Ahead:
+        """Where its decision is, or will be."""
+        if isinstance(node.decided, Ahead):
+            return node.decided
+        return self._roots.get(node.serial) or Ahead()
 
     def _begin(self, node: Node) -> None:
         """Have each worker begin, with a task that makes it load what it needs."""
         self._begun = True
-        alone = replace(node, serial=_NOBODY)
         for _ in range(self._workers):
-            self._tasks.give(([alone], 0.0), first=True)
+            self._send([node], [], 0.0, first=True)
 
     def _decide_here(self, undecided: Undecided) -> None:
-        nodes = list(islice(filter(self._is_open, undecided()), self._process.batch))
-        decisions = self._process.all(nodes)
-        self._found.update((node.serial, decision) for node, decision in zip(nodes, decisions, strict=True))
-
-    def _is_open(self, node: Node) -> bool:
-        return node.decided is None and node.serial not in self._given and node.serial not in self._found
+        nodes = list(islice((one for one in undecided() if one.serial not in self._here), self._process.batch))
+        self._here.update((node.serial, made) for node, made in zip(nodes, self._process.all(nodes), strict=True))
 
     def _give(self, node: Node, undecided: Undecided) -> None:
         """Give out nodes that nobody has decided; where enough is decided ahead, no other than this one."""
         free = self._tasks.free
         if not free:
             return
-        nodes = [one for one in ([node] if self._stock > _STOCK else undecided()) if self._is_open(one)]
-        size = min(_FEW, -(-len(nodes) // free))
-        for k in range(0, min(len(nodes), size * free), size or 1):
+        most = min(max(int(_SPAN / self._each), 1), _MANY)
+        nodes = list(islice(self._chosen(node, undecided), free * most))
+        size = -(-len(nodes) // free)
+        for k in range(0, len(nodes), size or 1):
             some = nodes[k : k + size]
-            self._given.update(one.serial for one in some)
-            self._tasks.give((some, _SPAN))
+            self._send(some, list(map(self._place_of, some)), _SPAN)
+
+    def _chosen(self, node: Node, undecided: Undecided) -> Iterator[Node]:
+        """Nodes to give out: those that the search will soon come to, then those that it has not even seen.
+
+        The latter are what forests left open. Without them workers stand still while the search waits for one box.
+        """
+        for one in [node] if self._stock > _STOCK else undecided():
+            if one.serial not in self._here and self._is_chosen(one):
+                yield one
+        while self._open and self._stock <= _STOCK:
+            one = self._open.popleft()
+            if self._is_chosen(one):
+                yield one
+
+    def _is_chosen(self, node: Node) -> bool:
+        """Whether nobody has decided it, or is to decide it until now."""
+        place = self._place_of(node)
+        if place.given:
+            return False
+        place.given = True
+        if node.decided is None:
+            self._roots[node.serial] = place
+        return True
+
+    def _send(self, nodes: Sequence[Node], places: list[Ahead], span: float, *, first: bool = False) -> None:
+        self._given += 1
+        self._out[self._given] = places
+        task = DecideTask([replace(node, decided=None) for node in nodes], span, self._given)
+        self._tasks.give(task, first=first)
 
     def _take_back(self) -> None:
         """What is done, or wait for some of it for a moment. Raises what was raised there."""
         for outcome in self._tasks.taken_back():
             self._there = True
-            forest, (nodes, _) = outcome.value, outcome.task
-            if nodes[0].serial == _NOBODY:
+            forest, places = outcome.value, self._out.pop(outcome.task.number)
+            if not places:
                 continue
             self._stock += len(forest)
-            self._given.difference_update(node.serial for node in nodes)
-            self._found.update((node.serial, Ahead(forest, k)) for k, node in enumerate(nodes))
+            self._each = (self._each + max(forest.seconds / len(places), _SPAN / _MANY)) / 2
+            for k, place in enumerate(places):
+                place.forest, place.place = forest, k
+            self._open.extend(forest.open.values())
 
 
 @contextmanager
@@ -153,11 +198,11 @@ def spread_over(there: AbstractContextManager[Place]) -> Iterator[Callable[[Divi
                 one.close()
 
 
-def grown(process: DecidesAlone, task: Task) -> Forest:
+def grown(process: DecidesAlone, task: DecideTask) -> Forest:
     """Decide the nodes, then what came of them, the oldest first, for about so many seconds."""
-    nodes, span = task
     began = time.thread_time()
     decisions: list[Decision] = []
+    depths: list[int] = []  # of their pieces
     links: list[int] = []
     waiting = deque[tuple[int, Node]]()  # and the place of their link
 
@@ -168,16 +213,17 @@ def grown(process: DecidesAlone, task: Task) -> Forest:
             for piece in decision.pieces:
                 if decision.kind in _DIVIDED:
                     waiting.append((len(links), Node(piece.box, depth, -1, piece.state)))
-                links.append(-1)
+                depths.append(depth)
+                links.append(NOT_YET if decision.kind in _DIVIDED else NEVER)
 
-    decide(nodes)
+    decide(task.nodes)
     while waiting and len(decisions) < _MOST and not asked():
         spent = time.thread_time() - began
-        count = min(int((span - spent) / spent * len(decisions)), len(waiting), _MOST) if spent else 1
+        count = min(int((task.span - spent) / spent * len(decisions)), len(waiting), _MOST) if spent else 1
         if count < 1:
             break
         some = [waiting.popleft() for _ in range(count)]
         for k, (place, _) in enumerate(some):
             links[place] = len(decisions) + k
         decide([node for _, node in some])
-    return Forest.of(decisions, links)
+    return Forest.of(decisions, depths, links, time.thread_time() - began)

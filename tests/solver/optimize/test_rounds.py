@@ -7,7 +7,7 @@ import pytest
 import cpcal
 from contractors.hc4 import HC4
 from cpcal.solver.search import Divide, EventKind, LargestFirst, Node, Search
-from cpcal.solver.search.spread import grown
+from cpcal.solver.search.spread import DecideTask, grown
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_how_far_a_worker_looks_ahead_changes_no_decision(paved, span):
     for _ in search:
         if search.waiting > 8 and not search.within_round:
             break
-    forest = grown(process, (search.pending, span))
+    forest = grown(process, DecideTask(list(search.pending), span))
     roots = [forest.decision(k) for k in range(search.waiting)]
     assert [ahead(one) for one in roots] == [0 if span == 0.0 else below(process, node) for node in search.pending]
     for node, one in zip(search.pending, roots, strict=True):
@@ -80,7 +80,8 @@ def test_how_far_a_worker_looks_ahead_changes_no_decision(paved, span):
 
 
 def made_ahead(decision):
-    return [piece.decided.decision for piece in decision.pieces if piece.decided is not None]
+    made = [piece.decided.decision for piece in decision.pieces if piece.decided is not None]
+    return [one for one in made if one is not None]
 
 
 def ahead(decision):
@@ -106,7 +107,7 @@ def same(process, node, decision):
     )
     assert [piece.box for piece in here.pieces] == [piece.box for piece in decision.pieces]
     for piece in decision.pieces:
-        if piece.decided is not None:
+        if piece.decided is not None and piece.decided.decision is not None:
             same(process, Node(piece.box, node.depth + 1, -1, piece.state), piece.decided.decision)
 
 

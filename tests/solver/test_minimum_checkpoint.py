@@ -1,0 +1,123 @@
+"""A minimisation that is stopped anywhere and gone on with ends in the answer and the certificate it would have had."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+
+import cpcal
+from cpcal.common.errors import InputError
+from cpcal.solver.certificate.uncertified import UncertifiedError
+from cpcal.solver.contract import Limits
+from cpcal.solver.optimize import Minimum
+
+LIFTED = {"gap": 1e-3}  # with a certificate
+HC4 = {"gap": 0.1, "contractors": ["hc4"]}
+
+
+def hills(least: float = 0.5) -> tuple[cpcal.Network, cpcal.Expr]:
+    """Several boxes have to be divided."""
+    net = cpcal.Network()
+    x, y = (net.variable(name, (), (-2.0, 2.0)) for name in "xy")
+    net.add(x * x + y * y >= least)
+    return net, x**4 - 2.0 * x * x + y**4 - y * y + 0.3 * x * y
+
+
+def solved(**options: object) -> Minimum:
+    limits = Limits(gap=options.pop("gap"), nodes=options.pop("nodes", None))
+    net, objective = hills(options.pop("least", 0.5))
+    return net.minimize(objective, limits=limits, **options)
+
+
+def answer(found: Minimum) -> tuple[object, ...]:
+    point = None if found.witness is None else found.witness.point.tolist()
+    box = found.enclosure
+    return found.lo, found.hi, point, box.lo.tolist(), box.hi.tolist(), found.nodes, found.programs, found.status
+
+
+@pytest.mark.parametrize(("options", "step"), [(LIFTED, 5), (HC4, 200)])
+def test_stopped_again_and_again_it_ends_in_the_same_answer(
+    options: dict[str, object], step: int, tmp_path: Path
+) -> None:
+    def proof(name: str) -> Path | None:
+        return tmp_path / name if options is LIFTED else None
+
+    whole = solved(**options, certificate=proof("whole"))
+    file, stops = tmp_path / "search", 0
+    while True:
+        found = solved(**options, nodes=step, certificate=proof("part"), checkpoint=file, resume=True)
+        if not file.exists():
+            break
+        assert found.pending
+        stops += 1
+    assert stops >= 2
+    assert answer(found) == answer(whole)
+    if options is LIFTED:
+        assert (tmp_path / "part").read_bytes() == (tmp_path / "whole").read_bytes()
+
+
+def test_a_checkpoint_is_of_one_problem_its_options_and_its_certificate(tmp_path: Path) -> None:
+    file = tmp_path / "search"
+    part = solved(**HC4, nodes=50, checkpoint=file)
+    with pytest.raises(InputError, match="problem differ"):
+        solved(**HC4, least=0.6, checkpoint=file, resume=True)
+    for other in ({"relax": 1e-8}, {"start": [1.0, 1.0]}, {"gap": 0.2}, {"contractors": ["lifted"]}):
+        with pytest.raises(InputError, match="options differ"):
+            solved(**{**HC4, **other}, checkpoint=file, resume=True)
+    with pytest.raises(InputError, match="options differ"):
+        solved(**LIFTED, certificate=tmp_path / "proof", checkpoint=file, resume=True)
+    assert solved(**HC4, nodes=50, checkpoint=file).nodes == part.nodes  # without resume it begins anew
+
+
+def test_killed_at_any_moment_it_goes_on_to_the_same_certificate(tmp_path: Path) -> None:
+    script = tmp_path / "run.py"
+    script.write_text(
+        "import sys\n"
+        f"sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        "from cpcal.execution import keeping\n"
+        "keeping._EVERY = keeping._SHARE = 0.0\n"
+        "import test_minimum_checkpoint as t\n"
+        "t.solved(**t.LIFTED, certificate='part', checkpoint='search', resume=True)\n"
+    )
+    whole = solved(**LIFTED, certificate=tmp_path / "whole")
+    with subprocess.Popen([sys.executable, str(script)], cwd=tmp_path) as run:
+        while not (tmp_path / "search").exists() and run.poll() is None:
+            time.sleep(0.001)
+        run.send_signal(signal.SIGKILL)
+    found = solved(**LIFTED, certificate=tmp_path / "part", checkpoint=tmp_path / "search", resume=True)
+    assert answer(found) == answer(whole)
+    assert (tmp_path / "part").read_bytes() == (tmp_path / "whole").read_bytes()
+
+
+def test_a_disk_that_fills_up_with_steps_costs_the_certificate_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, full = solved(**LIFTED, certificate=tmp_path / "whole"), tempfile.TemporaryFile
+
+    class Full:
+        """A file that has room for a few lines."""
+
+        def __init__(self, *args: object, **options: object) -> None:
+            self._file, self._left = full(*args, **options), 3  # type: ignore[call-overload]
+
+        def write(self, text: str) -> None:
+            self._left -= 1
+            if self._left < 0:
+                raise OSError(28, "No space left on device")
+            self._file.write(text)
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(self._file, name)
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", Full)
+    with pytest.raises(UncertifiedError, match=r"no room for the steps of a proof.*TMPDIR") as raised:
+        solved(**LIFTED, certificate=tmp_path / "part", checkpoint=tmp_path / "search")
+    assert answer(raised.value.answer) == answer(whole)
+    assert not (tmp_path / "part").exists()
+    assert not (tmp_path / "search").exists()  # it would lack steps
