@@ -16,6 +16,7 @@ import numpy.typing as npt
 from cpcal.calibration.corrections import vertical
 from cpcal.common.arrays import Floats
 from cpcal.legs.models import PLAIN, Drawn, LegModel, Measured, built_in
+from cpcal.legs.rotation_kernel import enclosed_rotations
 from cpcal.robot import Campaign, Pose, leg_vectors, rotation_matrix
 from cpcal.robot.rotation import rotation_numerators
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
@@ -167,6 +168,8 @@ def _squared_norm(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
 
 def rotation_enclosure(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
     """Enclosure (N, 3, 3) of the rational matrices of quaternions (N, 4), scalar first, divided by |q|^2."""
+    if engine.name == "float64":
+        return IntervalArray(*enclosed_rotations(np.array(quaternion, np.float64, order="C")))
     q = [IntervalArray.point(quaternion[:, k]) for k in range(4)]
     rows, norm_squared = rotation_numerators(q, engine)
     entries = [engine.div(entry, norm_squared) for row in rows for entry in row]

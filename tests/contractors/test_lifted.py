@@ -271,4 +271,5 @@ def test_on_a_small_box_linear_programs_carry_what_is_proved_with_all_monomials(
     assert point in left.box  # on the box's upper face, where linear parts may leave no point
     assert found.hi - 1e-3 < left.box["eps"].lo <= found.hi
     weights = [step.weights for step in left.steps]
-    assert weights and all(w is not None and w.rows and not (w.products or w.tangents) for w in weights)
+    assert weights
+    assert all(w is not None and w.rows and not (w.products or w.tangents) for w in weights)

@@ -83,6 +83,8 @@ def _common(x: IntervalArray, y: IntervalArray) -> tuple[tuple[int, ...], int]:
 def _terms(x: IntervalArray, shape: tuple[int, ...], count: int) -> tuple[Floats, Floats]:
     """Bounds (1 + J, T, count), or (1 + J, T, 1) where all elements are the same."""
     alike = math.prod(x.shape[2:]) == 1
+    if x.shape[2:] == shape:
+        return _contiguous(x, (*x.shape[:2], count))
     return _contiguous(x if alike else x.broadcast_to((*x.shape[:2], *shape)), (*x.shape[:2], 1 if alike else count))
 
 
