@@ -15,7 +15,9 @@ from cpcal.solver.network import ConstraintNetwork
 
 @pytest.fixture(scope="module", params=[0.0, 3.0], ids=["exact", "uncertain"])
 def campaign(request: pytest.FixtureRequest) -> Campaign:
-    return simulate(seed=5, joint_error=0.0, noise=0.0 if request.param == 0.0 else 1.0, truncate=3.0, factor=request.param)
+    return simulate(
+        seed=5, joint_error=0.0, noise=0.0 if request.param == 0.0 else 1.0, truncate=3.0, factor=request.param
+    )
 
 
 def network(campaign: Campaign, delta: float) -> tuple[ConstraintNetwork, np.ndarray]:
@@ -70,7 +72,11 @@ def test_a_variable_that_the_equations_do_not_tell_apart_from_another_is_left_al
 def test_tolerances_that_contradict_each_other_leave_nothing() -> None:
     net = ConstraintNetwork()
     x = net.variable("x", 2, ((-9.0, -9.0), (9.0, 9.0)))
-    net.add((np.array([1.0, 1.0, 1.0]) * x[0] + np.array([1.0, 2.0, 3.0]) * x[1] - np.array([60.0, 0.0, 70.0])).within((-0.1, 0.1)))
+    net.add(
+        (np.array([1.0, 1.0, 1.0]) * x[0] + np.array([1.0, 2.0, 3.0]) * x[1] - np.array([60.0, 0.0, 70.0])).within(
+            (-0.1, 0.1)
+        )
+    )
     result = Regression(net).contract(net.domain)
     assert result.box.is_empty or (result.box.lo >= net.domain.lo).all()
 
