@@ -31,7 +31,7 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import bracket_text
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
-from cpcal.legs import PLAIN, fit_model
+from cpcal.legs import PLAIN, beyond_legs, fit_model
 from cpcal.results import CampaignNote, Result
 from cpcal.robot import (
     Campaign,
@@ -174,6 +174,9 @@ def _problems(
         if values.shape not in ((1,), (LEGS,)) or not (np.isfinite(values) & (values >= 0.0)).all():
             what = "is not one number of mm, or one for each leg, 0 or more"
             found.append(Problem("model_error", what, "give for example 0.2"))
+        elif not found:
+            for leg, eps in zip(result.legs, np.broadcast_to(values, (LEGS,)).tolist(), strict=True):
+                found += beyond_legs(campaign, leg.leg, leg.center[6] - result.options.delta, eps, "model_error")
     return found
 
 

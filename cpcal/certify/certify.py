@@ -13,7 +13,7 @@ from cpcal.certify.asked_model import chosen_model
 from cpcal.certify.certify_leg import certify_leg
 from cpcal.certify.checkpoints import Checkpoints
 from cpcal.certify.leg_tasks import HERE, answers, placed
-from cpcal.certify.question import Progress, Question, absent_legs
+from cpcal.certify.question import Progress, Question, absent_legs, beyond_all_legs
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.version import __version__
@@ -142,6 +142,9 @@ def answered(question: Question, place: Place = HERE) -> Result:
     """All legs. Raises LostWorkerError, and InputError for a question that cannot travel to where the work is done."""
     campaign, model = question.campaign, question.model
     numbers = question.options.legs or tuple(range(1, campaign.legs + 1))
+    beyond = beyond_all_legs(question, numbers)
+    if beyond:
+        raise InputError(beyond)
     kept = question.checkpoints
     done = {} if kept is None else _resumed(question, kept, numbers)
     left = [leg for leg in numbers if leg not in done]

@@ -14,17 +14,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from cpcal.common.errors import CpcalError
 from cpcal.common.version import __version__
 from cpcal.execution.checkpoint_file import read_checkpoint
 from cpcal.execution.keeping import garbled, kept
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import decoded, encoded
-from cpcal.legs import LegModel
+from cpcal.legs import LegModel, built_in, leg_box, leg_network
 from cpcal.results import LegResult, Options, Result
 from cpcal.robot import Campaign
 from cpcal.solver.certificate.recording import Recording
 from cpcal.solver.certificate.search_keeper import SearchKeeper
+from cpcal.solver.interval import get_arithmetic
 
 FOLDER = "checkpoint"
 _LIMITS = {"legs": None, "time_limit": None, "node_limit": None, "tolerance": None}  # change no bracket
@@ -46,12 +49,11 @@ class Checkpoints:
         """Those in the folder of a run. Limits may change between a run and the one that goes on with it."""
         asked = replace(options, **_LIMITS) if options.method == "bound" else options  # type: ignore[arg-type]
         text = json.dumps(encoded(asked), sort_keys=True)
-        model_text = json.dumps(encoded((model.name, model.summary, model.extra)), sort_keys=True)
         of = {
             "version": __version__,
             "campaign": campaign_sha256(campaign),
             "options": hashlib.sha256(text.encode()).hexdigest(),
-            "model": hashlib.sha256(model_text.encode()).hexdigest(),
+            "model": _model_digest(campaign, model),
         }
         return cls(run / FOLDER, of, resume)
 
@@ -98,3 +100,15 @@ class Checkpoints:
 
     def _of(self, name: str) -> dict[str, str]:
         return {**self.of, "part": name}
+
+
+def _model_digest(campaign: Campaign, model: LegModel) -> str:
+    """Of its name and parameters and, where it is a user's, of the equations that it makes of every leg: a function
+    that was edited between two runs keeps its name."""
+    text = json.dumps(encoded((model.name, model.summary, model.extra)), sort_keys=True)
+    digest = hashlib.sha256(text.encode())
+    if not built_in(model):
+        box, engine = leg_box(np.zeros(len(model.parameters)), 0.0, model), get_arithmetic("float64")
+        for leg in range(1, campaign.legs + 1):
+            digest.update(leg_network(campaign, leg, box, engine=engine, model=model).digest.encode())
+    return digest.hexdigest()

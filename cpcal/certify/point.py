@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cpcal.certify.asked_model import chosen_model
 from cpcal.common.errors import InputError, Problem
 from cpcal.files.campaign_json import keep_beside
-from cpcal.legs import PLAIN, LegModel, built_in, leg_box, leg_network, leg_statement
+from cpcal.legs import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
 from cpcal.results import VerifiedPoint
 from cpcal.robot import Campaign
 from cpcal.solver.certificate.readings import at_point, failing, holding
@@ -60,6 +60,8 @@ def certify_point(
         wrong.append(Problem("point", what, f"give {', '.join(corrected.parameters)}"))
     if certificate is not None and not built_in(corrected):
         wrong.append(Problem("certificate", f"{corrected.name!r}, a user-defined model, has none", "leave it out"))
+    if not wrong:
+        wrong += beyond_legs(campaign, leg, float(x[6]), eps, "eps")
     if wrong:
         raise InputError(wrong)
     good, bad = verified_rows(campaign, leg, x, eps, get_arithmetic(arithmetic), corrected)

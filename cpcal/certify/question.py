@@ -12,7 +12,7 @@ from cpcal.certify.checkpoints import Checkpoints
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import Problem
 from cpcal.execution.executors import Place
-from cpcal.legs import PLAIN, LegModel, fit_model, leg_box, leg_network, model_statement
+from cpcal.legs import PLAIN, LegModel, beyond_legs, fit_model, leg_box, leg_network, model_statement
 from cpcal.results import Options
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
@@ -79,6 +79,19 @@ class Question:
         return leg_network(self.campaign, leg, box, engine=self.engine, eps=domain, model=self.model)
 
 
+def beyond_all_legs(question: Question, legs: Sequence[int]) -> list[Problem]:
+    """An eps or a tolerance that is as large as the legs are long with any parameters of the box."""
+    asked = {"eps": question.options.eps, "tolerance": question.options.tolerance}
+    given = {what: error for what, error in asked.items() if error is not None}
+    largest = {leg: float(question.center(leg)[6]) + question.options.delta for leg in legs} if given else {}
+    return [
+        problem
+        for what, error in given.items()
+        for leg, offset in largest.items()
+        for problem in beyond_legs(question.campaign, leg, offset, error, what)
+    ]
+
+
 def nominal(campaign: Campaign, leg: int) -> Floats:
     robot, k = campaign.robot, leg - 1
     return np.concatenate([robot.base[k], robot.mobile[k], [robot.offset[k]]])
@@ -87,4 +100,5 @@ def nominal(campaign: Campaign, leg: int) -> Floats:
 def absent_legs(campaign: Campaign, legs: Sequence[int] | None) -> list[Problem]:
     """Legs that the campaign has not."""
     remedy = f"choose from 1 to {campaign.legs}"
-    return [Problem("legs", f"there is no leg {leg}", remedy) for leg in legs or () if not 1 <= leg <= campaign.legs]
+    numbers = [leg for leg in legs or () if isinstance(leg, int)]  # what is no number the options refuse
+    return [Problem("legs", f"there is no leg {leg}", remedy) for leg in numbers if not 1 <= leg <= campaign.legs]

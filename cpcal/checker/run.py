@@ -142,6 +142,8 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
     ends = zip(accepted.lo[:-1], at or (), accepted.hi, strict=False)
     if at is not None and (any(not a <= v <= b for a, v, b in ends) or (asked is not None and at[-1] != claims.cap)):
         at = None
+    if result["options"]["method"] == "timeout":  # which encloses nothing: the verdict judges no widths then
+        yield "method", None, claims.enclosure
     refuted, lo = _lowest(campaign, leg["leg"], accepted, asked, at)
     if asked is not None:  # only that one is spoken of
         yield "cap", exact(asked), claims.cap

@@ -33,7 +33,7 @@ class _NetworkWords:
     """Absence is stated of a part of the box at most, existence of all of it, whatever the rounding."""
 
     thing = every = "point of the box"
-    for_any = for_some = ""
+    for_any = for_some = longer = ""
 
     def __init__(self, accepted: Accepted) -> None:
         self.accepted = accepted
@@ -81,7 +81,7 @@ class _NetworkWords:
         goal = " as well as that one" if shared else self.down("<=", cap)
         lo, hi = max(self.sides(hull), key=lambda side: side[1] - side[0], default=(F(0), F(0)))
         return (
-            f"Every {self.every} that satisfies them{goal}{self.for_some} lies in the enclosure, "
+            f"Every {self.every} that satisfies them{goal}{self.for_some}{self.longer} lies in the enclosure, "
             f"whose sides are at most {plain_gap(lo, hi)}{self.unit} long{self.others(hull)}"
         )
 
@@ -95,8 +95,9 @@ class _NetworkWords:
 
 
 class _LegWords(_NetworkWords):
-    for_any = " for any readings in their sets"
+    for_any = " for any readings in their sets, with legs longer than that"
     for_some = " for some readings in their sets"
+    longer = ", with legs longer than that,"
     every = "x of the certificate's box"
 
     def __init__(self, accepted: Accepted) -> None:

@@ -136,6 +136,9 @@ def _uncertainty(legs: int, options: ImportFlags) -> Uncertainty | None:
     sigmas: dict[str, float | None] = dict.fromkeys(KINDS)
     for kind, source in column_map(options.sigma or "", KINDS).items():
         units: dict[str, float] = dict(ANGLES) if kind == "rotation" else {k: float(v) for k, v in LENGTHS.items()}
+        if kind == "rotation" and source.unit is None:  # 57 times too wide a set hides any error
+            problems.add(Problem("option --sigma", "rotation has no unit", f"write {kind}={source.name}[deg] or [rad]"))
+            continue
         try:
             sigmas[kind] = float(source.name) * units[source.unit or next(iter(units))]
         except (KeyError, ValueError):

@@ -29,6 +29,7 @@ from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import RUN, answers_into, locked
+from cpcal.legs import built_in
 from cpcal.report import write_report
 from cpcal.report.campaigns_page import CampaignRow, row_of, write_campaigns
 from cpcal.results import Result, load_result, save_result
@@ -157,8 +158,13 @@ def _names(folders: Sequence[Path]) -> list[str]:
 
 
 def _earlier(run: Path, campaign: Campaign, given: Mapping[str, Any]) -> Result | None:
-    """What an earlier run has found, if it was asked the same of the same campaign by this version, and ended."""
-    options, _ = checked_options(campaign, **given)
+    """What an earlier run has found, if it was asked the same of the same campaign by this version, and ended.
+
+    Of a user-defined model nothing is kept: its equations may be others by now, and no result holds them.
+    """
+    options, model = checked_options(campaign, **given)
+    if not built_in(model):
+        return None
     try:
         found = load_result(run)
     except InputError:

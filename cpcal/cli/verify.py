@@ -13,12 +13,18 @@ from cpcal.checker import POSE_SET_SUFFIX, ROBUST_NAME, Accepted
 from cpcal.cli.checked import checked_certificate, checked_legs, result_of
 from cpcal.cli.claims import sentences
 from cpcal.cli.talk import Talk, record, talking
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import nearest
 from cpcal.files import campaign_sha256, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, REPORT_NAME, unfinished
+from cpcal.legs.models import BUILT_IN
+from cpcal.report.words import missing_legs
 from cpcal.results import INFORMATION, RESULT_NAME, Uncertified, information
 
+OWN_MODEL = (
+    "The checker does not know the model {}: its certificates state the constraints themselves. That these are the "
+    "model's of this campaign is not checked."
+)
 _AGAIN = {  # what to do about a run in which no leg is certified
     Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
     Uncertified.UNWRITTEN: "again, into a folder that has room",
@@ -112,8 +118,11 @@ def _run(run: Path, talk: Talk) -> bool:
     wrong = list(stated_otherwise(load_campaign_json(run), result))
     for sentence in wrong:
         talk.say(f"{RESULT_NAME}: REFUSED, {sentence}")
-    if result.interrupted:
-        talk.say("The run was interrupted: legs may be missing.")
+    if result.model.name not in {model.name for model in BUILT_IN}:
+        talk.say(OWN_MODEL.format(printable(result.model.name)))
+    missing = missing_legs(result, load_campaign_json(run).legs)
+    if missing is not None:
+        talk.say(missing)
     for leg, found in zip(legs, result.legs, strict=True):
         if leg.refused is not None:
             talk.say(f"leg {leg.leg}: REFUSED, {leg.refused}")
@@ -124,6 +133,8 @@ def _run(run: Path, talk: Talk) -> bool:
         for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges)):
             if accepted is not None and name is not None:
                 _tell(talk, name, accepted)
+        if found.ranges is not None and ranges is None:
+            talk.say(f"leg {leg.leg}: its ranges are NOT CERTIFIED")
         for sentence in information(result.options, found):
             talk.say(f"leg {leg.leg}: {sentence}")
     talk.say(INFORMATION)

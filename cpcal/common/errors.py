@@ -71,7 +71,7 @@ class ModelError(CpcalError):
 
 
 class RoundingError(CpcalError):
-    """The processor rounds in another direction than to nearest: another library has changed that in this thread."""
+    """The processor does not round as IEEE 754 has it by default: another library has changed that in this thread."""
 
 
 class PluginError(CpcalError):

@@ -19,12 +19,14 @@ from typing import Any, Self, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.common.arrays import as_floats
+
 _V = TypeVar("_V")
 
 
 def frozen_array(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """A private, read-only, C-ordered float64 copy."""
-    array = np.array(values, dtype=np.float64, order="C")
+    """A private, read-only, C-ordered float64 copy. Raises TypeError or ValueError for what is no real number."""
+    array = np.array(as_floats(values), order="C")
     array.setflags(write=False)
     return array
 

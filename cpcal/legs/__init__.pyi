@@ -1,4 +1,5 @@
 from .equation import (
+    beyond_legs,
     exactly_read,
     leg_box,
     leg_network,
@@ -39,6 +40,7 @@ __all__ = [
     "Measured",
     "ModelResiduals",
     "Parameter",
+    "beyond_legs",
     "built_in",
     "exactly_read",
     "fit_model",

@@ -15,6 +15,9 @@ import numpy.typing as npt
 
 from cpcal.calibration.corrections import vertical
 from cpcal.common.arrays import Floats
+from cpcal.common.errors import Problem
+from cpcal.common.numbers import nearest
+from cpcal.common.numbers import stated as as_stated
 from cpcal.legs.models import PLAIN, Drawn, LegModel, Measured, built_in
 from cpcal.legs.rotation_kernel import enclosed_rotations
 from cpcal.robot import Campaign, Pose, leg_vectors, rotation_matrix
@@ -178,6 +181,19 @@ def rotation_enclosure(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
         np.stack([x.lo for x in entries], axis=1).reshape(shape),
         np.stack([x.hi for x in entries], axis=1).reshape(shape),
     )
+
+
+def beyond_legs(campaign: Campaign, leg: int, offset: float, error: float, what: str) -> list[Problem]:
+    """Whether an `error` (mm) is as large as the leg is long at some reading, with the `offset` l; `what` it is called.
+
+    The model takes legs to be longer than the error: at such a one nothing is left of what is asked about.
+    """
+    radius = campaign.length_radius[:, leg - 1]
+    shortest = float(np.min(campaign.length[:, leg - 1] - radius)) + offset
+    if 0.0 <= error < shortest or error == 0.0:
+        return []
+    said = f"{as_stated(error)} mm is no error of leg {leg}, which is {nearest(shortest, 1)} mm long at its shortest"
+    return [Problem(what, said, "give one below the lengths of the legs")]
 
 
 def residuals(campaign: Campaign, leg: int, parameters: npt.ArrayLike) -> Floats:

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from cpcal.common.atomic import write_file
 from cpcal.common.numbers import bracket_text, nearest
+from cpcal.files.cells import guarded
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.report.origin import versions
 from cpcal.report.template import rendered
@@ -66,7 +67,9 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
     }
     path = write_file(folder / SUMMARY_PAGE, rendered("campaigns.html.j2", context))
     lines = [_counts(rows, failed, missing)]
-    lines += [f"  {row.name}: leg {row.worst.leg}, eps {_eps(row.worst)} mm" for row in ordered[:_LINES]]
+    lines += [
+        f"  {row.name}: {_judged(row)[1]}, leg {row.worst.leg}, eps {_eps(row.worst)} mm" for row in ordered[:_LINES]
+    ]
     if len(ordered) > _LINES:
         lines.append(f"  and {len(ordered) - _LINES:,} with smaller errors")
     return CampaignsSummary(path, tuple(lines))
@@ -80,18 +83,24 @@ def _counts(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int) ->
 
 
 def _cells(row: CampaignRow) -> dict[str, str]:
-    verdict, passed = verdict_of(row.result, row.worst), overall(row.result)
+    kind, word = _judged(row)
     return {
         "name": row.name,
         "link": f"{quote(row.name)}/{REPORT_NAME}",
         "robot": row.result.robot,
         "leg": str(row.worst.leg),
-        "kind": verdict.kind if passed is None else passed.kind,
-        "word": verdict.word if passed is None else passed.word,
+        "kind": kind,
+        "word": word,
         "eps": _eps(row.worst),
         "legs": str(len(row.result.legs)) + (", interrupted" if row.result.interrupted else ""),
         "seconds": nearest(row.seconds, 1),
     }
+
+
+def _judged(row: CampaignRow) -> tuple[str, str]:
+    """Kind and word of the verdict: on all legs with a tolerance, else on the worst."""
+    passed, verdict = overall(row.result), verdict_of(row.result, row.worst)
+    return (verdict.kind, verdict.word) if passed is None else (passed.kind, passed.word)
 
 
 def _eps(leg: LegResult) -> str:
@@ -108,5 +117,7 @@ def _table(rows: Sequence[CampaignRow]) -> str:
         for leg in sorted(row.result.legs, key=lambda leg: (-leg.eps_lo, leg.leg)):
             word = verdict_of(row.result, leg).word
             bounds = (repr(leg.eps_lo), repr(leg.eps_hi))
-            table.writerow((row.name, leg.leg, word, *bounds, leg.certified, leg.nodes, nearest(leg.seconds, 3)))
+            table.writerow(
+                (guarded(row.name), leg.leg, word, *bounds, leg.certified, leg.nodes, nearest(leg.seconds, 3))
+            )
     return text.getvalue()

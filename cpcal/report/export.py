@@ -21,17 +21,18 @@ from cpcal.results import LegResult, Result, model_of, verdict_of
 from cpcal.robot import Campaign
 
 FORMAT = "cpcal-parameters/1"
+NOT_CERTIFIED = "not certified"  # the verdict where no certificate holds it
 _COLUMNS = ("nominal", "least_squares", "certified", "range_lo", "range_hi")
 
 
 def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = None) -> dict[str, Any]:
-    """What is exported, as texts, numbers, lists and dicts; what is not known is left out.
+    """What is exported, as texts, numbers, lists and dicts; what is not known, or in no certificate, is left out.
 
     `frames`: of the drawing, to which the parameters are moved. Raises InputError for a model that is not known here.
     """
     if frames is not None:
         check_movable(result)
-    verdict = overall(result)
+    verdict, certified = overall(result), all(leg.certified for leg in result.legs)
     provenance = {
         **campaign.provenance,
         "campaign_sha256": result.campaign_sha256,
@@ -45,7 +46,8 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
         model=result.model.name,
         frame=FRAME if frames is None else drawing_frames.FRAME,
         tolerance=result.options.tolerance,
-        verdict=None if verdict is None else verdict.word.lower(),
+        verdict=None if verdict is None else verdict.word.lower() if certified else NOT_CERTIFIED,
+        missing_legs=sorted({*range(1, campaign.legs + 1)} - {leg.leg for leg in result.legs}) or None,
         provenance=provenance,
         legs=[_leg(campaign, result, leg, frames) for leg in result.legs],
     )
@@ -54,8 +56,9 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
 def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFrames | None) -> dict[str, Any]:
     nominal = np.append(campaign.robot.parameters[leg.leg - 1], np.zeros(len(result.model.extra)))
     fit = fitted(campaign, result, leg, model_of(result)).x
-    certified = None if leg.point is None else np.array(leg.point)
-    box = None if leg.ranges is None else (leg.ranges.box.lo, leg.ranges.box.hi)
+    certified = None if leg.point is None or not leg.certified else np.array(leg.point)
+    ranges = None if leg.ranges is None or leg.ranges.certificate is None else leg.ranges
+    box = None if ranges is None else (ranges.box.lo, ranges.box.hi)
     if frames is not None:
         nominal, fit = frames.point(nominal), frames.point(fit)
         certified = None if certified is None else frames.point(certified)
@@ -68,13 +71,14 @@ def _leg(campaign: Campaign, result: Result, leg: LegResult, frames: DrawingFram
         }
         for k, name in enumerate(result.parameters)
     }
-    files = [leg.certificate, None if leg.ranges is None else leg.ranges.certificate]
+    files = [leg.certificate, None if ranges is None else ranges.certificate]
     return _known(
         leg=leg.leg,
-        verdict=verdict_of(result, leg).word,
-        eps_lo=leg.eps_lo if math.isfinite(leg.eps_lo) else None,
-        eps_hi=leg.eps_hi if math.isfinite(leg.eps_hi) else None,
-        range_eps=None if leg.ranges is None else leg.ranges.eps,
+        verdict=verdict_of(result, leg).word if leg.certified else NOT_CERTIFIED,
+        not_certified=str(leg.not_certified) or None,
+        eps_lo=leg.eps_lo if leg.certified and math.isfinite(leg.eps_lo) else None,
+        eps_hi=leg.eps_hi if leg.certified and math.isfinite(leg.eps_hi) else None,
+        range_eps=None if ranges is None else ranges.eps,
         certificates=[name for name in files if name is not None],
         parameters=parameters,
     )

@@ -96,7 +96,7 @@ def _context(
         "tolerance": None if result.options.tolerance is None else stated(result.options.tolerance),
         "summary": summary(result),
         "asked": None if result.options.eps is None else stated(result.options.eps),
-        "interrupted": missing_legs(result, campaign.legs),
+        "missing": missing_legs(result, campaign.legs),
         "table": table,
         "legs": legs,
         "overall": overall(result),

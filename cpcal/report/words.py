@@ -71,7 +71,7 @@ def fit_sentence(verdict: LegVerdict) -> str:
     if isinstance(verdict, Explained):
         said = f"All measurements fit {bracket.within}"
     elif isinstance(verdict, Bounded):
-        said = f"All measurements fit {bracket.within}, and with no parameters better"
+        said = f"All measurements fit {bracket.within}, and {bracket.no_better}, whatever the parameters"
     elif isinstance(verdict, Undecided):
         known = [f"all measurements fit {bracket.within}"] if math.isfinite(bracket.hi) else []
         known += [bracket.no_better] if bracket.lo > 0.0 else []
@@ -127,14 +127,17 @@ def center_sentence(result: Result, leg: LegResult) -> str | None:
 
 
 def missing_legs(result: Result, legs: int) -> str | None:
-    """A sentence on an interrupted run of a robot with so many legs; None for a run that ended by itself."""
-    if not result.interrupted:
-        return None
-    done = {leg.leg for leg in result.legs}
-    asked = result.options.legs or range(1, legs + 1)
-    missing = ", ".join(str(leg) for leg in asked if leg not in done)
-    text = "Interrupted: what is shown was proved until then."
-    return f"{text} There is nothing on leg {missing}." if missing else text
+    """Sentences on an interrupted run, and on legs of so many that nothing was asked of; None where all are there."""
+    done, every = {leg.leg for leg in result.legs}, range(1, legs + 1)
+    asked = result.options.legs or every
+    said = []
+    if result.interrupted:
+        said.append("Interrupted: what is shown was proved until then.")
+        missing = ", ".join(str(leg) for leg in asked if leg not in done)
+        said += [f"There is nothing on leg {missing}."] if missing else []
+    others = ", ".join(str(leg) for leg in every if leg not in asked)
+    said += [f"Nothing was asked of leg {others}: the verdict says nothing of it."] if others else []
+    return " ".join(said) or None
 
 
 def uncertified_legs(result: Result) -> str | None:

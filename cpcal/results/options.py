@@ -64,6 +64,8 @@ class Options:
 
     def _problems(self) -> Iterator[Problem]:
         legs = self.legs or ()
+        if self.legs == ():
+            yield Problem("legs", "names no leg", "name one at least, or leave it out for all")
         if len(set(legs)) < len(legs):
             yield Problem("legs", "a leg is named twice", "name each once")
         if not _nonnegative(self.delta):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Floats, as_floats
 from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.values import Value, frozen_array, frozen_mapping
 from cpcal.robot.campaign_arrays import (
@@ -108,9 +108,9 @@ class Campaign(Value):
         radii_given = [values is not None for values in (position_radius, rotation_radius, length_radius)]
         check_choice(uncertainty, exact, radii_given)
         try:
-            arrays = [np.asarray(values, dtype=np.float64) for values in (position, quaternion, length)]
+            arrays = [as_floats(values) for values in (position, quaternion, length)]
             given = [
-                None if values is None else np.asarray(values, dtype=np.float64)
+                None if values is None else as_floats(values)
                 for values in (position_radius, rotation_radius, length_radius)
             ]
         except (TypeError, ValueError) as error:

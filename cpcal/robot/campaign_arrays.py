@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Floats, as_floats
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
 from cpcal.robot.columns import (
     ColumnSource,
@@ -57,7 +58,7 @@ def stated_robot(
     if missing:
         remedy = "give base=(n, 3), mobile=(n, 3) and offset=(n,) in mm, or robot="
         raise InputError([Problem("robot", f"{' and '.join(missing)} missing", remedy)])
-    return Robot("robot" if name is None else name, *(np.asarray(value) for value in parts.values()))
+    return Robot("robot" if name is None else name, *(np.asanyarray(value) for value in parts.values()))
 
 
 def stated_uncertainty(
@@ -67,11 +68,11 @@ def stated_uncertainty(
     uncertainty: Uncertainty | None,
 ) -> Uncertainty | None:
     """The uncertainty that standard deviations state; one number stands for all axes, or all legs."""
-    given = [kind for kind in KINDS if sigmas[kind] is not None]
+    given = {kind: value for kind in KINDS if (value := sigmas[kind]) is not None}
     if not given:
         return uncertainty
     if uncertainty is not None:
-        what = f"is given, and {given[0]}_sigma too"
+        what = f"is given, and {next(iter(given))}_sigma too"
         raise InputError([Problem("campaign uncertainty", what, "give one of the two")])
     missing = [f"{kind}_sigma" for kind in KINDS if kind not in given]
     if missing:
@@ -79,7 +80,7 @@ def stated_uncertainty(
         raise InputError([Problem("campaign uncertainty", what, "give all three; 0 is exact")])
     shapes = {"position": 3, "rotation": 3, "length": legs}
     try:
-        rows = [np.broadcast_to(np.asarray(sigmas[kind], np.float64), shapes[kind]) for kind in KINDS]
+        rows = [np.broadcast_to(as_floats(given[kind]), shapes[kind]) for kind in KINDS]
     except (TypeError, ValueError) as error:
         remedy = f"give one number, or 3, 3 and {legs}"
         raise InputError([Problem("campaign uncertainty", str(error)[:200], remedy)]) from None
@@ -95,7 +96,7 @@ def in_mm(values: npt.ArrayLike, unit: str, where: str) -> Floats:
     if isinstance(factor, Problem):
         raise InputError([factor])
     try:
-        array = np.asarray(values, dtype=np.float64)
+        array = as_floats(values)
     except (TypeError, ValueError) as error:
         raise InputError([Problem(where, str(error)[:200], "give an array of numbers")]) from None
     return array if factor == 1.0 else np.asarray(factor * array)
@@ -129,6 +130,12 @@ def mapped(
             problems.add(Problem("map", what, "the columns are " + ", ".join(map(shown, header[:40]))))
         if (wrong := unit_problem(target, source.unit)) is not None:
             problems.add(wrong)
+        if source.unit is None and is_angle(target) and target not in form.columns and source.name != target:
+            problems.add(Problem("map", f"{target} has no unit", f"write {target}={source.name}[deg] or [rad]"))
+    for one, other in itertools.combinations([name for name in found if re.fullmatch("L[0-9]+", name)], 2):
+        if found[one].place(header) == found[other].place(header) is not None:
+            what = f"{one} and {other} are the same column, {shown(found[one].name)}"
+            problems.add(Problem("map", what, "map each leg to its own"))
     problems.raise_any(YOUR_DATA)
     require(found, [*(n for n in names[: 5 + legs] if n not in ("pose", "run")), *form.columns], "map")
     return found
@@ -192,7 +199,7 @@ def frame_columns(
             names[target] = [str(value) for value in column]
             continue
         try:
-            values[target] = unit_factor(target, source, form) * np.asarray(column, dtype=np.float64)
+            values[target] = unit_factor(target, source, form) * as_floats(column)
         except (TypeError, ValueError) as error:
             problems.add(Problem(f"column {source.name!r}", str(error)[:200], "give numbers"))
     problems.raise_any(YOUR_DATA)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Bools, Floats
+from cpcal.common.arrays import Bools, Floats, as_floats
 from cpcal.common.errors import InputError, Problem, shown
 from cpcal.robot.rotation import (
     normalised,
@@ -82,7 +82,7 @@ class RotationForm:
         if hasattr(rotations, "as_quat"):
             return normalised(np.roll(np.atleast_2d(rotations.as_quat()), 1, axis=1))
         try:
-            values = np.asarray(rotations, dtype=np.float64)
+            values = as_floats(rotations)
         except (TypeError, ValueError) as error:
             raise InputError([Problem("rotations", str(error)[:200], "give an array of numbers")]) from None
         width = len(self.columns)

@@ -113,3 +113,13 @@ def test_points_of_models(tmp_path: Path) -> None:
 def test_bad_questions(leg: int, point: np.ndarray, eps: float) -> None:
     with pytest.raises(cpcal.InputError):
         cpcal.certify_point(cpcal.simulate(seed=1, **SMALL), leg, point, eps=eps)
+
+
+def test_an_error_as_large_as_the_leg_is_long_is_no_question() -> None:
+    """The model takes legs to be longer than the error: at such a one every point would be called proved to fail."""
+    campaign = cpcal.simulate(seed=1, **SMALL)
+    x = campaign.robot.parameters[0]
+    length = float(np.min(campaign.length[:, 0] - campaign.length_radius[:, 0])) + float(x[6])
+    assert cpcal.certify_point(campaign, 1, x, eps=length - 1.0).verified.holds == len(campaign)
+    with pytest.raises(cpcal.InputError, match="mm is no error of leg 1, which is "):
+        cpcal.certify_point(campaign, 1, x, eps=length)

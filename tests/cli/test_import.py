@@ -140,6 +140,7 @@ def test_a_preview_writes_nothing(tmp_path, log):
         ((*LIKE_THIS, "--exact"), "give one of the two"),
         ((*LIKE_THIS, "--sigma", "position=1[deg], rotation=1, length=1"), "position is '1' in deg"),
         ((*LIKE_THIS, "--sigma", "position=1"), "rotation_sigma and length_sigma missing"),
+        ((*LIKE_THIS, "--sigma", "position=1, rotation=1, length=1"), "rotation has no unit -> write rotation=1[deg]"),
         ((*LIKE_THIS, "--map", "x=Tx"), "there is no column 'Tx'"),
         ((*LIKE_THIS, "--map", "pose=Frame"), "the column 'x' is missing"),
     ],

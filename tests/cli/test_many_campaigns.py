@@ -70,6 +70,9 @@ def test_the_summary_is_sorted_by_the_worst_leg(done):
     page = (runs / "summary.html").read_text(encoding="utf-8")
     assert [page.index(f">{name}</a>") for name in worst] == sorted(page.index(f">{name}</a>") for name in worst)
     assert said.index(next(iter(worst))) < said.index(list(worst)[-1])
+    words = {row["campaign"]: row["verdict"] for row in reversed(rows(runs))}  # of the worst leg, which stands first
+    for name in worst:
+        assert f"  {name}: {words[name]}, leg " in said or f"  {name}: FAIL, leg " in said
 
 
 def test_the_log_tells_of_each_with_the_rate_and_what_is_left(done):

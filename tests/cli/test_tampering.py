@@ -166,6 +166,7 @@ TAMPERED: dict[str, Tamper] = {
     "the box was a little larger": stated(lambda data: data["options"].update(delta=2.001)),
     "an eps was asked for": stated(lambda data: data["options"].update(eps=0.1)),
     "all legs were asked for": stated(lambda data: data["options"].update(legs=None)),
+    "the method was the paper's": stated(lambda data: data["options"].update(method="timeout", time_limit=60.0)),
     "the gap is narrower than the bracket": stated(lambda data: data["options"].update(gap=0.0)),
     "another campaign's digest": stated(lambda data: data["campaign"].update(sha256="0" * 64)),
     "another robot": stated(lambda data: data["campaign"].update(robot="R2")),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import cpcal
+from cpcal.common.numbers import bracket_text
 from cpcal.legs import PLAIN
 from cpcal.report.advice import NextStep, advise
 from cpcal.report.fitted import fitted
@@ -59,7 +60,9 @@ def test_poses_are_asked_for_where_parameters_are_open():
 def test_without_a_tolerance_one_is_asked_for():
     found, verdict = advised(CAMPAIGN)
     assert found.step is NextStep.TOLERANCE
-    assert fit_sentence(verdict).startswith("All measurements fit to within ")
+    lo, hi = bracket_text(verdict.bracket.lo, verdict.bracket.hi)  # that nothing is better is proved of the lower one
+    said = f"All measurements fit to within {hi} mm, and no better than {lo} mm, whatever the parameters."
+    assert fit_sentence(verdict) == said
 
 
 def test_the_first_to_look_at_are_those_with_the_largest_residuals_of_the_support():

@@ -98,12 +98,31 @@ def test_one_sigma_stands_for_all_axes_and_legs():
         ({"rotations": 2 * GOOD.quaternion}, "rotation of row 0: is a quaternion whose norm is not 1"),
         ({"rotation": "matrix", "rotations": -TURNS.as_matrix()}, "left-handed"),
         ({"rotation": "vector-rad", "rotations": TURNS.as_rotvec() * np.nan}, "not finite"),
+        ({"rotations": GOOD.quaternion + 0j}, "rotations: values of the type complex128 are no real numbers"),
+        ({"rotations": np.ma.masked_less(GOOD.quaternion, 0.0)}, "rotations: some values are masked"),
+        ({"base": GOOD.robot.base > 0.0}, "values of the type bool are no real numbers"),
+        ({"offset": np.ma.masked_array(GOOD.robot.offset, mask=True)}, "some values are masked"),
     ],
 )
 def test_mistakes_are_said(changes, message):
     with pytest.raises(InputError) as caught:
         from_arrays(changes.pop("rotations", GOOD.quaternion), **changes)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_readings_that_are_no_real_numbers_are_refused_instead_of_taken(which):
+    """Readings that were marked as bad must not come back as good ones."""
+    for spoil in (lambda v: np.ma.masked_greater(v, v.mean()), lambda v: v + 1j, lambda v: v > 0.0):
+        given = [GOOD.position, GOOD.length]
+        given[which] = spoil(given[which])
+        with pytest.raises(InputError, match=r"masked|no real numbers"):
+            Campaign.from_arrays(given[0], GOOD.quaternion, given[1], robot="deltalab", exact=True)
+        with pytest.raises(InputError, match=r"masked|no real numbers"):
+            Campaign.of(DELTALAB, given[0], GOOD.quaternion, given[1], exact=True)
+    masked = [np.ma.masked_greater(row, 0.0) for row in GOOD.position]
+    with pytest.raises(InputError, match="masked"):
+        Campaign.from_arrays(masked, GOOD.quaternion, GOOD.length, robot="deltalab", exact=True)
 
 
 def test_the_old_order_of_arguments_is_explained():
@@ -134,6 +153,22 @@ def test_a_frame_with_foreign_columns_is_mapped():
     same_rotations(campaign)
     assert_allclose(campaign.position, GOOD.position, rtol=1e-14)
     assert campaign.measurement_ids[:2] == ["p1/1", "p2/1"]
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ("L1=L2, L2=L2", "L1 and L2 are the same column, 'L2' -> map each leg to its own"),
+        ("L3=#11, L1=L2, L2=L1", "L3 and L1 are the same column"),
+        ("drx=error", r"drx has no unit -> write drx=error[deg] or [rad]"),
+    ],
+)
+def test_maps_that_would_be_wrong_without_a_word_are_refused(columns, message):
+    frame = GOOD.to_frame().iloc[:, :15]
+    frame["error"] = 0.01
+    with pytest.raises(InputError) as caught:
+        Campaign.from_frame(frame, robot="deltalab", columns=columns, exact=True)
+    assert message in str(caught.value)
 
 
 def test_maps_are_read_as_text_and_as_mappings():

@@ -28,18 +28,22 @@ _SEQUENTIAL = 8  # the longest axis that is added term by term
 _LARGE = 2000  # from this size on a comparison beats `count_nonzero`
 
 
-_ONE, _TINY = 1.0, 2.0**-60
+_ONE, _TINY, _HALF = 1.0, 2.0**-60, 0.5
+_NORMAL = float(np.finfo(np.float64).smallest_normal)
 
 
 def check_rounding() -> None:
-    """Raises RoundingError where this thread does not round to nearest, which all float64 bounds rest on.
+    """Raises RoundingError where this thread does not compute as IEEE 754 has it, which all float64 bounds rest on.
 
-    Some interval libraries switch it, and leave it so: codac and others on gaol, filib or boost.
+    Some interval libraries switch the rounding, and leave it so: codac and others on gaol, filib or boost. Libraries
+    that were compiled with -ffast-math switch subnormal numbers off for whoever loads them: results that small are
+    zero then, and bounds of them false.
     """
-    if _ONE + _TINY != _ONE or _ONE - _TINY != _ONE:
+    nearest = _ONE + _TINY == _ONE and _ONE - _TINY == _ONE
+    if not nearest or _NORMAL * _HALF == 0.0 or ETA / _NORMAL == 0.0:
         raise RoundingError(
-            "another library in this process has changed the processor's rounding mode, so no bound in float64 can be "
-            "trusted: run that library in a process of its own"
+            "another library in this process has changed how the processor rounds, or switched small numbers off: no "
+            "bound in float64 can be trusted. Run that library in a process of its own"
         )
 
 

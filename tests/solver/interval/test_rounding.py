@@ -175,6 +175,31 @@ def test_where_another_library_has_changed_the_rounding_no_bound_is_computed(mod
         net.solve()
 
 
+@pytest.fixture
+def environment() -> Iterator[ctypes.Array[ctypes.c_uint32]]:
+    """The floating-point environment of a PC's processor, which is put right in the end; word 7 holds the switches."""
+    library, words = ctypes.CDLL(None), (ctypes.c_uint32 * 16)()
+    library.fegetenv(words)
+    kept = bytes(words)
+    yield words
+    library.fesetenv(kept)
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the bits are those of other processors")
+@pytest.mark.parametrize("bit", [0x8000, 0x40])  # small results are zero; small operands are
+def test_where_a_library_has_switched_small_numbers_off_no_bound_is_computed(
+    bit: int, environment: ctypes.Array[ctypes.c_uint32]
+) -> None:
+    """Compiled with -ffast-math, it does so when it is loaded: x = 1 was lost, and "no solution" called proved."""
+    net = cpcal.Network()
+    x = net.variable("x", domain=(0.5, 2.0))
+    net.add((1e-160 * x * 1e-155).within((5e-316, 1.5e-315)))
+    environment[7] |= bit
+    ctypes.CDLL(None).fesetenv(environment)
+    with pytest.raises(RoundingError, match="process of its own"):
+        net.solve()
+
+
 @pytest.mark.skipif(not MODES, reason="the numbers of the modes are those of other processors")
 def test_a_plug_in_that_changes_it_ends_the_search(rounding: ctypes.CDLL) -> None:
     class Switching:
