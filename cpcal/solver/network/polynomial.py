@@ -193,10 +193,10 @@ class Expander:
         for node, mid, radius, moving, first in parts:
             slopes = np.zeros((count if len(moving) else 1, *node.shape))
             slopes[0] = mid
-            rows = slopes.reshape(len(slopes), *radius.shape)
+            flat = slopes.reshape(len(slopes), *radius.shape)
             for k, j in enumerate(moving.tolist()):
                 column = radius[:, j]
-                rows[first + k, :, j] = np.where(column == 0.0, 0.0, np.nextafter(column, np.inf))
+                flat[first + k, :, j] = np.where(column == 0.0, 0.0, np.nextafter(column, np.inf))
             out[node.digest] = IntervalArray(slopes[:, None], slopes[:, None])
         return out
 
