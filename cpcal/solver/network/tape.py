@@ -20,7 +20,7 @@ from cpcal.solver.network.engines import sweeps_of
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.operations import ADD, CONTINUOUS, DEFINED, TABLE
-from cpcal.solver.network.sweeps import reach
+from cpcal.solver.network.sweeps import near, reach
 
 # For readings, by the digest of their leaf: values or smaller sets.
 ReadingSets = Mapping[bytes, IntervalArray]
@@ -90,6 +90,15 @@ class Tape:
         lo[:, self.size : self.first], hi[:, self.size : self.first] = leaves.lo, leaves.hi
         sweeps_of(engine).forward_all(*self.program, *_own(boxes), lo, hi)
         return IntervalArray(lo, hi)
+
+    def near(self, point: Floats, readings: ReadingSets | None = None) -> Floats:
+        """Numbers near all roots' elements (K,) at a point (n,) and the middles of constants and readings."""
+        slots = np.empty(self.first + len(self.code))
+        leaves = self.leaves(readings)
+        slots[: self.size] = point
+        slots[self.size : self.first] = leaves.lo if leaves.lo is leaves.hi else 0.5 * leaves.lo + 0.5 * leaves.hi
+        near(*self.program, slots)
+        return np.asarray(slots[self.root_slots])
 
     def value(self, slots: IntervalArray, root: Expr) -> IntervalArray:
         """Bounds (B, *S) of a root."""
