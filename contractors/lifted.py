@@ -8,6 +8,7 @@ are ever active: the programs start with some dozens, and violated ones are adde
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from contractors.directions import Directions, over_box
 from contractors.relaxation import Relaxation, Structure
-from contractors.structures import Structures
+from contractors.structures import RestrictedStructures, Structures
 from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
@@ -54,8 +55,8 @@ class Lifted(Composable):
         self._engine = engine
         self._within: tuple[Structure, Box, Structure] | None = None  # what is left of the first on boxes in that one
         self._objective = None if objective is None else network.names.index(objective)
-        seeking = self._objective is not None and bool(network.domain.rad[self._objective] > 0.0)
-        self._network, self._structures = network, Structures(network, self._arithmetic, seeking=seeking)
+        self._network = network
+        self._structures: Structures | RestrictedStructures = Structures(network, self._arithmetic, self._objective)
 
     @property
     def unused_constraints(self) -> frozenset[int]:
@@ -65,6 +66,13 @@ class Lifted(Composable):
             return frozenset()
         system = self._structures.on(domain, self.deadline).system
         return frozenset(constraint for constraint, _ in system.leftover)
+
+    def restricted_to(self, elements: Indices) -> Lifted:
+        """See `cpcal.solver.contract.Restrictable`."""
+        assert isinstance(self._structures, Structures)
+        other = copy(self)
+        other._structures, other._within = self._structures.restricted_to(elements), None
+        return other
 
     def contract(self, box: Box) -> Contraction:
         if box.is_empty or not box.is_bounded:

@@ -52,7 +52,8 @@ class Regression(Composable):
         self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64"
     ) -> None:
         self._arithmetic = get_arithmetic(arithmetic)
-        self._structures = Structures(network, self._arithmetic, seeking=objective is not None)
+        sought = None if objective is None else network.names.index(objective)
+        self._structures = Structures(network, self._arithmetic, sought)
         self._known: tuple[bytes, Combined] | None = None  # which rows they are of
 
     def contract(self, box: Box) -> Contraction:

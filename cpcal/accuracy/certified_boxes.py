@@ -15,6 +15,7 @@ import numpy as np
 
 from cpcal.accuracy.findings import AssumedError, CertifiedBox
 from cpcal.certify.bracket import by_bound
+from cpcal.certify.prepared_leg import PreparedLeg
 from cpcal.certify.question import Question
 from cpcal.results import Result
 from cpcal.robot import Campaign
@@ -32,7 +33,7 @@ def certified_boxes(
         question = Question(campaign=campaign, options=options, certificates=folder, prefix=PREFIX)
         center = np.array(leg.center)
         start = np.append(leg.center if leg.point is None else leg.point, error.eps)
-        found = by_bound(question, leg.leg, question.network(leg.leg, center), start, lambda _: None)
+        found = by_bound(PreparedLeg.of(question, leg.leg, center), start, lambda _: None)
         box = found.minimum.enclosure
         sides = (tuple(map(float, side[:7])) for side in (box.lo, box.hi))
         lo, hi = ((), ()) if box.is_empty else sides

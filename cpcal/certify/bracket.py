@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cpcal.certify.prepared_leg import PreparedLeg
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError
@@ -17,10 +18,10 @@ from cpcal.results import SupportProof, Uncertified
 from cpcal.solver.accounts import Trial
 from cpcal.solver.certificate.affordable import UncheckableError
 from cpcal.solver.certificate.recording import Recording, claims_of
+from cpcal.solver.certificate.statement import Statement
 from cpcal.solver.certificate.writer import WeightProver
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
-from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.search import Contracting, Event, Proof, StepProver
@@ -32,9 +33,9 @@ class LegProver:
     It travels without the statement, whose equations are functions, and forms it again.
     """
 
-    def __init__(self, question: Question, leg: int, domain: Box) -> None:
+    def __init__(self, question: Question, leg: int, domain: Box, statement: Statement | None = None) -> None:
         self._asked = (replace(question, place=None, progress=None, checkpoints=None), leg, domain)
-        self._prover: StepProver | None = None
+        self._prover: StepProver | None = None if statement is None else WeightProver(statement)
 
     def __call__(self, box: Box, proposed: Contraction) -> Proof:
         if self._prover is None:
@@ -62,31 +63,33 @@ class Answered:
 
 
 def by_bound(
-    question: Question,
-    leg: int,
-    network: ConstraintNetwork,
+    leg: PreparedLeg,
     start: Floats,
     tell: Callable[[Bracket], None],
     *,
+    domain: Box | None = None,
     hull_only: bool = False,
 ) -> Answered:
     """Branch and bound, by all contractors asked for; with certificates, what weights prove of it is the answer.
 
-    `hull_only`: the certificate claims the enclosure alone, since nothing else is going to be stated.
+    `domain`: a part of the leg's (default: all of it). `hull_only`: the certificate claims the enclosure alone, since
+    nothing else is going to be stated.
     """
-    named = question.named(network)
+    question, domain = leg.question, leg.domain if domain is None else domain
 
     def solved(
         prover: StepProver | None, observe: Callable[[Event], None] | None, recording: Recording | None
     ) -> Minimum:
-        keeper = None if question.checkpoints is None else question.checkpoints.search_keeper(leg, recording)
+        keeper = None if question.checkpoints is None else question.checkpoints.search_keeper(leg.leg, recording)
         states = minimize(
-            network,
+            leg.network,
             "eps",
-            named,
+            leg.named,
             engine=question.engine,
             limits=question.limits,
+            domain=domain,
             start=start,
+            prepared=leg.problem,
             prover=prover,
             observe=observe,
             resume=None if keeper is None else keeper.resumed(),
@@ -98,30 +101,28 @@ def by_bound(
             keeper.end(found)
         return found
 
-    wanted = question.certificates is not None and Contracting(named).gives_weights
-    statement = question.statement(leg, network.domain) if wanted else None
+    statement = leg.stated(domain)
     if statement is None:
         return Answered(solved(None, None, None))
-    with Recording(statement, network.domain) as recording:
-        found = solved(LegProver(question, leg, network.domain), recording.event, recording)
-        if _torn(found) or (found.witness is None and found.lo <= network.domain["eps"].lo):
+    with Recording(statement, domain) as recording:
+        found = solved(LegProver(question, leg.leg, domain, statement), recording.event, recording)
+        if _torn(found) or (found.witness is None and found.lo <= domain["eps"].lo):
             return Answered(found)  # nothing is proved, or the last step may be half written
-        claims = claims_of(found, network.domain, "eps") | ({"point": None} if hull_only else {})
-        name, lost = written(question.certificate(leg), partial(recording.write, claims=claims))
+        claims = claims_of(found, domain, "eps") | ({"point": None} if hull_only else {})
+        name, lost = written(question.certificate(leg.leg), partial(recording.write, claims=claims))
         found = replace(found, contractors_used=recording.credited(found.contractors_used))
         return Answered(found, name, lost=lost)
 
 
-def prove_support(
-    question: Question, leg: int, network: ConstraintNetwork, start: Floats, few: tuple[int, ...]
-) -> SupportProof | None:
+def prove_support(leg: PreparedLeg, start: Floats, few: tuple[int, ...]) -> SupportProof | None:
     """Write a certificate that speaks of a few measurements only, and proves the lower bound that they give.
 
     None, and no certificate, where they give none, or contractors without weights.
     """
+    question, network = leg.question, leg.network
     smaller = restricted(network, [np.array(few, dtype=np.intp)] * len(network.constraints))
     named, engine, limits = question.named(smaller), question.engine, question.limits
-    statement = question.statement(leg, network.domain, few)
+    statement = question.statement(leg.leg, network.domain, few)
     if not Contracting(named).gives_weights or statement is None:
         return None
     with Recording(statement, network.domain) as recording:
@@ -143,7 +144,7 @@ def prove_support(
         if _torn(found) or found.lo <= lowest:
             return None
         claims = claims_of(found, network.domain, "eps", lower_only=True)
-        name, _ = written(question.certificate(leg, ".support"), partial(recording.write, claims=claims))
+        name, _ = written(question.certificate(leg.leg, ".support"), partial(recording.write, claims=claims))
         if name is None:
             return None
         return SupportProof(highest if lowest == highest else float(found.lo), name)

@@ -12,6 +12,7 @@ import numpy as np
 
 from cpcal.certify.bracket import by_bound
 from cpcal.certify.leg_tasks import HERE, answers
+from cpcal.certify.prepared_leg import PreparedLeg
 from cpcal.certify.question import Question
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError
@@ -47,7 +48,6 @@ def with_ranges(
         options=result.options,
         model=model_of(result, model),
         certificates=folder,
-        prefix=PREFIX,
     )
     found: dict[int, LegResult] = {leg.leg: leg for leg in result.legs}
     left = set(found)
@@ -90,17 +90,35 @@ def range_eps(options: Options, leg: LegResult) -> float | None:
 
 
 def _ranges(question: Question, leg: LegResult) -> tuple[Ranges | None, bool]:
-    """The ranges, and whether the user interrupted the search for them."""
-    eps = range_eps(question.options, leg)
+    if _asked_at(question.options, leg) is None:
+        return _without_search(question.options, leg), False
+    return ranges_of(PreparedLeg.of(question, leg.leg, np.array(leg.center)), leg)
+
+
+def _asked_at(options: Options, leg: LegResult) -> float | None:
+    """The eps of a search for the ranges; None where none is needed."""
+    return None if options.eps is not None else range_eps(options, leg)
+
+
+def _without_search(options: Options, leg: LegResult) -> Ranges | None:
+    """They are what was asked, where one eps was asked about."""
+    eps = range_eps(options, leg)
+    return None if eps is None or leg.enclosure.is_empty else Ranges(eps, leg.enclosure, leg.certificate)
+
+
+def ranges_of(prepared: PreparedLeg, leg: LegResult) -> tuple[Ranges | None, bool]:
+    """The ranges of a leg that has its bracket, and whether the user interrupted the search for them."""
+    question = prepared.question
+    eps = _asked_at(question.options, leg)
     if eps is None:
+        return _without_search(question.options, leg), False
+    domain = prepared.at(eps)
+    if domain.is_empty:
         return None, False
-    if question.options.eps is not None:  # they are what was asked
-        return (None if leg.enclosure.is_empty else Ranges(eps, leg.enclosure, leg.certificate)), False
     options = replace(question.options, eps=eps, method="bound")
-    asked = replace(question, options=options)
-    network = asked.network(leg.leg, np.array(leg.center))
+    asked = replace(question, options=options, prefix=PREFIX, checkpoints=None)
     start = np.append(leg.center if leg.point is None else leg.point, eps)
-    answer = by_bound(asked, leg.leg, network, start, lambda _: None, hull_only=True)
+    answer = by_bound(prepared.asking(asked), start, lambda _: None, domain=domain, hull_only=True)
     box = answer.minimum.enclosure
     if box.is_empty or answer.minimum.interrupted:
         return None, answer.minimum.interrupted

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cpcal.certify.asked_model import chosen_model
+from cpcal.certify.certified_ranges import range_eps
 from cpcal.certify.certify_leg import certify_leg
 from cpcal.certify.checkpoints import Checkpoints
 from cpcal.certify.leg_tasks import HERE, answers, placed
@@ -147,7 +148,7 @@ def answered(question: Question, place: Place = HERE) -> Result:
         raise InputError(beyond)
     kept = question.checkpoints
     done = {} if kept is None else _resumed(question, kept, numbers)
-    left = [leg for leg in numbers if leg not in done]
+    left = [done.get(leg, leg) for leg in numbers if leg not in done or _begun(question, done[leg])]
     question, place = placed(question, len(left), place)
     here = isinstance(place[0], Here)
     interrupted = False
@@ -155,9 +156,10 @@ def answered(question: Question, place: Place = HERE) -> Result:
         for answer in answers(question, certify_leg, left, place):
             leg, stopped = answer.found
             interrupted = interrupted or stopped
-            done[answer.asked] = _written(question, answer.files, leg)
+            done[leg.leg] = _written(question, answer.files, leg)
             if kept is not None and not (stopped or leg.pending or leg.not_certified is Uncertified.UNWRITTEN):
-                kept.keep_answer(leg, answer.files)
+                begun = kept.answer(leg.leg) if isinstance(answer.asked, LegResult) else None
+                kept.keep_answer(leg, answer.files if begun is None else {**begun[1], **answer.files})
             if question.progress is not None and not here:
                 question.progress(leg.leg, Bracket(leg.eps_lo, leg.eps_hi, leg.nodes, leg.programs, leg.seconds))
             if stopped and here:
@@ -184,12 +186,20 @@ def _resumed(question: Question, kept: Checkpoints, numbers: Sequence[int]) -> d
     return done
 
 
+def _begun(question: Question, leg: LegResult) -> bool:
+    """Whether a leg with its bracket lacks what is to follow."""
+    return question.whole and leg.ranges is None and range_eps(question.options, leg) is not None
+
+
 def _written(question: Question, files: Mapping[str, bytes], leg: LegResult) -> LegResult:
     """The leg, its certificates in the folder for them; where they cannot be written it stays, without them."""
-    try:
-        for name, content in files.items():
-            assert question.certificates is not None
+    for name, content in files.items():
+        assert question.certificates is not None
+        try:
             write_file(question.certificates / name, content)
-    except InputError:
-        return replace(leg, certified=False, certificate=None, not_certified=Uncertified.UNWRITTEN)
+        except InputError:
+            if leg.ranges is not None and name == leg.ranges.certificate != leg.certificate:
+                leg = replace(leg, ranges=replace(leg.ranges, certificate=None))
+            else:
+                leg = replace(leg, certified=False, certificate=None, not_certified=Uncertified.UNWRITTEN)
     return leg

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.certify.asked_model import chosen_model
+from cpcal.certify.prepared_leg import PreparedLeg
 from cpcal.common.errors import InputError, Problem
 from cpcal.files.campaign_json import keep_beside
 from cpcal.legs import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
@@ -17,7 +18,7 @@ from cpcal.robot import Campaign
 from cpcal.solver.certificate.readings import at_point, failing, holding
 from cpcal.solver.certificate.recording import Recording, claims_verified
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
-from cpcal.solver.optimize import verify_point
+from cpcal.solver.optimize import PointVerdicts, verify_point
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,16 @@ def verified_rows(
     """Numbers (from 0) of the measurements that the point (n,) of the model is proved to satisfy, and to fail."""
     box = leg_box(x, 0.0, model).with_bounds(x, x)
     network = leg_network(campaign, leg, box, engine=engine, eps=(eps, eps), model=model)
-    found = verify_point(network, np.append(x, eps), engine)
+    return _numbers(verify_point(network, np.append(x, eps), engine))
+
+
+def verified_center(leg: PreparedLeg) -> tuple[list[int], list[int]]:
+    """The same of the center of a leg, at the eps that is asked about, or 0."""
+    point = np.append(leg.center, leg.question.options.eps or 0.0)
+    return _numbers(verify_point(leg.network, point, leg.question.engine, leg.problem.prover.reading))
+
+
+def _numbers(found: PointVerdicts) -> tuple[list[int], list[int]]:
     return np.flatnonzero(found.holds).tolist(), np.flatnonzero(found.fails).tolist()
 
 

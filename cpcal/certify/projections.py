@@ -17,15 +17,16 @@ import numpy as np
 
 from cpcal.certify.certified_ranges import range_eps
 from cpcal.certify.leg_tasks import HERE, answers
+from cpcal.certify.prepared_leg import PreparedLeg
 from cpcal.certify.question import Question
 from cpcal.common.arrays import Floats
 from cpcal.execution.executors import Place
-from cpcal.legs import PARAMETERS, LegModel, leg_box, leg_network, model_jacobian
+from cpcal.legs import PARAMETERS, LegModel, model_jacobian
 from cpcal.results import LegResult, Projection, Projections, Result, model_of
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
-from cpcal.solver.contract import Repeat, SupportFunction
-from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.contract import Contractor, Repeat, SupportFunction
+from cpcal.solver.interval import Box
 
 Pair = tuple[int, int]
 
@@ -57,27 +58,38 @@ def with_projections(campaign: Campaign, result: Result, model: LegModel | None 
 
 
 def projections(question: Question, leg: LegResult) -> Projections | None:
+    """Those of a leg that has its bracket: see `projections_of`."""
+    if range_eps(question.options, leg) is None:
+        return None
+    return projections_of(PreparedLeg.of(question, leg.leg, np.array(leg.center)), leg)
+
+
+def projections_of(prepared: PreparedLeg, leg: LegResult) -> Projections | None:
     """Of all x within `question.options.delta` of the leg's center that satisfy its equations to within `range_eps`.
 
     "Satisfies": THERE EXISTS for every measurement a reading in its set. None where there is no such tolerance or no x,
     where none of the contractors has a `support_function`, or where all is known too well, or too badly, to be
     drawn.
     """
-    campaign, options, model = question.campaign, question.options, question.model
-    eps = range_eps(options, leg)
-    if eps is None:
+    question = prepared.question
+    eps = range_eps(question.options, leg)
+    domain = None if eps is None else prepared.at(eps)
+    contractor = next((c for c in _quick(prepared) if isinstance(c, SupportFunction)), None)
+    if eps is None or domain is None or domain.is_empty or contractor is None:
         return None
-    engine = get_arithmetic(ARITHMETIC)
-    box = leg_box(leg.center, options.delta, model)
-    network = leg_network(campaign, leg.leg, box, engine=engine, eps=(eps, eps), model=model)
-    for name in options.contractors:
-        contractor = plugins.load(name)(network, objective=None, arithmetic=ARITHMETIC)
-        if isinstance(contractor, SupportFunction):
-            known = _known(leg, eps)
-            box = Repeat(contractor, _SETTLED, _PASSES).contract(network.domain).box if known is None else known
-            pairs = () if box.is_empty else tuple(_projections(campaign, leg.leg, model, contractor, box))
-            return Projections(eps, Box(model.parameters, box.lo[:-1], box.hi[:-1]), pairs) if pairs else None
-    return None
+    known = _known(leg, eps)
+    box = Repeat(contractor, _SETTLED, _PASSES).contract(domain).box if known is None else known
+    pairs = () if box.is_empty else tuple(_projections(question.campaign, leg.leg, question.model, contractor, box))
+    return Projections(eps, Box(question.model.parameters, box.lo[:-1], box.hi[:-1]), pairs) if pairs else None
+
+
+def _quick(prepared: PreparedLeg) -> Iterator[Contractor]:
+    """The leg's contractors, in the arithmetic that is quick."""
+    if prepared.question.options.arithmetic == ARITHMETIC:
+        yield from (contractor for _, contractor in prepared.named)
+        return
+    for name, _ in prepared.named:
+        yield plugins.load(name)(prepared.network, objective="eps", arithmetic=ARITHMETIC)
 
 
 def _known(leg: LegResult, eps: float) -> Box | None:

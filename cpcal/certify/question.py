@@ -29,7 +29,8 @@ Progress = Callable[[int, Bracket], None]
 class Question:
     """Options, and what they are asked of. `certificates`: the folder for them; `prefix`: of their names.
 
-    `checkpoints`: where what is done is kept meanwhile. `place`: where boxes of a search are decided; None: here.
+    `whole`: ranges and projections too. `checkpoints`: where what is done is kept meanwhile. `place`: where boxes of a
+    search are decided; None: here.
     """
 
     campaign: Campaign
@@ -37,6 +38,7 @@ class Question:
     model: LegModel = PLAIN
     certificates: Path | None = None
     prefix: str = ""
+    whole: bool = False
     progress: Progress | None = None
     checkpoints: Checkpoints | None = None
     place: Place | None = None

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.certify.bracket import Answered, written
-from cpcal.certify.question import Question
+from cpcal.certify.prepared_leg import PreparedLeg
 from cpcal.common.arrays import Floats
 from cpcal.execution.stopping import asked
 from cpcal.results import Uncertified
@@ -21,20 +21,18 @@ from cpcal.solver.certificate.recording import Recording, claims_at
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.optimize import Bracket, Minimum, TimeoutOutcome, Witness, WitnessProver, ask, timeout
+from cpcal.solver.optimize import Bracket, Minimum, TimeoutOutcome, Witness, ask, timeout
 from cpcal.solver.search import Contracting, LargestFirst
 
 _SMALL = 1e-3  # mm: a box this wide is a point to be tried
 
 
-def by_timeout(
-    question: Question, leg: int, network: ConstraintNetwork, start: Floats, tell: Callable[[Bracket], None]
-) -> Answered:
+def by_timeout(leg: PreparedLeg, start: Floats, tell: Callable[[Bracket], None]) -> Answered:
     """The method, from eps_+ of the least-squares fit (or nominal values) and eps_- = 0. Ctrl-C ends it early."""
-    began = time.monotonic()
+    began, question, network = time.monotonic(), leg.question, leg.network
     trials: list[Trial] = []
     with ExitStack() as keep:
-        solver = _Solver(question, leg, network, keep)
+        solver = _Solver(leg, keep)
         solver.remember(solver.prover.prove(start))
         interrupted = False
         try:
@@ -49,7 +47,7 @@ def by_timeout(
         found = _minimum(network, solver, trials, question.limits, time.monotonic() - began)
         name, lost = None, Uncertified.NOTHING
         if solver.statement is not None and (solver.proof is not None or solver.best is not None):
-            name, lost = written(question.certificate(leg), solver.write)
+            name, lost = written(question.certificate(leg.leg), solver.write)
             found = replace(found, contractors_used=solver.credited(found.contractors_used))
     return Answered(replace(found, interrupted=interrupted), name, tuple(trials), lost)
 
@@ -57,12 +55,10 @@ def by_timeout(
 class _Solver:
     """What the method calls: a search for a valid point at one eps; keeps the proof of the last infeasible answer."""
 
-    def __init__(self, question: Question, leg: int, network: ConstraintNetwork, keep: ExitStack) -> None:
-        self._network, self._keep = network, keep
-        self._named = question.named(network)
-        wanted = question.certificates is not None and Contracting(self._named).gives_weights
-        self.statement = question.statement(leg, network.domain) if wanted else None
-        self.prover = WitnessProver(network, network.names.index("eps"), question.engine)
+    def __init__(self, leg: PreparedLeg, keep: ExitStack) -> None:
+        self._network, self._keep = leg.network, keep
+        self._named, self.statement = leg.named, leg.stated(leg.domain)
+        self.prover = leg.problem.prover
         self.best: Witness | None = None
         self.proof: tuple[Recording, Box] | None = None
         self.uses: tuple[ContractorUse, ...] = ()

@@ -12,6 +12,7 @@ from typer.core import TyperCommand, TyperGroup
 from cpcal.cli.leaving import leaving, refuse_empty
 from cpcal.cli.status import (
     CHECK_STATUS_HELP,
+    HAND_EYE_STATUS_HELP,
     IMPORT_STATUS_HELP,
     SOLVE_STATUS_HELP,
     STATUS_HELP,
@@ -61,7 +62,7 @@ VERBS = {
     "calibrate": Verb("cpcal.cli.calibrate", "calibrate", "calibrate study -o calibrated"),
     "demo": Verb("cpcal.cli.demo.verb", "demo", "demo -o demo", STATUS_HELP),
     "robust": Verb("cpcal.cli.robust", "robust_brackets", "robust campaign --outliers 1 -o robust", STATUS_HELP),
-    "handeye": Verb("cpcal.cli.hand_eye", "hand_eye", "handeye study -o run --tolerance 1", STATUS_HELP),
+    "handeye": Verb("cpcal.cli.hand_eye", "hand_eye", "handeye study -o run --tolerance 1", HAND_EYE_STATUS_HELP),
     "handeye-wrong": Verb("cpcal.cli.hand_eye_wrong", "wrong_images", "handeye-wrong study -o wrong --outliers 1"),
     "handeye-next": Verb("cpcal.cli.hand_eye_next", "hand_eye_next", "handeye-next study --poses reachable.csv"),
     "handeye-legs": Verb("cpcal.cli.hand_eye_legs", "hand_eye_legs", "handeye-legs run --frames frames"),

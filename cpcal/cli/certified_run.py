@@ -10,11 +10,9 @@ from typing import Any
 
 import typer
 
-from cpcal.certify.certified_ranges import with_ranges
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.checkpoints import Checkpoints
 from cpcal.certify.leg_tasks import HERE
-from cpcal.certify.projections import with_projections
 from cpcal.certify.question import Progress, Question
 from cpcal.cli.progress import watch
 from cpcal.cli.show import show_result
@@ -53,7 +51,7 @@ def certified_into(
     options, model = checked_options(campaign, **given)
     record("certify", robot=campaign.robot.name, measurements=len(campaign), options=options)
     kept = Checkpoints.for_run(run, campaign, options, model, resume=resume)
-    question = Question(campaign=campaign, options=options, model=model, checkpoints=kept)
+    question = Question(campaign=campaign, options=options, model=model, checkpoints=kept, whole=True)
     result: Result | None = None
     failure: InputError | None = None
     try:
@@ -89,9 +87,7 @@ def _watched(question: Question, draft: Path, place: Place, talk: Talk) -> Resul
     legs = list(question.options.legs or range(1, question.campaign.legs + 1))
     watching = nullcontext() if talk.quiet else watch(legs, question.options.gap, talk.errors)
     with watching as progress:
-        result = answered(replace(question, certificates=draft, progress=_recorded(progress)), place)
-        result = with_ranges(question.campaign, result, certificates=draft, model=question.model, place=place)
-    return with_projections(question.campaign, result, question.model, place)
+        return answered(replace(question, certificates=draft, progress=_recorded(progress)), place)
 
 
 def _check_something(result: Result) -> None:

@@ -12,10 +12,8 @@ from typing import Any
 
 import typer
 
-from cpcal.certify.certified_ranges import with_ranges
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.checkpoints import Checkpoints
-from cpcal.certify.projections import with_projections
 from cpcal.certify.question import Question
 from cpcal.cli.certified_run import status_of
 from cpcal.cli.progress import bar
@@ -76,12 +74,12 @@ class CampaignWork:
             kept.begin()
         with linear_algebra_on_one_thread(), TemporaryDirectory(prefix="cpcal-", ignore_cleanup_errors=True) as name:
             folder = Path(name)
-            question = Question(campaign=campaign, options=options, model=model, certificates=folder, checkpoints=kept)
+            question = Question(
+                campaign=campaign, options=options, model=model, certificates=folder, checkpoints=kept, whole=True
+            )
             result = answered(question)
             if result.interrupted and not result.legs:
                 raise Stopped(asked() or Reason.INTERRUPTED)
-            result = with_ranges(campaign, result, certificates=folder, model=model)
-            result = with_projections(campaign, result, model)
             save_result(result, folder, campaign)
             write_report(campaign, result, folder, checker=self.checker)
             return CertifiedCampaign(result, {path.name: path.read_bytes() for path in sorted(folder.iterdir())}, kept)

@@ -22,6 +22,12 @@ STATUS_HELP = (
     "proved until then written and printed."
 )
 
+HAND_EYE_STATUS_HELP = (
+    "Exit status: **0** the bracket is closed, or with --tolerance the tolerance is met, **1** the bracket is open, or "
+    "with --tolerance it is not met or undecided, **2** unusable input (one message lists every problem), **3** an "
+    "internal error (please report it), **130** interrupted, **143** terminated."
+)
+
 SOLVE_STATUS_HELP = (
     "Exit status: **0** complete (that there is no solution is an answer too), **1** a limit came first, **2** "
     "unusable input, **3** an internal error, **130** interrupted, **143** terminated."

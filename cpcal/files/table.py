@@ -145,9 +145,9 @@ def shorter(text: str) -> str:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """ "pose and run", "pose, run and image"."""
+    """ "image", "pose and run", "pose, run and image"."""
     *first, last = names
-    return ", ".join(first) + " and " + last
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 class _Rows:

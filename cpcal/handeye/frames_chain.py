@@ -10,6 +10,7 @@ Each link begins with the box that the one before left. An image without a pose,
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,7 @@ from cpcal.robot import rotation_matrix
 from cpcal.solver.interval import Box
 
 _SPREAD = 9  # images that narrow the box where the robot's poses are exact: the pixels say the rest
+_UNCERTAIN = 24  # images that narrow it where they are not: it takes time for each, and more of them add little
 _FEWEST = 3
 _TURNS = 8
 _WORTH = 0.8  # share of some width that another turn must be expected to leave, or less
@@ -116,26 +118,33 @@ def prove_chain(
     time_limit: float = np.inf,
     tell: Tell = lambda text: None,
 ) -> ChainProof:
-    """Contract a box of frames about `center` until it is empty or gets no smaller, at a tolerance of eps px."""
+    """Contract a box of frames about `center` until it is empty or gets no smaller, at a tolerance of eps px.
+
+    After `time_limit` seconds no image and no turn more is begun, but for the fewest that say anything."""
+    end = time.monotonic() + time_limit
     uncertain = bool(study.pose_half_width.any())
     nominal = nominal_poses(study)
-    chosen = sorted(nominal) if uncertain else spread(study, sorted(nominal), _SPREAD)
+    chosen = spread(study, sorted(nominal), _UNCERTAIN if uncertain else _SPREAD)
     if len(chosen) < _FEWEST:
         pixels = prove_in_turns(study, eps, domain, about=about, time_limit=time_limit, tell=tell)
         return ChainProof(eps, domain, pixels[-1].left, (), (), pixels)
-    images, sets = [], []
+    images: list[tuple[str, NominalPose, FramesProof]] = []
+    sets: list[ImagePoseSet] = []
     for k in chosen:
+        if len(sets) >= _FEWEST and time.monotonic() > end:
+            break
         proof = prove_pose(study, k, nominal[k], eps, pose_domain(study, k, nominal[k], domain))
         tell(f"{study.images[k]} alone: {'no pose is left' if proof.refuted else 'its pose is bounded'}")
         if proof.refuted:
             return ChainProof(eps, domain, nothing(domain), ((study.images[k], nominal[k], proof),), (), ())
         images.append((study.images[k], nominal[k], proof))
         sets.append(pose_set(study.images[k], nominal[k], proof, ""))
-    links = _linked(study, sets, center, eps, domain, about, tell)
+    links = _linked(study, sets, center, eps, domain, about, end, tell)
     left = links[-1][0].left
     if left.is_empty or uncertain:
         return ChainProof(eps, domain, left, tuple(images), links, ())
-    pixels = prove_in_turns(study, eps, left, about=about, time_limit=time_limit, tell=tell)
+    rest = max(end - time.monotonic(), 0.0)
+    pixels = prove_in_turns(study, eps, left, about=about, time_limit=rest, tell=tell)
     return ChainProof(eps, domain, pixels[-1].left, tuple(images), links, pixels)
 
 
@@ -156,6 +165,7 @@ def _linked(
     eps: float,
     domain: Box,
     about: str,
+    end: float,
     tell: Tell,
 ) -> tuple[tuple[FramesProof, tuple[Cut, ...]], ...]:
     found: list[tuple[FramesProof, tuple[Cut, ...]]] = []
@@ -167,7 +177,7 @@ def _linked(
         proof = prove_links(links, cuts, eps, about=about, tell=tell)
         found.append((proof, cuts))
         left = proof.left
-        if left.is_empty or (turn > 0 and not (left.width < _WORTH * box.width).any()):
+        if left.is_empty or (turn > 0 and not (left.width < _WORTH * box.width).any()) or time.monotonic() > end:
             break
         box = left
     return tuple(found)

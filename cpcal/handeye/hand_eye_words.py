@@ -68,12 +68,14 @@ def wrong_sentences(found: WrongImages) -> list[str]:
     left = ", ".join(found.left_out)
     said = [f"All images but {left} are explained to within {high} px by some frames (proved)."]
     if found.eps_lo > 0.0:
-        said.append(f"Whichever {found.outliers} are left out, no frames explain all others to {low} px (proved).")
+        which = "Whichever one is" if found.outliers == 1 else f"Whichever {found.outliers} are"
+        said.append(f"{which} left out, no frames explain all others to {low} px (proved).")
     tolerance = at_most(found.tolerance, 5)
+    most = "one is" if found.outliers == 1 else f"{found.outliers} are"
     for image, _ in found.blamed:
-        said.append(f"{image} is wrong, if at most {found.outliers} are and right ones fit to {tolerance} px (proved).")
+        said.append(f"{image} is wrong, if at most {most} and right ones fit to {tolerance} px (proved).")
     proved = {image for image, _ in found.blamed}
     open_ = [image for image in found.left_out if image not in proved]
     if open_:
-        said.append(f"Of {', '.join(open_)} it is not proved that they are wrong.")
+        said.append(f"Not proved to be wrong, though the others fit best without: {', '.join(open_)}.")
     return said

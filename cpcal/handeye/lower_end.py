@@ -47,7 +47,7 @@ def lower_end(
     just_below = eps_hi * (1.0 - 0.9 * gap)
     domain = wide.domain if wide.refuted else wide.left
     if study.pose_half_width.any():
-        return _of_uncertain(study, wide, domain, center, best, just_below, about, tell)
+        return _of_uncertain(study, wide, domain, center, best, just_below, about, time_limit, tell)
     if wide.refuted:
         tell(f"is there anything below {at_least(just_below, 7)} px?")
         tried = prove_chain(study, just_below, domain, center, about=about, time_limit=time_limit, tell=tell)
@@ -98,6 +98,7 @@ def _of_uncertain(
     best: ReadFrames,
     most: float,
     about: str,
+    time_limit: float,
     tell: Tell,
 ) -> tuple[float, ChainProof | None]:
     """A single image with any pose is what mostly forces the error; else all of them with their readings."""
@@ -120,7 +121,7 @@ def _of_uncertain(
         for share in _BETWEEN:
             eps = found[0] + share * (most - found[0])
             tell(f"is there anything below {at_least(eps, 7)} px?")
-            chain = prove_chain(study, eps, domain, center, about=about, tell=lambda text: None)
+            chain = prove_chain(study, eps, domain, center, about=about, time_limit=time_limit, tell=lambda text: None)
             if chain.refuted:
                 return eps, chain
     return found

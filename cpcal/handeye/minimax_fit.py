@@ -6,7 +6,7 @@ point satisfies every pixel is proved elsewhere.
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,7 @@ _STEPS = 60
 _START = 0.05  # rad: the trust region of rotations; that of translations is as far as it moves a point
 _LEAST = 1e-13
 _RESTARTS = 3
+_MANY = 150  # unknowns, from which on a program is nearly all zeros: each image has readings of its own
 
 
 def minimax_fit(model: MinimaxModel[At], at: At, *, restarts: int = _RESTARTS) -> tuple[At, float]:
@@ -91,9 +92,27 @@ def _step(model: MinimaxModel[At], at: At, reach: Floats, worst: float) -> tuple
     rhs = np.concatenate([width - residuals, width + residuals]) / scale
     size = np.abs(matrix).max(axis=1)
     low, high = (np.clip(end / reach, -1.0, 1.0) for end in model.room(at))
-    engine = Dense()
-    engine.load(matrix / size[:, None], rhs / size, np.append(low, 0.0), np.append(high, 2.0))
-    solution = engine.minimize(np.append(np.zeros(model.size), 1.0))
-    if solution.status is not LinearStatus.OPTIMAL:
+    low, high = np.append(low, 0.0), np.append(high, 2.0)
+    point = (_of_many if model.size > _MANY else _of_few)(matrix / size[:, None], rhs / size, low, high)
+    if point is None:
         return np.zeros(model.size), worst
-    return reach * solution.point[: model.size], scale * float(solution.point[-1])
+    return reach * point[: model.size], scale * float(point[-1])
+
+
+def _of_few(matrix: Floats, rhs: Floats, low: Floats, high: Floats) -> Floats | None:
+    """The x of least last entry with `matrix @ x <= rhs` between bounds."""
+    engine = Dense()
+    engine.load(matrix, rhs, low, high)
+    solution = engine.minimize(np.append(np.zeros(len(low) - 1), 1.0))
+    return solution.point if solution.status is LinearStatus.OPTIMAL else None
+
+
+def _of_many(matrix: Floats, rhs: Floats, low: Floats, high: Floats) -> Floats | None:
+    """The same by HiGHS, which passes over zeros; a little outside of the bounds or rows does no harm here."""
+    from scipy.optimize import linprog  # when it is needed
+    from scipy.sparse import csr_array
+
+    rows: Any = csr_array(matrix)
+    cost, bounds = np.append(np.zeros(len(low) - 1), 1.0), list(zip(low.tolist(), high.tolist(), strict=True))
+    found = linprog(cost, rows, rhs, bounds=bounds, method="highs")
+    return np.asarray(found.x) if found.status == 0 else None

@@ -107,7 +107,8 @@ def find_wrong_images(
     if not 0 < outliers <= len(study.images) // _LEAST - 2:
         most = max(len(study.images) // _LEAST - 2, 0)
         what = f"is {outliers} of {len(study.images)} images"
-        raise InputError([Problem("outliers", what, f"give a number from 1 to {most}, or more images")])
+        remedy = f"these images do for at most {most}: each further one takes {_LEAST} images more"
+        raise InputError([Problem("outliers", what, remedy)])
     frames, left = trimmed_fit(study, outliers, np.random.default_rng(seed))
     good = [k for k in range(len(study.images)) if k not in left]
     part = study.part(np.array(good))

@@ -27,6 +27,7 @@ _OTHER_MODELS = ("gain", "lateral", "linear")  # the simplest first
 _HELPS = 0.6  # another model is named when its largest residual is below this share of the model's own
 _FORCED = 0.5  # measurements are to be taken again when without them the largest residual is below this share
 _ENOUGH = 500  # measurements, for the fits of other models
+_SURELY = 1.5  # times that share: another model is not even fitted when its linearised equations leave more
 _NEARLY = 1.3  # times the best: a simpler model is as good
 
 
@@ -143,6 +144,8 @@ def _another_model(
         other = leg_model(name)
         try:
             residuals = ModelResiduals(campaign, leg.leg, other)
+            if _at_least(residuals, own, other) > _SURELY * _HELPS * own.largest:
+                continue
             x = fit_model(some, leg.leg, other, residuals if some is campaign else None)
             largest[name] = float(np.max(np.abs(residuals.values(x))))
         except (CpcalError, ValueError, np.linalg.LinAlgError):  # a fit that does not exist helps nobody
@@ -156,6 +159,18 @@ def _another_model(
         f"{about(own.largest)} mm. cpcal compare proves which models hold."
     )
     return NextStep.MODEL, f"model “{name}”", sentence
+
+
+def _at_least(residuals: ModelResiduals, own: Fitted, other: LegModel) -> float:
+    """About the largest residual of a fit of another model, from its equations linearised at the fit of the plain one.
+
+    What is linear in the extra parameters, which are small, needs no fit to be ruled out.
+    """
+    at = np.append(own.x, np.zeros(len(other.extra)))
+    with np.errstate(all="ignore"):  # a damaged result may be anywhere
+        values, rows = residuals.values(at), residuals.jacobian(at)
+    step = np.linalg.lstsq(rows, -values, rcond=1e-12)[0]
+    return float(np.max(np.abs(values + rows @ step)))
 
 
 def _some(campaign: Campaign) -> Campaign:

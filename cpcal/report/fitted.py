@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.legs import LegModel, ModelResiduals, fit_model
+from cpcal.legs import LegModel, fit_model, model_jacobian, model_residuals
 from cpcal.results import LegResult, Result
 from cpcal.robot import Campaign
 
@@ -30,5 +30,5 @@ def fitted(campaign: Campaign, result: Result, leg: LegResult, model: LegModel) 
     known = result.options.center == "fit"
     x = np.array(leg.center) if known else fit_model(campaign, leg.leg, model)
     with np.errstate(all="ignore"):  # the center of a damaged result may be anywhere
-        of = ModelResiduals(campaign, leg.leg, model)
-        return Fitted(x, np.nan_to_num(of.values(x)), np.nan_to_num(of.jacobian(x)))
+        values, slopes = model_residuals(campaign, leg.leg, x, model), model_jacobian(campaign, leg.leg, x, model)
+        return Fitted(x, np.nan_to_num(values), np.nan_to_num(slopes))

@@ -22,7 +22,7 @@ from cpcal.vision.median import median
 from cpcal.vision.pose_fit import NoPose, Pixels, PoseFit, fit, plain_model, same_pose, turned_over
 from cpcal.vision.shared_errors import shared_part
 from cpcal.vision.target import Target
-from cpcal.vision.two_by_two import determinants
+from cpcal.vision.two_by_two import determinants, eigenvalues
 
 FEWEST = 6  # dots
 AMBIGUOUS = 30.0  # a second pose whose chi-square is no more than this above the first's is as credible (exp(15) to 1)
@@ -172,8 +172,9 @@ def _checked(
 
 
 def _check_spread(dots: Floats) -> None:
-    spread = np.linalg.svd(dots - dots.mean(axis=0), compute_uv=False)
-    if spread[1] < _SLIM * spread[0]:
+    away = dots - dots.mean(axis=0)
+    least, most = eigenvalues(away.T @ away)
+    if least < _SLIM**2 * most:
         raise NoPose("the dots lie on a line or nearly so")
 
 

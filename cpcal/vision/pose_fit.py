@@ -8,10 +8,10 @@ import numpy as np
 
 from cpcal.common.arrays import Bools, Floats
 from cpcal.common.errors import CpcalError
-from cpcal.robot import Pose, quaternion_conjugate, quaternion_from_matrix, quaternion_product, rotation_vector
+from cpcal.robot import Pose, quaternion_from_matrix
 from cpcal.vision.camera import Camera
 from cpcal.vision.dot_model import centers_of
-from cpcal.vision.pose_kernel import ENDLESS, SINGULAR, STEPS, fit_pose
+from cpcal.vision.pose_kernel import ENDLESS, SINGULAR, STEPS, fit_pose, pose_distance
 
 
 class NoPose(CpcalError):
@@ -66,7 +66,7 @@ class PoseFit:
 
 def fit(model: Model, pose: Pose) -> PoseFit:
     """Levenberg-Marquardt from a pose; ends when a step is a small part of the standard deviations."""
-    packed, normal = np.concatenate([pose.position, pose.quaternion]), np.eye(6)
+    packed, normal = _packed(pose), np.eye(6)
     if isinstance(model, PinholeEquations):
         residuals = np.empty(9)
         none, camera, flat = np.empty((0, 2)), np.empty(13), np.empty((0, 2, 2))
@@ -82,11 +82,14 @@ def fit(model: Model, pose: Pose) -> PoseFit:
     return PoseFit(Pose(packed[:3], packed[3:]), float(square), normal, residuals)
 
 
+def _packed(pose: Pose) -> Floats:
+    """(7,) as compiled code takes it."""
+    return np.concatenate([pose.position, pose.quaternion])
+
+
 def same_pose(pose: Pose, other: PoseFit) -> bool:
     """Whether a pose is the fit's to within a standard deviation."""
-    turn = quaternion_product(pose.quaternion, quaternion_conjugate(other.pose.quaternion))
-    step = np.concatenate([pose.position - other.pose.position, rotation_vector(turn)])
-    return bool(step @ other.normal @ step < 1.0)
+    return bool(pose_distance(_packed(pose), _packed(other.pose), other.normal) < 1.0)
 
 
 def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[PinholeEquations, Pose]:
@@ -114,8 +117,8 @@ def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[PinholeEq
 
 def turned_over(pose: Pose, dots: Floats) -> Pose:
     """The plane's other pose: depths along the line of sight to the dots' middle change their sign."""
-    middle = np.append(dots.mean(axis=0), 0.0)
-    center = pose.position + pose.rotation @ middle
-    sight = center / np.linalg.norm(center)
-    turn = (np.eye(3) - 2.0 * np.outer(sight, sight)) @ pose.rotation @ np.diag([1.0, 1.0, -1.0])
-    return Pose(center - turn @ middle, quaternion_from_matrix(turn))
+    x, y = dots.mean(axis=0)
+    rotation = pose.rotation
+    center = pose.position + rotation @ [x, y, 0.0]
+    turn = (rotation - center[:, None] * (2.0 / (center @ center) * (center @ rotation))) * [1.0, 1.0, -1.0]
+    return Pose(center - turn @ [x, y, 0.0], quaternion_from_matrix(turn))

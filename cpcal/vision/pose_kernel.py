@@ -170,3 +170,23 @@ def _moved(pose: Floats, step: Floats, out: Floats) -> None:
     length = np.sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2 + out[6] ** 2)
     for k in range(3, 7):
         out[k] /= length
+
+
+@compiled
+def pose_distance(pose: Floats, other: Floats, normal: Floats) -> float:
+    """The square of how far a packed pose is from another, in standard deviations by a normal matrix (6, 6)."""
+    step = np.empty(6)
+    step[:3] = pose[:3] - other[:3]
+    w1, x1, y1, z1 = pose[3], pose[4], pose[5], pose[6]
+    w2, x2, y2, z2 = other[3], -other[4], -other[5], -other[6]
+    w, x = w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2, w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2
+    y, z = w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2, w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2
+    half = np.sqrt(x * x + y * y + z * z)
+    scale = 2.0 if half < 1e-12 else 2.0 * np.arctan2(half, abs(w)) / half
+    sign = -scale if w < 0.0 else scale
+    step[3], step[4], step[5] = sign * x, sign * y, sign * z
+    square = 0.0
+    for i in range(6):
+        for j in range(6):
+            square += step[i] * normal[i, j] * step[j]
+    return square

@@ -22,6 +22,7 @@ from cpcal.solver.interval import Interval, get_arithmetic
 from cpcal.solver.linear import Dense
 from cpcal.solver.linear.glop import Glop
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
+from cpcal.solver.network.restrict import restricted
 from cpcal.solver.network.term_operations import Monomial
 from cpcal.solver.optimize import minimize, run
 
@@ -273,3 +274,22 @@ def test_on_a_small_box_linear_programs_carry_what_is_proved_with_all_monomials(
     weights = [step.weights for step in left.steps]
     assert weights
     assert all(w is not None and w.rows and not (w.products or w.tangents) for w in weights)
+
+
+@pytest.mark.parametrize("factor", [0.0, 3.0])
+def test_restricted_to_some_measurements_it_says_what_these_alone_say(factor: float) -> None:
+    """On a box, and on one within it: of the measurements alone, whose numbers stay, and no solution is lost."""
+    campaign = simulate(seed=2, joint_error=1.0, factor=factor)
+    box = leg_box(least_squares(campaign, 1), 30.0)
+    net = leg_network(campaign, 1, box, engine=get_arithmetic("float64"), eps=(0.0, 5.0))
+    few = np.arange(5, 60, 4)
+    alone = Lifted(restricted(net, [few, few]), objective="eps")
+    some, domain = Lifted(net, objective="eps").restricted_to(few), net.domain
+    for _ in range(2):
+        found, expected = some.contract(domain), alone.contract(domain)
+        assert found.steps
+        assert {k for step in found.steps for _, k in step.rows} <= set(few.tolist())
+        tolerance = 0.05 * domain.width  # rows of the box before serve the second one
+        assert (np.abs(found.box.lo - expected.box.lo) <= tolerance).all()
+        assert (np.abs(found.box.hi - expected.box.hi) <= tolerance).all()
+        domain = expected.box

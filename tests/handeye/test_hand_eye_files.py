@@ -34,12 +34,14 @@ def _replace(path, old, new):
 def test_all_problems_are_told_at_once(folder):
     _replace(folder / "handeye.toml", "eye-in-hand", "eye-on-foot")
     _replace(folder / "poses.csv", "image002,", "image002,x")
+    _replace(folder / "poses.csv", "image003,", "image001,")
     _replace(folder / "points.csv", "image001,p2,", "image001,p1,")
     with pytest.raises(InputError) as raised:
         load_hand_eye(folder)
     text = str(raised.value)
     assert "setup is 'eye-on-foot'" in text
     assert "poses.csv:3" in text
+    assert "poses.csv:4: image 'image001' was given on line 2 already -> give each image once" in text
     assert "points.csv:3: image 'image001' point 'p1' was given on line 2 already" in text
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cpcal.handeye import frames_chain, minimax_fit
 from cpcal.handeye.certify_hand_eye import certify_hand_eye
 from cpcal.handeye.classical_answer import classical_answer
 from cpcal.handeye.exact_errors import exact_errors, largest
@@ -147,3 +148,35 @@ def test_readings_turn_and_shift_the_stated_poses():
     skew = rotation_matrix(turn)
     assert [skew[2, 1], skew[0, 2], skew[1, 0]] == pytest.approx([2e-3, -1e-3, 5e-4], rel=5e-3)
     assert there.poses.position[0] == pytest.approx(study.poses.position[0])
+
+
+def test_a_time_limit_ends_the_images_of_a_chain_and_the_truth_stays_inside():
+    study, truth = uncertain("eye-to-hand")
+    found = certify_hand_eye(study, tolerance=0.2, time_limit=0.0)
+    assert len(found.ranges.chain.images) == 0  # no folder: nothing is written
+    x = unknowns_of(truth)
+    assert (np.array(found.ranges.lo) <= x).all()
+    assert (x <= np.array(found.ranges.hi)).all()
+    assert found.eps_lo <= found.eps_hi <= 0.2
+
+
+def test_of_many_images_the_most_different_ones_narrow_the_ranges(monkeypatch):
+    study, truth = uncertain("eye-in-hand")
+    monkeypatch.setattr(frames_chain, "_UNCERTAIN", 4)
+    said = []
+    found = certify_hand_eye(study, tolerance=0.2, tell=said.append)
+    assert sum("its pose is bounded" in text for text in said) == 4
+    x = unknowns_of(truth)
+    assert (np.array(found.ranges.lo) <= x).all()
+    assert (x <= np.array(found.ranges.hi)).all()
+
+
+def test_programs_of_many_readings_give_the_frames_of_those_of_few(monkeypatch):
+    study, _ = uncertain("eye-in-hand")
+    answer = classical_answer(study)
+    start = ReadFrames(answer.frames, answer.readings)
+    values = []
+    for many in (1000, 0):
+        monkeypatch.setattr(minimax_fit, "_MANY", many)
+        values.append(minimax_fit.minimax_fit(ReadingModel(study), start)[1])
+    assert values[1] == pytest.approx(values[0], rel=1e-3)

@@ -48,6 +48,8 @@ class FloatRule:
         self._mask = signed(len(rule.x))
         self._columns: dict[int, int] = {0: 0}
         self._even = [False]  # whether the monomial of a column, not the constant, lies in [0, 1]
+        self._evens = np.zeros(1, np.bool_)  # the same as an array
+        self._known_beside: dict[Product | Square, tuple[list[int], list[float]]] = {}
         self._rows: dict[int, tuple[Indices, Floats, float]] = {}
         self._sides: dict[int, tuple[float, float]] = {}  # center and radius of an unknown
 
@@ -56,12 +58,17 @@ class FloatRule:
         self.form(rows)
         formed = [self._rows[n] for n in rows]
         columns, values = [own for own, _, _ in formed], [own for _, own, _ in formed]
-        beside = self._beside(products, squares)
         sizes = [own.size for own in values] + [4] * len(products) + [3] * len(squares)
+        places, coefficients = list[int](), list[float]()
+        beside: list[Product | Square] = [*products, *squares]
+        for one in beside:
+            more = self._beside(one)
+            places += more[0]
+            coefficients += more[1]
         return Parts(
             start=np.cumsum([0, *sizes]),
-            columns=np.concatenate([*columns, np.array([self._column(m) for m, _ in beside], np.intp)]),
-            values=np.concatenate([*values, np.array([value for _, value in beside], np.float64)]),
+            columns=np.concatenate([*columns, np.array(places, np.intp)]),
+            values=np.concatenate([*values, np.array(coefficients, np.float64)]),
             errors=np.array([own for _, _, own in formed] + [0.0] * (len(products) + len(squares))),
         )
 
@@ -79,20 +86,19 @@ class FloatRule:
     def lowest(self, parts: Parts, weights: Floats, i: int = 0, sign: float = 0.0) -> tuple[float, float]:
         """A lower bound of `sign u_i` and the weighted sum, and the error that it counts; -inf where it overflows."""
         column = self._column(unknown(i))
-        even = np.array(self._even)
-        lowest, error = _lowest(parts.start, parts.columns, parts.values, parts.errors, weights, even, column, sign)
+        if len(self._evens) < len(self._even):
+            self._evens = np.array(self._even)
+        kept = self._evens
+        lowest, error = _lowest(parts.start, parts.columns, parts.values, parts.errors, weights, kept, column, sign)
         return (lowest - error, error) if np.isfinite(lowest - error) else (-np.inf, np.inf)
 
-    def _beside(self, products: Sequence[Product], squares: Sequence[Square]) -> list[tuple[int, float]]:
-        """Monomials and coefficients of all that is added beside rows."""
-        out: list[tuple[int, float]] = []
-        for k, m, p, q in products:
-            one, two = unknown(k), unknown(m)
-            out += [(0, -1.0), (one, -p), (two, -q), (one + two, -p * q)]
-        for k, t in squares:
-            one = unknown(k)
-            out += [(one + one, -1.0), (one, 2.0 * t), (0, -t * t)]
-        return out
+    def _beside(self, one: Product | Square) -> tuple[list[int], list[float]]:
+        """Columns and coefficients of what is added beside rows."""
+        known = self._known_beside.get(one)
+        if known is None:
+            terms = _of_product(*one) if len(one) == 4 else _of_square(*one)
+            known = self._known_beside[one] = [self._column(m) for m, _ in terms], [value for _, value in terms]
+        return known
 
     def form(self, numbers: Sequence[int]) -> None:
         """Columns, coefficients, and the error of all of them, of rows that were not formed before."""
@@ -124,6 +130,16 @@ class FloatRule:
             self._columns[monomial] = len(self._columns)
             self._even.append(not monomial & self._mask)
         return self._columns[monomial]
+
+
+def _of_product(k: int, m: int, p: int, q: int) -> list[tuple[int, float]]:
+    one, two = unknown(k), unknown(m)
+    return [(0, -1.0), (one, -p), (two, -q), (one + two, -p * q)]
+
+
+def _of_square(k: int, t: float) -> list[tuple[int, float]]:
+    one = unknown(k)
+    return [(one + one, -1.0), (one, 2.0 * t), (0, -t * t)]
 
 
 @compiled

@@ -11,10 +11,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from cpcal.checker import Refused
 from cpcal.checker.problem import Box as ExactBox
@@ -141,8 +142,15 @@ class _Proposed:
 
     def shortened(self, bits: int) -> Floats:
         """Weights of the parts, as whole numbers of so many bits at most times a power of two."""
-        whole_ones = [np.ldexp(*whole(values, bits)) for values in self.weights]
-        return np.concatenate([whole_ones[0][self.known], *whole_ones[1:]])
+        values, largest = self._placed
+        return np.asarray(np.ldexp(np.rint(np.ldexp(values, bits - largest)), largest - bits))
+
+    @cached_property
+    def _placed(self) -> tuple[Floats, npt.NDArray[np.intc]]:
+        """The weights of the parts, and the exponent of the largest of their kind."""
+        kinds = [self.weights[0][self.known], *self.weights[1:]]
+        largest = [_exponent(values) for values in self.weights]
+        return np.concatenate(kinds), np.repeat(np.array(largest, np.intc), [values.size for values in kinds])
 
     def exact(self, bits: int) -> Weights:
         """The checker's form of them; those that vanish are left out."""
@@ -212,8 +220,12 @@ def _complete(proved: Box, proposed: Box) -> bool:
 
 def whole(values: Floats, bits: int) -> tuple[Floats, int]:
     """Whole numbers that are nearly proportional to nonnegative ones, and the power of two between them."""
-    exponent = math.frexp(values.max(initial=0.0))[1] - bits
+    exponent = _exponent(values) - bits
     return np.rint(np.ldexp(values, -exponent)), exponent
+
+
+def _exponent(values: Floats) -> int:
+    return math.frexp(values.max(initial=0.0))[1]
 
 
 def rounded(value: F, down: bool) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Bools, Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
 from cpcal.solver.network.rows import Extremes
@@ -32,6 +32,16 @@ class ReadingConstraint:
         slots = self._tape.forward(engine, box)
         worst = max(highest(self._tape.value(slots, e)) for e in (self._over, self._under))
         return worst <= 0.0 and self._tape.defined(engine, slots)
+
+    def holding(self, engine: Arithmetic, box: IntervalArray, point: Floats) -> tuple[Bools, Bools]:
+        """Elements that hold on the box for some reading, and those that hold for all."""
+        slots = self._tape.forward(engine, box)
+        size = int(np.prod(self._over.shape))
+        ends = [upper_ends(self._tape.value(slots, e), size) for e in (self._over, self._under)]
+        for_all = np.max(ends, axis=0) <= 0.0
+        if not self._tape.defined(engine, slots):
+            for_all = np.zeros(size, dtype=bool)
+        return for_all | (self.excesses(engine, box, point) <= 0.0), for_all
 
     def excesses(self, engine: Arithmetic, box: IntervalArray, point: Floats) -> Floats:
         """Element by element a bound of how far some reading is from satisfying it; <= 0: some reading does."""

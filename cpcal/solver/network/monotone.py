@@ -20,16 +20,16 @@ class DecisiveReadings:
 
     def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
         self._engine = engine
-        self._tape = Tape(network, [row.expr for row in one_sided_rows(network)])
-        self._data = {leaf.digest: leaf.data for leaf in self._tape.readings if isinstance(leaf.data, IntervalArray)}
+        self.tape = Tape(network, [row.expr for row in one_sided_rows(network)])
+        self._data = {leaf.digest: leaf.data for leaf in self.tape.readings if isinstance(leaf.data, IntervalArray)}
 
     @property
     def any(self) -> bool:
-        return bool(self._tape.readings)
+        return bool(self.tape.readings)
 
     def on(self, box: Box) -> list[ReadingSets]:
         """One collection of reading sets per row; components that decide at an end are single points."""
-        tape = self._tape
+        tape = self.tape
         slots = tape.forward(self._engine, IntervalArray(box.lo[None], box.hi[None]))
         if not tape.continuous(self._engine, slots):  # monotone on either side of a pole is not monotone
             return [{} for _ in tape.roots]
@@ -38,7 +38,7 @@ class DecisiveReadings:
 
     def _sets(self, rows: slice, g: IntervalArray) -> ReadingSets:
         """Of the readings that enter some of these rows: a component that enters two of them stays as it is."""
-        paths, tape = self._tape.reach, self._tape
+        paths, tape = self.tape.reach, self.tape
         mine = (paths.leaf >= tape.given) & (paths.row >= rows.start) & (paths.row < rows.stop)
         leaf, entry = paths.leaf[mine], paths.entry[mine]
         alone = np.bincount(leaf, minlength=tape.first) == 1

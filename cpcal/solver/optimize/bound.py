@@ -20,8 +20,9 @@ from cpcal.solver.contract import Contractor, Limits, Strategy
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.bounding import Bounding, Branch, Row
-from cpcal.solver.optimize.incumbent import Incumbent
+from cpcal.solver.optimize.incumbent import Incumbent, Known
 from cpcal.solver.optimize.minimum import Bracket, Minimum, status_of
+from cpcal.solver.optimize.prepared import Prepared
 from cpcal.solver.optimize.saved import Saved
 from cpcal.solver.search import (
     Contracting,
@@ -52,7 +53,10 @@ def minimize(
     *,
     engine: Arithmetic,
     limits: Limits,
+    domain: Box | None = None,
     start: Floats | None = None,
+    best: Known | None = None,
+    prepared: Prepared | None = None,
     strategy: Strategy | None = None,
     enclose: bool = True,
     prover: StepProver | None = None,
@@ -65,28 +69,25 @@ def minimize(
 
     THERE EXISTS a reading in its set for every constraint, as in the network. `contractors` are applied one after the
     other; with a `prover` only what it proves again by weights counts for `lo` and `enclosure`, and `found` holds what
-    all contractors reach. `start` (n,) is where the first fit begins (default: the middle of the domain). Without
-    `enclose` no work is spent on a tight enclosure. `observe` is told of every node's fate, and after it
-    `keep` is given a function that tells where the search stands; with that as `resume` another call goes on from
-    there, to the same end. `place`: an executor that decides rounds of several nodes, and how many tasks it is given at
-    a time; the answer is the same. Close the iterator to stop early.
+    all contractors reach. `domain`: a part of the network's (default: all of it). `start` (n,) is where the first fit
+    begins (default: the middle of the domain); with `best`, which is known already, there is none. `prepared`: what
+    other questions about the network and the objective have set up. Without `enclose` no work is spent on a tight
+    enclosure. `observe` is told of every node's fate, and after it `keep` is given a function that tells where the
+    search stands; with that as `resume` another call goes on from there, to the same end. `place`: an executor that
+    decides rounds of several nodes, and how many tasks it is given at a time; the answer is the same. Close the
+    iterator to stop early.
     """
     began = time.monotonic() - (0.0 if resume is None else resume.seconds)
     index = network.names.index(objective)
     clock = limits.clock()
-    domain = network.domain
-    if strategy is None:
-        strategy = LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
+    domain = network.domain if domain is None else domain
+    strategy = strategy or LargestFirst(scale=np.where(domain.rad > 0.0, domain.rad, 1.0), skip=(objective,))
     named = contractors if isinstance(contractors, Sequence) else [("", contractors)]
-    incumbent = Incumbent(network, index, limits, engine, clock.deadline)
+    prepared = prepared or Prepared(network, objective, engine)
+    incumbent = Incumbent(prepared, limits, clock.deadline, domain=domain, best=best)
     process = Bounding(incumbent, Contracting(named, prover), strategy, enclose, place)
-    search = Search(
-        [Piece(domain, Branch(domain, fresh=True))],
-        process,
-        lambda node: float(node.box.lo[index]),
-        abreast=_abreast,
-        subtrees=True,
-    )
+    root = Piece(domain, Branch(domain, fresh=True))
+    search = Search([root], process, lambda node: float(node.box.lo[index]), abreast=_abreast, subtrees=True)
     tally = _Tally(process, index)
     if resume is not None:
         search.restore(resume.pending, resume.kept, resume.created)
@@ -100,7 +101,7 @@ def minimize(
 
     interrupted = False
     try:
-        if resume is None:
+        if resume is None and best is None:
             incumbent.propose(domain.mid if start is None else np.asarray(start, np.float64))
         while search.waiting and not clock.over(tally.nodes):
             for event in search:  # of one round: a state between two of them can be gone on from

@@ -6,6 +6,8 @@ chosen far from the ends of their domains and so that the square Jacobian is far
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from cpcal.common.arrays import Bools, Floats, Indices
@@ -33,6 +35,12 @@ class Equations:
         self._network, self._engine = plain, engine
         self._flat = [part for root in self._equalities.roots for part in _elements(root)]
         self._provers: dict[tuple[int, ...], UniquenessProver] = {}  # by the equations that they are about
+
+    def within(self, domain: Box) -> Equations:
+        """The same in a part of the domain."""
+        other = copy(self)
+        other._domain = domain
+        return other
 
     def estimate(self, point: Floats) -> tuple[Floats, Floats]:
         """F (m,) and its Jacobian (m, n) at a point, without proof."""

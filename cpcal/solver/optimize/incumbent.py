@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from cpcal.common.arrays import Floats
 from cpcal.solver.contract import Limits
-from cpcal.solver.interval import Arithmetic, Box
+from cpcal.solver.interval import Box
 from cpcal.solver.linear import Dense
-from cpcal.solver.network import Constraint, ConstraintNetwork
-from cpcal.solver.network.dag import leaves
-from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.local_minimum import fit_of_many
 from cpcal.solver.optimize.local_search import LocalSearch
+from cpcal.solver.optimize.prepared import Prepared
 from cpcal.solver.optimize.witness import Witness, WitnessProver
 
 
@@ -32,25 +31,19 @@ class Incumbent:
 
     def __init__(
         self,
-        network: ConstraintNetwork,
-        objective: int,
+        prepared: Prepared,
         limits: Limits,
-        engine: Arithmetic,
         deadline: float = np.inf,
+        *,
+        domain: Box | None = None,
+        best: Known | None = None,
     ) -> None:
-        self.objective, self.domain, self._limits = objective, network.domain, limits
-        self._network, self._rows = network, Rows(network)
-        self._prover = WitnessProver(network, objective, engine)
-        self._local = LocalSearch(network, self._rows, objective, self._prover.equations, deadline)
-        self._minimax = all(self._enters(c) for c in network.constraints)
-        self._one_value = bool(self.domain.lo[objective] == self.domain.hi[objective])
+        self.objective = prepared.objective
+        self.domain = prepared.network.domain if domain is None else domain
+        self._prepared, self._limits, self._deadline = prepared, limits, deadline
+        self._one_value = bool(self.domain.lo[self.objective] == self.domain.hi[self.objective])
         self.calls = 0  # of `propose`
-        self.witness: Witness | None = None
-
-    def _enters(self, constraint: Constraint) -> bool:
-        """Whether the constraint may be mended by the objective."""
-        leaf = self._network.leaf_of(self.domain.names[self.objective])
-        return any(node is leaf for node in leaves((constraint.body, constraint.lower, constraint.upper)))
+        self.witness: Witness | None = None if best is None else best.witness
 
     @property
     def hi(self) -> float:
@@ -65,7 +58,7 @@ class Incumbent:
     @property
     def floor(self) -> float:
         """The second-order effect of the readings at it (0 without one)."""
-        return 0.0 if self.witness is None else self._rows.second_order(self.witness.point)
+        return 0.0 if self.witness is None else self._prepared.rows.second_order(self.witness.point)
 
     @property
     def served(self) -> bool:
@@ -101,10 +94,13 @@ class Incumbent:
         if not np.isfinite(self.domain.hi[o] - self.domain.lo[o]):  # the middle of a half-line is of no use
             start = start.copy()
             start[o] = np.clip(0.0, self.domain.lo[o], self.domain.hi[o])
-        if self._minimax or not self._local.applies:
-            better = self._keep(fit_of_many(self._network, self._rows, self.objective, start, Dense()))
-        better = better or self._keep(start)
-        if self._local.applies and not (self._minimax and (better or self._one_value)) and _due(self.calls):
+        if self._one_value and self._keep(start):  # no other point is better
+            return True
+        if self._prepared.minimax or not self._local.applies:
+            prepared = self._prepared
+            better = self._keep(fit_of_many(prepared.network, prepared.rows, o, start, Dense(), self.domain))
+        better = better or (not self._one_value and self._keep(start))
+        if self._local.applies and not (self._prepared.minimax and (better or self._one_value)) and _due(self.calls):
             for point in self._local.proposals(start):
                 kept = self._keep(point)
                 better = better or kept
@@ -112,13 +108,22 @@ class Incumbent:
                     break
         return better
 
+    @cached_property
+    def _prover(self) -> WitnessProver:
+        return self._prepared.prover.within(self.domain)
+
+    @cached_property
+    def _local(self) -> LocalSearch:
+        prepared, equations = self._prepared, self._prover.equations
+        return LocalSearch(prepared.network, prepared.rows, self.objective, equations, self._deadline, self.domain)
+
     def _known_better(self, point: Floats) -> bool:
         """Whether the point is no improvement, whatever its margin."""
         return bool(point[self.objective] >= self.hi)
 
     def _keep(self, point: Floats) -> bool:
         """Prove a point; keep it if it is better."""
-        if self._known_better(point) and not self._minimax:
+        if self._known_better(point) and not self._prepared.minimax:
             return False
         witness = self._prover.prove(point)
         if witness is None or witness.value >= self.hi:

@@ -83,12 +83,19 @@ class _Problem:
         return np.asarray(reach * solution.point)
 
 
-def fit_of_many(network: ConstraintNetwork, rows: Rows, objective: int, start: Floats, engine: LinearEngine) -> Floats:
-    """The same in the network's domain, for many measurements: of those that matter, which are few.
+def fit_of_many(
+    network: ConstraintNetwork,
+    rows: Rows,
+    objective: int,
+    start: Floats,
+    engine: LinearEngine,
+    domain: Box | None = None,
+) -> Floats:
+    """The same in the network's domain (or a part of it), for many measurements: of those that matter, which are few.
 
     Measurements that the fitted point violates more than it may are added, and the fit goes on.
     """
-    box = network.domain
+    box = network.domain if domain is None else domain
     if sum(int(np.prod(c.body.shape)) for c in network.constraints) <= _MANY:
         return fit(rows, objective, box, start, engine)
     point, chosen = np.asarray(start, np.float64), [np.zeros(0, np.intp)] * len(network.constraints)

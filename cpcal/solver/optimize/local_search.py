@@ -18,6 +18,7 @@ import numpy as np
 
 from cpcal.common.arrays import Floats
 from cpcal.solver.existence import reads
+from cpcal.solver.interval import Box
 from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows, RowValues
@@ -35,9 +36,9 @@ _WIDE = 1e4  # a domain beyond this says nothing about the size of its component
 
 
 class LocalSearch:
-    """Local minimisation over one network's domain, of these `rows`; `applies` where it is small and has no readings.
+    """Local minimisation over one network's domain, or a part of it, of these `rows`.
 
-    It stops at `deadline` (of time.monotonic()), where it is.
+    `applies` where the network is small and has no readings. It stops at `deadline` (of time.monotonic()), where it is.
     """
 
     def __init__(
@@ -47,9 +48,10 @@ class LocalSearch:
         objective: int,
         equations: Equations,
         deadline: float = math.inf,
+        domain: Box | None = None,
     ) -> None:
-        self._deadline = deadline
-        self._domain, self._objective, self._equations = network.domain, objective, equations
+        self._deadline, self._domain = deadline, network.domain if domain is None else domain
+        self._objective, self._equations = objective, equations
         self._whole = network.whole
         self._rows = Rows(equations.rest) if equations.count else rows
         size = sum(int(np.prod(c.body.shape)) for c in network.constraints)

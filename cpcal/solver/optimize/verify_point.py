@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,20 +24,31 @@ class PointVerdicts:
     fails: Bools
 
 
-def verify_point(network: ConstraintNetwork, point: npt.ArrayLike, engine: Arithmetic) -> PointVerdicts:
+def verify_point(
+    network: ConstraintNetwork,
+    point: npt.ArrayLike,
+    engine: Arithmetic,
+    reading: Sequence[ReadingConstraint] | None = None,
+) -> PointVerdicts:
     """Verify a point (n,), one value for each component in the order of `names`.
 
     Element k holds when THERE EXIST readings in their sets with which all constraints hold at k; it fails when some
-    constraint does not hold at k for any readings. Constraints of one element count for all.
+    constraint does not hold at k for any readings. Constraints of one element count for all. `reading`: those of the
+    network with readings, in their order, where they are set up already.
     """
     x = np.asarray(point, np.float64)
     box = IntervalArray.point(x[None])
     count = max((c.body.shape[0] for c in network.constraints if c.body.shape), default=1)
     holds, fails = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
     for_some = np.zeros(count, dtype=np.intp)  # constraints at an element that hold, but not for all readings
+    set_up = iter(reading or [ReadingConstraint(network, c) for c in network.constraints if reads(c)])
     with np.errstate(all="ignore"):
         for constraint in network.constraints:
-            good, all_readings = _holds(network, constraint, engine, box, x)
+            if reads(constraint):
+                good, all_readings = next(set_up).holding(engine, box, x)
+            else:
+                good = _holds(network, constraint, engine, box)
+                all_readings = np.ones_like(good)
             holds &= _by_row(good, constraint, count, every=True)
             for_some += ~_by_row(all_readings, constraint, count, every=True)
         for row, lowest in _lowest(network, engine, x):
@@ -47,33 +59,27 @@ def verify_point(network: ConstraintNetwork, point: npt.ArrayLike, engine: Arith
     return PointVerdicts(holds & (for_some <= 1), fails)
 
 
-def _holds(
-    network: ConstraintNetwork, constraint: Constraint, engine: Arithmetic, box: IntervalArray, x: Floats
-) -> tuple[Bools, Bools]:
-    """Elements that hold for some reading, and those that hold for all."""
+def _holds(network: ConstraintNetwork, constraint: Constraint, engine: Arithmetic, box: IntervalArray) -> Bools:
+    """Elements of a constraint without readings that hold."""
     tape = Tape(network, [constraint.body - constraint.upper, constraint.lower - constraint.body])
     slots = tape.forward(engine, box)
     size = int(np.prod(constraint.body.shape))
-    for_all = np.full(size, tape.defined(engine, slots))
+    good = np.full(size, tape.defined(engine, slots))
     for root in tape.roots:
-        for_all &= upper_ends(tape.value(slots, root), size) <= 0.0
-    if not reads(constraint):
-        return for_all, np.ones(size, dtype=bool)
-    return for_all | (ReadingConstraint(network, constraint).excesses(engine, box, x) <= 0.0), for_all
+        good &= upper_ends(tape.value(slots, root), size) <= 0.0
+    return good
 
 
 def _lowest(network: ConstraintNetwork, engine: Arithmetic, x: Floats) -> list[tuple[Row, Floats]]:
     """For each one-sided row `r <= 0` a lower bound of its elements over all readings."""
-    rows = one_sided_rows(network)
-    sets = DecisiveReadings(network, engine).on(Box(network.names, x, x))
-    return [(row, _over_readings(network, row, decisive, engine, x)) for row, decisive in zip(rows, sets, strict=True)]
+    decisive = DecisiveReadings(network, engine)
+    sets = decisive.on(Box(network.names, x, x))
+    rows = zip(one_sided_rows(network), sets, strict=True)
+    return [(row, _over_readings(decisive.tape, row, own, engine, x)) for row, own in rows]
 
 
-def _over_readings(
-    network: ConstraintNetwork, row: Row, decisive: ReadingSets, engine: Arithmetic, x: Floats
-) -> Floats:
-    tape = Tape(network, [row.expr])
-    values = tape.values(tape.forward(engine, IntervalArray.point(x[None]), decisive))
+def _over_readings(tape: Tape, row: Row, decisive: ReadingSets, engine: Arithmetic, x: Floats) -> Floats:
+    values = tape.value(tape.forward(engine, IntervalArray.point(x[None]), decisive), row.expr)
     lowest = np.where(values.empty, -np.inf, values.lo)
     return np.broadcast_to(lowest.ravel(), (int(np.prod(row.expr.shape)),))
 

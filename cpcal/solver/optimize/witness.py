@@ -7,6 +7,7 @@ is proved to exist in a tiny box (see `cpcal.solver.optimize.equations`), on whi
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,10 +45,16 @@ class WitnessProver:
         if self._whole.any():  # their rows hold with equality, which outward rounding in float64 does not see
             self._engine = engine = get_arithmetic("arb")
         self._plain = _Rows(network, [c for c in network.constraints if not reads(c)], objective)
-        self._reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
+        self.reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
         self.equations = Equations(network, engine)
         rest = list(self.equations.rest.constraints) if self.equations.count else []
         self._rest = _Rows(network, [c for c in rest if not reads(c)], objective)
+
+    def within(self, domain: Box) -> WitnessProver:
+        """The same for points in a part of the network's domain."""
+        other = copy(self)
+        other._domain, other.equations = domain, self.equations.within(domain)
+        return other
 
     def prove(self, point: Floats) -> Witness | None:
         """The smallest objective (within rounding) at which the rest of `point` is proved, or None.
@@ -106,7 +113,7 @@ class WitnessProver:
                 return np.inf, stuck
             worst = [plain]
             open_constraints = 0
-            for constraint in self._reading:
+            for constraint in self.reading:
                 if constraint.holds_for_all(self._engine, values):
                     continue
                 open_constraints += 1

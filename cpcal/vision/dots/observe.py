@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from cpcal.common.arrays import Floats
 from cpcal.common.values import frozen_array
 from cpcal.vision.dots.edge import OUTSIDE, Edges
 from cpcal.vision.dots.grey import Grey, eight_bits, grey_levels, noise_level
 from cpcal.vision.dots.light import light_gradient
+from cpcal.vision.dots.neighbours import gaps
 from cpcal.vision.dots.own_light import fitted_under
-from cpcal.vision.dots.segmentation import Spots, spots, surveys
+from cpcal.vision.dots.segmentation import Spots, halved, spots, surveys
 from cpcal.vision.median import median
 from cpcal.vision.two_by_two import eigenvalues
 
@@ -95,8 +95,9 @@ def populations(image: object, *, bright: bool | None = None) -> Iterator[Dots]:
     for. What they have in common cannot tell a target's dots from a background's specks; identification can."""
     grey = grey_levels(image)
     eight = eight_bits(grey)
-    for survey in surveys(eight, bright):
-        yield _observed(grey, spots(eight, survey), survey.radius)
+    half = halved(eight)
+    for survey in surveys(eight, half, bright):
+        yield _observed(grey, spots(eight, half, survey), survey.radius)
 
 
 def refitted(image: object, dots: Dots, members: npt.NDArray[Any]) -> Dots:
@@ -152,12 +153,9 @@ def _room(gap: Floats) -> Floats:
 
 def _gap(found: Spots) -> Floats:
     """How many pixels (n,) lie between a dot and its neighbours."""
-    if len(found) < 2:
-        return np.full(len(found), np.inf)
-    distance, other = (np.asarray(a) for a in cKDTree(found.center).query(found.center, min(6, len(found))))
-    long = 2.0 * np.sqrt(eigenvalues(found.spread)[:, 1])
-    gap = (distance[:, 1:] - long[:, None] - long[other[:, 1:]]).min(axis=1)
-    return np.asarray(gap)
+    out = np.empty(len(found))
+    gaps(found.center, 2.0 * np.sqrt(eigenvalues(found.spread)[:, 1]), np.argsort(found.center[:, 0]), out)
+    return out
 
 
 def _quality(edges: Edges, noise: float) -> Floats:

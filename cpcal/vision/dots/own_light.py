@@ -56,7 +56,7 @@ def fitted_under(grey: Grey, found: Spots, room: Floats, light: Floats) -> Edges
     again = np.flatnonzero(_beyond(excess, 6) | noisy)
     if not len(again):
         return edges
-    common = _common(edges, 0, LINEAR - PLAIN)
+    common = _medians(edges, _told(edges, 0, LINEAR - PLAIN)[0], 0)
     own = fitted_edges(grey, found.center[again], found.spread[again], room[again], light[again], LINEAR)
     own.center[:] -= common @ edges.odd[again, :, TERMS + 1 :]
     better = ~(noisy[again] & (own.noise > _BETTER * edges.noise[again]))
@@ -100,10 +100,11 @@ class _Excess:
 def _excess(edges: Edges, first: int) -> _Excess:
     """Of the terms from `first` on."""
     sharpness = edges.noise**2 / (edges.noise**2 + (_IMPERFECT * edges.contrast) ** 2)
-    variance = np.trace(edges.covariance, axis1=1, axis2=2)
-    count = len(variance)
+    variance = edges.covariance[:, 0, 0] + edges.covariance[:, 1, 1]
+    values, inverse = _told(edges, first, TERMS)
+    common, count = _medians(edges, values, first), len(variance)
     out = _Excess(np.empty(count), np.empty(count), np.empty(count, dtype=bool))
-    excesses(edges.odd, sharpness, variance, _common(edges, first), first, out.shapes, out.moves, out.worth)
+    excesses(edges.odd, values, inverse, sharpness, variance, common, out.shapes, out.moves, out.worth)
     return out
 
 
@@ -119,12 +120,18 @@ def _beyond(excess: _Excess, degrees: int, rare: dict[int, float] = _RARE) -> Bo
     return out
 
 
-def _common(edges: Edges, first: int, last: int = TERMS) -> Floats:
-    """The medians (6,) of the terms from `first` to `last` over dots, zero for the others."""
+def _told(edges: Edges, first: int, last: int) -> tuple[Floats, Floats]:
+    """The terms (n, last - first) had they been fitted, and their covariances."""
+    count, size = len(edges.odd), last - first
+    values, inverse = np.empty((count, size)), np.empty((count, size, size))
+    term_values(edges.odd, first, last, values, inverse)
+    return values, inverse
+
+
+def _medians(edges: Edges, values: Floats, first: int) -> Floats:
+    """The medians (6,) over dots of their terms from `first` on, zero for the others."""
     out = np.zeros(TERMS)
-    odd = edges.odd[~np.isnan(edges.noise)]
-    if len(odd) >= _ENOUGH:
-        values = np.empty((len(odd), last - first))
-        term_values(odd, first, last, values)
-        out[first:last] = np.median(values, axis=0)
+    fitted = values[~np.isnan(edges.noise)]
+    if len(fitted) >= _ENOUGH:
+        out[first : first + values.shape[1]] = [median(column) for column in fitted.T]
     return out

@@ -73,22 +73,22 @@ class Survey:
     contrast: float
 
 
-def surveys(image: Grey8, bright: bool | None = None) -> Iterator[Survey]:
+def surveys(image: Grey8, half: Grey8, bright: bool | None = None) -> Iterator[Survey]:
     """First looks at an image's dots, the likelier first: of both kinds only where both are likely, and of each size
-    that many spots have, because specks of a background may outnumber the dots. None without spots. `bright` states
-    the kind. Of a large image those of its half come first, where it shows spots that are large enough for that."""
+    that many spots have, because specks of a background may outnumber the dots. None without spots. `half` is the
+    image at half its size; `bright` states the kind. Of a large image those of its half come first, where it shows
+    spots that are large enough for that."""
     if image.size >= _LARGE:
         least = max(_NOISE * noise_level(image), _LEAST)
-        for one in surveys(_halved(image), bright):
+        for one in surveys(half, halved(half), bright):
             if one.number >= _ENOUGH and 2.0 * _SMALL <= one.radius <= 0.5 * _LARGEST:
                 yield replace(one, radius=2.0 * one.radius, contrast=max(least, one.contrast))
     if min(image.shape) >= _SMALLEST:
-        yield from _looked_at(image, bright)
+        yield from _looked_at(image, half, bright)
 
 
-def _looked_at(image: Grey8, bright: bool | None) -> list[Survey]:
+def _looked_at(image: Grey8, half: Grey8, bright: bool | None) -> list[Survey]:
     cv2 = opencv()
-    half = _halved(image)
     least = max(_NOISE * noise_level(half), _LEAST)
     kinds = (True, False) if bright is None else (bright,)
     mean = cv2.blur(half, (_WIDEST, _WIDEST))
@@ -143,15 +143,18 @@ def _survey(image: Grey8, half: Grey8, mean: Grey8, found: Spots) -> Survey:
     return Survey(found.bright, len(found), median(found.radius), least)
 
 
-def spots(image: Grey8, survey: Survey) -> Spots:
-    """The candidates for dots in an image, all brighter or all darker than around them, clear of its border."""
-    mean = _mean(image, _halved(image), _NEIGHBOURHOOD * survey.radius)
+def spots(image: Grey8, half: Grey8, survey: Survey) -> Spots:
+    """The candidates for dots in an image, of which `half` has half the size: all brighter or all darker than around
+    them, clear of its border."""
+    mean = _mean(image, half, _NEIGHBOURHOOD * survey.radius)
     return _standing_out(_excess(image, mean, survey.bright, out=mean), survey.contrast, survey.bright, survey.radius)
 
 
-def _halved(image: Grey8) -> Grey8:
+def halved(image: Grey8) -> Grey8:
+    """The image at half its size."""
     cv2 = opencv()
-    half: Grey8 = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    size = max(image.shape[1] // 2, 1), max(image.shape[0] // 2, 1)
+    half: Grey8 = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     return half
 
 

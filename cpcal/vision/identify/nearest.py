@@ -1,4 +1,4 @@
-"""Points that are each other's nearest, compiled: this is asked some times an image."""
+"""Points that are each other's nearest, and how near, compiled: this is asked some times an image."""
 
 from __future__ import annotations
 
@@ -27,3 +27,14 @@ def mutually_nearest(points: Floats, places: Floats, reach: float, out: Ints) ->
     for i in range(len(places)):
         if out[i] >= 0 and owner[out[i]] != i:
             out[i] = -1
+
+
+@compiled
+def nearest_squares(points: Floats, out: Floats) -> None:
+    """The squared distances (n,) of points (n, 2) to the nearest other one; inf where none is."""
+    out[:] = np.inf
+    for i in range(len(points)):
+        for k in range(i):
+            dx, dy = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
+            square = dx * dx + dy * dy
+            out[i], out[k] = min(out[i], square), min(out[k], square)

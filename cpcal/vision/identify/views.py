@@ -10,6 +10,7 @@ import numpy as np
 
 from cpcal.common.arrays import Bools, Floats
 from cpcal.vision.camera import Camera
+from cpcal.vision.identify.nearest import nearest_squares
 from cpcal.vision.median import median
 
 _EXACT = 0.015  # of the spacing: how far a dot may be off when the camera is known
@@ -93,7 +94,6 @@ def bent_back(pixels: Floats, middle: Floats, bend: float, tolerance: float | No
 def _spacing(points: Floats) -> float:
     if len(points) < 2:
         return 0.0
-    x, y = points.T
-    square = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
-    np.fill_diagonal(square, np.inf)
-    return float(np.sqrt(median(square.min(axis=1))))
+    square = np.empty(len(points))
+    nearest_squares(np.ascontiguousarray(points), square)
+    return float(np.sqrt(median(square)))

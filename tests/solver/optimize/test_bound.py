@@ -13,7 +13,7 @@ from cpcal.common.errors import ModelError
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.linear import Dense
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize import Bracket, Minimum, Witness, minimize
+from cpcal.solver.optimize import Bracket, Minimum, Prepared, Witness, minimize
 from cpcal.solver.optimize.incumbent import Incumbent
 from cpcal.solver.optimize.local_minimum import fit, fit_of_many
 from cpcal.solver.optimize.minimum import status_of
@@ -244,9 +244,10 @@ def test_only_the_gap_that_was_asked_for_closes_a_bracket(
 ) -> None:
     net = Network()
     net.variable("e", (), (0, 10))
-    incumbent = Incumbent(net, 0, Limits(gap=1e-6), get_arithmetic("float64"))
+    prepared = Prepared(net, "e", get_arithmetic("float64"))
+    incumbent = Incumbent(prepared, Limits(gap=1e-6))
     incumbent.witness = Witness(np.array([1.0]), 1.0)
-    incumbent._rows.second_order = lambda point: floor  # type: ignore[method-assign]
+    prepared.rows.second_order = lambda point: floor  # type: ignore[method-assign]
     said = status_of(Bracket(lo, 1.0, 1, 1, 0.0), incumbent, undecided)
     assert said[0] is verdict
     assert words in said[1]
