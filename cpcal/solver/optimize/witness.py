@@ -94,7 +94,7 @@ class WitnessProver:
             if stuck or not np.isfinite(excess) or (attempt > _PATIENCE and excess >= last):
                 return None
             last = min(last, excess)
-            increment = max(4.0 * increment, 2.0 * excess, np.spacing(abs(candidate[o])))  # tries cost more than that
+            increment = max(2.0 * increment, excess, np.spacing(abs(candidate[o])))
             candidate[o] += increment
             if candidate[o] > self._domain.hi[o]:
                 return None
