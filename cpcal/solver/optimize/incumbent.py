@@ -63,7 +63,7 @@ class Incumbent:
     @property
     def served(self) -> bool:
         """Whether another fit can wait while boxes shrink: there is a point, or a fit found none for the one value."""
-        return self.witness is not None or (self._one_value and self._minimax and self.calls > 0)
+        return self.witness is not None or (self._one_value and self._prepared.minimax and self.calls > 0)
 
     @property
     def state(self) -> Known:
