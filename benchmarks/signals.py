@@ -1,7 +1,7 @@
 """What a signal at a random moment leaves of a `certify`: the documented status, every finished leg, no process.
 
     python -m benchmarks.signals [--count 40] [--workers 1] [--kinds SIGINT SIGTERM SIGKILL] [--seed 1] [--legs 2,3]
-        [--resumed 1] [--forked]
+        [--resumed 1] [--forked] [--group]
 
 Each time `cpcal certify` of some legs is begun, and gets the signal after a time between 0 and 1.1 times what an
 undisturbed run takes. Then are counted: exit statuses (as a shell shows them: 128 + signal for a process that the
@@ -9,7 +9,8 @@ signal ended before Python could listen; apart those that came while Python itse
 certificates `cpcal verify` refuses; legs that the log says were answered and that neither the result nor the checkpoint
 holds; processes that are left ten seconds later. Every stopped run (with `--resumed K` every Kth) is then gone on with
 by --resume, and its certificates compared with those of the undisturbed run, byte by byte. With --forked runs begin
-with all modules loaded: that saves half of the time, and leaves start-up out. Linux only.
+with all modules loaded: that saves half of the time, and leaves start-up out. With --group the workers, and those that
+begin, are sent the signal too, as a terminal does. Linux only.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ class SignalledRun:
     legs: str
     workers: int
     forked: bool
+    group: bool
 
     def command(self, run: Path, *more: str) -> list[str]:
         options = ["--legs", self.legs, "--delta", "200", "--log", str(run.with_suffix(".log")), "--no-checker"]
@@ -123,7 +125,7 @@ def one(asked: SignalledRun, run: Path, kind: signal.Signals, after: float) -> t
     said = run.with_suffix(".said")
     pid = begun(asked.command(run), said, asked.forked)
     time.sleep(after)
-    os.kill(pid, kind)
+    (os.killpg if asked.group else os.kill)(pid, kind)
     status = ended(pid)
     text = said.read_text(encoding="utf-8", errors="replace")
     if _BEFORE in text or ("Traceback" in text and f"{os.sep}cpcal{os.sep}" not in text):
@@ -176,6 +178,7 @@ def main() -> None:
     parser.add_argument("--legs", default="2,3")
     parser.add_argument("--resumed", type=int, default=1)
     parser.add_argument("--forked", action="store_true")
+    parser.add_argument("--group", action="store_true")
     given = parser.parse_args()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs, and theirs, ignore it
     moments = random.Random(given.seed)
@@ -183,7 +186,7 @@ def main() -> None:
         folder = Path(name)
         small = cpcal.simulate(seed=1, joint_error=40.0, factor=0.0, extremal=False, random_poses=10)
         cpcal.save_campaign(small, folder / "campaign")
-        asked = SignalledRun(folder / "campaign", given.legs, given.workers, given.forked)
+        asked = SignalledRun(folder / "campaign", given.legs, given.workers, given.forked, given.group)
         took, whole = undisturbed(asked, folder)
         print(f"undisturbed: {took:.1f} s, {len(whole)} certificates; {given.workers} workers", flush=True)
         for kind in given.kinds:

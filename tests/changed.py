@@ -1,10 +1,12 @@
-"""Campaigns that are changed: other sensors, fewer measurements."""
+"""Campaigns and studies that are changed: other sensors, fewer measurements."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+
+from cpcal.robot import PoseTable
 
 
 def with_gain(campaign, gain):
@@ -17,3 +19,12 @@ def some(campaign, rows):
     arrays = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
     names = {name: tuple(np.array(getattr(campaign, name))[rows]) for name in ("pose", "run")}
     return replace(campaign, **names, **{name: getattr(campaign, name)[rows] for name in arrays})
+
+
+def of_poses(study, names):
+    """A study of which only these configurations are left to calibrate with."""
+    table = study.calibration
+    rows = [k for k, name in enumerate(table.pose) if name in names]
+    values = {name: getattr(table, name) for name in table.__dataclass_fields__}
+    chosen = {name: None if v is None else np.array(v)[rows] for name, v in values.items()}
+    return replace(study, calibration=PoseTable(**chosen))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -17,11 +19,42 @@ for library in ("OMP", "OPENBLAS", "MKL"):  # before numpy is loaded: threads of
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+# Python looks for garbage each 700 objects, which took 8 % of the tests' time
+gc.set_threshold(50_000)
+
 settings.register_profile("cpcal", deadline=None)
 settings.load_profile("cpcal")
+
+# More than five seconds of processor time each (`--durations` tells), the longest first. Begun last, one of them would
+# keep a worker busy while the others have nothing left to do.
+LONG = (
+    *("benchmarks/test_mutations.py", "solver/test_planted.py", "vision/test_identify.py", "cli/test_images.py"),
+    *("contractors/test_conformance.py", "checker/malformed/test_checker_hostile.py", "execution/test_places.py"),
+    *("vision/test_pose_set_forgeries.py", "handeye/test_wrong_images.py", "handeye/test_frames_proof.py"),
+    *("report/test_browser.py", "vision/test_pose_certificate.py", "benchmarks/test_runs.py", "test_commands.py"),
+    *("handeye/test_uncertain_poses.py", "solver/test_paving_checkpoint.py", "solver/network/test_forms.py"),
+    *("checker/forged/test_fuzz.py", "checker/valid/test_rule.py", "calibration/test_frames.py", "vision/test_dots.py"),
+    *("solver/interval/test_engines.py", "certify/test_compare.py", "solver/optimize/test_rounds.py"),
+    *("solver/linear/test_exact_programs.py", "certify/test_many_campaigns.py", "contractors/test_supports.py"),
+    *("calibration/test_fit.py", "certify/test_data_check.py", "solver/test_compiled.py", "test_notebook.py"),
+    *("solver/interval/test_sums.py", "solver/test_choice.py", "vision/test_world.py", "cli/test_pose_sets.py"),
+    *("cli/test_tampering.py", "cli/test_process.py", "vision/test_pose_set.py", "vision/test_calibrated_poses.py"),
+)
+PLACES = {Path(__file__).parent / name: place for place, name in enumerate(LONG)}
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Where workers will run the tests, what they all need is compiled first, once."""
     if config.getoption("numprocesses", default=None):  # a worker has none itself
         compile_kernels()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The files that take longest come first."""
+    items.sort(key=lambda item: PLACES.get(item.path, len(PLACES)))
+
+
+def pytest_collection_finish() -> None:
+    """Thousands of tests and all that they import stay to the end: the garbage collector need not look through them."""
+    gc.collect()
+    gc.freeze()

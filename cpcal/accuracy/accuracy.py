@@ -117,6 +117,7 @@ def certify_accuracy(
         version=__version__,
         controller=controller,
         parameters=tuple(tuple(map(float, row)) for row in known),
+        delta=result.options.delta,
         assumed=tuple(assumed),
         boxes=boxes,
         refuted=tuple(refuted),
@@ -172,8 +173,7 @@ def _problems(
     if error is not None:
         values = np.atleast_1d(np.asarray(error, np.float64))
         if values.shape not in ((1,), (LEGS,)) or not (np.isfinite(values) & (values >= 0.0)).all():
-            what = "is not one number of mm, or one for each leg, 0 or more"
-            found.append(Problem("model_error", what, "give for example 0.2"))
+            found.append(Problem("model_error", "is no number of mm, 0 or more, nor one for each leg", "give 0.2, say"))
         elif not found:
             for leg, eps in zip(result.legs, np.broadcast_to(values, (LEGS,)).tolist(), strict=True):
                 found += beyond_legs(campaign, leg.leg, leg.center[6] - result.options.delta, eps, "model_error")

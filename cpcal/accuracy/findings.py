@@ -14,7 +14,7 @@ from pathlib import Path
 from cpcal.files.codec import load, save
 from cpcal.results import CampaignNote
 
-FORMAT = "cpcal-accuracy/2"
+FORMAT = "cpcal-accuracy/3"
 ACCURACY_NAME = "accuracy.json"
 
 
@@ -142,12 +142,15 @@ class NextPose:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """The answer: of which campaign and controller (a name, and (n, 7) parameters), under which assumptions."""
+    """The answer: of which campaign and controller (a name, and (n, 7) parameters), under which assumptions.
+
+    The parameters that are spoken of lie within `delta` mm of the center of the run."""
 
     campaign: CampaignNote
     version: str
     controller: str
     parameters: tuple[tuple[float, ...], ...]
+    delta: float
     assumed: tuple[AssumedError, ...]
     boxes: tuple[CertifiedBox, ...]  # around the sets of parameters; none where no certificates were asked for
     refuted: tuple[int, ...]  # legs for which the campaign refutes what is assumed: nothing else is said then

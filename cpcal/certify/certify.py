@@ -31,7 +31,7 @@ from cpcal.solver.optimize import Bracket
 if TYPE_CHECKING:
     from distributed import Client
 
-_LOADS = ("cpcal.certify.certify", "cpcal.solver.numba_begun")  # of workers
+LOADS = ("cpcal.certify.certify", "cpcal.solver.numba_begun")  # of workers
 
 
 def certify(
@@ -109,7 +109,7 @@ def certify(
         half_widths=half_widths or {},
     )
     question = Question(campaign=campaign, options=options, model=corrected, progress=progress)
-    with heard(), within_memory(memory_limit), executor_for(workers, scheduler, executor, loads=_LOADS) as place:
+    with heard(), within_memory(memory_limit), executor_for(workers, scheduler, executor, loads=LOADS) as place:
         if certificates is None:
             return answered(question, place)
         with answers_into(certificates, RUN, campaign) as draft:
@@ -156,7 +156,7 @@ def answered(question: Question, place: Place = HERE) -> Result:
         for answer in answers(question, certify_leg, left, place):
             leg, stopped = answer.found
             interrupted = interrupted or stopped
-            done[leg.leg] = _written(question, answer.files, leg)
+            done[leg.leg] = with_certificates(question, answer.files, leg)
             if kept is not None and not (stopped or leg.pending or leg.not_certified is Uncertified.UNWRITTEN):
                 begun = kept.answer(leg.leg) if isinstance(answer.asked, LegResult) else None
                 kept.keep_answer(leg, answer.files if begun is None else {**begun[1], **answer.files})
@@ -182,7 +182,7 @@ def _resumed(question: Question, kept: Checkpoints, numbers: Sequence[int]) -> d
     for number in numbers:
         found = kept.answer(number)
         if found is not None:
-            done[number] = _written(question, found[1], found[0])
+            done[number] = with_certificates(question, found[1], found[0])
     return done
 
 
@@ -191,7 +191,7 @@ def _begun(question: Question, leg: LegResult) -> bool:
     return question.whole and leg.ranges is None and range_eps(question.options, leg) is not None
 
 
-def _written(question: Question, files: Mapping[str, bytes], leg: LegResult) -> LegResult:
+def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegResult) -> LegResult:
     """The leg, its certificates in the folder for them; where they cannot be written it stays, without them."""
     for name, content in files.items():
         assert question.certificates is not None

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cpcal.certify.asked_model import chosen_model
-from cpcal.certify.certify import answered, checked_options
+from cpcal.certify.certify import LOADS, answered, checked_options, with_certificates
+from cpcal.certify.leg_tasks import HERE, answers
 from cpcal.certify.question import Question
 from cpcal.common.errors import Problem
+from cpcal.execution.executors import Here, Place, executor_for
 from cpcal.execution.stopping import heard
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
 from cpcal.legs import LegModel
-from cpcal.results import Comparison, Entry, LegResult
+from cpcal.results import Comparison, Entry, LegResult, Result
 from cpcal.robot import Campaign
 
 COMPARED = ("plain", "gain", "linear")
@@ -39,14 +42,18 @@ def compare(
     half_widths: Mapping[str, Mapping[str, float]] | None = None,
     certificates: str | os.PathLike[str] | None = None,
     progress: Callable[[Entry], None] | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    executor: Executor | None = None,
 ) -> Comparison:
     """For each leg and each model the smallest eps (mm), bracketed by proofs; and what is refuted at `tolerance`.
 
     All models are asked about the same box of (a, b, l), within `delta` mm of the fit of the plain model (or of the
     nominal parameters), their extra parameters within `half_widths[model]` of 0. So a model that contains another one
     never has a larger eps. The other arguments are those of `certify`; `certificates` names a folder for files such as
-    `gain-leg1.cert.jsonl`, and `progress` is called with every entry. Ctrl-C ends it with what is proved so far.
-    Raises InputError with every problem, PluginError.
+    `gain-leg1.cert.jsonl`, and `progress` is called with every entry. Each leg with each model is a task of `workers`
+    processes, of a Dask `scheduler` or of an `executor`. Ctrl-C ends it with what is proved so far.
+    Raises InputError with every problem, PluginError, LostWorkerError.
     """
     question, chosen = comparison_question(
         campaign,
@@ -61,11 +68,11 @@ def compare(
         contractors=contractors,
         arithmetic=arithmetic,
     )
-    with heard(), ExitStack() as keep:
+    with heard(), executor_for(workers, scheduler, executor, loads=LOADS) as place, ExitStack() as keep:
         if certificates is None:
-            return compared(question, chosen, progress)
+            return compared(question, chosen, progress, place)
         draft = keep.enter_context(answers_into(certificates, FOLDER, campaign))
-        return compared(replace(question, certificates=draft), chosen, progress)
+        return compared(replace(question, certificates=draft), chosen, progress, place)
 
 
 def comparison_question(
@@ -91,20 +98,30 @@ def comparison_question(
     return Question(campaign=campaign, options=options), chosen
 
 
-def compared(question: Question, models: Sequence[LegModel], progress: Callable[[Entry], None] | None) -> Comparison:
-    """All models of a leg, then the next leg; `question` is asked with one model after the other."""
+def compared(
+    question: Question,
+    models: Sequence[LegModel],
+    progress: Callable[[Entry], None] | None,
+    place: Place = HERE,
+) -> Comparison:
+    """All models of a leg, then the next leg; `question` is asked with each of them, where `place` says."""
     campaign, options = question.campaign, question.options
-    entries: list[Entry] = []
+    asked = [_Asked(leg, model) for leg in options.legs or range(1, campaign.legs + 1) for model in models]
+    found: dict[tuple[int, str], Entry] = {}
     interrupted = False
-    for leg, model in ((leg, model) for leg in options.legs or range(1, campaign.legs + 1) for model in models):
-        asked = replace(options, legs=(leg,), model=model.name)
-        result = answered(replace(question, options=asked, model=model, prefix=f"{model.name}-"))
-        entries += [_entry(found, model) for found in result.legs]
-        if progress is not None and result.legs:
-            progress(entries[-1])
-        interrupted = result.interrupted
-        if interrupted:
-            break
+    try:
+        for answer in answers(question, _certified, asked, place):
+            leg, model = answer.asked.leg, answer.asked.model
+            interrupted = interrupted or answer.found.interrupted
+            for one in answer.found.legs:
+                found[leg, model.name] = _entry(with_certificates(question, answer.files, one), model)
+                if progress is not None:
+                    progress(found[leg, model.name])
+            if interrupted and isinstance(place[0], Here):
+                break
+    except KeyboardInterrupt:
+        interrupted = True
+    entries = [found[key] for one in asked if (key := (one.leg, one.model.name)) in found]
     return Comparison(
         title=campaign.robot.name,
         tolerance=options.tolerance,
@@ -112,8 +129,21 @@ def compared(question: Question, models: Sequence[LegModel], progress: Callable[
         entries=tuple(entries),
         campaign_sha256=campaign_sha256(campaign),
         options=options,
-        interrupted=interrupted,
+        interrupted=interrupted or len(entries) < len(asked),
     )
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A leg, and the model that it is asked about."""
+
+    leg: int
+    model: LegModel
+
+
+def _certified(question: Question, asked: _Asked) -> Result:
+    options = replace(question.options, legs=(asked.leg,), model=asked.model.name)
+    return answered(replace(question, options=options, model=asked.model, prefix=f"{asked.model.name}-"))
 
 
 def _chosen(

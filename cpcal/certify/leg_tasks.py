@@ -22,6 +22,7 @@ from cpcal.execution.threads import linear_algebra_on_one_thread
 A = TypeVar("A")
 T = TypeVar("T")
 
+_RESUME, _AGAIN = "go on with --resume, which keeps what is answered", "run again"
 HERE: Place = (Here(), 1)
 
 
@@ -43,6 +44,7 @@ def answers(
     When the process is asked to stop, those not begun are missing. Raises what the work raises, and InputError for a
     question that cannot travel.
     """
+    kept = question.checkpoints is not None
     question, (executor, most) = placed(question, len(of), place)
     if not isinstance(executor, Here):
         question = replace(question, progress=None)
@@ -56,10 +58,7 @@ def answers(
             raise InputError([Problem("model", f"cannot be sent to other processes ({error})", remedy)])
         if isinstance(error, LostWorkerError):
             about = getattr(outcome.task, "leg", outcome.task)
-            said = (
-                f"leg {about}: {error}; go on with --resume, which keeps what is answered, perhaps with fewer workers"
-            )
-            raise LostWorkerError(said)
+            raise LostWorkerError(f"leg {about}: {error}; {_RESUME if kept else _AGAIN}, perhaps with fewer workers")
         yield outcome.value
 
 

@@ -17,13 +17,15 @@ from cpcal.certify.compare import compared, comparison_question
 from cpcal.cli.certify import Engine, names_of, numbers_of
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
+from cpcal.cli.running import Where
 from cpcal.cli.show import STYLES
 from cpcal.cli.status import Status
 from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, printable
 from cpcal.common.numbers import nearest
-from cpcal.execution.stopping import Reason, asked, heard
+from cpcal.execution.executors import Place
+from cpcal.execution.stopping import Reason, asked
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
 from cpcal.report.comparison_page import (
@@ -41,8 +43,8 @@ from cpcal.robot import Campaign
 
 
 @dataclass(frozen=True)
-class CompareFlags:
-    """The options of the command line: those of `cpcal.compare`."""
+class CompareFlags(Where):
+    """The options of the command line: those of `cpcal.compare`, and where it runs."""
 
     models: Annotated[str, typer.Option(metavar="A,B", help="Leg models.")] = ",".join(COMPARED)
     tolerance: Annotated[float | None, typer.Option(metavar="MM", help="Say which models are refuted at it.")] = None
@@ -81,8 +83,8 @@ def compare_models(
     check_target(folder, FOLDER, campaign)
     if as_json:
         talk = replace(talk, quiet=True)
-    with heard(terminate=True):
-        found, failure = _written(read_campaign(campaign), options, legs, folder, talk)
+    with options.place() as place:
+        found, failure = _written(read_campaign(campaign), options, legs, folder, talk, place)
         status = _status(found)
     if as_json:
         typer.echo(comparison_text(found), nl=False)
@@ -94,7 +96,7 @@ def compare_models(
 
 
 def _written(
-    campaign: Campaign, options: CompareFlags, legs: tuple[int, ...] | None, folder: Path, talk: Talk
+    campaign: Campaign, options: CompareFlags, legs: tuple[int, ...] | None, folder: Path, talk: Talk, place: Place
 ) -> tuple[Comparison, InputError | None]:
     """What was found, and why it could not be written."""
     question, models = comparison_question(
@@ -116,7 +118,7 @@ def _written(
     found: Comparison | None = None
     try:
         with answers_into(folder, FOLDER, campaign) as draft:
-            found = compared(replace(question, certificates=draft), models, tell)
+            found = compared(replace(question, certificates=draft), models, tell, place)
             save_comparison(found, draft)
             write_comparison(found, draft)
     except InputError as error:

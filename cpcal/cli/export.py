@@ -16,7 +16,7 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.files.run_folder import HANDEYE
 from cpcal.handeye.hand_eye_result import load_hand_eye_result
 from cpcal.handeye.verify_hand_eye import verify_hand_eye
-from cpcal.report.drawing_frames import DrawingFrames
+from cpcal.report.drawing_frames import frames_of_run
 from cpcal.report.export import WRITERS, exported
 from cpcal.report.hand_eye_export import HAND_EYE_FORMS, hand_eye_text
 
@@ -50,7 +50,7 @@ def export(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder of calibration.json: write the drawing's frames instead of camera's and target's.",
+            help="Folder of the campaign's calibration.json: write the drawing's frames, not camera's and target's.",
         ),
     ] = None,
 ) -> None:
@@ -75,8 +75,8 @@ def export(
 
 def _legs(run: Path, format: Format, frames: Path | None) -> str:
     campaign, result = checked_run(run)
-    found = exported(campaign, result, None if frames is None else DrawingFrames.of(load_record(frames)))
-    return WRITERS[format.value](found)
+    moved = None if frames is None else frames_of_run(result, load_record(frames), str(frames))
+    return WRITERS[format.value](exported(campaign, result, moved))
 
 
 def _hand_eye(run: Path, format: Format) -> str:

@@ -7,9 +7,11 @@ from pathlib import Path
 
 from cpcal.accuracy.findings import ACCURACY_NAME, load_accuracy
 from cpcal.certify.fits import FITS_NAME, load_fits
+from cpcal.certify.recomputed import leg_stated_otherwise, speaks_of
 from cpcal.checker import Accepted, Refused, Unusable, check
 from cpcal.cli.talk import Talk
 from cpcal.common.errors import InputError, Problem
+from cpcal.files import campaign_sha256, load_campaign_json
 from cpcal.results import COMPARISON_NAME, Entry, load_comparison
 
 
@@ -28,16 +30,28 @@ def _other_comparison(folder: Path, talk: Talk) -> Iterator[str]:
     if not (folder / COMPARISON_NAME).exists():
         return
     comparison = load_comparison(folder)
+    options, campaign = comparison.options, None
+    if options is not None:  # of legs, not of the user's networks
+        campaign = load_campaign_json(folder)
+        if campaign_sha256(campaign) != comparison.campaign_sha256:
+            yield f"{COMPARISON_NAME}, of another campaign"
+            return
+    elif comparison.campaign_sha256 is not None:
+        yield f"{COMPARISON_NAME}, without options"
+        return
     for entry in comparison.entries:
         if entry.certificate is None:
             talk.say(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}")
             continue
         accepted = _claimed(folder, entry.certificate)
-        of_legs = accepted.campaign == comparison.campaign_sha256 and accepted.leg is not None
-        if of_legs and (entry.subject, entry.model) != (f"leg {accepted.leg}", accepted.model):
-            yield f"{entry.subject}, {entry.model}, by the certificate of another"
-        elif _stated(entry) != _proved(accepted):
+        if _stated(entry) != _proved(accepted):
             yield f"{entry.subject}, {entry.model}"
+        elif campaign is not None and options is not None:
+            wrong = leg_stated_otherwise(comparison, entry, accepted, campaign, options.delta)
+            if wrong is not None:
+                yield f"{entry.subject}, {entry.model}, {wrong}"
+        elif accepted.leg is not None:
+            yield f"{entry.subject}, {entry.model}, by the certificate of a leg"
 
 
 Numbers = tuple[float, float, tuple[tuple[float, float], ...] | None]  # eps_lo, eps_hi, the enclosure at eps_hi
@@ -63,7 +77,8 @@ def _other_sets(folder: Path, talk: Talk) -> Iterator[str]:
     """Of the sets of parameters on which the bounds of an accuracy run rest."""
     if not (folder / ACCURACY_NAME).exists():
         return
-    for box in load_accuracy(folder).boxes:
+    found = load_accuracy(folder)
+    for box in found.boxes:
         if box.certificate is None:
             talk.say(f"set of leg {box.leg}: NOT CERTIFIED")
             continue
@@ -73,6 +88,8 @@ def _other_sets(folder: Path, talk: Talk) -> Iterator[str]:
         proved = (accepted.leg, None if claims.cap is None else float(claims.cap), lo, hi)
         if claims.infeasible != (not box.lo) or proved != (box.leg, box.eps, box.lo, box.hi):
             yield f"set of leg {box.leg}"
+        elif not speaks_of(accepted, found.delta):
+            yield f"set of leg {box.leg}, of another box"
     said = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
     talk.say(f"{ACCURACY_NAME}: {said}")
 

@@ -14,17 +14,19 @@ from cpcal.certify.certify_robust import certify_robust
 from cpcal.checker import ROBUST_NAME, Refused, Unusable, check_robust
 from cpcal.cli.certify import Center, numbers_of
 from cpcal.cli.folders import check_target, output_path
+from cpcal.cli.grouped import grouped
+from cpcal.cli.running import Where
 from cpcal.cli.status import Status
 from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_least, at_most, bracket_text
-from cpcal.execution.stopping import heard
 from cpcal.files.run_folder import ROBUST
 from cpcal.results.robust import RobustResult
 
 
 @talking
+@grouped(Where, "where")
 def robust_brackets(
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
     folder: Annotated[
@@ -50,6 +52,7 @@ def robust_brackets(
         typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),
     ] = None,
     *,
+    where: Where,
     talk: Talk,
 ) -> None:
     """Bracket the smallest model error of a CAMPAIGN's legs when some measurements may be wrong, nobody knows which.
@@ -58,7 +61,7 @@ def robust_brackets(
     but those that are named.
     """
     check_target(folder, ROBUST, campaign)
-    with heard(terminate=True):
+    with where.stoppable():
         found = certify_robust(
             read_campaign(campaign),
             outliers=outliers,
@@ -69,6 +72,8 @@ def robust_brackets(
             model=model,
             certificates=folder,
             tell=talk.progress(),
+            workers=where.workers,
+            scheduler=where.scheduler,
         )
     for leg in found.legs:
         record("leg", leg=leg.leg, eps_lo=leg.eps_lo, eps_hi=leg.eps_hi, left_out=leg.left_out, seconds=leg.seconds)

@@ -20,7 +20,7 @@ _UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 
 
 @dataclass(frozen=True)
-class Running:
+class Where:
     """Options of the command line; a dataclass of a verb's options inherits them."""
 
     workers: Annotated[
@@ -40,21 +40,28 @@ class Running:
         ),
     ] = None
 
+    @contextmanager
+    def place(self) -> Iterator[Place]:
+        """Where the work is done, which can be stopped. Raises InputError, BadParameter."""
+        with self.stoppable(), executor_for(self.workers, self.scheduler, loads=_LOADS) as place:
+            yield place
+
+    @contextmanager
+    def stoppable(self) -> Iterator[None]:
+        """Until the end of the block a signal, or the limit of memory, asks the work to stop. Raises BadParameter."""
+        limit = None if self.memory_limit is None else _bytes(self.memory_limit)
+        with heard(terminate=True), within_memory(limit):
+            yield
+
+
+@dataclass(frozen=True)
+class Running(Where):
+    """The same, of a verb that keeps checkpoints."""
+
     resume: Annotated[
         bool,
         typer.Option("--resume", help="Go on from where a stopped run of the same work was.", rich_help_panel=_PANEL),
     ] = False
-
-    @contextmanager
-    def place(self) -> Iterator[Place]:
-        """Where the work is done; until the end of the block a signal, or the limit of memory, asks it to stop.
-
-        Raises InputError, BadParameter.
-        """
-        limit = None if self.memory_limit is None else _bytes(self.memory_limit)
-        begun = executor_for(self.workers, self.scheduler, loads=_LOADS)
-        with heard(terminate=True), within_memory(limit), begun as place:
-            yield place
 
 
 def _bytes(text: str) -> int:

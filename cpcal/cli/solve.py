@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cpcal.cli.folders import check_writable
+from cpcal.cli.grouped import grouped
+from cpcal.cli.running import Running
+from cpcal.cli.search_progress import search_progress
 from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import about, nearest, stated
-from cpcal.execution.stopping import asked, heard
+from cpcal.execution.stopping import asked
 from cpcal.problems.answer import Answer, answer
 from cpcal.problems.problem_files import load_problem
 from cpcal.problems.sol_writer import sol_bytes
@@ -24,6 +28,7 @@ _SHOWN = 20  # solutions in the terminal
 
 
 @talking
+@grouped(Running, "where")
 def solve(
     source: Annotated[Path, typer.Argument(metavar="FILE", help="A problem: Minibex (.bch, .mbx) or AMPL (.nl).")],
     output: Annotated[
@@ -41,11 +46,14 @@ def solve(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE.svg", help="Of all solutions in the first two unknowns.")
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where a stopped run left OUTPUT.checkpoint.")] = False,
     *,
+    where: Running,
     talk: Talk,
 ) -> None:
-    """All solutions of a system, each box proved to hold exactly one where that can be; or the smallest value."""
+    """All solutions of a system, each box proved to hold exactly one where that can be; or the smallest value.
+
+    While it works OUTPUT.checkpoint says where it stands, and --resume goes on from there.
+    """
     _check(output, picture)
     for file in (output, certificate, picture):
         if file is not None:
@@ -53,23 +61,25 @@ def solve(
     problem = load_problem(source)
     limits = Limits(seconds=time_limit, nodes=node_limit, gap=gap)
     checkpoint = output.with_name(f"{output.name}.checkpoint")
-    with heard(terminate=True):
+    with where.stoppable(), search_progress(talk.errors) as progress:
         found = answer(
             problem,
             width=width,
             limits=limits,
             certificate=certificate,
             checkpoint=checkpoint,
-            resume=resume,
+            resume=where.resume,
+            workers=where.workers,
+            scheduler=where.scheduler,
+            searched=progress.event,
+            bracketed=partial(progress.bracket, largest=problem.maximize),
         )
         reason = asked()
-    rows = len(problem.network.constraints)
-    write_file(output, sol_bytes(found, rows) if output.suffix == ".sol" else found.to_json())
-    if picture is not None and found.paving is not None and found.paving.solutions:
-        names = problem.network.names
-        write_file(picture, paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).encode())
     record("answer", status=str(found.status), nodes=found.nodes, seconds=found.seconds)
-    _show(found, output, talk)
+    try:
+        _write(found, output, picture)
+    finally:  # a full disk costs the files, not the answer
+        _show(found, output, talk)
     if checkpoint.exists():
         talk.say(f"--resume goes on from here, by {checkpoint}.")
     if found.uncertified is not None:
@@ -88,6 +98,15 @@ def _check(output: Path, picture: Path | None) -> None:
         problems.append(Problem(str(picture), "is no .svg file", "name it so"))
     if problems:
         raise InputError(problems)
+
+
+def _write(found: Answer, output: Path, picture: Path | None) -> None:
+    """Raises InputError."""
+    network = found.problem.network
+    rows, names = len(network.constraints), network.names
+    write_file(output, sol_bytes(found, rows) if output.suffix == ".sol" else found.to_json())
+    if picture is not None and found.paving is not None and found.paving.solutions:
+        write_file(picture, paving_svg(found.paving, names[0], names[-1 if len(names) < 2 else 1]).encode())
 
 
 def _show(found: Answer, output: Path, talk: Talk) -> None:

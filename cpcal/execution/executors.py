@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cached_property
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
@@ -83,6 +84,8 @@ class Processes(Executor):
             self.submit(os.getpid)
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        if self._pool is None and _START == "forkserver":
+            resource_tracker.ensure_running()  # it lets signals through again when it begins, so not in the block
         with _without_signals():  # which a new process inherits: Ctrl-C is for this one
             if self._pool is None:
                 if self._loads and _START == "forkserver":

@@ -109,7 +109,7 @@ class Road(Generic[A, T]):
             except BrokenExecutor:
                 self._again.append((task, begun))
                 self._renew()
-            except (RuntimeError, ValueError, OSError) as error:  # of a client whose scheduler did not come back, say
+            except (RuntimeError, ValueError, OSError, EOFError) as error:  # of a client without scheduler, say
                 raise LostWorkerError(f"the executor takes no more tasks ({error})") from None
 
     def _alone(self) -> bool:

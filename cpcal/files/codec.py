@@ -52,6 +52,8 @@ def load(kind: type[T], path: Path, format: str, *, remedy: str) -> T:
 
 def encoded(value: Any) -> Any:
     """A value of JSON."""
+    if type(value) is str or type(value) is int:  # most are plain
+        return value
     if is_dataclass(value) and not isinstance(value, type):
         return {key: encoded(getattr(value, name)) for name, (key, _) in _layout(type(value)).items()}
     if isinstance(value, Box):
@@ -62,6 +64,8 @@ def encoded(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(key): encoded(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
+        if all(type(part) is float and math.isfinite(part) for part in value):
+            return list(value)
         return [encoded(part) for part in value]
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else str(float(value))
@@ -70,6 +74,8 @@ def encoded(value: Any) -> Any:
 
 def decoded(kind: Any, value: Any, where: str = "it") -> Any:
     """A value of JSON as a dataclass, tuple, Mapping, Enum, Box, None, float, int, bool or str. Raises ValueError."""
+    if type(kind) is type and kind in _WORDS:  # most are plain
+        return _plain(kind, value, where)
     origin, parts = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
         return None if value is None and type(None) in parts else decoded(_one(parts), value, where)
@@ -113,6 +119,8 @@ def _tuple(parts: tuple[Any, ...], value: Any, where: str) -> tuple[Any, ...]:
     kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else list(parts)
     if len(kinds) != len(value):
         raise ValueError(f"{where} is no list of {len(kinds)}")
+    if all(type(part) is of and of in _WORDS for of, part in zip(kinds, value, strict=True)):
+        return tuple(value)
     return tuple(decoded(of, part, f"{where}[{k}]") for k, (of, part) in enumerate(zip(kinds, value, strict=True)))
 
 

@@ -119,6 +119,11 @@ def _header(
     required = required_for(legs)
     known = {*required, *optional(legs)}
     if not known.intersection(names):
+        for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+            if len(cells) == 1 and known.intersection(part.strip() for part in cells[0].split(separator)):
+                remedy = "write commas, and points as decimal signs; or let `cpcal import` read the table"
+                problems.add(Problem(where, f"the cells are separated by {name}", remedy, line))
+                return None
         remedy = "start with the line " + shorter(",".join(required))
         problems.add(Problem(where, f"no header: {shown(','.join(names))}", remedy, line))
         return None

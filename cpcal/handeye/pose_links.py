@@ -81,6 +81,7 @@ class Links:
         self.sets = {one.image: one for one in sets}
         self.bounds = {one.image: bounds_of(study, one, study.images.index(one.image), near, box) for one in sets}
         self._poses = exact_poses(study)
+        self._parts: dict[str, list[tuple[Body, F]]] = {}
 
     def statements(self, cuts: Sequence[Cut]) -> tuple[Stated, ...]:
         """The equations of both rotations, 15 rows of each image, then the cuts."""
@@ -124,7 +125,15 @@ class Links:
         return body, sum((p * q for p, q in zip(axis, place, strict=True)), F(0))
 
     def parts(self, image: str) -> list[tuple[Body, F]]:
-        """The six that cuts combine: the skew part of the first equation, and the second along the target's axes."""
+        """The six that cuts combine: the skew part of the first equation, and the second along the target's axes.
+
+        An image has some dozens of cuts: its parts are made once.
+        """
+        if image not in self._parts:
+            self._parts[image] = self._made(image)
+        return self._parts[image]
+
+    def _made(self, image: str) -> list[tuple[Body, F]]:
         found = []
         for i, j in ((2, 1), (0, 2), (1, 0)):
             one, other = self._turn(image, i, j)[0], self._turn(image, j, i)[0]

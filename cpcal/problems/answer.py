@@ -6,7 +6,9 @@ import json
 import math
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from cpcal.common.errors import InputError, ModelError
 from cpcal.common.numbers import at_most, bracket_text
@@ -15,7 +17,8 @@ from cpcal.solver.certificate.uncertified import UncertifiedError
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
 from cpcal.solver.model import Paving
-from cpcal.solver.optimize import Minimum
+from cpcal.solver.optimize import Bracket, Minimum
+from cpcal.solver.search import Event
 
 FORMAT = "cpcal-solution/1"
 _WORDS = {Verdict.PROVED: "proved", Verdict.REFUTED: "infeasible", Verdict.UNKNOWN: "unknown"}
@@ -103,16 +106,23 @@ def answer(
     certificate: str | os.PathLike[str] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     resume: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    searched: Callable[[Event], None] | None = None,
+    bracketed: Callable[[Bracket], None] | None = None,
 ) -> Answer:
-    """Solve, or minimise, the problem; `checkpoint` and `resume` are those of `Network.solve`.
+    """Solve, or minimise, the problem; `checkpoint`, `resume`, `workers` and `scheduler` are those of `Network.solve`.
+
+    `searched` is told of every box of a search, `bracketed` of every bracket of a minimisation.
 
     Raises ModelError for what the solver cannot take, InputError for a checkpoint of other things.
     """
     start, network = time.monotonic(), problem.network
+    kept: Any = {"checkpoint": checkpoint, "resume": resume, "workers": workers, "scheduler": scheduler}
     if problem.objective is None:
         if certificate is not None:
             raise ModelError("a certificate is written of a minimisation: this problem has no objective")
-        found = network.solve(width=width, limits=limits, checkpoint=checkpoint, resume=resume)
+        found = network.solve(width=width, limits=limits, progress=searched, **kept)
         unknown = sum(s.verdict is Verdict.UNKNOWN for s in found.solutions)
         verdict = Verdict.UNKNOWN if not found.complete else Verdict.PROVED if found.solutions else Verdict.REFUTED
         pending = 0 if found.complete else unknown
@@ -120,7 +130,7 @@ def answer(
     objective = -problem.objective if problem.maximize else problem.objective
     why: InputError | None = None
     try:
-        best = network.minimize(objective, limits=limits, certificate=certificate, checkpoint=checkpoint, resume=resume)
+        best = network.minimize(objective, limits=limits, certificate=certificate, progress=bracketed, **kept)
     except UncertifiedError as error:
         best, why = error.answer, error
     return Answer(

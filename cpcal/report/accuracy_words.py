@@ -22,8 +22,8 @@ def assumption(found: Accuracy) -> str:
     size = stated(each[0]) if len(set(each)) == 1 else f"{about(min(each))} to {about(max(each))}"
     whence = "stated by the user" if found.assumed[0].stated else "suggested by the growth of the least error"
     return (
-        f"ASSUMED: some parameters of each leg satisfy its equation to within {size} mm, at the calibration poses and "
-        f"at every pose spoken of here ({whence}). {BRANCH}"
+        f"ASSUMED: some parameters of each leg, within {stated(found.delta)} mm of the center of the run, satisfy its "
+        f"equation to within {size} mm, at the calibration poses and at every pose spoken of here ({whence}). {BRANCH}"
     )
 
 
@@ -31,7 +31,9 @@ def sentences(found: Accuracy) -> list[str]:
     """What follows."""
     if found.refuted:
         legs = ", ".join(map(str, found.refuted))
-        return [f"REFUTED: the campaign allows no parameters of leg {legs} with so small an error. Nothing is proved."]
+        box = f"within {stated(found.delta)} mm of the center of the run"
+        said = f"REFUTED: the campaign allows no parameters of leg {legs} {box} with so small an error."
+        return [f"{said} Nothing is proved."]
     out = []
     if found.workspace is not None:
         out += _of_workspace(found.workspace)

@@ -54,6 +54,14 @@ class DrawingFrames:
         return np.concatenate(parts)
 
 
+def frames_of_run(result: Result, record: CalibrationRecord, where: str) -> DrawingFrames:
+    """The frames of the study that the run's campaign comes from. Raises InputError where the record is of another."""
+    if record.campaign_sha256 != result.campaign_sha256:
+        what = "holds the frames of another study: the SHA-256 of its campaign differs"
+        raise InputError([Problem(where, what, "name the folder that cpcal calibrate wrote with the run's campaign")])
+    return DrawingFrames.of(record)
+
+
 def check_movable(result: Result) -> None:
     """InputError for a model whose own parameters depend on the frames."""
     if result.model.name not in ("plain", "gain", "lateral"):

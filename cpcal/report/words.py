@@ -136,7 +136,7 @@ def missing_legs(result: Result, legs: int) -> str | None:
         missing = ", ".join(str(leg) for leg in asked if leg not in done)
         said += [f"There is nothing on leg {missing}."] if missing else []
     others = ", ".join(str(leg) for leg in every if leg not in asked)
-    said += [f"Nothing was asked of leg {others}: the verdict says nothing of it."] if others else []
+    said += [f"Not asked about, and not judged: leg {others}."] if others else []
     return " ".join(said) or None
 
 

@@ -176,11 +176,16 @@ def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -
 
 
 def _wide(options: Options, leg: LegResult) -> Wide:
-    """Of the parameters as good as the proved point; of no search that a limit ended, nor of one at a larger error."""
+    """Of the parameters as good as the proved point; of no search that a limit ended, nor of one at a larger error.
+
+    The timeout method encloses nothing: what is proved of the parameters are the ranges alone, if they were asked for.
+    """
     ended = leg.verdict is Verdict.PROVED or not leg.pending
-    if leg.point is None or not ended or options.eps or options.method == "timeout":
+    if leg.point is None or options.eps:
         return NOTHING_WIDE
-    return wide(leg.enclosure, options.delta)
+    if options.method == "timeout":
+        return NOTHING_WIDE if leg.ranges is None else wide(leg.ranges.box, options.delta)
+    return wide(leg.enclosure, options.delta) if ended else NOTHING_WIDE
 
 
 def _verdict_at(options: Options, eps: float, leg: LegResult, tolerance: float | None) -> LegVerdict:

@@ -13,6 +13,7 @@ from cpcal.files import load_study, save_study
 from cpcal.robot import NEGATIVE, POSITIVE, PoseTable
 from cpcal.simulate import simulate_study
 from cpcal.simulate.disturbances import with_reversal
+from tests.changed import of_poses
 
 SIZE = 0.02  # mm: half of what the equations scatter by
 
@@ -45,8 +46,7 @@ def test_a_reversal_is_called_play_and_no_drift(studies):
 def test_by_hand():
     """Two targets, four runs each: B, R and the mean of ISO 230-2 as anybody computes them."""
     study = with_reversal(simulate_study(seed=1, runs=4, validation_runs=1, random_poses=1), 0.5)
-    rows = [k for k, pose in enumerate(study.calibration.pose) if pose in ("e00", "e01")]
-    table = PoseTable(*(_chosen(getattr(study.calibration, name), rows) for name in PoseTable.__dataclass_fields__))
+    table = of_poses(study, ("e00", "e01")).calibration
     found = repeatability(as_campaign(table, study.robot))
     (one, *_), g = reversals(found, table.approach), found.equations[:, 0]
     forward = np.array([side == POSITIVE for side in table.approach])
@@ -58,10 +58,6 @@ def test_by_hand():
         s = plus.std(ddof=1), minus.std(ddof=1)
         r.append(max(2 * s[0] + 2 * s[1] + abs(b[-1]), 4 * s[0], 4 * s[1]))
     assert (one.mean, one.largest, one.both) == pytest.approx((np.mean(b), np.max(np.abs(b)), max(r)))
-
-
-def _chosen(column, rows):
-    return None if column is None else [column[k] for k in rows]
 
 
 def test_runs_without_directions_have_no_reversal_and_the_tests_are_as_before(studies):

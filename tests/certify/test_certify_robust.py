@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from itertools import combinations
 
 import numpy as np
@@ -61,6 +62,16 @@ def test_without_wrong_measurements_it_is_the_plain_bracket():
     assert leg.left_out == ()
     assert leg.eps_hi == pytest.approx(plain.eps_hi, rel=1e-4)
     assert leg.eps_lo <= plain.eps_hi
+
+
+def test_workers_find_and_prove_the_same(tmp_path):
+    asked, options = campaign(12, (3,)), {"outliers": 1, "legs": (1, 2), "delta": 8.0, "center": "nominal"}
+    certify_robust(asked, **options, certificates=tmp_path / "here")
+    with ThreadPoolExecutor(2) as threads:
+        certify_robust(asked, **options, certificates=tmp_path / "there", executor=threads)
+    here, there = ({p.name: p.read_bytes() for p in (tmp_path / n).glob("*.jsonl")} for n in ("here", "there"))
+    assert here
+    assert here == there
 
 
 def test_more_outliers_than_measurements_are_refused():

@@ -51,6 +51,10 @@ def test_its_certificates_prove_the_sets_of_parameters_and_another_box_is_refuse
     assert checked.exit_code == 0, checked.output
     assert "no certificate holds the bounds of poses and cells" in checked.output
     found = load_accuracy(out)
+    save_accuracy(dataclasses.replace(found, delta=80.0), out)
+    checked = CliRunner().invoke(app, ["verify", str(out)])
+    assert checked.exit_code == 1
+    assert "set of leg 1, of another box: REFUSED" in checked.output
     box = found.boxes[1]
     narrower = dataclasses.replace(box, hi=(box.lo[0], *box.hi[1:]))
     save_accuracy(dataclasses.replace(found, boxes=(found.boxes[0], narrower, *found.boxes[2:])), out)

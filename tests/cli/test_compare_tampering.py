@@ -44,6 +44,16 @@ TAMPERED = {
     "another leg": entries(lambda e: e[0].update(subject="leg 3")),
     "another model": entries(lambda e: e[0].update(model="lateral")),
     "certificates that trade places": entries(swapped),
+    "a leg's numbers under another leg and campaign": lambda data: (
+        data.update(campaign_sha256="0" * 64) or data["entries"][0].update(subject="leg 5")
+    ),
+    "no campaign, and another leg": lambda data: (
+        data.update(campaign_sha256=None, options=None) or data["entries"][0].update(subject="leg 5")
+    ),
+    "a larger box": lambda data: data["options"].update(delta=100.0),
+    "another text of a model": lambda data: data["models"].update(plain="proved to be right"),
+    "nothing said of what is determined": entries(lambda e: e[0].update(determination=None)),
+    "a parameter called undetermined": entries(lambda e: e[0]["determination"].update(undetermined=["l"])),
 }
 
 

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
-from cpcal.report.drawing_frames import DrawingFrames
+from cpcal.report.drawing_frames import DrawingFrames, frames_of_run
 from cpcal.report.export import as_csv, as_json, as_toml, as_yaml, exported
 from cpcal.robot import rotation_matrix
 
@@ -90,3 +91,11 @@ def test_moved_ranges_hold_the_moved_points(data):
         x = lo + (hi - lo) * rng.integers(0, 2, 7)
         assert ((frames.point(x) >= low) & (frames.point(x) <= high)).all()
     assert frames.point(lo)[6] == lo[6]
+
+
+def test_frames_of_another_study_move_nothing(folder):
+    """Certified numbers would stand in frames that have nothing to do with them."""
+    result = cpcal.load_result(folder / "run")
+    other = SimpleNamespace(campaign_sha256="0" * 64)
+    with pytest.raises(cpcal.InputError, match="frames of another study"):
+        frames_of_run(result, other, "calibration")

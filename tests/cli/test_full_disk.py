@@ -1,13 +1,13 @@
 """A disk that fills up costs what does not fit, and never an answer, a checkpoint or what was there before."""
 
 import resource
-import subprocess
-import sys
 
 import pytest
+from typer.testing import CliRunner
 
 import cpcal
 from cpcal.certify.checkpoints import FOLDER
+from cpcal.cli import app
 from cpcal.results import Uncertified
 from cpcal.solver.certificate.recording import Recording
 
@@ -22,28 +22,28 @@ def campaign(tmp_path_factory):
 
 
 def certified(campaign, run, *options, largest=None):
-    """`cpcal certify` in a process whose files have so many bytes at most."""
-
-    def limit():
-        if largest is not None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))
-
-    command = [sys.executable, "-m", "cpcal", "certify", str(campaign), "-o", str(run), *OPTIONS, *options]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, preexec_fn=limit)
+    """`cpcal certify` while no file that is written may have more bytes than that."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    if largest is not None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (largest, hard))
+    try:
+        return CliRunner().invoke(app, ["certify", str(campaign), "-o", str(run), *OPTIONS, *options])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_answers_are_printed_and_kept_where_the_run_cannot_be_written(campaign, tmp_path):
-    assert certified(campaign, tmp_path).returncode == 0
+    assert certified(campaign, tmp_path).exit_code == 0
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     full = certified(campaign, tmp_path, "--gap", "1e-2", largest=100_000)
-    assert full.returncode == 2
+    assert full.exit_code == 2
     assert "Leg 2: fits to within" in full.stdout
     assert "File too large" in full.stderr
     assert "Traceback" not in full.stderr
     assert {name: (tmp_path / name).read_bytes() for name in before} == before
     assert sorted(path.name for path in (tmp_path / FOLDER).iterdir()) == ["leg1.answer", "leg2.answer"]
     resumed = certified(campaign, tmp_path, "--gap", "1e-2", "--resume")
-    assert resumed.returncode == 0, resumed.stderr
+    assert resumed.exit_code == 0, resumed.stderr
     assert not (tmp_path / FOLDER).exists()
 
 

@@ -9,8 +9,10 @@ import sys
 
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
 import cpcal
+from cpcal.cli import app
 from cpcal.cli.progress import ProgressLines, watch
 from cpcal.cli.show import show_result
 from cpcal.legs import PLAIN
@@ -69,13 +71,14 @@ def test_a_signal_leaves_what_is_proved(campaign, tmp_path, name, status):
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert data["interrupted"] is True
     assert [leg["leg"] for leg in data["legs"]] == [1, 2]
-    assert "REFUSED" not in process("-m", "cpcal", "verify", tmp_path).stdout
+    assert "REFUSED" not in CliRunner().invoke(app, ["verify", str(tmp_path)]).output
     assert [leg["certificate"] for leg in data["legs"]] == ["leg1.cert.jsonl", "leg2.cert.jsonl"]
     assert sorted(p.name for p in tmp_path.iterdir()) == [
         "campaign.json",
         "checkpoint",
         "leg1.cert.jsonl",
         "leg2.cert.jsonl",
+        "ranges-leg1.cert.jsonl",
         "report.html",
         "result.json",
     ]

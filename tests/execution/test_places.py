@@ -1,5 +1,6 @@
 """The same certificates, byte for byte, wherever the work is done."""
 
+import subprocess
 import sys
 import warnings
 from concurrent.futures import ThreadPoolExecutor
@@ -76,3 +77,21 @@ def test_a_model_that_cannot_travel_is_refused_before_the_work(campaign):
     model = cpcal.LegModel("mine", "L + l + 0 x", (cpcal.Parameter("x", "mm", 1.0),), lambda measured, x: 0.0 * x["x"])
     with pytest.raises(InputError, match="cannot be sent to other processes"):
         cpcal.certify(campaign, model=model, workers=2, **OPTIONS)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks /proc")
+def test_signals_of_the_terminal_are_for_the_process_that_began_the_workers():
+    script = (
+        "import os, signal\n"
+        "from cpcal.execution.executors import Processes\n"
+        "if __name__ == '__main__':\n"
+        "    pool = Processes(1)\n"
+        "    server = pool.submit(os.getppid).result()\n"
+        "    for pid in ('self', server):\n"
+        "        lines = dict(line.split(':') for line in open(f'/proc/{pid}/status'))\n"
+        "        blocked = int(lines['SigBlk'], 16)\n"
+        "        print(*(bool(blocked >> number - 1 & 1) for number in (signal.SIGINT, signal.SIGTERM)))\n"
+        "    pool.shutdown()\n"
+    )
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert run.stdout.split("\n")[:2] == ["False False", "True True"], run.stderr

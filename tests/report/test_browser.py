@@ -1,10 +1,14 @@
-"""The page in a real browser: quiet, self-contained, within the width of a phone, in both themes, on paper."""
+"""The page in a real browser: quiet, self-contained, within the width of a phone, in both themes, on paper.
+
+To start the browser is what takes long: what it says, asks for and measures of a page is of one start.
+"""
 
 import html
 import json
 import re
 import shutil
 import subprocess
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -50,7 +54,7 @@ function measure(frame) {
 }
 </script>
 """
-_FRAME = '<iframe width="{width}" height="800" style="border:0" src="page.html" onload="measure(this)"></iframe>\n'
+_FRAME = '<iframe width="{width}" height="800" style="border:0" src="{name}.html" onload="measure(this)"></iframe>\n'
 
 
 def chromium(folder, *arguments):
@@ -70,41 +74,54 @@ def chromium(folder, *arguments):
     return outcome
 
 
-def console(folder, page):
-    """What the page says on the console."""
-    printed = chromium(folder, "--dump-dom", page.as_uri()).stderr
-    return [line for line in printed.splitlines() if "CONSOLE" in line]
+def console(outcome):
+    """What the page said on the console."""
+    return [line for line in outcome.stderr.splitlines() if "CONSOLE" in line]
 
 
-def requests(folder, page):
-    """URLs that the page asks for over a network; those that the browser asks for itself have no origin."""
-    log = folder / "net.json"
-    chromium(folder, f"--log-net-log={log}", "--dump-dom", page.as_uri())
-    events = [event.get("params", {}) for event in json.loads(log.read_text(encoding="utf-8"))["events"]]
-    return {p["url"] for p in events if "url" in p and p.get("initiator", "not an origin") != "not an origin"}
+class Look(NamedTuple):
+    """What the page said; URLs that it asked for over a network; what the script above found at each width."""
+
+    console: list[str]
+    requests: set[str]
+    found: dict[int, dict[str, Any]]
 
 
-def measured(folder, page, *widths):
-    """What the script above finds at each width."""
-    shutil.copyfile(page, folder / "page.html")
-    wrapper = folder / "wrapper.html"
-    wrapper.write_text(_MEASURE + "".join(_FRAME.format(width=width) for width in widths), encoding="utf-8")
-    dom = chromium(folder, "--allow-file-access-from-files", "--dump-dom", wrapper.as_uri()).stdout
-    found = re.search(r'<pre id="out">(.*?)</pre>', dom, re.DOTALL)
+def looked(folder, page, *widths):
+    """A page in frames of these widths. As wide as PAPER it is printed: its rules for print applied to a screen, which
+    alone can be measured."""
+    text = page.read_text(encoding="utf-8")
+    (folder / "page.html").write_text(text, encoding="utf-8")
+    (folder / "paper.html").write_text(text.replace("@media print", "@media all"), encoding="utf-8")
+    frames = (_FRAME.format(width=width, name="paper" if width == PAPER else "page") for width in widths)
+    wrapper, log = folder / "wrapper.html", folder / "net.json"
+    wrapper.write_text(_MEASURE + "".join(frames), encoding="utf-8")
+    options = ("--allow-file-access-from-files", f"--log-net-log={log}", "--dump-dom")
+    outcome = chromium(folder, *options, wrapper.as_uri())
+    found = re.search(r'<pre id="out">(.*?)</pre>', outcome.stdout, re.DOTALL)
     assert found is not None
-    return {int(width): of for width, of in json.loads(html.unescape(found.group(1))).items()}
+    events = [event.get("params", {}) for event in json.loads(log.read_text(encoding="utf-8"))["events"]]
+    return Look(
+        console(outcome),
+        # what the browser asks for itself has no origin
+        {p["url"] for p in events if "url" in p and p.get("initiator", "not an origin") != "not an origin"},
+        {int(width): of for width, of in json.loads(html.unescape(found[1])).items()},
+    )
 
 
 def screenshot(folder, page, *options):
     file = folder / "shot.png"
-    chromium(folder, f"--window-size={DESK},1400", f"--screenshot={file}", *options, page.as_uri())
+    assert (
+        console(chromium(folder, f"--window-size={DESK},1400", f"--screenshot={file}", *options, page.as_uri())) == []
+    )
     return imread(file)[..., :3]
 
 
-@pytest.fixture
-def bad(tmp_path):
+@pytest.fixture(scope="module")
+def bad(tmp_path_factory):
     """What the checks have to find: a request, a message, a wide element, texts that overlap."""
-    file = tmp_path / "bad.html"
+    folder = tmp_path_factory.mktemp("bad")
+    file = folder / "bad.html"
     file.write_text(
         '<!doctype html><body style="margin:0"><p style="width:600px; margin:0">wide</p>'
         '<p style="position:absolute; margin:0; top:0; left:0">over</p><p style="position:absolute; left:600px">far</p>'
@@ -112,17 +129,27 @@ def bad(tmp_path):
         '<svg viewBox="0 0 9 9"><text y="5">a</text><text y="5">b</text></svg>',
         encoding="utf-8",
     )
-    return file
+    return looked(folder, file, PHONE)
 
 
-def test_it_says_nothing_on_the_console(page, bad, tmp_path):
-    assert console(tmp_path, page) == []
-    assert any("boo" in line for line in console(tmp_path, bad))
+@pytest.fixture(scope="module")
+def seen(page, tmp_path_factory):
+    return looked(tmp_path_factory.mktemp("seen"), page, SMALL, PHONE, DESK, PAPER)
 
 
-def test_no_request_leaves_the_page(page, bad, tmp_path):
-    assert requests(tmp_path, page) == set()
-    assert requests(tmp_path, bad) == {"http://cpcal.test/x.png"}
+@pytest.fixture(scope="module")
+def study_seen(study_page, tmp_path_factory):
+    return looked(tmp_path_factory.mktemp("study"), study_page, SMALL, PHONE, DESK, PAPER)
+
+
+def test_it_says_nothing_on_the_console(seen, bad):
+    assert seen.console == []
+    assert any("boo" in line for line in bad.console)
+
+
+def test_no_request_leaves_the_page(seen, bad):
+    assert seen.requests == set()
+    assert bad.requests == {"http://cpcal.test/x.png"}
 
 
 def fits(found, *widths, texts=500):
@@ -132,9 +159,9 @@ def fits(found, *widths, texts=500):
         assert found[width] == {**found[width], **sound}
 
 
-def test_it_fits_a_phone_and_no_text_overlaps(page, bad, tmp_path):
-    fits(measured(tmp_path, page, SMALL, PHONE, DESK), SMALL, PHONE, DESK)
-    control = measured(tmp_path, bad, PHONE)[PHONE]
+def test_it_fits_a_phone_and_no_text_overlaps(seen, bad):
+    fits(seen.found, SMALL, PHONE, DESK)
+    control = bad.found[PHONE]
     assert control["scroll"] > PHONE
     assert "wide" in control["wide"]
     assert ["b", "a"] in control["overlaps"]
@@ -142,26 +169,19 @@ def test_it_fits_a_phone_and_no_text_overlaps(page, bad, tmp_path):
     assert "far" in control["cut"]
 
 
-def test_a_study_is_quiet_and_fits_a_phone(study_page, tmp_path):
-    assert console(tmp_path, study_page) == []
-    assert requests(tmp_path, study_page) == set()
-    fits(measured(tmp_path, study_page, SMALL, PHONE, DESK), SMALL, PHONE, DESK)
+def test_a_study_is_quiet_and_fits_a_phone(study_seen):
+    assert study_seen.console == []
+    assert study_seen.requests == set()
+    fits(study_seen.found, SMALL, PHONE, DESK)
 
 
-def test_no_text_of_a_study_overlaps_on_paper(study_page, tmp_path):
-    paper = tmp_path / "paper.html"
-    text = study_page.read_text(encoding="utf-8")
-    paper.write_text(text.replace("@media print", "@media all"), encoding="utf-8")
-    fits(measured(tmp_path, paper, PAPER), PAPER)
+def test_no_text_of_a_study_overlaps_on_paper(study_seen):
+    fits(study_seen.found, PAPER)
 
 
-def test_no_text_overlaps_on_paper(page, tmp_path):
-    """The rules for print, applied to a screen as wide as a sheet within its margins: those only can be measured."""
-    text = page.read_text(encoding="utf-8")
-    assert text.count("@media print") == 1
-    paper = tmp_path / "paper.html"
-    paper.write_text(text.replace("@media print", "@media all"), encoding="utf-8")
-    fits(measured(tmp_path, paper, PAPER), PAPER)
+def test_no_text_overlaps_on_paper(page, seen):
+    assert page.read_text(encoding="utf-8").count("@media print") == 1
+    fits(seen.found, PAPER)
 
 
 def test_both_themes(page, tmp_path):
@@ -189,9 +209,9 @@ def test_a_study_prints_on_eight_sheets(study_page, tmp_path):
 
 
 def test_the_page_of_a_comparison(comparison, tmp_path):
-    assert console(tmp_path, comparison) == []
-    assert requests(tmp_path, comparison) == set()
-    fits(measured(tmp_path, comparison, SMALL, PHONE, DESK), SMALL, PHONE, DESK, texts=60)
+    seen = looked(tmp_path, comparison, SMALL, PHONE, DESK)
+    assert (seen.console, seen.requests) == ([], set())
+    fits(seen.found, SMALL, PHONE, DESK, texts=60)
     light = screenshot(tmp_path, comparison, "--blink-settings=preferredColorScheme=1")
     dark = screenshot(tmp_path, comparison, "--blink-settings=preferredColorScheme=0")
     assert light[5, 5].min() > 0.95

@@ -18,6 +18,7 @@ from cpcal.results import (
     Determination,
     Explained,
     Options,
+    Ranges,
     Undecided,
     Undetermined,
     Unexplained,
@@ -50,6 +51,7 @@ def judged(lo, hi, *, tolerance=None, eps=None, verdict=Verdict.PROVED, determin
         seconds=0.1,
         determination=determination,
         pending=others.get("pending", 0),
+        ranges=others.get("ranges"),
     )
     asked = {name: others[name] for name in ("delta", "method", "time_limit") if name in others}
     options = Options(eps=eps, tolerance=tolerance, **asked)
@@ -120,6 +122,15 @@ def test_the_rank_is_named_before_the_widths():
 )
 def test_ranges_that_are_wide_for_another_reason_leave_a_pass(known):
     assert isinstance(judged(0.0, 0.2, tolerance=0.5, **known), Explained)
+
+
+def test_the_timeout_method_passes_no_leg_whose_ranges_are_wide():
+    asked = {"tolerance": 0.5, "method": "timeout", "time_limit": 1.0}
+    poor = judged(0.0, 0.2, **asked, ranges=Ranges(0.5, cpcal.Box(NAMES, *WIDE)))
+    assert isinstance(poor, Undetermined)
+    assert poor.names == ("a_z", "l")
+    narrow = Ranges(0.5, cpcal.Box(NAMES, [-1.0] * 7, [1.0] * 7))
+    assert isinstance(judged(0.0, 0.2, **asked, ranges=narrow), Explained)
 
 
 def test_ranges_at_an_error_that_was_asked_about_say_nothing_of_the_data():

@@ -68,11 +68,12 @@ Process = Callable[[Node], Decision]
 
 @dataclass(frozen=True)
 class Event:
-    """One node, what was decided, and the nodes that it became."""
+    """One node, what was decided, and the nodes that it became; `pending` nodes of its search are undecided then."""
 
     node: Node
     decision: Decision
     children: tuple[Node, ...] = ()
+    pending: int = 0
 
     @property
     def kind(self) -> EventKind:
@@ -198,7 +199,7 @@ class Search(Iterator[Event]):
         else:
             self._round.pop()
         self._decided.pop(node.serial, None)
-        return Event(node, decision, children)
+        return Event(node, decision, children, self.waiting)
 
     def _soon(self) -> Iterator[Node]:
         """Undecided nodes, the most urgent ones first; not all."""

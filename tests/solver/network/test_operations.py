@@ -166,6 +166,7 @@ def test_points_equal_numpy_and_derivatives_equal_differences(name: str, seed: i
     x, y = point[:3], point[3:].reshape(2, 3)
     assume(np.min(np.abs(x - y)) > 1e-3)
     assume(abs(y[0, 0] - 3) > 1e-3)
+    assume(np.min(np.abs(x - np.pi / 2.0)) > 0.02)  # next to the pole of tan differences tell nothing
     net, vx, vy = variables()
     root = FORMULAS[name][0](vx, vy)
     rows = Extremes(net, root).linearize(point)
