@@ -14,11 +14,12 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import platform
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,8 @@ PROBLEMS, PAGES = HERE / "problems", HERE / "pages"
 _BESIDE = (
     "codac (`--codac SECONDS`, as in the cells that say not finished): one CtcInverse for each equation, depth",
     "first, the widest component halved; it has no proof of single solutions in this form (clusters of boxes",
-    "narrower than 1e-6 are counted) and no minimiser. Its seconds are processor time. ibex was not run: the column",
+    "narrower than 1e-6 are counted) and no minimiser. Its seconds are processor time, of 2026-11-22 12:47 unless the",
+    "row was run with codac. ibex was not run: the column",
     "has what its repository, github.com/ibex-team/ibex-lib, publishes: doc/solver.rst (kin1), or the folder of",
     "benchs/optim in which it keeps the problem (easy, medium); empty where it publishes nothing.",
 )
@@ -66,6 +68,7 @@ class ProblemRow:
     method: str
     codac: str = ""  # what it leaves; empty where it was not run
     ibex: str = ""  # what its authors publish
+    when: str = ""  # it was run (UTC), and beside how much other work
 
 
 @contextmanager
@@ -79,6 +82,7 @@ def processor_limit(seconds: float) -> Iterator[None]:
 def run(name: str, limit: float, codac: float = 0.0) -> ProblemRow:
     """One problem without options but the limit of processor time, and another for codac (0: not at all)."""
     problem, known = load_problem(PROBLEMS / f"{name}.bch"), literature()[name]
+    when = f"{time.strftime('%Y-%m-%d %H:%M', time.gmtime())}, load {os.getloadavg()[0]:.0f}"
     wall, began = time.perf_counter(), time.process_time()
     with processor_limit(limit):
         found = answer(problem)
@@ -99,7 +103,7 @@ def run(name: str, limit: float, codac: float = 0.0) -> ProblemRow:
     method = "" if source is None else source.method
     rows = sum(math.prod(c.body.shape) for c in problem.network.constraints)
     size = len(problem.network.names)
-    beside = _beside(problem, codac), str(known.get("ibex", ""))
+    beside = _beside(problem, codac), str(known.get("ibex", "")), when
     return ProblemRow(name, size, rows, said, text, complete, found.nodes, seconds, processor, method, *beside)
 
 
@@ -127,19 +131,22 @@ def page(rows: list[ProblemRow], limit: float) -> str:
         "",
         f"`python -m benchmarks.solver_problems --limit {limit:g} --page`: `solve()` and `minimize()` without options,",
         f"{limit:g} s of processor time each, one process, {platform.machine()}, Python {platform.python_version()}.",
-        "Wall time is that of a machine with other work.",
+        "Each row says when it was run (UTC) and the load of the machine then: with other work wall time is longer,",
+        "and processor time, too, by a third or so.",
         "",
         f"{done}. Misses: {', '.join(missed) or 'none'}.",
         "",
         *_BESIDE,
         "",
-        "| problem | unknowns | rows | literature | proved | complete | nodes | s | processor s | codac | ibex |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| problem | unknowns | rows | literature | proved | complete | nodes | s | processor s | codac | ibex | run |",
+        f"|{' --- |' * 12}",
     ]
     for r in rows:
         word = "yes" if r.complete else "no"
         cells = (r.name, r.unknowns, r.constraints, r.literature, r.found, word, r.nodes)
-        lines.append(f"| {' | '.join(map(str, cells))} | {r.seconds:.2f} | {r.processor:.2f} | {r.codac} | {r.ibex} |")
+        lines.append(
+            f"| {' | '.join(map(str, cells))} | {r.seconds:.2f} | {r.processor:.2f} | {r.codac} | {r.ibex} | {r.when} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -160,10 +167,11 @@ def by_contractors(names: list[str], limit: float) -> Iterator[str]:
 
 
 def _renew(row: ProblemRow, limit: float) -> None:
-    """The page with this row, beside those of earlier runs."""
+    """The page with this row, beside those of earlier runs; codac's cell stays where codac was not run."""
     PAGES.mkdir(exist_ok=True)
     file = PAGES / "problems.json"
     before = [ProblemRow(**known) for known in json.loads(file.read_text())] if file.exists() else []
+    row = replace(row, codac=row.codac or next((r.codac for r in before if r.name == row.name), ""))
     rows = sorted([r for r in before if r.name != row.name and r.name in literature()] + [row], key=lambda r: r.name)
     file.write_text(json.dumps([asdict(r) for r in rows], indent=1) + "\n")
     (PAGES / "problems.md").write_text(page(rows, limit))

@@ -14,7 +14,7 @@ import numpy as np
 from contractors.hc4 import moved_bounds
 from cpcal.solver.contract import Composable, Contraction, Step, repeated
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
-from cpcal.solver.network import ConstraintNetwork, Tape, one_sided_rows
+from cpcal.solver.network import ConstraintNetwork, rows_tape
 
 _REFINEMENTS = 20  # of the two ends of one variable
 
@@ -37,7 +37,7 @@ class BoxConsistency(Composable):
         most: int = 5,
     ) -> None:
         self._engine = get_arithmetic(arithmetic)
-        self._tape = Tape(network, [row.expr for row in one_sided_rows(network)])
+        self._tape = rows_tape(network)
         self._precision, self._most = precision, most
 
     def contract(self, box: Box) -> Contraction:

@@ -7,13 +7,14 @@ by what all slices of one agree on.
 from __future__ import annotations
 
 import itertools
+from functools import reduce
 
 import numpy as np
 
 from contractors.hc4 import HC4, moved_bounds
-from contractors.slices import contract_all, cuts, slice_of
-from cpcal.solver.contract import Composable, Contraction, Contractor, Step, shrunk
-from cpcal.solver.interval import Box
+from contractors.slices import contract_all, contracted, cuts, slice_of
+from cpcal.solver.contract import Composable, Contraction, Contractor, Step, shrunk, takes_batches
+from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
 
 
@@ -70,12 +71,16 @@ class Cid(Composable):
         if box.is_empty or not np.isfinite(box.width[component]) or box.lo[component] == box.hi[component]:
             return box
         ends = cuts(float(box.lo[component]), float(box.hi[component]), self._slices)
-        pieces = [slice_of(box, component, lo, hi) for lo, hi in itertools.pairwise(ends.tolist())]
-        results = contract_all(self._inner, pieces, self._passes)
-        hull = results[0]
-        for rest in results[1:]:
-            hull = hull.hull(rest)
-        return box.intersect(hull)
+        if not takes_batches(self._inner):
+            pieces = [slice_of(box, component, lo, hi) for lo, hi in itertools.pairwise(ends.tolist())]
+            return box.intersect(reduce(Box.hull, contract_all(self._inner, pieces, self._passes)))
+        lo, hi = (np.repeat(bound[None], len(ends) - 1, axis=0) for bound in (box.lo, box.hi))
+        lo[:, component], hi[:, component] = ends[:-1], ends[1:]
+        left = contracted(self._inner, IntervalArray(lo, hi), self._passes)
+        some = ~left.empty.any(axis=1)
+        if not some.any():
+            return Box.empty(box.names)
+        return box.intersect(box.with_bounds(left.lo[some].min(axis=0), left.hi[some].max(axis=0)))
 
 
 def cid(network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64") -> Cid:

@@ -6,7 +6,7 @@ import numpy as np
 
 from cpcal.solver.contract import Composable, Contraction, Step
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
-from cpcal.solver.network import ConstraintNetwork, Tape, one_sided_rows
+from cpcal.solver.network import ConstraintNetwork, rows_tape
 
 
 class HC4(Composable):
@@ -21,7 +21,7 @@ class HC4(Composable):
         self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64", sweeps: int = 1
     ) -> None:
         self._engine, self._sweeps = get_arithmetic(arithmetic), sweeps
-        self._tape = Tape(network, [row.expr for row in one_sided_rows(network)])
+        self._tape = rows_tape(network)
 
     def contract(self, box: Box) -> Contraction:
         narrowed = self.contract_batch(IntervalArray(box.lo[None], box.hi[None]))

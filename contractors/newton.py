@@ -10,7 +10,7 @@ import numpy as np
 
 from contractors.hc4 import moved_bounds
 from cpcal.solver.contract import Composable, Contraction, Step
-from cpcal.solver.existence import Equalities, Operator, hansen_sengupta, square_of
+from cpcal.solver.existence import Equalities, Operator, hansen_sengupta, square_of, stop_flag
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 
@@ -35,7 +35,7 @@ class Newton(Composable):
     ) -> None:
         self._engine = get_arithmetic(arithmetic)
         self._operator, self._most = operator, most
-        self._equalities = Equalities(network)
+        self._equalities = Equalities.of(network)
         self.unused_constraints = self._equalities.inequalities
 
     def contract(self, box: Box) -> Contraction:
@@ -50,5 +50,7 @@ class Newton(Composable):
         if not self._equalities.count:
             return boxes
         bounds = np.stack([boxes.lo, boxes.hi], axis=-1)
-        square_of(self._engine).newton_all(*self._equalities.program, self._operator.value, self._most, bounds)
+        with stop_flag(self.deadline, boxes.shape[1], len(bounds)) as stop:
+            kernel = square_of(self._engine).newton_all
+            kernel(*self._equalities.program, self._operator.value, self._most, stop, bounds)
         return IntervalArray(bounds[..., 0], bounds[..., 1])

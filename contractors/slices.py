@@ -29,6 +29,12 @@ def contract_all(inner: Contractor, boxes: Sequence[Box], passes: int) -> list[B
     if not takes_batches(inner):
         return [inner.contract(box).box for box in boxes]
     array = IntervalArray(np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes]))
+    left = contracted(inner, array, passes)
+    return [box.with_bounds(lo, hi) for box, lo, hi in zip(boxes, left.lo, left.hi, strict=True)]
+
+
+def contracted(inner: Contractor, array: IntervalArray, passes: int) -> IntervalArray:
+    """The same for bounds (B, n) of boxes, with a contractor that takes batches; NaN where nothing is left."""
     for _ in range(passes):
         alive = np.flatnonzero(~array.empty.any(axis=1))
         if not alive.size:
@@ -41,4 +47,4 @@ def contract_all(inner: Contractor, boxes: Sequence[Box], passes: int) -> list[B
         array = IntervalArray(lo, hi)
         if not pays:
             break
-    return [box.with_bounds(lo, hi) for box, lo, hi in zip(boxes, array.lo, array.hi, strict=True)]
+    return array

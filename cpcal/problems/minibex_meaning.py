@@ -52,6 +52,9 @@ class _Meaning:
         for symbol in self.file.variables:
             self.new(symbol.token, names)
             names[symbol.token.text] = self.variable(symbol, network)
+        for symbol in self.file.parameters:
+            self.new(symbol.token, names)
+            names[symbol.token.text] = self.constant(symbol) if symbol.thin else self.parameter(symbol, network)
         for function in self.file.functions:
             self.new(function.token, {**names, **known.functions})
             known.functions[function.token.text] = function
@@ -97,6 +100,15 @@ class _Meaning:
             lo, hi = (np.array([getattr(b, end) for b in bounds]).reshape(shape) for end in ("lo", "hi"))
             leaf = network.variable(symbol.token.text, shape=shape, domain=(lo, hi))
         return array_of([leaf[k] for k in np.ndindex(shape)], shape) if shape else leaf
+
+    def parameter(self, symbol: Symbol, network: Network) -> Value:
+        """Numbers known to lie within bounds: THERE EXISTS a value of each, the same wherever it stands."""
+        assert symbol.value is not None  # the grammar asks for one
+        shape, value = self.dimensions(symbol), self.evaluator.value(symbol.value, self.evaluator.constants)
+        with Placed(self.source, symbol.token):
+            bounds = [interval_of(entry) for entry in self.spread(symbol, value, shape)]
+            entries = [network.parameter((b.lo, b.hi), forall=False) for b in bounds]
+        return array_of(entries, shape) if shape else entries[0]
 
     def spread(self, symbol: Symbol, value: Value, shape: tuple[int, ...]) -> list[Any]:
         """The entries of a value of that shape; one number stands for all."""

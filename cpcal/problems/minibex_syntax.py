@@ -1,7 +1,8 @@
 """The grammar of Minibex: text to a tree. What it means stands in `minibex_meaning`.
 
-file        = [ "constants" { constant ";" } ] { function } "variables" variable { (";" | ",") variable } ";"
-              { function } [ "minimize" expression [";"] ] [ "constraints" block { ";" block } [";"] "end" | "end" ]
+file        = [ "constants" { constant ";" } ] parts "variables" variable { (";" | ",") variable } ";" parts
+              [ "minimize" expression [";"] ] [ "constraints" block { ";" block } [";"] "end" | "end" ]
+parts       = { function | "parameters" constant { (";" | ",") constant } ";" }
 constant    = [ "*" ] name dimensions ("=" | "in") expression     "*": its value may be set by a program
 variable    = name dimensions [ "in" expression ]
 dimensions  = { "[" expression "]" }     at most three
@@ -38,7 +39,7 @@ class Parser(ExpressionParser):
             while self.now.kind == "name" or self.now.text == "*":
                 constants.append(self.constant())
                 self.needs(";")
-        functions = self.functions()
+        functions, parameters = self.parts()
         if functions and self.now.kind == "end of file":
             self.fail("the file declares functions alone", "declare Variables, and Constraints or what to Minimize")
         self.needs("variables")
@@ -47,7 +48,8 @@ class Parser(ExpressionParser):
             if self.now.kind != "name" or self.now.text.lower() == "maximize":
                 break
             variables.append(self.variable())
-        functions += self.functions()
+        more, further = self.parts()
+        functions, parameters = functions + more, parameters + further
         goal = self.expression() if self.takes("minimize") else None
         self.takes(";")
         blocks: tuple[Relation | Loop, ...] = ()
@@ -62,20 +64,20 @@ class Parser(ExpressionParser):
             self.takes("end")
         if self.now.kind != "end of file":
             self.fail(f"{shown(self.now.text)} comes after the end", "take it out")
-        return File(tuple(constants), tuple(variables), tuple(functions), goal, blocks)
+        return File(tuple(constants), tuple(variables), tuple(functions), goal, blocks, tuple(parameters))
 
-    def functions(self) -> list[Function]:
-        self.no_parameters()
-        found = []
-        while self.takes("function"):
-            found.append(self.function())
-        self.no_parameters()
-        return found
-
-    def no_parameters(self) -> None:
-        if self.now.text == "parameters" and self.now.kind == "keyword":
-            what = "ibex reserves the word Parameters and gives it no meaning"
-            self.fail(what, "write them under Constants (* p = 1; where a program sets p), or as variables")
+    def parts(self) -> tuple[list[Function], list[Symbol]]:
+        """Functions and parameters, in any order."""
+        functions, parameters = list[Function](), list[Symbol]()
+        while True:
+            if self.takes("function"):
+                functions.append(self.function())
+            elif self.takes("parameters"):
+                parameters.append(self.constant())
+                while (self.takes(";") or self.takes(",")) and self.now.kind == "name":
+                    parameters.append(self.constant())
+            else:
+                return functions, parameters
 
     def constant(self) -> Symbol:
         self.takes("*")

@@ -63,3 +63,4 @@ class File:
     functions: tuple[Function, ...]
     goal: SyntaxNode | None
     blocks: tuple[Relation | Loop, ...]
+    parameters: tuple[Symbol, ...] = ()

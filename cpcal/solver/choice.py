@@ -17,17 +17,24 @@ from cpcal.solver.network.dag import topological
 _LIFTED_UNKNOWNS, _LIFTED_PRODUCTS = 40, 1000  # beyond, linear programs of products take too long at each node
 _DENSE_UNKNOWNS = 100  # for the linear programs of beaumont, one row and two programs an unknown
 _TURNS = (16, 8)  # of hc4 and newton alone, and of cid and beaumont, where there is lifted
+_LIFTED_COEFFICIENTS = 4_000_000  # of one array of expressions, as of a matrix times the unknowns: some 100 MB
+_SLICES, _LEAST_SLICE, _LIFTED_SLICE = (2048, 16), 8, 32
+_CUBE = 4000  # of the unknowns: up to there a node takes some ten microseconds
 _SHALLOW = {"add", "sub", "neg", "mul", "sqr", "index", "sum", "constant", "variable", "power", "div"}
 
 
 @dataclass(frozen=True)
 class SearchMethod:
-    """Contractors, the strategy that divides, and how many nodes of it cost about as much as those of the others."""
+    """Contractors, the strategy that divides, and how many nodes of it cost about as much as those of the others.
+
+    It gives way to the others after so many `turns`, and does not begin before the round `begins`.
+    """
 
     contractors: tuple[str, ...]
     strategy: str
     slice: int
-    turns: int | None = None  # after which it gives way to the others
+    turns: int | None = None
+    begins: int = 0
     consequences: bool = False  # of the equations, besides them
 
     @property
@@ -58,25 +65,36 @@ class Choice:
 def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> Choice:
     """What to solve a network by; what is not polynomial at `deadline` (of time.monotonic()) counts as not."""
     unknowns = int(np.sum(network.domain.hi > network.domain.lo))
-    equations = Equalities(network)
+    equations = Equalities.of(network)
     lifted = _lifts(network, deadline)
     if equations.count != unknowns or equations.reads:
         kind = "fewer equations than unknowns" if equations.count < unknowns else "more equations than unknowns"
         why = f"{kind if not equations.reads else 'equations with readings'}: there is nothing for newton to prove"
         return Choice((SearchMethod(("hc4", "lifted") if lifted else ("hc4",), "largest", 64),), why)
     many, few = _TURNS if lifted else (None, None)
-    methods = [SearchMethod(("hc4", "newton"), by, 2048, many) for by in ("smear-relative", "largest")]
+    quick, slow = _slices(unknowns)
+    methods = [SearchMethod(("hc4", "newton"), by, quick, many) for by in ("largest", "smear-relative")]
     more = consequences(network) if lifted else ()
     if more:
-        methods.append(SearchMethod(("hc4", "newton"), "largest", 512, many, consequences=True))
-    methods.append(SearchMethod(("hc4", "cid", "newton"), "smear-relative", 16, few))
+        methods.append(SearchMethod(("hc4", "newton"), "largest", quick, many, consequences=True))
+    methods.append(SearchMethod(("hc4", "cid", "newton"), "smear-relative", slow, few, begins=1))
     if unknowns <= _DENSE_UNKNOWNS:
-        methods.append(SearchMethod(("hc4", "newton", "beaumont"), "smear-relative", 16, few))
+        methods.append(SearchMethod(("hc4", "newton", "beaumont"), "smear-relative", slow, few, begins=1))
     if lifted:
-        methods.append(SearchMethod(("hc4", "newton", "lifted"), "smear-relative", 128))
-        methods.append(SearchMethod(("lifted", "newton"), "largest", 128))
+        methods.append(SearchMethod(("hc4", "newton", "lifted"), "smear-relative", _LIFTED_SLICE, begins=1))
+        methods.append(SearchMethod(("lifted", "newton"), "largest", _LIFTED_SLICE, begins=1))
     kind = "polynomial" if lifted else "not polynomial, or with too many products for lifted"
     return Choice(tuple(methods), f"{unknowns} equations in as many unknowns, {kind}", more)
+
+
+def _slices(unknowns: int) -> tuple[int, int]:
+    """Nodes in a turn of hc4 and newton alone, and of cid and beaumont: a tenth of a second or so.
+
+    What newton takes for a box grows with the third power of the unknowns.
+    """
+    times = max(1.0, unknowns**3 / _CUBE)
+    quick, slow = (max(_LEAST_SLICE, int(nodes / times)) for nodes in _SLICES)
+    return quick, slow
 
 
 def choice_to_minimize(network: ConstraintNetwork, deadline: float = math.inf) -> tuple[tuple[str, ...], str]:
@@ -97,7 +115,9 @@ def _lifts(network: ConstraintNetwork, deadline: float) -> bool:
         return True
     if len(network.names) > _LIFTED_UNKNOWNS:
         linear_time = all(len(c.body.shape) for c in network.constraints)
-        if not linear_time:
+        sizes = (math.prod(node.shape) for c in network.constraints for node in topological((c.body,)))
+        largest = max(sizes, default=0)
+        if not linear_time or largest * len(network.names) > _LIFTED_COEFFICIENTS:
             return False
     system = polynomial_form(network, get_arithmetic("float64"), deadline=deadline)
     return bool(len(system.origin)) and len(system.monomials) <= _LIFTED_PRODUCTS

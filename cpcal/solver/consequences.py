@@ -32,9 +32,11 @@ def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
 
     Equations that are not polynomial with exact coefficients take no part. Empty where nothing short follows.
     """
-    given = _polynomials(network)
     size = len(network.names)
-    if len(given) < 2 or size > _UNKNOWNS or len(given) > _EQUATIONS:
+    if size > _UNKNOWNS or not 2 <= Equalities.of(network).count <= _EQUATIONS:
+        return ()
+    given = _polynomials(network)
+    if len(given) < 2:
         return ()
     longest, highest = max(map(len, given)), max(len(m) for m in chain.from_iterable(given))
     if longest > _TERMS or highest > _DEGREE:
@@ -51,7 +53,7 @@ def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
 def _polynomials(network: ConstraintNetwork) -> list[Terms]:
     """Of all equations that have an exact form: monomials with their coefficients."""
     exact, out = ExactPolynomials(network), list[Terms]()
-    for root in Equalities(network).roots:
+    for root in Equalities.of(network).roots:
         try:
             out += [p.terms for p in exact.of(root).ravel() if any(p.terms)]
         except NotStated:

@@ -168,11 +168,13 @@ class Network(ConstraintNetwork):
 
         there = spread_over(executor_for(workers, scheduler, executor, loads=_LOADS))
         with heard(), linear_algebra_on_one_thread(), there as spread:
-            race = Race([Contender(m.name, partial(search, m, spread), m.slice, m.turns) for m in choice.methods])
+            race = Race(
+                [Contender(m.name, partial(search, m, spread), m.slice, m.turns, m.begins) for m in choice.methods]
+            )
             nodes = raced(race, keeper, clock, progress)
             found = race.leader.search or search(choice.methods[0], spread)
             keeper.end(complete=not found.waiting)
-            paving = conclusion(found, UniquenessProver(network, engine), clock, nodes)
+            paving = conclusion(found, UniquenessProver(network, engine, deadline=clock.deadline), clock, nodes)
             used = row_use(network, built[choice.methods[race.contenders.index(race.leader)]])
         said = f"{choice.why}: {race.sentence()}" if chooses else choice.why
         said += width_sentence(finest, reach) if width is None else ""

@@ -67,7 +67,7 @@ def default_width(network: ConstraintNetwork, left: Callable[[], Box]) -> tuple[
     Solutions that leave `freedom` of the unknowns open form a set of that dimension: each of its directions gets its
     share of the boxes. And how far from 0 each component (n,) is divided: where `left` is unbounded, up to `REACH`.
     """
-    free, equations = network.domain.hi > network.domain.lo, Equalities(network)
+    free, equations = network.domain.hi > network.domain.lo, Equalities.of(network)
     freedom = int(free.sum()) - (0 if equations.reads else equations.count)
     everywhere = np.full(len(free), np.inf)
     if freedom <= 0:

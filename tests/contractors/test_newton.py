@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
+import time
+
 import numpy as np
 import pytest
 
 from contractors import HC4, Newton
 from cpcal.solver.contract import Repeat
-from cpcal.solver.existence import hansen_sengupta, krawczyk
-from cpcal.solver.interval import Box
+from cpcal.solver.existence import Equalities, hansen_sengupta, krawczyk, square_of, stop_flag
+from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, norm, sqr
 
 OPERATORS = {"hansen-sengupta": hansen_sengupta, "krawczyk": krawczyk}
@@ -32,6 +35,26 @@ def test_a_zero_in_one_call_where_hc4_is_stuck(operator: str, engine: str) -> No
     box = Newton(net, operator=OPERATORS[operator], arithmetic=engine).contract(net.domain).box
     assert (1.0, 1.0) in box
     assert box.width.max() < 1e-14
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_deadline_leaves_boxes_as_they_are(stopped: bool) -> None:
+    net = circle_and_parabola()
+    engine, lo, hi = get_arithmetic("float64"), np.array([1.2, 1.2]), np.array([1.4, 1.4])
+    boxes, flag = np.stack([lo, hi], axis=-1)[None].copy(), np.array([int(stopped)])
+    square_of(engine).newton_all(*Equalities(net).program, hansen_sengupta.value, 10, flag, boxes)
+    assert bool((boxes == np.stack([lo, hi], axis=-1)).all()) is stopped
+
+
+def test_the_flag_is_raised_at_the_deadline() -> None:
+    with stop_flag(time.monotonic(), 1000) as flag:
+        for _ in range(10_000):
+            if flag[0]:
+                break
+            time.sleep(0.001)
+        assert flag[0]
+    with stop_flag(math.inf, 1000) as flag:
+        assert not flag[0]
 
 
 @pytest.mark.parametrize("operator", OPERATORS)

@@ -29,8 +29,11 @@ def dot(direction, point):
 
 
 def holds(directions, bounds, point):
-    """Whether every half-space holds a point, decided over the rationals."""
-    return all(b == np.inf or dot(d, point) <= Fraction(b) for d, b in zip(directions, bounds, strict=True))
+    """Whether every half-space holds a point, decided over the rationals wherever float64 could be wrong."""
+    directions, bounds, point = np.asarray(directions), np.asarray(bounds), np.asarray(point)
+    doubt = 1e-12 * (np.abs(directions) @ np.abs(point)) + 1e-300
+    near = np.flatnonzero(directions @ point + doubt > bounds)
+    return all(dot(directions[k], point) <= Fraction(bounds[k]) for k in near)
 
 
 def strip():

@@ -134,11 +134,11 @@ def test_a_solution_on_the_boundary_of_the_domain_is_proved() -> None:
     assert not any(s.verdict is Verdict.PROVED for s in beyond.solve().solutions)
 
 
-def made(unknowns: int) -> cpcal.Network:
-    """A sphere of so many unknowns."""
+def made(unknowns: int, spheres: int = 1) -> cpcal.Network:
+    """So many spheres of so many unknowns."""
     net = cpcal.Network()
     x = net.variable("x", unknowns, (-2, 2))
-    net.add(cpcal.sqr(x).sum() == 1)
+    net.add([cpcal.sqr(x).sum() + k * x[k] == 1 for k in range(spheres)])
     return net
 
 
@@ -186,6 +186,25 @@ def test_a_contender_without_progress_sits_out_and_comes_back() -> None:
         turns.append((stuck.nodes, steady.nodes))
     assert race.leader is steady
     assert 1 < stuck.nodes < steady.nodes / 2
+
+
+def test_a_contender_begins_in_its_round() -> None:
+    net = circle_and_line()
+    made = [
+        Contender(n, lambda: Search([net.domain], Divide(HC4(net), LargestFirst(1e-9))), 1, back=k)
+        for k, n in enumerate("ab")
+    ]
+    race, seen = Race(made), []
+    for _ in race:
+        seen.append((race.rounds, made[1].nodes > 0))
+        assert race.leader.search is not None
+    assert {begun for rounds, begun in seen if rounds == 0} == {False}
+    assert made[1].nodes
+
+
+def test_turns_are_shorter_where_a_node_takes_longer() -> None:
+    few, many = (choice_to_solve(made(n, n)).methods[0].slice for n in (4, 60))
+    assert many < few / 10
 
 
 def test_rows_that_a_contractor_cannot_use_are_counted() -> None:

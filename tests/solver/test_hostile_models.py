@@ -60,3 +60,26 @@ def test_an_equation_that_no_step_mends_ends_the_local_search() -> None:
     net.add([x * x == 1e10, y >= x])
     search = LocalSearch(net, Rows(net), 1, Equations(net, get_arithmetic("float64")))
     assert search.inside(np.zeros(2), 1e-9, np.ones(2)) is None
+
+
+def test_an_element_of_an_array_does_not_ask_the_others_to_be_defined() -> None:
+    net = cpcal.Network()
+    v, y = net.variable("v", 2, ([0, -1], [1, -0.5])), net.variable("y", domain=(0, 1))
+    net.add([np.sqrt(v)[0] == 0.5, np.stack([np.log(v[1]), y])[1] == 0.25])
+    net.add(np.concatenate([1 / np.stack([y - 0.25, v[0]]), v])[2] >= 0.1)
+    assert (0.25, -0.75, 0.25) in net.contract().box
+    assert net.solve(width=0.25).solutions
+    net.add(np.sqrt(v) >= 0)
+    assert not net.solve().solutions  # here both are asked for
+
+
+def test_reductions_are_those_of_numpy() -> None:
+    net = cpcal.Network()
+    v = net.variable("v", (2, 3), (-2, 2))
+    at = np.array([[0.5, -1.25, 2.0], [1.5, 0.25, -0.75]])
+    point = net.domain.with_bounds(at.ravel(), at.ravel())
+    for function in (np.sum, np.mean, np.prod, np.max, np.min):
+        for axis in (None, 0, 1):
+            found = cpcal.evaluate(net, function(v, axis=axis), point)
+            assert np.allclose(found.lo, function(at, axis=axis), rtol=1e-12)
+            assert (found.lo <= found.hi).all()

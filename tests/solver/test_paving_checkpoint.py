@@ -8,6 +8,7 @@ import pytest
 
 import cpcal
 from cpcal.common.errors import InputError
+from cpcal.solver import choice
 from cpcal.solver.contract import Limits
 from cpcal.solver.network.checkpoint_of import problem_digest
 
@@ -39,9 +40,10 @@ def answer(paving: cpcal.Paving) -> tuple[object, ...]:
 
 @pytest.mark.parametrize(
     ("build", "options", "step"),
-    [(ring, {"width": 0.2, "inner": True}, 37), (ring, {"width": 0.2, "order": "breadth"}, 90), (points, {}, 149)],
+    [(ring, {"width": 0.2, "inner": True}, 37), (ring, {"width": 0.2, "order": "breadth"}, 90), (points, {}, 7)],
 )
-def test_stopped_again_and_again_it_ends_in_the_same_answer(build, options, step, tmp_path):
+def test_stopped_again_and_again_it_ends_in_the_same_answer(build, options, step, tmp_path, monkeypatch):
+    monkeypatch.setattr(choice, "_SLICES", (8, 8))  # short turns, so that several methods have some
     whole = answer(build().solve(**options))
     file, stops = tmp_path / "search", 0
     while True:

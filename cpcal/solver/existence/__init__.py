@@ -1,5 +1,6 @@
 """What is proved to exist: whole boxes of solutions, and boxes that hold exactly one."""
 
+from cpcal.solver.existence.deadline import stop_flag
 from cpcal.solver.existence.equalities import Equalities, Linearization
 from cpcal.solver.existence.inside import Inside
 from cpcal.solver.existence.operators import Operator, hansen_sengupta, krawczyk, square_of
@@ -20,5 +21,6 @@ __all__ = [
     "prove_unique",
     "reads",
     "square_of",
+    "stop_flag",
     "upper_ends",
 ]

@@ -51,6 +51,11 @@ class Equalities:
         self.count = self.tape.count
         self.reads = bool(self.tape.readings)
 
+    @classmethod
+    def of(cls, network: ConstraintNetwork) -> Equalities:
+        """Those of a network, written once."""
+        return network.once("equalities", lambda: cls(network))
+
     def linearize(self, engine: Arithmetic, box: Box, center: Floats) -> Linearization | None:
         """On a bounded box, at a point of it; None where F or a derivative is not defined or not bounded.
 

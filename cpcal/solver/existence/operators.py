@@ -15,6 +15,7 @@ that are not unknowns both hold for every value of them in X. The computation it
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 from typing import Any
 
@@ -22,6 +23,7 @@ import numpy as np
 
 from cpcal.common.arrays import Indices
 from cpcal.solver.existence import square
+from cpcal.solver.existence.deadline import stop_flag
 from cpcal.solver.existence.equalities import Linearization
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network.engines import in_arithmetic
@@ -43,14 +45,23 @@ def square_of(engine: Arithmetic) -> Any:
 
 
 def image(
-    operator: Operator, engine: Arithmetic, linear: Linearization, columns: Indices, box: IntervalArray
+    operator: Operator,
+    engine: Arithmetic,
+    linear: Linearization,
+    columns: Indices,
+    box: IntervalArray,
+    deadline: float = math.inf,
 ) -> IntervalArray | None:
-    """N(X) for as many equations as `columns`; NaN everywhere when X holds no zero, None where there is no inverse."""
+    """N(X) for as many equations as `columns`; NaN everywhere when X holds no zero.
+
+    None where there is no inverse, or it was not finished at the deadline (of time.monotonic()).
+    """
     bounds = np.stack([box.lo, box.hi], axis=1)
     out = np.full(bounds.shape, np.nan)
     rows = np.arange(len(columns))
-    given = (_pairs(linear.value), _pairs(linear.jacobian), np.array(linear.center), rows, np.array(columns), bounds)
-    found = square_of(engine).newton_image(operator.value, *given, out)
+    given = (_pairs(linear.value), _pairs(linear.jacobian), np.array(linear.center), rows, np.array(columns))
+    with stop_flag(deadline, len(columns)) as stop:
+        found = square_of(engine).newton_image(operator.value, *given, stop, bounds, out)
     return None if found < 0 else IntervalArray(out[:, 0].copy(), out[:, 1].copy())
 
 

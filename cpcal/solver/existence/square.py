@@ -65,8 +65,8 @@ def linearize(
 
 
 @compiled
-def square_part(jacobian: Floats, box: Floats, rows: Ints, columns: Ints) -> int:
-    """The rows and columns of a square part that is far from singular, and its size: as many as can be.
+def square_part(jacobian: Floats, box: Floats, stop: Ints, rows: Ints, columns: Ints) -> int:
+    """The rows and columns of a square part that is far from singular, and its size: as many as can be. 0: stopped.
 
     Components of no width are no unknowns. Rows and columns are chosen by Gauss elimination with full pivoting of the
     midpoints, in units of the box.
@@ -93,7 +93,7 @@ def square_part(jacobian: Floats, box: Floats, rows: Ints, columns: Ints) -> int
             for j in range(step, free):
                 if abs(scaled[i, j]) > best:
                     best, at_row, at_column = abs(scaled[i, j]), i, j
-        if at_row < 0 or not math.isfinite(best):
+        if at_row < 0 or not math.isfinite(best) or stop[0] != 0:
             return 0
         for j in range(free):
             scaled[step, j], scaled[at_row, j] = scaled[at_row, j], scaled[step, j]
@@ -109,8 +109,11 @@ def square_part(jacobian: Floats, box: Floats, rows: Ints, columns: Ints) -> int
 
 
 @compiled
-def inverse_of_middle(jacobian: Floats, rows: Ints, columns: Ints, out: Floats) -> bool:
-    """An approximate inverse (s, s) of the midpoints, by Gauss-Jordan elimination; False where there is none."""
+def inverse_of_middle(jacobian: Floats, rows: Ints, columns: Ints, stop: Ints, out: Floats) -> bool:
+    """An approximate inverse (s, s) of the midpoints, by Gauss-Jordan elimination; False where there is none.
+
+    `stop` (1,) is not 0 as soon as nobody waits for the result any more.
+    """
     s = len(out)
     work = np.zeros((s, 2 * s))
     for i in range(s):
@@ -122,7 +125,7 @@ def inverse_of_middle(jacobian: Floats, rows: Ints, columns: Ints, out: Floats) 
         for i in range(k + 1, s):
             if abs(work[i, k]) > abs(work[best, k]):
                 best = i
-        if not abs(work[best, k]) > 0.0:
+        if not abs(work[best, k]) > 0.0 or stop[0] != 0:
             return False
         for j in range(2 * s):
             work[k, j], work[best, j] = work[best, j], work[k, j]
@@ -143,21 +146,32 @@ def inverse_of_middle(jacobian: Floats, rows: Ints, columns: Ints, out: Floats) 
 
 
 @compiled
-def precondition(inverse: Floats, rows: Ints, value: Floats, jacobian: Floats, y: Floats, matrix: Floats) -> None:
-    """y = C F(c) (s, 2) and A = C J (s, n, 2)."""
+def precondition(
+    inverse: Floats, rows: Ints, value: Floats, jacobian: Floats, stop: Ints, y: Floats, matrix: Floats
+) -> bool:
+    """y = C F(c) (s, 2) and A = C J (s, n, 2); False where it was stopped."""
+    s, n = len(inverse), jacobian.shape[1]
+    entries, where = np.zeros(s, np.int64), np.empty((s, n), np.int64)  # that are not 0, by row
+    for r in range(s):
+        for j in range(n):
+            if jacobian[rows[r], j, 0] != 0.0 or jacobian[rows[r], j, 1] != 0.0:
+                where[r, entries[r]] = j
+                entries[r] += 1
     y[:] = 0.0
     matrix[:] = 0.0
-    for i in range(len(inverse)):
-        for r in range(len(inverse)):
+    for i in range(s):
+        if stop[0] != 0:
+            return False
+        for r in range(s):
             c, row = inverse[i, r], rows[r]
             if c == 0.0:
                 continue
             low, high = mul(c, c, value[row, 0], value[row, 1])
             y[i, 0], y[i, 1] = add(y[i, 0], y[i, 1], low, high)
-            for j in range(jacobian.shape[1]):
-                if jacobian[row, j, 0] != 0.0 or jacobian[row, j, 1] != 0.0:
-                    low, high = mul(c, c, jacobian[row, j, 0], jacobian[row, j, 1])
-                    matrix[i, j, 0], matrix[i, j, 1] = add(matrix[i, j, 0], matrix[i, j, 1], low, high)
+            for j in where[r, : entries[r]]:
+                low, high = mul(c, c, jacobian[row, j, 0], jacobian[row, j, 1])
+                matrix[i, j, 0], matrix[i, j, 1] = add(matrix[i, j, 0], matrix[i, j, 1], low, high)
+    return True
 
 
 @compiled
@@ -195,14 +209,26 @@ def krawczyk(y: Floats, matrix: Floats, columns: Ints, away: Floats) -> bool:
 
 @compiled
 def newton_image(
-    operator: int, value: Floats, jacobian: Floats, center: Floats, rows: Ints, columns: Ints, box: Floats, out: Floats
+    operator: int,
+    value: Floats,
+    jacobian: Floats,
+    center: Floats,
+    rows: Ints,
+    columns: Ints,
+    stop: Ints,
+    box: Floats,
+    out: Floats,
 ) -> int:
-    """N(X) in `out` (n, 2): 1; 0 if X holds no zero, -1 if there is no inverse. `columns` are the s unknowns."""
+    """N(X) in `out` (n, 2): 1; 0 if X holds no zero, -1 if there is no inverse or it was stopped.
+
+    `columns` are the s unknowns.
+    """
     s, n = len(columns), len(box)
     inverse, y, matrix, away = np.empty((s, s)), np.empty((s, 2)), np.empty((s, n, 2)), np.empty((n, 2))
-    if not inverse_of_middle(jacobian, rows, columns, inverse):
+    if not inverse_of_middle(jacobian, rows, columns, stop, inverse):
         return -1
-    precondition(inverse, rows, value, jacobian, y, matrix)
+    if not precondition(inverse, rows, value, jacobian, stop, y, matrix):
+        return -1
     for j in range(n):
         away[j, 0], away[j, 1] = sub(box[j, 0], box[j, 1], center[j], center[j])
     some = krawczyk(y, matrix, columns, away) if operator else hansen_sengupta(y, matrix, columns, away)
@@ -233,9 +259,13 @@ def newton_all(
     leaves: Floats,
     operator: int,
     most: int,
+    stop: Ints,
     boxes: Floats,
 ) -> None:
-    """The operator on B boxes (B, n, 2), in place, while it halves some width; NaN where a box holds no zero."""
+    """The operator on B boxes (B, n, 2), in place, while it halves some width; NaN where a box holds no zero.
+
+    Boxes that are left when `stop` (1,) is not 0 stay as they are.
+    """
     m, n = len(roots), boxes.shape[1]
     value, jacobian, image, center = np.empty((m, 2)), np.empty((m, n, 2)), np.empty((n, 2)), np.empty(n)
     rows, columns = np.empty(m, np.int64), np.empty(n, np.int64)
@@ -247,10 +277,11 @@ def newton_all(
             for j in range(n):
                 center[j] = middle(box[j, 0], box[j, 1])
             known = linearize(code, arg, par, first, given, roots, start, order, leaves, box, center, value, jacobian)
-            size = square_part(jacobian, box, rows, columns) if known else 0
+            size = square_part(jacobian, box, stop, rows, columns) if known else 0
             if size == 0:
                 break
-            found = newton_image(operator, value, jacobian, center, rows[:size], columns[:size], box, image)
+            square_rows, unknowns = rows[:size], columns[:size]
+            found = newton_image(operator, value, jacobian, center, square_rows, unknowns, stop, box, image)
             if found < 0:
                 break
             halved = False

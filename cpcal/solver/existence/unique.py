@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -11,10 +12,10 @@ import numpy as np
 from cpcal.common.arrays import Floats, Indices
 from cpcal.common.errors import ModelError
 from cpcal.solver.existence.equalities import Equalities
-from cpcal.solver.existence.inside import Inside, sides
+from cpcal.solver.existence.inside import Inside
 from cpcal.solver.existence.operators import Operator, hansen_sengupta, image, inside, krawczyk
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.network import ConstraintNetwork, Tape
+from cpcal.solver.network import ConstraintNetwork, rows_tape
 
 _POLISH = 12  # Newton steps in floating point before anything is proved
 _AROUND = 4  # inflations of a box
@@ -37,16 +38,22 @@ class UniquenessProver:
     """Proves single solutions of one network, where it has as many equations as unknowns.
 
     The equations must be free of readings (else solutions are no single points). The other constraints, and the
-    domain, must hold on the whole box that is found. A component whose domain is one number is no unknown.
+    domain, must hold on the whole box that is found. A component whose domain is one number is no unknown. Nothing
+    more is proved at the `deadline` (of time.monotonic()).
     """
 
-    def __init__(self, network: ConstraintNetwork, engine: Arithmetic, operator: Operator = hansen_sengupta) -> None:
-        self._engine, self._operator, self._network = engine, operator, network
+    def __init__(
+        self,
+        network: ConstraintNetwork,
+        engine: Arithmetic,
+        operator: Operator = hansen_sengupta,
+        deadline: float = math.inf,
+    ) -> None:
+        self._engine, self._operator, self._network, self._deadline = engine, operator, network, deadline
         self._exactly: Inside | None = None
         self._domain = network.domain
-        self._equalities = Equalities(network)
+        self._equalities = Equalities.of(network)
         self._rest = Inside(self._equalities.rest, engine)
-        self._rows = Tape(network, [side for constraint in network.constraints for side in sides(constraint)])
         self._choose(np.flatnonzero(self._domain.hi > self._domain.lo))
 
     def _choose(self, unknowns: Indices) -> None:
@@ -93,7 +100,7 @@ class UniquenessProver:
         tight = box.intersect(box.with_bounds(left.lo, left.hi))
         if tight.is_empty:
             return tight
-        left = self._rows.contract(self._engine, tight.array[None])[0]
+        left = rows_tape(self._network).contract(self._engine, tight.array[None])[0]
         return tight.intersect(tight.with_bounds(left.lo, left.hi))
 
     def _narrowed(self, x: IntervalArray) -> IntervalArray:
@@ -182,7 +189,7 @@ class UniquenessProver:
         linear = self._equalities.linearize(self._engine, box, center) if box.is_bounded else None
         if linear is None:
             return None
-        return image(operator, self._engine, linear, self._columns, box.array)
+        return image(operator, self._engine, linear, self._columns, box.array, self._deadline)
 
     def _inflated(self, x: IntervalArray) -> IntervalArray:
         """A little larger in every unknown."""

@@ -29,7 +29,7 @@ class Expr:
     """A node: an operation on other nodes, or a leaf ("variable", "constant", "reading").
 
     `data` holds a leaf's value (for a reading: the set it is known to lie in) or the flat indices of
-    an "index", in read-only arrays of its own; `parameter` the exponent of a "power" or the axis of a "sum";
+    an "index", in read-only arrays of its own; `parameter` a "power"'s exponent, a "sum"'s axis, a "mul"'s SELECTS;
     `name` a variable's name and `owner` that of its network, for messages.
     """
 

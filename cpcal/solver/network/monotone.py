@@ -11,8 +11,8 @@ import numpy as np
 
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.rewrite import ReadingSets, one_sided_rows
-from cpcal.solver.network.tape import Tape
+from cpcal.solver.network.rewrite import ReadingSets
+from cpcal.solver.network.rows_tape import rows_tape
 
 
 class DecisiveReadings:
@@ -20,7 +20,7 @@ class DecisiveReadings:
 
     def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
         self._engine = engine
-        self.tape = Tape(network, [row.expr for row in one_sided_rows(network)])
+        self.tape = rows_tape(network)
         self._data = {leaf.digest: leaf.data for leaf in self.tape.readings if isinstance(leaf.data, IntervalArray)}
 
     @property

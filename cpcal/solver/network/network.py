@@ -10,9 +10,9 @@ from __future__ import annotations
 import hashlib
 import itertools
 import operator
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable
 from copy import copy
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,9 @@ from cpcal.solver.network.printing import network_text
 
 Domain = Interval | tuple[npt.ArrayLike, npt.ArrayLike]
 
+T = TypeVar("T")
+
+_KEPT = 8  # things made of one network
 _numbers = itertools.count(1)  # of networks without a name, for messages
 
 
@@ -42,6 +45,7 @@ class ConstraintNetwork:
         self._constraints: list[Constraint] = []
         self._whole: frozenset[str] = frozenset()  # components that take whole numbers only
         self._for_all: dict[bytes, Expr] = {}  # parameters, by digest
+        self._made = Made()
 
     def variable(
         self,
@@ -214,6 +218,17 @@ class ConstraintNetwork:
         hasher.update(repr([number[expr.digest] for expr in roots]).encode())
         return hasher.hexdigest()
 
+    def once(self, what: str, make: Callable[[], T]) -> T:
+        """What `make` gives for the network as it is now: made once for it and its copies, under the name `what`.
+
+        For what contractors, choices and proofs all need, and only read: tapes, which take long where there are
+        thousands of constraints.
+        """
+        parts = [digest for c in self._constraints for digest in (c.body.digest, c.lower.digest, c.upper.digest)]
+        box = self.domain
+        key = (what, self.names, self._whole, box.lo.tobytes(), box.hi.tobytes(), *parts)
+        return self._made.of(key, make)
+
     def __getstate__(self) -> dict[str, Any]:
         """Containers of its own for whoever copies this network: what is added to one is not added to the other."""
         return {key: copy(value) for key, value in self.__dict__.items()}
@@ -221,6 +236,27 @@ class ConstraintNetwork:
     def __repr__(self) -> str:
         count = sum(int(np.prod(c.body.shape)) for c in self._constraints)
         return f"<{type(self).__name__}: {len(self.names)} unknowns, {count} constraints>"
+
+
+class Made:
+    """The last few things that were made of a network, by what they depend on. Copies share them, pickles have none."""
+
+    def __init__(self) -> None:
+        self._known: dict[Hashable, Any] = {}
+
+    def of(self, key: Hashable, make: Callable[[], T]) -> T:
+        found: T | None = self._known.get(key)
+        if found is None:
+            self._known[key] = found = make()
+            for oldest in list(self._known)[:-_KEPT]:
+                self._known.pop(oldest, None)
+        return found
+
+    def __copy__(self) -> Made:
+        return self
+
+    def __reduce__(self) -> tuple[type[Made], tuple[()]]:
+        return Made, ()
 
 
 def component_names(leaf: Expr) -> tuple[str, ...]:

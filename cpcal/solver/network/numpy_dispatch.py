@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from cpcal.common.errors import ModelError
 from cpcal.solver.network import mathematics
 from cpcal.solver.network.expression import Expr, Operand, as_expr, binary
 from cpcal.solver.network.mathematics import maximum, minimum, sqr, sqrt
+from cpcal.solver.network.operations import SELECTS
 
 _Function = Callable[..., Any]
 
@@ -67,6 +70,22 @@ def total(x: Operand, axis: Any = None, keepdims: bool = False) -> Expr:
     return expr
 
 
+def _mean(x: Operand, axis: Any = None, keepdims: bool = False) -> Expr:
+    whole = total(x, axis, keepdims)
+    return whole / (math.prod(as_expr(x).shape) // math.prod(whole.shape))
+
+
+def _folded(two: Callable[[Expr, Expr], Expr]) -> _Function:
+    """The reduction by an operation of two, along one axis or (None) of all elements."""
+
+    def reduced(x: Operand, axis: int | None = None) -> Expr:
+        expr = as_expr(x)
+        expr, where = (expr.reshape(-1), 0) if axis is None else (expr, axis % expr.ndim)
+        return reduce(two, (expr[(slice(None),) * where + (k,)] for k in range(expr.shape[where])))
+
+    return reduced
+
+
 def _norm(x: Operand, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Expr:
     if ord not in (None, 2) or (ord == 2 and axis is None and as_expr(x).ndim > 1):
         raise ModelError("of numpy.linalg.norm there is the Euclidean length: leave `ord` out")
@@ -80,7 +99,10 @@ def _stack(parts: Sequence[Operand], axis: int = 0) -> Expr:
 
 
 def _concatenate(parts: Sequence[Operand], axis: int = 0) -> Expr:
-    """A sum of the parts, each spread over the whole by an index and multiplied by zeros and ones."""
+    """A sum of the parts, each spread over the whole by an index and multiplied by zeros and ones.
+
+    The product selects: where its factor is 0 it is 0, also where the part is not defined.
+    """
     exprs = [as_expr(part) for part in parts]
     axis %= exprs[0].ndim
     sizes = [expr.shape[axis] for expr in exprs]
@@ -90,7 +112,8 @@ def _concatenate(parts: Sequence[Operand], axis: int = 0) -> Expr:
         place = np.clip(np.arange(length) - before, 0, sizes[k] - 1)
         mine = ((np.arange(length) >= before) & (np.arange(length) < before + sizes[k])).astype(np.float64)
         spread = expr[(slice(None),) * axis + (place,)]
-        part = spread * mine.reshape((length,) + (1,) * (expr.ndim - axis - 1))
+        mask = as_expr(mine.reshape((length,) + (1,) * (expr.ndim - axis - 1)))
+        part = Expr("mul", (spread, mask), spread.shape, parameter=SELECTS)
         whole = part if whole is None else whole + part
     assert whole is not None
     return whole
@@ -98,6 +121,10 @@ def _concatenate(parts: Sequence[Operand], axis: int = 0) -> Expr:
 
 _FUNCTIONS: dict[Any, _Function] = {
     np.sum: total,
+    np.mean: _mean,
+    np.prod: _folded(lambda x, y: x * y),
+    np.max: _folded(maximum),
+    np.min: _folded(minimum),
     np.linalg.norm: _norm,
     np.stack: _stack,
     np.concatenate: _concatenate,

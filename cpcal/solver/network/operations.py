@@ -49,6 +49,7 @@ from cpcal.solver.interval.kernels import (
     sub,
 )
 
+SELECTS = 1  # parameter of a "mul" by zeros and ones: 0 wherever the factor is 0, also where the other is not defined
 NEG, ADD, SUB, MUL, DIV, SQR, SQRT, POWER, ABS, MIN, MAX = range(11)
 EXP, EXPM1, LOG, LOG1P, SIN, COS, TAN, ASIN, ACOS, ATAN, SINH, COSH, TANH, POW, ATAN2, FLOOR, CEIL, SIGN = range(11, 29)
 

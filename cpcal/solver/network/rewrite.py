@@ -160,13 +160,20 @@ def extremum(row: Row, engine: Arithmetic) -> list[Row] | None:
     return None
 
 
+_MOST = 512  # rows made of one
+
 PASSES = (extremum, absolute_value, square_root)
 
 
 def rewritten(row: Row, engine: Arithmetic) -> list[Row]:
-    """The rows that the passes make of one row."""
-    todo, done = [row], []
+    """The rows that the passes make of one row; the row itself where they would be more than `_MOST`.
+
+    A sum of n absolute values stands for 2^n rows.
+    """
+    todo, done, given = [row], list[Row](), row
     while todo:
+        if len(todo) + len(done) > _MOST:
+            return [given]
         row = todo.pop(0)
         for rewrite in PASSES:
             result = rewrite(row, engine)

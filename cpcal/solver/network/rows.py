@@ -74,6 +74,12 @@ class Extremes:
         # a derivative that is not defined, as that of a norm at zero, counts as zero
         return RowValues(_middle(tape.values(slots)[0]), np.where(np.isfinite(jacobian), jacobian, 0.0))
 
+    def jacobians(self, points: Floats) -> Floats:
+        """Derivatives (B, K, n) at points (B, n), each as `linearize` has it."""
+        if self.tape.readings:
+            return np.stack([self.linearize(point).jacobian for point in points])
+        return self.tape.point_jacobians(_ENGINE, points)
+
 
 def _middle(x: IntervalArray) -> Floats:
     with np.errstate(all="ignore"):
@@ -104,7 +110,7 @@ class Rows:
         groups = [[row] for row in rows] if reading else [rows]
         self._parts = [Extremes(network, *(row.expr for row in group)) for group in groups if group]
         self._blocks = [_Block.of(row) for row in rows]
-        self._size = len(network.names)
+        self.count, self._size = sum(block.size for block in self._blocks), len(network.names)
 
     def linearize(self, point: Floats) -> RowValues:
         """Values and derivatives at a point (n,)."""
@@ -113,6 +119,11 @@ class Rows:
             np.concatenate([np.zeros(0), *(part.values for part in parts)]),
             np.concatenate([np.zeros((0, self._size)), *(part.jacobian for part in parts)]),
         )
+
+    def jacobians(self, points: Floats) -> Floats:
+        """Derivatives (B, K, n) at points (B, n), B at least 1."""
+        parts = [part.jacobians(points) for part in self._parts]
+        return np.concatenate([np.zeros((len(points), 0, self._size)), *parts], axis=1)
 
     def telling(self, point: Floats, most: int) -> list[npt.NDArray[np.intp]]:
         """For each constraint the elements (along its leading axis) that say most about boxes around a point.

@@ -7,9 +7,11 @@ box, then constants, then readings. Bounds of one box are two arrays of all slot
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from cpcal.common.arrays import Floats, Ints
+from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.kernels import add, meet, mul
 from cpcal.solver.network.derivatives import partials, slopes
@@ -167,6 +169,21 @@ def scaled(g_lo: float, g_hi: float, p_lo: float, p_hi: float) -> tuple[float, f
 
 
 @compiled
+def needed(arg: Ints, first: int, roots: Ints) -> Bools:
+    """Which operations (P,) some root is computed from."""
+    out = np.zeros(len(arg), np.bool_)
+    for root in roots:
+        if root >= first:
+            out[root - first] = True
+    for k in range(len(arg) - 1, -1, -1):
+        if out[k]:
+            for a in arg[k]:
+                if a >= first:
+                    out[a - first] = True
+    return out
+
+
+@compiled
 def reach(arg: Ints, first: int, variable: int, given: int, roots: Ints, start: Ints, order: Ints) -> int:
     """What each root is computed from: slots of operations, then of variables and readings, the last ones first.
 
@@ -253,3 +270,38 @@ def row_qualities(first: int, start: Ints, order: Ints, operations: Ints, out: I
         for p in range(start[r], start[r + 1]):
             if order[p] >= first:
                 out[r] = min(out[r], operations[order[p] - first])
+
+
+@compiled
+def point_jacobians(
+    code: Ints,
+    arg: Ints,
+    par: Ints,
+    first: int,
+    given: int,
+    roots: Ints,
+    start: Ints,
+    order: Ints,
+    leaves_lo: Floats,
+    leaves_hi: Floats,
+    points: Floats,
+    out: Floats,
+) -> None:
+    """About the derivatives of every root by the components of a box at B points (B, n): `out` (B, K, n), of zeros.
+
+    What is not defined, as the derivative of a norm at zero, stays 0.
+    """
+    n, size = points.shape[1], first + len(code)
+    lo, hi = np.empty(size), np.empty(size)
+    factors, g_lo, g_hi = np.empty((len(code), 4)), np.empty(len(order)), np.empty(len(order))
+    for b in range(len(points)):
+        lo[:n], hi[:n] = points[b], points[b]
+        lo[n:first], hi[n:first] = leaves_lo, leaves_hi
+        forward(code, arg, par, first, lo, hi)
+        all_partials(code, arg, par, first, lo, hi, factors)
+        gradients(arg, first, n, given, roots, start, order, factors, g_lo, g_hi)
+        for r in range(len(roots)):
+            for p in range(start[r], start[r + 1]):
+                middle = 0.5 * g_lo[p] + 0.5 * g_hi[p]
+                if order[p] < n and math.isfinite(middle):
+                    out[b, r, order[p]] = middle

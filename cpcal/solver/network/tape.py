@@ -7,6 +7,7 @@ source. See `engines`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,8 +20,8 @@ from cpcal.solver.network.dag import topological
 from cpcal.solver.network.engines import sweeps_of
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
-from cpcal.solver.network.operations import ADD, CONTINUOUS, DEFINED, TABLE
-from cpcal.solver.network.sweeps import near, reach
+from cpcal.solver.network.operations import ADD, CONTINUOUS, DEFINED, SELECTS, TABLE
+from cpcal.solver.network.sweeps import near, needed, reach
 
 # For readings, by the digest of their leaf: values or smaller sets.
 ReadingSets = Mapping[bytes, IntervalArray]
@@ -52,9 +53,20 @@ class Tape:
         self._leaves = writer.leaves
         self.code, self.arg, self.par = writer.table()
         self._slots = {root.digest: writer.slots[root.digest] for root in self.roots}
+        self._drop_unused()
         flat = [self._slots[root.digest].ravel() for root in self.roots]
         self.root_slots: Ints = np.concatenate([np.zeros(0, np.int64), *flat])
         self.count = len(self.root_slots)
+
+    def _drop_unused(self) -> None:
+        """Elements that no root takes, as of `sqrt(v)[0]` the others: where they are defined restricts nothing."""
+        flat = [slots.ravel() for slots in self._slots.values()]
+        used = needed(self.arg, self.first, np.concatenate([np.zeros(0, np.int64), *flat]))
+        if used.all():
+            return
+        number = np.concatenate([np.arange(self.first), self.first + np.cumsum(used) - 1])
+        self.code, self.arg, self.par = self.code[used], number[self.arg[used]], self.par[used]
+        self._slots = {digest: number[slots] for digest, slots in self._slots.items()}
 
     def rows(self, expr: Expr) -> slice:
         """Where the elements of a root stand among those of all roots."""
@@ -194,6 +206,13 @@ class Tape:
         lo[row, column], hi[row, column] = g.lo[entry], g.hi[entry]
         return IntervalArray(lo, hi)
 
+    def point_jacobians(self, engine: Arithmetic, points: Floats) -> Floats:
+        """About the derivatives of all roots' elements by the box's components (B, K, n), at points (B, n)."""
+        out, paths = np.zeros((len(points), self.count, self.size)), self.reach
+        where = (self.given, self.root_slots, paths.start, paths.order, self._leaves.lo, self._leaves.hi)
+        sweeps_of(engine).point_jacobians(*self.program, *where, np.array(points, np.float64, order="C"), out)
+        return out
+
 
 def _own(boxes: IntervalArray) -> tuple[Floats, Floats]:
     """Bounds in new arrays: kernels are compiled for arrays that may be written."""
@@ -223,18 +242,19 @@ class _Writer:
             np.concatenate([np.zeros(0), *(values.lo.ravel() for values in known)]),
             np.concatenate([np.zeros(0), *(values.hi.ravel() for values in known)]),
         )
-        self._code: list[Ints] = [np.zeros(0, np.int64)]
-        self._arg: list[Ints] = [np.zeros((0, 2), np.int64)]
-        self._par: list[Ints] = [np.zeros(0, np.int64)]
+        self._blocks: list[Ints] = [np.zeros((0, 4), np.int64)]  # code, two arguments, exponent
+        self._single: list[tuple[int, int, int, int]] = []  # operations after them
         for node in nodes:
             if node.args:
                 self.slots[node.digest] = self._written(node, [self.slots[arg.digest] for arg in node.args])
 
     def table(self) -> tuple[Ints, Ints, Ints]:
-        return np.concatenate(self._code), np.concatenate(self._arg), np.concatenate(self._par)
+        self._gather()
+        rows = np.concatenate(self._blocks)
+        return rows[:, 0].copy(), rows[:, 1:3].copy(), rows[:, 3].copy()
 
     def _place(self, leaf: Expr) -> None:
-        size = int(np.prod(leaf.shape))
+        size = math.prod(leaf.shape)
         self.slots[leaf.digest] = np.arange(self._next, self._next + size).reshape(leaf.shape)
         self._next += size
 
@@ -242,9 +262,18 @@ class _Writer:
         if node.op == "index":
             assert isinstance(node.data, np.ndarray)
             return np.asarray(args[0].ravel()[node.data])
+        if node.op == "mul" and node.parameter == SELECTS:
+            return np.where(self._ones(node.args[1]), *(np.broadcast_to(arg, node.shape) for arg in args))
         if node.op == "sum":
             return self._total(np.moveaxis(args[0], node.parameter, 0))
-        return self._emitted(TABLE[node.op].code, [np.broadcast_to(arg, node.shape) for arg in args], node.parameter)
+        if node.shape:
+            args = [np.broadcast_to(arg, node.shape) for arg in args]
+        return self._emitted(TABLE[node.op].code, args, node.parameter)
+
+    @staticmethod
+    def _ones(mask: Expr) -> Bools:
+        assert isinstance(mask.data, IntervalArray)
+        return np.asarray(mask.data.lo == 1.0)
 
     def _total(self, terms: Ints) -> Ints:
         """Sums along axis 0, as a tree: rounding errors grow with its depth."""
@@ -255,11 +284,21 @@ class _Writer:
         return np.asarray(terms[0])
 
     def _emitted(self, code: int, args: list[Ints], parameter: int = 0) -> Ints:
+        """The slots of one operation on all elements. Many networks have thousands of single ones: no arrays then."""
         shape = args[0].shape
-        size = int(np.prod(shape))
-        self._code.append(np.full(size, code))
-        self._arg.append(np.stack([args[0].ravel(), args[-1].ravel()], axis=1))
-        self._par.append(np.full(size, parameter))
-        out = np.arange(self._next, self._next + size).reshape(shape)
+        size, start = math.prod(shape), self._next
         self._next += size
-        return out
+        if size == 1:
+            self._single.append((code, args[0].item(), args[-1].item(), parameter))
+            return np.full(shape, start)
+        self._gather()
+        block = np.empty((size, 4), np.int64)
+        block[:, 0], block[:, 1], block[:, 2], block[:, 3] = code, args[0].ravel(), args[-1].ravel(), parameter
+        self._blocks.append(block)
+        return np.arange(start, start + size).reshape(shape)
+
+    def _gather(self) -> None:
+        """Single operations as a block."""
+        if self._single:
+            self._blocks.append(np.array(self._single, np.int64))
+            self._single = []

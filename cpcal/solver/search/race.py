@@ -21,20 +21,20 @@ _DECIDED = (EventKind.PRUNED, EventKind.KEPT, EventKind.INSIDE)
 class Contender:
     """One way to search: `start` builds it when its first turn comes; `slice` nodes make up a turn.
 
-    `turns`: after so many rounds it gives up, unless nobody else is left. `decided` is the share of the domain that it
-    has decided, where every division is taken to halve: 1 at the end. It sits out `rest` rounds after its last turn, up
-    to the round `back`. Of a turn it has `taken` so many nodes; `before` and `most`, what it and the first had decided
-    when the turn began.
+    `turns`: after so many rounds it gives up, unless nobody else is left. `back`: the round in which it begins.
+    `decided` is the share of the domain that it has decided, where every division is taken to halve: 1 at the end.
+    It sits out `rest` rounds after its last turn, up to the round `back`. Of a turn it has `taken` so many nodes;
+    `before` and `most`, what it and the first had decided when the turn began.
     """
 
     name: str
     start: Callable[[], Search]
     slice: int
     turns: int | None = None
+    back: int = 0
     nodes: int = 0
     decided: float = 0.0
     rest: int = 0
-    back: int = 0
     taken: int = 0
     before: float = 0.0
     most: float = 0.0
@@ -78,8 +78,9 @@ class Race:
 
     @property
     def leader(self) -> Contender:
-        """The one that ended, else the last one that goes on longest."""
-        return next((c for c in self.alive if c.ended), self.alive[-1 if self.rounds else 0])
+        """The one that ended, else the last one that goes on longest, of those that have begun."""
+        begun = [c for c in self.alive if c.search is not None] or self.alive
+        return next((c for c in begun if c.ended), begun[-1 if self.rounds else 0])
 
     def __iter__(self) -> Iterator[Event]:
         while True:

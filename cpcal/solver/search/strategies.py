@@ -104,11 +104,13 @@ class RoundRobin(LargestFirst):
 
 _TINY = float(np.finfo(np.float64).tiny)
 
-# |derivative| times width, shape (rows, components) -> score of each component
+_SIZE = 1_000_000  # derivatives that are held at a time
+
+# |derivative| times width, shape (boxes, rows, components) -> score of each component (boxes, components)
 SMEARS: dict[str, Callable[[Floats], Floats]] = {
-    "sum": lambda smear: np.asarray(smear.sum(axis=0)),
-    "relative": lambda smear: np.asarray((smear / np.maximum(smear.sum(axis=1, keepdims=True), _TINY)).sum(axis=0)),
-    "max": lambda smear: np.asarray(smear.max(axis=0, initial=0.0)),
+    "sum": lambda smear: np.asarray(smear.sum(axis=1)),
+    "relative": lambda smear: np.asarray((smear / np.maximum(smear.sum(axis=2, keepdims=True), _TINY)).sum(axis=1)),
+    "max": lambda smear: np.asarray(smear.max(axis=1, initial=0.0)),
 }
 
 
@@ -128,16 +130,18 @@ class Smear(LargestFirst):
         how: str = "sum",
     ) -> None:
         super().__init__(width, scale, skip)
-        self._rows, self._how = Rows(network), how
+        self._rows, self._how = network.once("rows at points", lambda: Rows(network)), how
 
     def _scores(self, lo: Floats, hi: Floats, depths: Ints) -> Floats:
         widths, mids = _width(lo, hi), IntervalArray(lo, hi).mid
         scores = widths / self._scale
-        for k in np.flatnonzero(np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1)):
-            jacobian = np.abs(self._rows.linearize(mids[k]).jacobian)
-            score = np.nan_to_num(SMEARS[self._how](jacobian * widths[k]))
-            if score.any():
-                scores[k] = score
+        bounded = np.flatnonzero(np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1))
+        most = max(1, _SIZE // max(self._rows.count * lo.shape[1], 1))
+        for some in (bounded[k : k + most] for k in range(0, len(bounded), most)):
+            smear = np.abs(self._rows.jacobians(mids[some])) * widths[some][:, None]
+            found = np.nan_to_num(SMEARS[self._how](smear))
+            varies = found.any(axis=1)
+            scores[some[varies]] = found[varies]
         return np.asarray(scores)
 
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import cpcal
 from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Arithmetic, Box, Interval, IntervalArray, get_arithmetic
 from cpcal.solver.network import (
@@ -209,6 +210,15 @@ def test_what_is_not_polynomial_is_left_over_with_a_reason(name: str) -> None:
     assert [number for number, _ in system.leftover] == [1]
     assert all(reason for _, reason in system.leftover)
     assert system.origin.tolist() == [[0, 0]]
+
+
+def test_a_sum_of_many_absolute_values_is_left_over_and_minimised_all_the_same() -> None:
+    net = cpcal.Network()
+    x = net.variable("x", 40, (-10, 10))
+    assert net.minimize(abs(x - 1).sum()).hi < 1e-6  # that each has a sign makes 2^40 rows
+    y = net.variable("y")
+    net.add(sum((abs(x[k]) for k in range(20)), y) <= 1)
+    assert not len(polynomial_form(net, get_arithmetic("float64")).origin)
 
 
 def test_constants_that_enclose_a_number_widen_the_rows() -> None:

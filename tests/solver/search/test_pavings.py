@@ -14,6 +14,7 @@ from cpcal import Interval, Limits, ModelError, Network, PluginError, Verdict, n
 from cpcal.report.paving_picture import paving_svg
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Box
+from cpcal.solver.network.rows import Rows
 from cpcal.solver.search import ORDERS, STRATEGIES, Paving, RoundRobin, Smear, clusters, difference, volume
 
 ALL_STRATEGIES = [*STRATEGIES, "lp"]
@@ -185,6 +186,18 @@ def test_round_robin_takes_turns_and_smears_differ() -> None:
     net.add([100 * x <= 50, x + 3 * y <= 2, x + 4 * y <= 3, 2 * y + x <= 1, 99 * y <= 50])
     picked = {how: int(np.argmin(Smear(net, how=how).split(net.domain)[0].hi)) for how in ("sum", "relative", "max")}
     assert picked == {"sum": 1, "relative": 1, "max": 0}
+
+
+def test_derivatives_at_many_points_are_those_at_each() -> None:
+    net = Network()
+    x = net.variable("x", 3, (-2, 2))
+    reading = net.reading(1.0, 0.1)
+    net.add([norm(x) <= 3, x[0] * x[1] == sqr(x[2]), x[1] ** 3 + np.sin(x) <= 1])
+    exact = Rows(net)
+    net.add(x[0] * reading <= 2)
+    for rows in (exact, Rows(net)):
+        points = np.array([[0.0, 0.0, 0.0], [1.0, -0.5, 0.25], [2.0, 2.0, -1.0]])
+        assert np.array_equal(rows.jacobians(points), [rows.linearize(point).jacobian for point in points])
 
 
 def test_the_lp_strategy_cuts_a_variable_of_a_product() -> None:
