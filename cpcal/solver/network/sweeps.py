@@ -16,7 +16,7 @@ from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.kernels import add, meet, mul
 from cpcal.solver.network.derivatives import partials, slopes
 from cpcal.solver.network.inverses import first_argument, second_argument
-from cpcal.solver.network.operations import ADD, MUL, SQR, SUB, quality, value
+from cpcal.solver.network.operations import quality, value
 
 
 @compiled
@@ -36,24 +36,6 @@ def forward_all(
     for r in range(len(boxes_lo)):
         lo[r, :n], hi[r, :n] = boxes_lo[r], boxes_hi[r]
         forward(code, arg, par, first, lo[r], hi[r])
-
-
-@compiled
-def near(code: Ints, arg: Ints, par: Ints, first: int, slots: Floats) -> None:
-    """Numbers near the values of all operations at one point, from the leaves: for proposals, three times faster."""
-    for k in range(len(code)):
-        c, a, b = code[k], slots[arg[k, 0]], slots[arg[k, 1]]
-        if c == ADD:
-            slots[first + k] = a + b
-        elif c == MUL:
-            slots[first + k] = a * b
-        elif c == SUB:
-            slots[first + k] = a - b
-        elif c == SQR:
-            slots[first + k] = a * a
-        else:
-            lo, hi = value(c, par[k], a, a, b, b)
-            slots[first + k] = 0.5 * lo + 0.5 * hi
 
 
 @compiled

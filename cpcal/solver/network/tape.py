@@ -18,9 +18,10 @@ from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network.dag import topological
 from cpcal.solver.network.engines import sweeps_of
 from cpcal.solver.network.expression import Expr
+from cpcal.solver.network.near import near
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.operations import ADD, CONTINUOUS, DEFINED, SELECTS, TABLE
-from cpcal.solver.network.sweeps import near, needed, reach
+from cpcal.solver.network.sweeps import needed, reach
 
 # For readings, by the digest of their leaf: values or smaller sets.
 ReadingSets = Mapping[bytes, IntervalArray]
@@ -103,8 +104,7 @@ class Tape:
 
     def near(self, point: Floats, readings: ReadingSets | None = None) -> Floats:
         """Numbers near all roots' elements (K,) at a point (n,) and the middles of constants and readings."""
-        leaves = self.leaves(readings)
-        slots = np.concatenate([point, 0.5 * leaves.lo + 0.5 * leaves.hi, np.empty(len(self.code))])
+        slots = np.concatenate([point, self.leaves(readings).mid, np.empty(len(self.code))])
         near(*self.program, slots)
         return np.asarray(slots[self.root_slots])
 
