@@ -25,7 +25,7 @@ import numpy as np
 
 from benchmarks.camera_covariance import Setting, simulated_views
 from benchmarks.pose_sets import COLUMNS, drawn_pose
-from cpcal.checker import check_pose_set
+from cpcal.checker.pose_claim import check_pose_set
 from cpcal.common.arrays import Floats, Indices
 from cpcal.robot import Pose, transformed
 from cpcal.vision.calibration import calibrate_camera

@@ -18,7 +18,7 @@ import numpy as np
 
 import cpcal
 from cpcal.certify.certify_robust import certify_robust
-from cpcal.checker import check_robust
+from cpcal.checker.robust_claim import check_robust
 from cpcal.simulate import simulate
 
 

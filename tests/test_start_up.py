@@ -33,16 +33,21 @@ for package in {LAZY}:
     assert {package: HEAVY & set(loaded) for package, *loaded in found} == {f"cpcal{name}": set() for name in LAZY}
 
 
-def test_the_version_and_a_mistyped_verb_load_no_verb():
-    for arguments, status in ((["--version"], 0), (["certfy"], 2)):
-        code = f"""
+def loaded_by(arguments, *, status=0):
+    """What the command has loaded when it ends."""
+    code = f"""
 import atexit, sys
 from cpcal.__main__ import main
-atexit.register(lambda: print(*sys.modules))
+atexit.register(lambda: print("loaded:", *sys.modules))
 sys.argv = ["cpcal", *{arguments}]
 main()
 """
-        loaded = interpreted(code, status=status).split()
+    return set(interpreted(code, status=status).split("loaded:")[-1].split())
+
+
+def test_the_version_help_and_a_mistyped_verb_load_no_verb():
+    for arguments, status in ((["--version"], 0), (["--help"], 0), (["certfy"], 2)):
+        loaded = loaded_by(arguments, status=status)
         assert HEAVY.isdisjoint(loaded)
         assert "cpcal.cli.app" in loaded
         assert "cpcal.cli.certify" not in loaded
@@ -51,6 +56,15 @@ main()
 def test_a_verb_loads_no_other_verb_s_libraries():
     code = "import sys, cpcal.cli.plugins, cpcal.cli.simulate; print(*sys.modules)"
     assert {"matplotlib", "jinja2", "cv2"}.isdisjoint(interpreted(code).split())
+
+
+def test_verify_loads_no_solver_and_begins_without_arrays(tmp_path):
+    campaign = cpcal.simulate(seed=1, extremal=False, random_poses=8, factor=0)
+    cpcal.save_result(cpcal.certify(campaign, legs=[1], delta=1.0, certificates=tmp_path), tmp_path)
+    loaded = loaded_by(["verify", "-q", str(tmp_path)])
+    assert {"numba", "scipy", "ortools", "flint", "cv2", "matplotlib", "jinja2"}.isdisjoint(loaded)
+    assert {"cpcal.checker.lens", "cpcal.checker.pose_claim", "cpcal.checker.robust_claim"}.isdisjoint(loaded)
+    assert HEAVY.isdisjoint(interpreted("import sys, cpcal.cli.verify; print(*sys.modules)").split())
 
 
 def test_pages_and_their_figures_need_no_plotting_library():

@@ -35,6 +35,8 @@ def stated_otherwise(campaign: Campaign, result: Result) -> Iterator[str]:
             yield f"names leg {leg.leg}, which the campaign has not"
         elif leg.determination != _determination(campaign, result, leg, model):
             yield f"states other parameters of leg {leg.leg} as undetermined than the campaign leaves open"
+        elif result.options.center == "nominal" and leg.center[:7] != tuple(campaign.robot.parameters[leg.leg - 1]):
+            yield f"states another center of the box of leg {leg.leg} than the nominal parameters"
 
 
 def speaks_of(accepted: Accepted, delta: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import sys
 from pathlib import Path
@@ -18,4 +19,5 @@ if not __package__:  # the folder was run, wherever it was copied: what lies bes
 
 from .command import main
 
+gc.set_threshold(50_000)  # numbers are no garbage: to look through them takes time
 sys.exit(main(sys.argv[1:]))

@@ -11,10 +11,8 @@ from pathlib import Path
 
 from .certificate import check
 from .claims import Accepted
-from .files import WORK
-from .pose_claim import POSE_SET_SUFFIX, check_pose_set, check_pose_sets
+from .files import POSE_SET_SUFFIX, ROBUST_NAME, WORK
 from .refusal import Refused, Unusable
-from .robust_claim import ROBUST_NAME, check_robust
 from .run import check_run
 
 PROVED, REFUSED, UNUSABLE, INTERNAL = 0, 1, 2, 3
@@ -62,6 +60,8 @@ def _run(folder: Path, work: int) -> int:
 
 
 def _robust(folder: Path, work: int) -> int:
+    from .robust_claim import check_robust
+
     legs = check_robust(folder, work=work)
     for leg in legs:
         proved = [] if leg.lo is None else [f"eps >= {_down(leg.lo)}"]
@@ -78,6 +78,8 @@ def _robust(folder: Path, work: int) -> int:
 
 
 def _pose_sets(target: Path, work: int) -> int:
+    from .pose_claim import check_pose_set, check_pose_sets
+
     found = check_pose_sets(target, work=work) if target.is_dir() else [check_pose_set(target, work=work)]
     for one in found:
         radii = "no pose" if one.radii is None else f"position and rotation +-{[-_down(-v) for v in one.radii]}"

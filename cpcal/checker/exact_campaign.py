@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-from array import array
+from array import array as array_of
 from collections.abc import Iterator
-from fractions import Fraction as F
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from .files import LARGEST_FILE, LONGEST_LINE, opened, parsed
-from .leg import Measurement, Stated
-from .program import Dyadic
-from .readers import anything, choice, decimal, entry, many, record, text
+from .leg import Measurement
+from .readers import anything, array, choice, decimals, many, record, text
 from .refusal import Refused
 
 NAME = "campaign.json"
 FORMAT = "cpcal-campaign-exact/1"
 _KEYS = ("files", "robot", "uncertainty", "model", "provenance")
 _LARGEST = 64 << 20  # bytes of a file that is read line by line
-_FILE = record({"format": choice(FORMAT), **dict.fromkeys(_KEYS, anything), "measurements": many(many(anything))})
-_LINE = record({"row": many(anything)})
+_FILE = record({"format": choice(FORMAT), **dict.fromkeys(_KEYS, anything), "measurements": many(array)})
+_LINE = record({"row": array})
 
 
 class ExactCampaign:
@@ -31,11 +29,11 @@ class ExactCampaign:
         try:
             with opened(path) as stream:
                 reading = _Reading(stream)
-                first = next(reading.rows, ())
+                first = next(reading.rows, [])
                 self.legs = (len(first) - 15) // 2
                 if self.legs < 1:
                     raise Refused("it holds no measurements")
-                self._rows: list[tuple[str, str, array[float]]] = [
+                self._rows: list[tuple[str, str, array_of[float]]] = [
                     _row(first, self.legs),
                     *(_row(cells, self.legs) for cells in reading.rows),
                 ]
@@ -54,25 +52,9 @@ class ExactCampaign:
 
     def measurement(self, k: int, leg: int) -> Measurement:
         """Row k from 0, leg from 1."""
-        numbers, reach = self._numbers(k, leg)
-        *quaternion, x, y, z, length = (F(m, 1 << power) for m, power in numbers)
-        return Measurement((x, y, z), tuple(quaternion), length, tuple(F(m, 1 << power) for m, power in reach))
-
-    def stated(self, k: int, leg: int) -> Stated:
-        """The same as programs take it."""
-        return Stated(*self._numbers(k, leg))
-
-    def _numbers(self, k: int, leg: int) -> tuple[list[Dyadic], list[Dyadic]]:
-        """Quaternion, position and length, and the half-widths of the reading (d, s, e)."""
         numbers, first = self._rows[k][2], 7 + self.legs
-        around = map(_dyadic, (*numbers[first : first + 6], numbers[first + 5 + leg]))
-        reach = [(m, power + 1) if 3 <= j < 6 else (m, power) for j, (m, power) in enumerate(around)]
-        return [_dyadic(v) for v in (*numbers[3:7], *numbers[:3], numbers[6 + leg])], reach
-
-
-def _dyadic(value: float) -> Dyadic:
-    numerator, denominator = value.as_integer_ratio()
-    return numerator, denominator.bit_length() - 1
+        widths = (*numbers[first : first + 6], numbers[first + 5 + leg])
+        return Measurement(numbers[3:7], numbers[:3], numbers[6 + leg], widths)
 
 
 class _Reading:
@@ -91,13 +73,13 @@ class _Reading:
     def sha256(self) -> str:
         return self._digest.hexdigest()
 
-    def _at_once(self, whole: bytes) -> Iterator[tuple[Any, ...]]:
+    def _at_once(self, whole: bytes) -> Iterator[list[Any]]:
         self._digest.update(whole)
         self.rest = parsed(whole)
         *_, rows = _FILE(self.rest)
         yield from rows
 
-    def _by_line(self, stream: BinaryIO) -> Iterator[tuple[Any, ...]]:
+    def _by_line(self, stream: BinaryIO) -> Iterator[list[Any]]:
         stream.seek(0)
         lines, around = self._lines(stream), list[bytes]()
         for line in lines:
@@ -129,11 +111,13 @@ class _Reading:
             yield line
 
 
-def _row(cells: tuple[Any, ...], legs: int) -> tuple[str, str, array[float]]:
-    pose, run, *numbers = entry(text, text, *[decimal] * (13 + 2 * legs))(list(cells))
+def _row(cells: list[Any], legs: int) -> tuple[str, str, array_of[float]]:
+    if len(cells) != 15 + 2 * legs:
+        raise Refused(f"a list of {15 + 2 * legs} is needed here")
+    pose, run, numbers = text(cells[0]), text(cells[1]), decimals(cells[2:])
     if not any(numbers[3:7]) or min(numbers[7 + legs :]) < 0:
         raise Refused("a measurement has a quaternion that is no rotation, or a negative half-width")
-    return pose, run, array("d", numbers)
+    return pose, run, array_of("d", numbers)
 
 
 def beside(certificate: Path, sha256: Any) -> ExactCampaign:

@@ -98,11 +98,6 @@ def substituted(p: Polynomial, images: Kept) -> Polynomial:
     return combined(((c, images[monomial]) for monomial, c in p.terms.items()), p.spend).times(1, p.exponent)
 
 
-def total(parts: Sequence[Polynomial]) -> Polynomial:
-    """The sum of one or more."""
-    return combined([(1, p) for p in parts], parts[0].spend)
-
-
 def constant(value: F, spend: Spend) -> Polynomial:
     return Polynomial({0: value.numerator}, 1 - value.denominator.bit_length(), spend)
 

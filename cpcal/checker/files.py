@@ -12,6 +12,7 @@ from .readers import shown
 from .refusal import Refused, Unusable
 
 WORK = 10_000_000  # see docs/certificate-format.md, "Limits"
+ROBUST_NAME, POSE_SET_SUFFIX = "robust.json", ".pose.json"  # files of claims other than those of a run
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 16 << 20  # bytes
 
 

@@ -68,7 +68,7 @@ def _leg(
     if only == ():
         raise Refused("a certificate of no measurements says nothing")
     lines.allow(count)
-    problem = leg_problem(lambda k: campaign.stated(k, leg), count, model, only)
+    problem = leg_problem(lambda k: campaign.measurement(k, leg), count, model, only)
     root = _box(lo, hi, len(problem.unknowns))
     if root.lo[-1] < 0:
         raise Refused("eps is negative in the box of the problem")

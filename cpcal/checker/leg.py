@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import lru_cache
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from .exact_polynomial import FIELD, READINGS, Polynomial, Remainder, constant, settled, shortened, unknown
 from .problem import ENDS, SIDES, Problem, Unknowns, beyond
-from .program import Degree, Dyadic, Formula, Program, Traced, dyadic
+from .program import Degree, Formula, Numbers, Program, Traced, dyadics
 
 _AXES = (0, 1, 2)
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
@@ -20,38 +20,36 @@ _KEPT = 4096  # measurements
 Quaternion = list[Traced]
 
 
-class Measurement(NamedTuple):
-    """One row of a campaign for one leg: exact numbers, mm; `radii` of the reading (d, s, e)."""
+class Measurement:
+    """One row of a campaign for one leg, as programs take it: quaternion; position, length and the shortest one, mm;
+    the half-widths of its reading (d, 2 s, e)."""
 
-    position: tuple[F, ...]
-    quaternion: tuple[F, ...]
-    length: F
-    radii: tuple[F, ...]
-
-
-class Stated:
-    """A measurement as programs take it: quaternion, position and length, and the half-widths of its reading."""
-
-    def __init__(self, numbers: Sequence[Dyadic], reach: Sequence[Dyadic]) -> None:
-        (length, p), (e, q) = numbers[7], reach[6]
-        power = max(p, q)
-        self.fixed = [*numbers, ((length << power - p) - (e << power - q), power)]
-        self.radii, self._reach = tuple(m for m, _ in reach), reach
+    def __init__(self, quaternion: Iterable[float], position: Iterable[float], length: float, widths: Iterable[float]):
+        self.quaternion = dyadics(quaternion)
+        reach = dyadics(widths)
+        self.radii = tuple(reach.values)
+        self.reach = Numbers([m if 3 <= j < 6 else 2 * m for j, m in enumerate(self.radii)], reach.power + 1)
+        at = dyadics((*position, length))
+        power = max(at.power, reach.power)
+        values = at.over(power)
+        self.fixed = Numbers([*values, values[-1] - (self.radii[-1] << power - reach.power)], power)
         self.uncertain = any(self.radii)
 
-    @classmethod
-    def of(cls, m: Measurement) -> Stated:
-        return cls(list(map(dyadic, (*m.quaternion, *m.position, m.length))), list(map(dyadic, m.radii)))
+    @property
+    def shortest(self) -> F:
+        """Of the lengths that the reading may stand for."""
+        return F(self.fixed.values[-1], 1 << self.fixed.power)
 
-    def reading(self, signs: str, way: int) -> list[Dyadic]:
+    def reading(self, signs: str, way: int) -> Numbers:
         """Its components, or with `way` 0 what they are made of: see `ENDS`."""
-        ends = [(ENDS[sign], *reach) for sign, reach in zip(signs, self._reach, strict=True)]
-        if way:
-            return [(way * end * m, power) for (end, _), m, power in ends]
-        return [(end * m, power) for (end, _), m, power in ends] + [(slope * m, power) for (_, slope), m, power in ends]
+        values = self.reach.values
+        found = [(way or 1) * ENDS[sign][0] * m for sign, m in zip(signs, values, strict=True)]
+        if not way:
+            found += [ENDS[sign][1] * m for sign, m in zip(signs, values, strict=True)]
+        return Numbers(found, self.reach.power)
 
 
-def leg_problem(rows: Callable[[int], Stated], count: int, model: str, only: tuple[int, ...] | None) -> Problem:
+def leg_problem(rows: Callable[[int], Measurement], count: int, model: str, only: tuple[int, ...] | None) -> Problem:
     """`count` measurements of a leg, or `only` those."""
     names, known = (*PARAMETERS, *EXTRA[model], "eps"), lru_cache(_KEPT)(rows)
     chosen = tuple(range(count)) if only is None else only
@@ -66,45 +64,50 @@ def leg_problem(rows: Callable[[int], Stated], count: int, model: str, only: tup
 class LegConstraint:
     """The constraint of a measurement on a box."""
 
-    m: Stated
+    m: Measurement
     model: str
     x: Unknowns
     signs: str
     way: int
 
-    def rows(self, sides: Sequence[str], mask: int) -> list[Polynomial]:
-        """Each at most zero at every solution, in u and y."""
-        if self.sure or "lower" not in sides:
-            return self.parts(*sides)
-        return [self._lower(mask) if side == "lower" else self.parts(side)[0] for side in sides]
+    def holds(self, sides: tuple[str, ...]) -> bool:
+        """Each is at most zero; "lower" holds as well where at_least is."""
+        names = sides if self.sure else (*sides, "at_least")
+        formed, values, _ = self._run(names)
+        found = iter(values)
+        at = {name: next(found) if places else 0 for name, places in zip(names, formed.places, strict=True)}
+        return all(at[side] <= 0 or (side == "lower" and at.get("at_least", 1) <= 0) for side in sides)
 
-    def _lower(self, mask: int) -> Polynomial:
-        row, low, factor = self.parts("lower", "at_least", "factor")
+    def row(self, side: str, mask: int) -> Polynomial:
+        """At most zero at every solution, in u and y."""
+        if side != "lower" or self.sure:
+            return self._parts(side)[0]
+        row, low, factor = self._parts("lower", "at_least", "factor")
         return row - constant(beyond(low, factor, mask), self.x.spend)
 
     def settled(self, side: str, signs: str, mask: int) -> Polynomial:
         """A row at the reference reading, less the penalties."""
         if side == "lower" and not self.sure:
-            return settled(self._lower(mask), signs, mask)
-        formed = self._formed((side,))
-        values, units = formed.formula.run(self.numbers(), self.x.spend)
+            return settled(self.row(side, mask), signs, mask)
+        formed, values, units = self._run((side,))
         self.x.spend(len(formed.places[0]) // 4)
         ((p, q),) = formed.degrees
         terms = formed.remainder(signs, mask).of(values)
         return shortened(terms, -(units[0] * p + units[1] * q), self.x.spend)
 
-    def parts(self, *names: str) -> list[Polynomial]:
+    def _parts(self, *names: str) -> list[Polynomial]:
         """Rows by their sides, or what they are made of by its name in `_Constraint`, in u and y."""
-        formed = self._formed(names)
-        values, units = formed.formula.run(self.numbers(), self.x.spend)
+        formed, values, units = self._run(names)
         found, out = iter(values), []
         for places, (p, q) in zip(formed.places, formed.degrees, strict=True):
             terms = dict(zip(places, found))  # noqa: B905 - the others are of the parts that follow
             out.append(shortened(terms, -(units[0] * p + units[1] * q), self.x.spend))
         return out
 
-    def _formed(self, names: tuple[str, ...]) -> LegFormula:
-        return leg_formula(self.model, any(self.x.radii), self._reads, names)
+    def _run(self, names: tuple[str, ...]) -> tuple[LegFormula, list[int], Degree]:
+        """The coefficients of some parts, and the units that they are in."""
+        formed = leg_formula(self.model, self.x.moves, self._reads, names)
+        return formed, *formed.formula.run(self.m.quaternion, self.numbers(), self.x.spend)
 
     @property
     def _reads(self) -> int:
@@ -115,10 +118,10 @@ class LegConstraint:
         """Whether at_least is not negative at any solution."""
         return self.model in _SURE
 
-    def numbers(self) -> list[Dyadic]:
-        """What its program takes."""
-        reading = self.m.reading(self.signs, self.way) if self._reads else ()
-        return [*self.m.fixed, *self.x.numbers, *reading]
+    def numbers(self) -> list[Numbers]:
+        """What its program takes beside the quaternion."""
+        reading = [self.m.reading(self.signs, self.way)] if self._reads else []
+        return [self.m.fixed, self.x.numbers, *reading]
 
 
 class LegFormula(NamedTuple):
@@ -192,8 +195,8 @@ def _constraint(
     kappa = norm * (one + turned)
     p = [position[i] + y[i] for i in _AXES]
     z = [p[i] - a[i] for i in _AXES]
-    w = [_total([fixed[i][j] * b[j] for j in _AXES]) for i in _AXES]
-    along = (one - turned) * _dot(z, w) + (_dot(s, z) * _dot(s, w) + _dot(s, _cross(w, z))).times(2)
+    arm = [_dot(row, b) for row in fixed]
+    along = _dot(z, [_dot(row, arm) for row in _rotation([one, *s])])
     square = _total([c * c for c in (*z, *b)])
     if model == "lateral":
         square = square - x[7]

@@ -15,7 +15,7 @@ from typing import Any
 from .bounds import Bounds, Vector, between, half_turn, minus, number, product, rotation, total, transposed
 from .certificate import check_lines
 from .claims import Accepted
-from .files import WORK, Lines, content, opened, parsed
+from .files import POSE_SET_SUFFIX, WORK, Lines, content, opened, parsed
 from .header import stated_problem
 from .lens import View
 from .pose_rows import Stated, fixed_constraints, motion_row, pose_row
@@ -26,7 +26,6 @@ from .refusal import Refused, Unusable
 from .robust_claim import meeting
 
 POSE_SET_FORMAT = "cpcal-pose-set/2"
-POSE_SET_SUFFIX = ".pose.json"
 _MOST_DOTS = 10_000
 _MOST_CHAINS = 64
 _MOST_STAGES = 16  # of a chain

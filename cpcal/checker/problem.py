@@ -20,7 +20,7 @@ from .exact_polynomial import (
     signed,
     substituted,
 )
-from .program import Dyadic, dyadic
+from .program import Numbers, dyadics
 
 SIDES = ("upper", "lower", "sign", "body")
 
@@ -58,18 +58,15 @@ class Unknowns:
         return (self.box.hi[i] - self.box.lo[i]) / 2
 
     @cached_property
-    def centers(self) -> list[F]:
-        """All of them, where the unknowns are few."""
-        return [self.center(i) for i in range(len(self))]
+    def moves(self) -> bool:
+        """Whether the box has a width."""
+        return self.box.lo != self.box.hi
 
     @cached_property
-    def radii(self) -> list[F]:
-        return [self.radius(i) for i in range(len(self))]
-
-    @cached_property
-    def numbers(self) -> list[Dyadic]:
-        """Centers, and radii of a box that has a width, as programs take them."""
-        return list(map(dyadic, [*self.centers, *(self.radii if any(self.radii) else ())]))
+    def numbers(self) -> Numbers:
+        """Centers, and radii of a box that has a width, as programs take them: where the unknowns are few."""
+        each = range(len(self))
+        return dyadics([*map(self.center, each), *(map(self.radius, each) if self.moves else ())])
 
     def variable(self, field: int, middle: F, factor: F) -> Polynomial:
         """middle + factor * the variable in that field."""
@@ -89,8 +86,8 @@ class Unknowns:
 class OnBox(Protocol):
     """A constraint in the coordinates of a box, and of its readings."""
 
-    def rows(self, sides: Sequence[str], mask: int) -> list[Polynomial]:
-        """Each at most zero at every solution; the zero polynomial where there is no such bound."""
+    def holds(self, sides: tuple[str, ...]) -> bool:
+        """Whether it is proved of these sides at a point, a box of width zero, and one reading."""
         ...
 
     def settled(self, side: str, signs: str, mask: int) -> Polynomial:
@@ -115,13 +112,10 @@ class Constraint:
         low, high = (None if p is None else substituted(p, images) for p in (self.at_least, self.at_most))
         return Constraint(substituted(self.body, images), low, high, self.factor)
 
-    def rows(self, sides: Sequence[str], mask: int) -> list[Polynomial]:
-        return [self._row(side, mask) for side in sides]
+    def holds(self, sides: tuple[str, ...]) -> bool:
+        return all(self.settled(side, "", 0).constant <= 0 for side in sides)
 
     def settled(self, side: str, signs: str, mask: int) -> Polynomial:
-        return self._row(side, mask)
-
-    def _row(self, side: str, mask: int) -> Polynomial:
         body, low, high, factor = self.body, self.at_least, self.at_most, self.factor
         if side == "upper" and high is not None:
             return body - (high if factor is None else factor * (high * high))
@@ -170,11 +164,17 @@ class Problem:
 
     def holds(self, x: Unknowns, k: int, signs: str) -> bool:
         """Whether it is proved that the point, a box of width zero, satisfies k for some reading between two ends."""
-        above = [side for side in self.conditions if side in ("upper", "sign")] if any(self.radii(k)) else []
-        below = [side for side in self.conditions if side not in above]  # all of them where there is one reading
-        ends = ((1, below), (-1, above))
-        found = (self.constraint(k, x, signs, way).rows(sides, 0) for way, sides in ends if sides)
-        return all(row.terms.get(0, 0) <= 0 for rows in found for row in rows)
+        ends = ((1, self.below), (-1, self.above)) if any(self.radii(k)) else ((1, self.conditions),)
+        return all(self.constraint(k, x, signs, way).holds(sides) for way, sides in ends)
+
+    @cached_property
+    def above(self) -> tuple[str, ...]:
+        """The conditions that are asked at the far end of a reading set."""
+        return tuple(side for side in self.conditions if side in ("upper", "sign"))
+
+    @cached_property
+    def below(self) -> tuple[str, ...]:
+        return tuple(side for side in self.conditions if side not in self.above)
 
     def fails(self, x: Unknowns, side: str, k: int, signs: str) -> bool:
         """Whether it is proved that it does not for any reading."""

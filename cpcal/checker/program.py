@@ -11,16 +11,34 @@ d_0 numbers of kind 0 and d_1 of kind 1 is whole over 2 ** (d_0 units[0] + d_1 u
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from fractions import Fraction as F
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from .exact_polynomial import Spend
 
 Degree = tuple[int, int]
 Parts = list[tuple[int, int, int]]
-Dyadic = tuple[int, int]  # a whole number, and the power of two that divides it
 T = TypeVar("T")
+
+
+class Numbers(NamedTuple):
+    """Whole numbers, all divided by two to one power."""
+
+    values: list[int]
+    power: int
+
+    def over(self, power: int) -> list[int]:
+        """The whole numbers over a power that is not lower."""
+        more = power - self.power
+        return [value << more for value in self.values] if more else self.values
+
+
+def dyadics(values: Iterable[float | F]) -> Numbers:
+    """Of numbers whose denominators are powers of two."""
+    ratios = [value.as_integer_ratio() for value in values]
+    power = max([below for _, below in ratios], default=1).bit_length() - 1
+    return Numbers([(above << power) // below for above, below in ratios], power)
 
 
 class Program:
@@ -91,20 +109,18 @@ class Formula:
     """
 
     def __init__(self, program: Program, places: Sequence[int]) -> None:
-        self._quaternions, self._count = program.kinds.count(0), len(program.kinds)
+        self._count = len(program.kinds)
         self._highest, self._cost = program.highest, len(program.notes) // 2
         self._ones = list(program.ones.items())
         scope: dict[str, Callable[[list[int]], list[int]]] = {}
         exec(_source(program, places), scope)
         self._numbers = scope["numbers"]
 
-    def run(self, given: Sequence[Dyadic], spend: Spend) -> tuple[list[int], Degree]:
-        """The numbers at the places, and the units, for what the program is given."""
-        first, others = given[: self._quaternions], given[self._quaternions :]
-        a, b = (max([power for _, power in part], default=0) for part in (first, others))
-        v = [m << a - power for m, power in first]
-        w = [m << b - power for m, power in others]
-        bits = [max(unit, *map(int.bit_length, part), 0) for unit, part in ((a, v), (b, w))]
+    def run(self, first: Numbers, others: Sequence[Numbers], spend: Spend) -> tuple[list[int], Degree]:
+        """The numbers at the places, and the units, for what the program is given of kind 0 and of kind 1."""
+        v, a, b = first.values, first.power, max(part.power for part in others)
+        w = [value for part in others for value in part.over(b)]
+        bits = [max(unit, *map(int.bit_length, part)) for unit, part in ((a, v), (b, w))]
         longest = sum(d * size for d, size in zip(self._highest, bits, strict=True))
         spend(self._count + self._cost * (1 + (longest >> 10) ** 2))
         return self._numbers([*v, *w, *(1 << p * a + q * b for _, (p, q) in self._ones)]), (a, b)
@@ -128,11 +144,6 @@ def _source(program: Program, places: Sequence[int]) -> str:
         if k in needed:
             lines.append(f" v{k}={'+'.join(f'{name(i)}*{name(j)}' for i, j in pairs)}")
     return "\n".join(["def numbers(given):", *lines, f" return [{','.join(map(name, places))}]"])
-
-
-def dyadic(value: F) -> Dyadic:
-    """Of a number whose denominator is a power of two."""
-    return value.numerator, value.denominator.bit_length() - 1
 
 
 class Traced:

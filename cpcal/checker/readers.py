@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from fractions import Fraction as F
 from itertools import pairwise
+from math import isfinite
 from typing import Any
 
 from .refusal import Refused
@@ -13,7 +14,7 @@ from .refusal import Refused
 Reader = Callable[[Any], Any]
 _HIGHEST_POWER = 1100
 _DYADIC = re.compile(r"(-?)0x([0-9a-f]{1,64})(?:\.([0-9a-f]{1,64}))?p([-+][0-9]{1,4})")
-_DECIMAL = re.compile(r"-?[0-9]{1,30}(?:\.[0-9]{1,30})?(?:e[-+]?[0-9]{1,3})?")
+_DECIMALS = re.compile(r"(?:-?[0-9]{1,30}(?:\.[0-9]{1,30})?(?:e[-+]?[0-9]{1,3})? )*")
 
 
 def shown(value: object) -> str:
@@ -115,6 +116,13 @@ def anything(value: Any) -> Any:
     return value
 
 
+def array(value: Any) -> list[Any]:
+    """A list of whatever there is in it."""
+    if not isinstance(value, list):
+        raise Refused("a list is needed here")
+    return value
+
+
 def dyadic(value: Any) -> F:
     """A number of a certificate: exactly what its hexadecimal digits say."""
     found = _DYADIC.fullmatch(value) if isinstance(value, str) else None
@@ -125,16 +133,22 @@ def dyadic(value: Any) -> F:
     return F(mantissa << power) if power >= 0 else F(mantissa, 1 << -power)
 
 
-def decimal(value: Any) -> float:
-    """A number of a campaign: the float64 nearest to a decimal text."""
-    if not isinstance(value, str) or _DECIMAL.fullmatch(value) is None:
-        raise Refused(f"{shown(value)} is no decimal number")
-    return finite(value)
+def decimals(values: list[Any]) -> list[float]:
+    """Numbers of a campaign: the float64 nearest to each decimal text."""
+    texts = [value if type(value) is str else " " for value in values]
+    joined = " ".join([*texts, ""])
+    if _DECIMALS.fullmatch(joined) is None or joined.count(" ") > len(values):
+        wrong = next(
+            v for v, own in zip(values, texts, strict=True) if " " in own or not _DECIMALS.fullmatch(own + " ")
+        )
+        raise Refused(f"{shown(wrong)} is no decimal number")
+    found = list(map(float, values))
+    return found if all(map(isfinite, found)) else list(map(finite, values))  # which says what is not
 
 
 def finite(value: str) -> float:
     """The float64 nearest to the text of a number."""
     number = float(value)
-    if number - number != 0.0:
+    if not isfinite(number):
         raise Refused(f"the number {shown(value)} is too large for a float64")
     return number

@@ -14,12 +14,11 @@ from typing import Any
 from .certificate import check
 from .claims import Accepted
 from .exact_campaign import NAME, ExactCampaign
-from .files import WORK, content, parsed
+from .files import ROBUST_NAME, WORK, content, parsed
 from .readers import finite, shown
 from .refusal import Refused, Unusable
 from .run import STRANGE, Json, compare, exact, of_the_box, of_the_problem, reason_of
 
-ROBUST_NAME = "robust.json"
 ROBUST_FORMAT = "cpcal-robust/1"
 _MOST_CHOICES = 200_000  # that are looked at to find q measurements which meet all proofs
 

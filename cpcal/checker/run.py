@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction as F
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,11 @@ def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
     Raises Unusable where there is nothing to check, Refused where the run as a whole is not what it says.
     `work`: multiplications that each certificate may cost.
     """
+    return [check_leg() for check_leg in leg_checks(folder, work=work)]
+
+
+def leg_checks(folder: Path, *, work: int = WORK) -> list[Callable[[], LegChecked]]:
+    """The run as a whole is checked; what is given checks each of its legs. Raises as `check_run`."""
     if not folder.is_dir():
         raise Unusable(f"{shown(folder.name)} is no folder")
     try:
@@ -56,7 +62,7 @@ def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
         for path in sorted(folder.glob("*.cert.jsonl")):
             if path.name not in named:
                 raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
-        return [_checked(folder, result, campaign, leg, work) for leg in legs]
+        return [partial(_checked, folder, result, campaign, leg, work) for leg in legs]
     except (Refused, *STRANGE) as error:
         if isinstance(error, Refused) and error.code == "campaign":
             raise
@@ -203,8 +209,7 @@ def _of_the_hull(result: Json, box: Json, accepted: Accepted, *, empty: bool) ->
 
 def _all_of_it(campaign: ExactCampaign, leg: int, accepted: Accepted) -> bool:
     """Whether the cap is above every eps for which legs can be longer than eps."""
-    rows = (campaign.measurement(k, leg) for k in range(len(campaign)))
-    cap, shortest = accepted.claims.cap, min(row.length - row.radii[6] for row in rows)
+    cap, shortest = accepted.claims.cap, min(campaign.measurement(k, leg).shortest for k in range(len(campaign)))
     return cap is not None and cap >= shortest + accepted.hi[6]
 
 

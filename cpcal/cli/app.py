@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 from functools import wraps
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -33,6 +35,14 @@ class Verb(NamedTuple):
     @property
     def epilog(self) -> str:
         return "\n\n".join(filter(None, (f"Example: `cpcal {self.example}`", self.statuses)))
+
+    @property
+    def summary(self) -> str:
+        """Its docstring, read and not imported: to load all verbs for a list of them would take a second or two."""
+        spec: Any = find_spec(self.module)
+        functions = (node for node in ast.parse(spec.loader.get_data(spec.origin)).body)
+        own = next(node for node in functions if isinstance(node, ast.FunctionDef) and node.name == self.function)
+        return ast.get_docstring(own) or ""
 
 
 VERBS = {
@@ -94,6 +104,18 @@ class _Verbs(TyperGroup):
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _untyped(super().get_params(ctx))
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        listed = TyperGroup(
+            name=self.name,
+            commands={name: TyperCommand(name, help=verb.summary) for name, verb in VERBS.items()},
+            params=self.get_params(ctx),
+            add_help_option=False,  # which is one of them
+            help=self.help,
+            epilog=self.epilog,
+            rich_markup_mode=self.rich_markup_mode,
+        )
+        listed.format_help(ctx, formatter)
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         with leaving():

@@ -2,26 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from cpcal.checker import Accepted, LegChecked, Refused, Unusable, check, check_run
+from cpcal.checker import RESULT_NAME, Accepted, LegChecked, Refused, Unusable, check, leg_checks
 from cpcal.common.errors import InputError, Problem
-from cpcal.results import RESULT_NAME, Result, load_result
+from cpcal.execution.forked import side_by_side
+
+if TYPE_CHECKING:
+    from cpcal.results import Result
 
 
-def checked_legs(run: Path) -> list[LegChecked] | str:
-    """The legs of a run, or why it is refused as a whole. Raises InputError where there is nothing to check."""
+Legs = list[LegChecked] | str  # or why the run is refused as a whole
+
+
+@contextmanager
+def legs_beside(run: Path) -> Iterator[Callable[[], Legs]]:
+    """The legs of a run are checked, on all processors, while in the block; what is given waits for what is found.
+
+    It raises InputError where there is nothing to check.
+    """
     try:
-        return check_run(run)
+        checks = leg_checks(run)
     except Refused as reason:
-        return str(reason)
+        refused = str(reason)
+        yield lambda: refused
+        return
     except Unusable as reason:
-        raise InputError([Problem(str(run), str(reason), "name the folder of a run")]) from None
+        unusable = InputError([Problem(str(run), str(reason), "name the folder of a run")])
+
+        def refuse() -> Legs:
+            raise unusable
+
+        yield refuse
+        return
+    with side_by_side(checks) as answers:
+        yield answers
+
+
+def checked_legs(run: Path) -> Legs:
+    """The legs of a run. Raises InputError where there is nothing to check."""
+    with legs_beside(run) as legs:
+        return legs()
 
 
 def result_of(run: Path) -> Result | str:
     """What the result.json of a run states, or why it is none. Raises InputError where there is no such file."""
+    from cpcal.results import load_result
+
     try:
         return load_result(run)
     except InputError as error:

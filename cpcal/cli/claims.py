@@ -5,10 +5,18 @@ from __future__ import annotations
 from fractions import Fraction as F
 
 from cpcal.checker import Accepted, Point
+from cpcal.cli.talk import Talk
 from cpcal.common.errors import printable
-from cpcal.common.numbers import bracket_text, inner_text, plain_gap, short
+from cpcal.common.numbers import bracket_text, inner_text, nearest, plain_gap, short
 
 Hull = tuple[tuple[F, ...], tuple[F, ...]]
+
+
+def tell(talk: Talk, name: str, accepted: Accepted, seconds: float | None = None) -> None:
+    """Say what a certificate proves, and how much work the check was."""
+    work = f"{accepted.steps} steps" + ("" if seconds is None else f", {nearest(seconds, 1)} s")
+    for sentence in sentences(accepted):
+        talk.say(f"{name}: {sentence}: PROVED, {work}")
 
 
 def sentences(accepted: Accepted) -> list[str]:

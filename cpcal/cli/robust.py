@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from cpcal.certify.certify_robust import certify_robust
-from cpcal.checker import ROBUST_NAME, Refused, Unusable, check_robust
+from cpcal.checker import ROBUST_NAME, Refused, Unusable
+from cpcal.checker.robust_claim import check_robust
 from cpcal.cli.certify import Center, numbers_of
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped

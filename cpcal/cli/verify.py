@@ -8,28 +8,12 @@ from typing import Annotated
 
 import typer
 
-from cpcal.certify.recomputed import stated_otherwise
-from cpcal.checker import POSE_SET_SUFFIX, ROBUST_NAME, Accepted
-from cpcal.cli.checked import checked_certificate, checked_legs, result_of
-from cpcal.cli.claims import sentences
+from cpcal.checker import POSE_SET_SUFFIX, RESULT_NAME, ROBUST_NAME
+from cpcal.cli.checked import checked_certificate, legs_beside
+from cpcal.cli.claims import tell
 from cpcal.cli.talk import Talk, record, talking
-from cpcal.common.errors import InputError, Problem, printable
-from cpcal.common.numbers import nearest
-from cpcal.files import campaign_sha256, load_campaign_json
-from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, REPORT_NAME, unfinished
-from cpcal.legs.models import BUILT_IN
-from cpcal.report.words import missing_legs
-from cpcal.results import INFORMATION, RESULT_NAME, Uncertified, information
-
-OWN_MODEL = (
-    "The checker does not know the model {}: its certificates state the constraints themselves. That these are the "
-    "model's of this campaign is not checked."
-)
-_AGAIN = {  # what to do about a run in which no leg is certified
-    Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
-    Uncertified.UNWRITTEN: "again, into a folder that has room",
-    Uncertified.UNCHECKABLE: "fewer measurements at a time",
-}
+from cpcal.common.errors import InputError, Problem
+from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, unfinished
 
 
 @talking
@@ -81,7 +65,10 @@ def _verified(folder: Path, talk: Talk) -> bool:
 
         return robust_verified(folder, talk)
     if (folder / RESULT_NAME).exists():
-        return _run(folder, talk)
+        with legs_beside(folder) as legs:
+            from cpcal.cli.verify_run import run_verified  # while the legs are being checked
+
+            return run_verified(folder, legs, talk)
     from cpcal.cli.other_statements import as_stated
 
     found = [_certificate(path, talk) for path in _certificates(folder)]
@@ -97,53 +84,13 @@ def _same_campaign(target: Path, campaign: Path, talk: Talk) -> bool:
             return True
         talk.say("study: REFUSED, the hand-eye study is another one")
         return False
-    from cpcal.files import load_campaign
+    from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 
     kept = load_campaign_json(target if target.is_dir() else target.parent)
     if campaign_sha256(kept) == campaign_sha256(load_campaign(campaign)):
         return True
     talk.say("campaign.json: REFUSED, the campaign is another one: its SHA-256 differs")
     return False
-
-
-def _run(run: Path, talk: Talk) -> bool:
-    """All legs of a run. Raises InputError where there is nothing to check."""
-    if unfinished(run):
-        talk.say("Another run into this folder is at work, or was killed: these are the answers before it.")
-    result = result_of(run)
-    legs = result if isinstance(result, str) else checked_legs(run)
-    if isinstance(legs, str) or isinstance(result, str):
-        talk.say(f"{RESULT_NAME}: REFUSED, {legs}")
-        return False
-    wrong = list(stated_otherwise(load_campaign_json(run), result))
-    for sentence in wrong:
-        talk.say(f"{RESULT_NAME}: REFUSED, {sentence}")
-    if result.model.name not in {model.name for model in BUILT_IN}:
-        talk.say(OWN_MODEL.format(printable(result.model.name)))
-    missing = missing_legs(result, load_campaign_json(run).legs)
-    if missing is not None:
-        talk.say(missing)
-    for leg, found in zip(legs, result.legs, strict=True):
-        if leg.refused is not None:
-            talk.say(f"leg {leg.leg}: REFUSED, {leg.refused}")
-        elif leg.accepted is None:
-            talk.say(f"leg {leg.leg}: NOT CERTIFIED, {found.not_certified}")
-        ranges = None if found.ranges is None else found.ranges.certificate
-        support = None if found.support_proof is None else found.support_proof.certificate
-        for name, accepted in ((leg.certificate, leg.accepted), (support, leg.support), (ranges, leg.ranges)):
-            if accepted is not None and name is not None:
-                _tell(talk, name, accepted)
-        if found.ranges is not None and ranges is None:
-            talk.say(f"leg {leg.leg}: its ranges are NOT CERTIFIED")
-        for sentence in information(result.options, found):
-            talk.say(f"leg {leg.leg}: {sentence}")
-    talk.say(INFORMATION)
-    if (run / REPORT_NAME).exists():
-        talk.say(f"{REPORT_NAME} is not read here: `cpcal report` checks a run and writes its page again.")
-    if not any(leg.accepted or leg.refused for leg in legs):
-        remedy = next((_AGAIN[found.not_certified] for found in result.legs if found.not_certified in _AGAIN), "again")
-        raise InputError([Problem(str(run), "holds no leg that is certified", f"certify {remedy}")])
-    return not wrong and all(leg.refused is None for leg in legs)
 
 
 def _certificates(folder: Path) -> list[Path]:
@@ -165,14 +112,8 @@ def _certificate(path: Path, talk: Talk) -> bool:
     if isinstance(accepted, str):
         talk.say(f"{path.name}: REFUSED, {accepted}")
         return False
-    _tell(talk, path.name, accepted, time.monotonic() - began)
+    tell(talk, path.name, accepted, time.monotonic() - began)
     return True
-
-
-def _tell(talk: Talk, name: str, accepted: Accepted, seconds: float | None = None) -> None:
-    work = f"{accepted.steps} steps" + ("" if seconds is None else f", {nearest(seconds, 1)} s")
-    for sentence in sentences(accepted):
-        talk.say(f"{name}: {sentence}: PROVED, {work}")
 
 
 def _all_accepted(found: list[tuple[bool, str]], talk: Talk) -> bool:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from math import degrees
 from pathlib import Path
 
-from cpcal.checker import PoseSetChecked, Unusable, check_pose_set, check_pose_sets
+from cpcal.checker import Unusable
+from cpcal.checker.pose_claim import PoseSetChecked, check_pose_set, check_pose_sets
 from cpcal.cli.talk import Talk
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most

@@ -13,12 +13,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cpcal.common.atomic import draft_name, put_in_place, unwritable
 from cpcal.common.errors import InputError, Problem
-from cpcal.files.campaign_json import save_campaign_json
-from cpcal.files.file_lock import exclusive
-from cpcal.robot import Campaign
+from cpcal.common.file_lock import exclusive
+
+if TYPE_CHECKING:
+    from cpcal.robot import Campaign
 
 LOCK_NAME = ".cpcal-lock"
 REPORT_NAME = "report.html"
@@ -73,6 +75,10 @@ def answers_into(folder: str | os.PathLike[str], kind: FolderKind, campaign: Cam
         try:
             draft.mkdir()
             if campaign is not None:
+                from cpcal.files.campaign_json import (
+                    save_campaign_json,
+                )  # here: arrays take a tenth of a second to load
+
                 save_campaign_json(campaign, draft)
             yield draft
             lock.check(target)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from fractions import Fraction as F
-
 import numpy as np
-import numpy.typing as npt
 
-from cpcal.checker.leg import Measurement, Stated, leg_problem
+from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.files import campaign_sha256
 from cpcal.legs.equation import exactly_read, leg_network
 from cpcal.legs.models import PLAIN, LegModel, built_in
@@ -20,10 +17,9 @@ from cpcal.solver.network.restrict import restricted
 
 def exact_measurement(campaign: Campaign, leg: int, k: int) -> Measurement:
     """Row k (from 0) of a campaign for one leg (from 1) in exact numbers: what the checker reads from campaign.json."""
-    length, radius = F(float(campaign.length[k, leg - 1])), F(float(campaign.length_radius[k, leg - 1]))
-    turned = (v / 2 for v in _exact(campaign.rotation_radius[k]))
-    radii = (*_exact(campaign.position_radius[k]), *turned, radius)
-    return Measurement(_exact(campaign.position[k]), _exact(campaign.quaternion[k]), length, radii)
+    length, width = float(campaign.length[k, leg - 1]), float(campaign.length_radius[k, leg - 1])
+    widths = (*campaign.position_radius[k].tolist(), *campaign.rotation_radius[k].tolist(), width)
+    return Measurement(campaign.quaternion[k].tolist(), campaign.position[k].tolist(), length, widths)
 
 
 def leg_statement(
@@ -33,7 +29,7 @@ def leg_statement(
 
     `model` is the name of one that comes with cpcal: those the checker knows.
     """
-    problem = leg_problem(lambda k: Stated.of(exact_measurement(campaign, leg, k)), len(campaign), model, only)
+    problem = leg_problem(lambda k: exact_measurement(campaign, leg, k), len(campaign), model, only)
     return LegStatement(problem, campaign_sha256(campaign), leg, only)
 
 
@@ -58,7 +54,3 @@ def model_statement(
         return network_statement(network, "eps", f"leg {leg}, model {model.name}, campaign {campaign_sha256(campaign)}")
     except NotStated:
         return None
-
-
-def _exact(values: npt.NDArray[np.float64]) -> tuple[F, ...]:
-    return tuple(F(float(v)) for v in values)

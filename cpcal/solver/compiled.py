@@ -21,6 +21,8 @@ from threading import RLock
 from types import FunctionType
 from typing import Any, TypeVar
 
+from cpcal.solver.compiled_once import compiled_once
+
 QUIET = "CPCAL_QUIET"  # of the environment: set, compilation is not announced
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -139,6 +141,7 @@ def _keep(dispatcher: Any, function: Callable[..., Any]) -> None:
         _impl_class = Impl
 
     dispatcher._cache = Cache(function)
+    compiled_once(dispatcher, folder / f"{function.__module__.rpartition('.')[2]}.lock", _tell)
 
 
 def _stamp(function: Callable[..., Any]) -> str:
@@ -201,6 +204,11 @@ def _announce_compilation() -> None:
                 print(" done", file=sys.stderr, flush=True)
 
     event.register("numba:compile", Announcer())
+
+
+def _tell(sentence: str) -> None:
+    if QUIET not in os.environ:
+        print(f"cpcal: {sentence}", file=sys.stderr, flush=True)
 
 
 def _ours(happening: Any) -> bool:

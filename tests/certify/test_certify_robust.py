@@ -10,7 +10,7 @@ import pytest
 
 import cpcal
 from cpcal.certify.certify_robust import certify_robust
-from cpcal.checker import check_robust
+from cpcal.checker.robust_claim import check_robust
 from cpcal.common.errors import InputError
 from cpcal.results.robust import load_robust
 from cpcal.simulate import simulate

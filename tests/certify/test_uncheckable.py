@@ -6,8 +6,9 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.certify.certified_ranges import with_ranges
 from cpcal.certify.certify_robust import certify_robust
-from cpcal.checker import certificate, check, check_robust, check_run
+from cpcal.checker import certificate, check, check_run
 from cpcal.checker.files import Lines, work_of
+from cpcal.checker.robust_claim import check_robust
 from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.report import write_report

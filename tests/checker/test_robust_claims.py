@@ -10,8 +10,8 @@ import pytest
 
 import cpcal
 from cpcal.certify.certify_robust import certify_robust
-from cpcal.checker import Refused, check_robust
-from cpcal.checker.robust_claim import meeting
+from cpcal.checker import Refused
+from cpcal.checker.robust_claim import check_robust, meeting
 from cpcal.simulate import simulate
 
 

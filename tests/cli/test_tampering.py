@@ -164,6 +164,7 @@ TAMPERED: dict[str, Tamper] = {
     "no legs at all": stated(lambda data: data["legs"].clear()),
     "the box was larger": stated(lambda data: data["options"].update(delta=4.0)),
     "the box was a little larger": stated(lambda data: data["options"].update(delta=2.001)),
+    "the center is called nominal": stated(lambda data: data["options"].update(center="nominal")),
     "an eps was asked for": stated(lambda data: data["options"].update(eps=0.1)),
     "all legs were asked for": stated(lambda data: data["options"].update(legs=None)),
     "the method was the paper's": stated(lambda data: data["options"].update(method="timeout", time_limit=60.0)),

@@ -1,6 +1,7 @@
 """What is proved of simulated hand-eye studies holds of their truth; what is false is refused."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +9,12 @@ import pytest
 from cpcal.handeye.certify_hand_eye import Within, certify_hand_eye
 from cpcal.handeye.exact_errors import PlacedFrames, exact_errors, largest
 from cpcal.handeye.frame_equations import unknowns_of
+from cpcal.handeye.frames_chain import Chain, LinkStep
+from cpcal.handeye.frames_chain import _linked as prove_linked
+from cpcal.handeye.frames_proof import box_of
 from cpcal.handeye.hand_eye_files import hand_eye_files
 from cpcal.handeye.hand_eye_result import load_hand_eye_result, save_hand_eye_result
+from cpcal.handeye.parameter_ranges import parameter_ranges
 from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
 from cpcal.handeye.verify_hand_eye import verify_hand_eye
 
@@ -99,6 +104,42 @@ def test_a_certificate_of_other_pixels_is_refused(finished, tmp_path):
     (tmp_path / "run" / "points.csv").write_text("\n".join(points) + "\n")
     found = verify_hand_eye(tmp_path / "run")
     assert [accepted for accepted, _ in found][1:4] == [False] * 3
+
+
+def narrowed(one):
+    """A pose set with nine tenths of its sides, which nothing proves."""
+    lo, hi = np.array(one.lo), np.array(one.hi)
+    return replace(one, lo=tuple((lo + 0.05 * (hi - lo)).tolist()), hi=tuple((hi - 0.05 * (hi - lo)).tolist()))
+
+
+def test_links_that_rest_on_narrower_poses_than_are_proved_are_refused(finished, tmp_path):
+    """Made by the writer itself: each certificate is accepted, and follows from the poses that the run states. Only
+    where these are compared with what the images' own certificates prove is it seen that they are others."""
+    shutil.copytree(finished[0], tmp_path / "run")
+    _, simulated, result = finished
+    study, asked, ranges = simulated.study, result.asked, result.ranges
+    box = box_of(asked.lo, asked.hi)
+
+    def forged(sets):
+        links = prove_linked(study, sets, asked.center, ranges.eps, box, "ranges", np.inf, lambda text: None)
+        steps = []
+        for k, (proof, cuts) in enumerate(links):
+            proof.write(tmp_path / "run" / f"forged-{k}.cert.jsonl")
+            steps.append(LinkStep(f"forged-{k}.cert.jsonl", cuts))
+        return links[-1][0].left, Chain(sets, tuple(steps), ())
+
+    def verdict(left, chain):
+        lo, hi = left.lo.tolist(), left.hi.tolist()
+        low, high = parameter_ranges(lo, hi, result.point)
+        stated = replace(ranges, chain=chain, lo=tuple(lo), hi=tuple(hi), low=low, high=high)
+        save_hand_eye_result(replace(result, ranges=stated), tmp_path / "run")
+        return verify_hand_eye(tmp_path / "run")[3]
+
+    true, false = ranges.chain.images, tuple(map(narrowed, ranges.chain.images))
+    assert verdict(*forged(true))[0]
+    accepted, sentence = verdict(*forged(false))
+    assert not accepted
+    assert "proves other bounds of the pose in" in sentence
 
 
 def test_a_certificate_with_a_forged_constraint_is_refused(finished, tmp_path):

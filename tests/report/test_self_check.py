@@ -179,6 +179,25 @@ def test_badge_and_headline_say_what_is_proved_of_all_legs(engine, runs, campaig
     assert judged(engine, page, shown=[{**number, "text": text}, *verdicts])["faults"][0] == fault
 
 
+def test_whether_parameters_are_determined_is_not_judged_and_the_page_says_so(engine, runs, campaign):
+    page = Page(render(campaign, runs["pass"][1], run=runs["pass"][0]))
+    (summary,), (word, *_) = texts(page, "summary"), texts(page, "verdict")
+    shown = [
+        {**summary, "text": "Leg 1: undetermined."},
+        {**word, "text": "undetermined: a_x, b_z"},
+        {**word, "text": "Cannot be judged: 5 measurements of rank 5 leave 2 of 7 parameters open: a_x, b_z."},
+        {
+            **word,
+            "text": "5 measurements of rank 5. Some parameters explain the data to within 1e-9 mm, which is no test",
+        },
+    ]
+    faults = judged(engine, page, shown=shown)["faults"]
+    assert faults[:3] == [None] * 3
+    assert faults[3] == "1e-9 is not rounded to the side that is proved"
+    script = (files("cpcal.report") / "browser" / "page.js").read_text()
+    assert "Not judged here: whether the measurements determine the parameters" in script
+
+
 def test_a_tolerance_changed_in_the_headline_alone_is_found(engine, runs, campaign):
     page = Page(render(campaign, runs["fail"][1], run=runs["fail"][0]))
     (number,) = texts(page, "tolerance")

@@ -20,7 +20,24 @@ from lower import step
 def twice(x):
     return step(step(x))
 """
+LONG = "    x = x + 1.0\n" * 400
+SLOW = f"from cpcal.solver.compiled import compiled\n\n@compiled\ndef f(x):\n{LONG}    return x\n"
+HOLD = """
+import os, sys, time
+from cpcal.common.file_lock import exclusive
+exclusive(os.open(sys.argv[1], os.O_RDWR | os.O_CREAT))
+print(flush=True)
+time.sleep(100)
+"""
 RUN = "from upper import twice; print(twice(1.0))"
+
+
+def begun(folder: Path, code: str) -> subprocess.Popen[str]:
+    paths = os.pathsep.join([str(folder), str(Path(compiled.__file__).parents[2])])
+    environment = {**os.environ, "PYTHONPATH": paths}
+    return subprocess.Popen(
+        [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
 
 
 def run(folder: Path, code: str = RUN, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -51,6 +68,29 @@ def test_machine_code_is_kept_and_follows_the_files_that_a_function_calls_into(m
     (modules / "lower.py").write_text(LOWER.format(step="2.0"))
     hushed = run(modules, CPCAL_QUIET="1")
     assert (hushed.stdout, hushed.stderr) == ("5.0\n", "")  # compiled anew, though upper.py did not change
+
+
+def test_of_two_processes_one_compiles_and_the_other_takes_what_it_made(modules):
+    (modules / "slow.py").write_text(SLOW)
+    both = [begun(modules, "from slow import f; print(f(1.0))") for _ in range(2)]
+    said = [one.communicate(timeout=100) for one in both]
+    assert [out for out, _ in said] == ["401.0\n"] * 2
+    assert sum("compiling" in told.replace("that compiles", "") for _, told in said) == 1
+
+
+def test_a_lock_that_nobody_gives_back_is_waited_for_no_longer_than_is_said(modules):
+    run(modules, "import upper")  # makes the folder
+    lock = modules / "__pycache__" / "upper.lock"
+    holder = subprocess.Popen([sys.executable, "-c", HOLD, str(lock)], stdout=subprocess.PIPE)
+    try:
+        assert holder.stdout is not None
+        holder.stdout.readline()
+        done = run(modules, f"from cpcal.solver import compiled_once; compiled_once.LONGEST = 1.0; {RUN}")
+    finally:
+        holder.kill()
+        holder.communicate()
+    assert done.stdout == "3.0\n"
+    assert "waiting for another process that compiles 'upper'" in done.stderr
 
 
 def test_without_numba_it_runs_and_says_so_once(modules):

@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.pose_sets import drawn_pose
 from benchmarks.uncertain_poses import shown
-from cpcal.checker import check_pose_set
 from cpcal.checker.bounds import Bounds, between
 from cpcal.checker.lens import Cameras
+from cpcal.checker.pose_claim import check_pose_set
 from cpcal.checker.readers import dyadic
 from cpcal.common.errors import InputError
 from cpcal.robot import Pose, transformed

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.pose_sets import drawn_pose
 from benchmarks.uncertain_poses import shown
-from cpcal.checker import check_pose_set, check_pose_sets
+from cpcal.checker.pose_claim import check_pose_set, check_pose_sets
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.pose_sets import CameraSet, PixelBoxes, TargetSet, enclose_pose

@@ -93,7 +93,11 @@ function misprint(text, value, side, wide = false) {
   return (side ? size < unit * coarse : 2n * size <= unit) ? "" : `${text} is not the number that is proved`;
 }
 
-// Why a sentence says more than the certificate proves, or something else.
+// Whether measurements determine the parameters is computed in floating point; no certificate speaks of it.
+const UNJUDGED = "Not judged here: whether the measurements determine the parameters; `cpcal verify` computes that again.";
+const OPEN = /undetermined|cannot be judged|determine|no test of the model/i;
+
+// Why a sentence says more than the certificate proves, or something else; null where it says what is not judged here.
 function misstated(text, tolerance, proof) {
   const {lo, hi} = bracket(proof), {infeasible, cap} = proof.claims, wrong = [], t = tolerance && hexNumber(tolerance);
   for (const [, words, number] of text.matchAll(/(to within|no better than|at least) ([-+.0-9e]+) mm/g)) {
@@ -103,7 +107,7 @@ function misstated(text, tolerance, proof) {
   if (text === "pass" && !(t && hi && cmp(hi, t) <= 0)) wrong.push("a pass is not proved");
   if (text === "fail" && !(t && (cmp(lo, t) > 0 || infeasible && cmp(lo, t) >= 0))) wrong.push("a fail is not proved");
   if (/^explains the data$|(fit|explains the data) exactly[.;,]/.test(text) && !/no parameters/.test(text) && !(hi && !hi.m)) wrong.push("no exact fit is proved");
-  return wrong.find(Boolean) || "";
+  return wrong.find(Boolean) || (OPEN.test(text) ? null : "");
 }
 
 // Why the verdict on all legs together is not proved: the badge, and the sentence beside it.
@@ -114,7 +118,8 @@ function misjudged(claim, text, tolerance, proofs, legs) {
   if (claim === "summary") {
     const said = [...text.matchAll(/Leg ([0-9, ]+): (pass|fail|undecided|undetermined)\./g)].flatMap(([, some, word]) => some.split(", ").map(leg => [leg, word]));
     if (said.map(([leg]) => leg).sort().join() !== [...legs].sort().join()) return "it does not name each leg once";
-    return said.map(([leg, word]) => proofOn(leg) ? wrong(word, leg) : "").find(Boolean) || (known.length < legs.length ? null : "");
+    const found = said.map(([leg, word]) => proofOn(leg) ? wrong(word, leg) : null);
+    return found.find(Boolean) || (found.includes(null) ? null : "");
   }
   const fails = known.some(leg => !wrong("fail", leg));
   if (text === "FAIL") return fails ? "" : known.length < legs.length ? null : "a fail is not proved";
@@ -188,7 +193,7 @@ function begin(source) {
     const seconds = list => `${list.reduce((sum, p) => sum + p.seconds, 0).toFixed(1)} s`, mark = k => faults[k] ? "wrong" : faults[k] === null ? "none" : "good";
     spots.forEach((spot, k) => {
       spot.classList.toggle("refuted", mark(k) === "wrong");
-      spot.title = {wrong: `refused: ${faults[k]}`, none: "not certified", good: "as its certificate proves; checked in this browser"}[mark(k)];
+      spot.title = {wrong: `refused: ${faults[k]}`, none: OPEN.test(spot.textContent) ? UNJUDGED : "not certified", good: "as its certificate proves; checked in this browser"}[mark(k)];
     });
     for (const note of notes) {
       const own = proofs.filter(p => String(p.leg) === note.dataset.proof), of = spots.map((s, k) => k).filter(k => spots[k].dataset.leg === note.dataset.proof);
@@ -199,7 +204,7 @@ function begin(source) {
     }
     const bad = faults.filter(Boolean).length + proofs.filter(p => p.refused).length, held = faults.filter(f => f === "").length;
     if (bad) say(get("proof-status"), `REFUSED: this page is not what its certificates prove, in ${bad} place${bad > 1 ? "s" : ""}, marked red.`, "refuted");
-    else say(get("proof-status"), `${proofs.length} certificate${proofs.length > 1 ? "s" : ""} checked in this browser, ${seconds(proofs)}; ${held} statements of this page are what they prove.`, "held");
+    else say(get("proof-status"), `${proofs.length} certificate${proofs.length > 1 ? "s" : ""} checked in this browser, ${seconds(proofs)}; ${held} statements of this page are what they prove. ${UNJUDGED}`, "held");
     button.disabled = false;
   }
   function run() {

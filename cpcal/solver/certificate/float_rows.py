@@ -17,6 +17,7 @@ import numpy as np
 
 from cpcal.checker.exact_polynomial import FIELD, READINGS
 from cpcal.checker.leg import LegConstraint, leg_formula
+from cpcal.checker.program import Numbers
 from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
 
@@ -89,19 +90,23 @@ class _Plan:
 
     def given(self, legs: Sequence[LegConstraint]) -> Floats:
         """What the program takes, each number rounded once: (B, G). All are on the same box."""
-        x = [number / (1 << power) for number, power in legs[0].x.numbers]
-        beyond = len(legs[0].m.fixed) + len(x)
-        stated = ([number / (1 << power) for number, power in leg.m.fixed] for leg in legs)
-        readings = ([number / (1 << power) for number, power in leg.numbers()[beyond:]] for leg in legs)
-        return np.array([[*fixed, *x, *own] for fixed, own in zip(stated, readings, strict=True)])
+        x = _floats(legs[0].x.numbers)
+        measured = ([*_floats(leg.m.quaternion), *_floats(leg.m.fixed)] for leg in legs)
+        readings = ([v for part in leg.numbers()[2:] for v in _floats(part)] for leg in legs)
+        return np.array([[*fixed, *x, *own] for fixed, own in zip(measured, readings, strict=True)])
 
     def sweep(self, legs: Sequence[LegConstraint]) -> tuple[Indices, Floats, Indices, Floats, int, Indices]:
         """How kernels begin that sweep it."""
         return self.notes, self.given(legs), self.fixed, self.numbers, self.size, self.places
 
 
+def _floats(numbers: Numbers) -> list[float]:
+    unit = 1 << numbers.power
+    return [value / unit for value in numbers.values]
+
+
 def _plan(leg: LegConstraint, side: str) -> _Plan:
-    return _planned(leg.model, any(leg.x.radii), leg.m.uncertain, side)
+    return _planned(leg.model, leg.x.moves, leg.m.uncertain, side)
 
 
 @lru_cache(maxsize=64)

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 import cpcal
-from cpcal.checker import PROVED, REFUSED, UNUSABLE, Refused, Unusable, check_run, main
+from cpcal.checker import Refused, Unusable, check_run
+from cpcal.checker.command import PROVED, REFUSED, UNUSABLE, main
 from cpcal.results import save_result
 
 Data = dict[str, Any]

@@ -19,6 +19,7 @@ import pytest
 
 from cpcal.checker import Accepted, ExactCampaign, Refused, check
 from cpcal.files.campaign_json import NAME
+from tests.checker.valid.exact_legs import in_fractions
 
 TOTAL = int(os.environ.get("CPCAL_MUTATIONS", "2000"))
 SHARE = {
@@ -192,10 +193,10 @@ class Truth:
         problem = self.proof.problem
         if self.proof.folder is None:
             return all(obeys(c, x) for c in self.proof.lines[1 : self.proof.head])
-        return all(solves(self.campaign.measurement(k, 1), x) for k in range(problem.count))
+        return all(solves(in_fractions(self.campaign.measurement(k, 1)), x) for k in range(problem.count))
 
     def holds(self, lines: Any, found: Accepted, k: int, x: Vector) -> bool:
-        return obeys(lines[1 + k], x) if found.leg is None else solves(self.campaign.measurement(k, 1), x)
+        return obeys(lines[1 + k], x) if found.leg is None else solves(in_fractions(self.campaign.measurement(k, 1)), x)
 
     def false(self, lines: Any, found: Accepted) -> str | None:
         """What is false of an accepted certificate."""

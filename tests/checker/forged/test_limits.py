@@ -16,6 +16,7 @@ import pytest
 from cpcal.checker import ExactCampaign, Refused
 from cpcal.files.campaign_json import NAME
 from cpcal.solver.certificate.readings import at_point, holding, stretching
+from tests.checker.valid.exact_legs import in_fractions
 
 UP, DOWN = math.inf, -math.inf
 
@@ -75,7 +76,7 @@ def test_eps_one_ulp_below_the_least_that_the_point_shows(verdict: Any, exact_pr
     """For exact readings that is the largest | ||v|| - (L + l) |; here it is found by bisection."""
     x = [F(v) for v in exact_proof.point]
     exact = ExactCampaign(exact_proof.folder / NAME)
-    rows = [exact.measurement(k, 1) for k in range(len(exact))]
+    rows = [in_fractions(exact.measurement(k, 1)) for k in range(len(exact))]
 
     def shown(eps: float) -> bool:
         return all((m.length + x[6] - F(eps)) ** 2 <= length(m, x) <= (m.length + x[6] + F(eps)) ** 2 for m in rows)
@@ -119,7 +120,7 @@ def test_a_point_of_the_uncertain_campaign_that_fails_is_proved_to_fail(verdict:
 def test_a_leg_shorter_than_eps(verdict: Any, exact_proof: Any) -> None:
     """With eps a little larger than the shortest leg all squares are in order; the leg itself is not."""
     rows = ExactCampaign(exact_proof.folder / NAME)
-    shortest = min(float(rows.measurement(k, 1).length) for k in range(len(rows))) + exact_proof.point[6]
+    shortest = min(float(in_fractions(rows.measurement(k, 1)).length) for k in range(len(rows))) + exact_proof.point[6]
     below, above = with_eps(exact_proof, 0.99 * shortest), with_eps(exact_proof, 1.01 * shortest)
     assert verdict(below, exact_proof.folder).claims.eps_hi == F(0.99 * shortest)
     with pytest.raises(Refused, match="not proved that the point satisfies"):

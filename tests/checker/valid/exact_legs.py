@@ -5,9 +5,10 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 from fractions import Fraction as F
+from typing import NamedTuple
 
 from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial
-from cpcal.checker.leg import Measurement, Stated, leg_problem
+from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.problem import Problem, Unknowns
 from cpcal.solver.certificate.statement import free
@@ -15,6 +16,28 @@ from cpcal.solver.certificate.statement import free
 Vector = list[F]
 SIDES = ("upper", "lower")
 REACH = {"plain": (), "gain": (0.5,), "lateral": (900.0,), "linear": (0.5, 0.5, 0.5, 0.5, 20.0, 20.0, 20.0)}
+
+
+class Exact(NamedTuple):
+    """One row of a campaign for one leg in fractions, mm; `radii` of the reading (d, s, e)."""
+
+    position: tuple[F, ...]
+    quaternion: tuple[F, ...]
+    length: F
+    radii: tuple[F, ...]
+
+    def given(self) -> Measurement:
+        """As the checker takes it."""
+        widths = [r * (2 if 3 <= j < 6 else 1) for j, r in enumerate(self.radii)]
+        return Measurement(self.quaternion, self.position, self.length, widths)
+
+
+def in_fractions(m: Measurement) -> Exact:
+    given = (m.fixed, m.quaternion, m.reach)
+    fixed, quaternion, reach = ([F(v, 1 << part.power) for v in part.values] for part in given)
+    *position, length, shortest = fixed
+    assert shortest == length - reach[6] == m.shortest
+    return Exact(tuple(position), tuple(quaternion), length, tuple(reach))
 
 
 def rational(rng: random.Random, size: int) -> F:
@@ -32,7 +55,7 @@ def hamilton(p: Vector, q: Vector) -> Vector:
     ]
 
 
-def parts(m: Measurement, model: str, x: Vector, reading: Vector) -> tuple[F, F]:
+def parts(m: Exact, model: str, x: Vector, reading: Vector) -> tuple[F, F]:
     """||v||^2 - h and L + e + l + t, with v and r through products of quaternions."""
     d, s, e = reading[:3], reading[3:6], reading[6]
     q = hamilton([F(1), *s], list(m.quaternion))
@@ -50,7 +73,7 @@ def parts(m: Measurement, model: str, x: Vector, reading: Vector) -> tuple[F, F]
     return square, length
 
 
-def left_side(m: Measurement, model: str, side: str, x: Vector, reading: Vector) -> F:
+def left_side(m: Exact, model: str, side: str, x: Vector, reading: Vector) -> F:
     """|q|^2 (1 + s.s) (||v||^2 - h - (L + e + l + t + eps)^2), or its counterpart; in `linear` times that once more."""
     square, length = parts(m, model, x, reading)
     kappa = sum((c * c for c in m.quaternion), F(0)) * (1 + sum((c * c for c in reading[3:6]), F(0)))
@@ -72,9 +95,9 @@ def value(p: Polynomial, u: Vector, readings: Sequence[F] = (F(0),) * READINGS) 
     return total * F(2) ** p.exponent
 
 
-def leg(m: Measurement, model: str) -> Problem:
+def leg(m: Exact, model: str) -> Problem:
     """A leg of one measurement."""
-    return leg_problem(lambda _: Stated.of(m), 1, model, None)
+    return leg_problem(lambda _: m.given(), 1, model, None)
 
 
 def unknowns(box: ExactBox) -> Unknowns:
@@ -89,12 +112,12 @@ def radius(box: ExactBox) -> Vector:
     return [(b - a) / 2 for a, b in zip(box.lo, box.hi, strict=True)]
 
 
-def some(rng: random.Random, factor: int, model: str = "plain") -> tuple[Measurement, ExactBox]:
+def some(rng: random.Random, factor: int, model: str = "plain") -> tuple[Exact, ExactBox]:
     """A measurement with reading sets `factor` times those of a sensor, and a box."""
     radii = [factor * F(rng.randint(0, 9), 128) for _ in range(3)]
     turns = [factor * F(rng.randint(0, 9), 1 << 13) for _ in range(3)]
     quaternion = tuple(F(rng.randint(-9, 9)) for _ in range(3))
-    m = Measurement(
+    m = Exact(
         tuple(rational(rng, 300) for _ in range(3)),
         (F(rng.randint(1, 9)), *quaternion),
         F(rng.randint(300, 900)),

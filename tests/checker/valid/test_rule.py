@@ -12,7 +12,7 @@ from hypothesis import assume, given, seed, settings
 from hypothesis import strategies as st
 
 from cpcal.checker.exact_polynomial import FIELD, READINGS, signed
-from cpcal.checker.leg import EXTRA, Measurement
+from cpcal.checker.leg import EXTRA, LegConstraint
 from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.problem import Problem, Unknowns
 from cpcal.checker.rule import Weights
@@ -20,6 +20,7 @@ from cpcal.solver.certificate.readings import failing, holding, row_of, stretchi
 from tests.checker.valid.exact_legs import (
     REACH,
     SIDES,
+    Exact,
     Vector,
     center,
     coordinates,
@@ -51,7 +52,7 @@ def test_rows_are_the_formula_and_penalties_cover_the_set(model: str, side: str,
         problem, x = leg(m, model), unknowns(box)
         ends = "".join(rng.choice("-0+") for _ in range(7))
         for signs in (row_of(problem, x, side, 0)[2], ends, "0" * 7):
-            row = problem.constraint(0, x, signs, 0).rows([side], signed(len(x), signs))[0]
+            row = LegConstraint(m.given(), model, x, signs, 0).row(side, signed(len(x), signs))
             settled = problem.row(x, side, 0, signs)
             assert all(monomial >> FIELD * READINGS or not monomial for monomial in settled.terms)
             for _ in range(3):
@@ -91,7 +92,7 @@ def dyadic(value_: F) -> F:
 
 
 @st.composite
-def solutions(draw: st.DrawFn, model: str) -> tuple[Measurement, ExactBox, Vector, Vector]:
+def solutions(draw: st.DrawFn, model: str) -> tuple[Exact, ExactBox, Vector, Vector]:
     """A measurement, a box, a point of it and a reading of the set with which the point is a solution, just about."""
     rng, factor = draw(st.randoms(use_true_random=False)), draw(st.sampled_from([0, 1, 10, 100]))
     m, box = some(rng, factor, model)
@@ -117,7 +118,7 @@ def solutions(draw: st.DrawFn, model: str) -> tuple[Measurement, ExactBox, Vecto
 def test_every_row_is_at_most_zero_at_every_solution(model: str) -> None:
     @given(solutions(model))
     @settings(max_examples=EXAMPLES // (5 if model == "linear" else 2))
-    def check(found: tuple[Measurement, ExactBox, Vector, Vector]) -> None:
+    def check(found: tuple[Exact, ExactBox, Vector, Vector]) -> None:
         m, box, x, reading = found
         square, length = parts(m, model, x, reading)
         assert max(F(0), length - x[-1]) ** 2 <= square <= (length + x[-1]) ** 2
@@ -138,7 +139,7 @@ def test_a_point_that_holds_has_a_reading(model: str) -> None:
 
     @given(solutions(model), st.sampled_from([F(0), F(1, 128), F(-1, 128), F(-1)]))
     @settings(max_examples=EXAMPLES, database=None)
-    def check(found: tuple[Measurement, ExactBox, Vector, Vector], more: F) -> None:
+    def check(found: tuple[Exact, ExactBox, Vector, Vector], more: F) -> None:
         m, _, x, reading = found
         x[-1] = x[-1] + more if more > -1 else F(0)
         problem, at = leg(m, model), unknowns(ExactBox(tuple(x), tuple(x)))
@@ -171,18 +172,18 @@ def test_a_point_that_holds_has_a_reading(model: str) -> None:
     assert outcomes == {True, False}
 
 
-def end_of(m: Measurement, signs: str) -> Vector:
+def end_of(m: Exact, signs: str) -> Vector:
     return [r * {"-": -1, "0": 0, "+": 1}[sign] for r, sign in zip(m.radii, signs, strict=True)]
 
 
-Held = tuple[Measurement, Problem, Unknowns, Vector]
+Held = tuple[Exact, Problem, Unknowns, Vector]
 
 
 def held(model: str, length: int, radius_: int, extra: F, eps: int, reach: int, of_length: int = 0) -> Held:
     """A leg of that length between (reach, 0, 0) and the origin, known to `radius` along x, at a point x."""
     zero = F(0)
     radii = (F(radius_), *(zero,) * 5, F(of_length))
-    m = Measurement((F(reach), zero, zero), (F(1), zero, zero, zero), F(length), radii)
+    m = Exact((F(reach), zero, zero), (F(1), zero, zero, zero), F(length), radii)
     rest = [zero] * (len(REACH[model]) - 1)
     x = [*[zero] * 7, extra, *rest, F(eps)]
     return m, leg(m, model), unknowns(ExactBox(tuple(x), tuple(x))), x
@@ -240,7 +241,7 @@ def test_the_ends_tried_are_those_that_matter(model: str) -> None:
             assert apart(m, model, x, other) <= most + F(1, 500)
 
 
-def apart(m: Measurement, model: str, x: Vector, reading: Vector) -> F:
+def apart(m: Exact, model: str, x: Vector, reading: Vector) -> F:
     square, length = parts(m, model, x, reading)
     assert square >= 0
     return root(square) - length

@@ -16,19 +16,19 @@ import pytest
 
 import cpcal
 from cpcal.checker import ExactCampaign, check
-from cpcal.checker.leg import Measurement
 from cpcal.files.campaign_json import NAME, save_campaign_json
 from cpcal.legs import leg_statement
 from cpcal.legs.leg_statement import exact_measurement
 from cpcal.results import save_result
+from tests.checker.valid.exact_legs import Exact, in_fractions
 
 SMALL: dict[str, Any] = {"ask": {"delta": 2.0}, "extremal": False, "random_poses": 16, "joint_error": 10.0}
 
 
-def measured(made: Any) -> list[Measurement]:
+def measured(made: Any) -> list[Exact]:
     """Of leg 1."""
     campaign = ExactCampaign(made.path.parent / NAME)
-    return [campaign.measurement(k, 1) for k in range(len(campaign))]
+    return [in_fractions(campaign.measurement(k, 1)) for k in range(len(campaign))]
 
 
 def test_handmade_certificates_are_accepted(verdict: Any, any_proof: Any) -> None:
@@ -181,7 +181,7 @@ def test_the_checker_imports_nobody() -> None:
 # the statement ------------------------------------------------------------------------------------------------------
 
 
-def gap(m: Measurement, x: list[F], reading: list[F]) -> tuple[F, F]:
+def gap(m: Exact, x: list[F], reading: list[F]) -> tuple[F, F]:
     """||v||^2 and L + e + l, with v through the product of quaternions (1, s) q."""
     d, s, e = reading[:3], reading[3:6], reading[6]
     w, a, b, c = m.quaternion
@@ -270,8 +270,8 @@ def test_campaigns_in_memory_and_in_files_say_the_same(tmp_path: Path, factor: f
         assert statement.sha256 == files.sha256
         assert statement.problem.count == len(files) == 7
         for k in range(7):
-            ours = exact_measurement(loaded, leg, k)
-            assert ours == files.measurement(k, leg)
+            ours = in_fractions(exact_measurement(loaded, leg, k))
+            assert ours == in_fractions(files.measurement(k, leg))
             assert any(ours.radii[:3]) == (factor > 0 or overrides) or overrides
     if overrides:
         assert "dL3" in (tmp_path / "odd" / "measurements.csv").read_text().splitlines()[0]
