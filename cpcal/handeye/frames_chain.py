@@ -29,7 +29,7 @@ from cpcal.robot import rotation_matrix
 from cpcal.solver.interval import Box
 
 _SPREAD = 9  # images that narrow the box where the robot's poses are exact: the pixels say the rest
-_UNCERTAIN = 24  # images that narrow it where they are not: it takes time for each, and more of them add little
+_UNCERTAIN = 24  # images that narrow it where they are not: each takes time, and 40 leave 0.84 of what 24 do
 _FEWEST = 3
 _TURNS = 8
 _WORTH = 0.8  # share of some width that another turn must be expected to leave, or less

@@ -1,8 +1,9 @@
 """The constraint network: named variables with domains, readings known only to a set, constraints.
 
 A point x solves the network when THERE EXISTS one value of every reading in its set such that every
-element of every constraint holds. (Constants are exact numbers; an interval constant is an enclosure
-of one, and whatever is claimed holds for every number in it.)
+element of every constraint is defined and holds; elements of arrays that no constraint takes need not be defined.
+(Constants are exact numbers; an interval constant is an enclosure of one, and whatever is claimed holds for every
+number in it.)
 """
 
 from __future__ import annotations
