@@ -9,6 +9,7 @@ from contractors.lifted import Lifted
 from contractors.linear_system import LinearSystem
 from contractors.newton import Newton
 from contractors.qinter import QInter, qinter
+from contractors.regression import Regression
 from contractors.separators import Separator, Violating
 from contractors.shaving import Shaving
 from contractors.violation import MostViolated
@@ -24,6 +25,7 @@ __all__ = [
     "MostViolated",
     "Newton",
     "QInter",
+    "Regression",
     "Separator",
     "Shaving",
     "Violating",

@@ -7,8 +7,10 @@ are ever active: the programs start with some dozens, and violated ones are adde
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection
 from copy import copy
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -21,9 +23,13 @@ from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork
 
-Carriers = tuple[tuple[tuple[int, int], ...], StepWeights | None]
+Carriers = tuple[tuple[tuple[int, int], ...], StepWeights]
 
 _FEWER = 0.5  # of the rows: with less the boxes within begin
+_WORTH = 2  # columns for each variable, from which on fewer are worth a try
+_BENDS = 2.0  # beyond which what is not linear in a row, per half-width of the objective, makes a try vain
+_BEYOND = 2.0  # how far linear parts may reach beyond the box, in its half-widths
+_LOST = 0.01  # of what the objective's lower bound would rise by: what linear programs may lose
 
 
 class Lifted(Composable):
@@ -71,7 +77,7 @@ class Lifted(Composable):
     def contract(self, box: Box) -> Contraction:
         if box.is_empty or not box.is_bounded:
             return Contraction(box)
-        programs = self._programs(box)
+        programs = self._programs(box, self._objective)
         return Contraction(box) if programs is None else tightened(programs, box, self._objective, self.deadline)
 
     def support_function(self, box: Box, directions: Floats) -> Floats:
@@ -87,7 +93,7 @@ class Lifted(Composable):
         programs = self._programs(box)
         return widest if programs is None else np.minimum(widest, programs.support_function(directions))
 
-    def _programs(self, box: Box) -> _Programs | None:
+    def _programs(self, box: Box, objective: int | None = None) -> _Programs | None:
         """None where no row has a polynomial form.
 
         Within the box before, the rows that no point of that one violates are left out from the start.
@@ -97,7 +103,7 @@ class Lifted(Composable):
             return None
         known = self._within
         structure = known[2] if known is not None and known[0] is whole and _lies_in(box, known[1]) else whole
-        programs = _Programs(structure, self._arithmetic, self._engine(), box)
+        programs = _Programs(structure, self._arithmetic, self._engine(), box, objective)
         kept, occurring = programs.rows
         if len(kept) < _FEWER * len(structure.system.origin):
             self._within = whole, box, structure.part(kept, occurring)
@@ -109,9 +115,15 @@ def _lies_in(box: Box, other: Box) -> bool:
 
 
 class _Programs:
-    """The linear programs on one box: one polyhedron, many objectives."""
+    """The linear programs on one box: one polyhedron, many objectives.
 
-    def __init__(self, structure: Structure, arithmetic: Arithmetic, engine: LinearEngine, box: Box) -> None:
+    Where the box is small for what its rows bend, and an `objective` is sought, the programs are those of the rows'
+    linear parts alone, a third of the columns. That is no relaxation: their multipliers are proved with all monomials.
+    """
+
+    def __init__(
+        self, structure: Structure, arithmetic: Arithmetic, engine: LinearEngine, box: Box, objective: int | None = None
+    ) -> None:
         self._structure = structure
         self._arithmetic = arithmetic
         self._relaxation = Relaxation(structure, arithmetic, box)
@@ -120,8 +132,43 @@ class _Programs:
         self._positions = {variable: columns[k] for variable, k in structure.positions.items()}
         self._variables = np.array(list(self._positions), np.intp)
         self._columns = np.array(list(self._positions.values()), np.intp)
-        self._engine = self._relaxation.load(engine)
-        self.count = 0
+        self._engine, self.count = engine, 0
+        self._linear: Indices | None = None  # the columns of the programs; None: all
+        if objective is None or not self._bends_little(objective):
+            self._linear = None
+            self._relaxation.load(engine)
+
+    def _bends_little(self, objective: int) -> bool:
+        """Whether little of the objective's bound is lost to what is not linear. Then the linear programs are loaded.
+
+        Linear parts may leave no point below the box's upper end, so they reach beyond it: as far as the loss.
+        """
+        r, place = self._relaxation, self._positions.get(objective)
+        linear = np.flatnonzero(self._structure.linear[r.columns])
+        if place is None or not self._box.rad[objective] > 0.0 or len(r.columns) < _WORTH * len(linear):
+            return False
+        rows = np.abs(r.matrix[len(r.products) :])
+        bends, grows = rows.sum(axis=1) - rows[:, linear].sum(axis=1), rows[:, place]
+        if np.count_nonzero(bends <= _BENDS * grows) < 0.5 * len(rows):
+            return False
+        self._linear, mine = linear, int(np.searchsorted(linear, place))
+        self._load(mine, 1.0 + _BEYOND)
+        solution = self.minimize(objective, 1.0)
+        if solution.status is not LinearStatus.OPTIMAL:
+            return False
+        reached = float(solution.point[place])
+        lost = reached - self._proved(solution, self._objective(objective, 1.0))
+        if not lost <= _LOST * (reached + 1.0):
+            return False
+        self._load(mine, max(1.0, reached + lost))
+        return True
+
+    def _load(self, place: int, highest: float) -> None:
+        """The linear parts of the rows, one column reaching up to `highest`."""
+        r, first = self._relaxation, len(self._relaxation.products)
+        lower, upper = r.bounds.lo[self._linear], r.bounds.hi[self._linear].copy()
+        upper[place] = highest
+        self._engine.load(r.matrix[first:, self._linear], r.rhs[first:], lower, upper)
 
     @property
     def rows(self) -> tuple[Indices, Bools]:
@@ -155,7 +202,12 @@ class _Programs:
 
     def _minimized(self, objective: Floats) -> LinearSolution:
         self.count += 1
-        return self._engine.minimize(objective)
+        if self._linear is None:
+            return self._engine.minimize(objective)
+        found = self._engine.minimize(objective[self._linear])
+        point = np.zeros(len(objective))
+        point[self._linear] = found.point
+        return replace(found, point=point, rows=found.rows + len(self._relaxation.products))
 
     def coordinates(self, solution: LinearSolution) -> Floats:
         u = np.zeros(len(self._box))
@@ -175,32 +227,33 @@ class _Programs:
         return lower_bound(self._arithmetic, r.matrix, r.rhs, solution.rows, solution.multipliers, objective, r.bounds)
 
     def _carriers(self, solution: LinearSolution) -> Carriers:
-        """The rows that carry a proof, and their weights in a form that can be checked."""
-        r, first = self._relaxation, len(self._relaxation.products)
-        is_product = solution.rows < first
-        rows, weights = solution.rows[~is_product] - first, solution.multipliers[~is_product]
-        names = self._structure.names(r.kept[rows])
-        weights = np.ldexp(weights, -r.exponents[rows])
-        carried = tuple([(*name, weight) for name, weight in zip(names, weights.tolist(), strict=True)])
-        products = r.products[solution.rows[is_product]].tolist(), solution.multipliers[is_product].tolist()
-        return tuple([(c, k) for c, _, k in names]), self._weights(carried, zip(*products, strict=True))
+        """The rows that carry a proof, and their weights in a form that can be checked.
 
-    def _weights(
-        self, rows: tuple[tuple[int, int, int, float], ...], products: Iterable[tuple[int, float]]
-    ) -> StepWeights:
-        """Products of more than two variables, which no certificate has, are left out: the others prove less."""
+        Products of more than two variables, which no certificate has, are left out: the others prove less.
+        """
+        first, names, scales = len(self._relaxation.products), self._names, self._scales
+        rows: list[tuple[int, int, int, float]] = []
         pairs: list[tuple[int, int, float, float, float]] = []
         tangents: list[tuple[int, float, float]] = []
-        forms = self._structure.products.forms
-        for position, weight in products:
-            form = forms[position]
-            if form is None:
+        for row, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
+            if row >= first:
+                rows.append((*names[row - first], weight * scales[row - first]))
                 continue
-            if len(form) == 4:
+            form = self._structure.products.forms[self._relaxation.products[row]]
+            if form is not None and len(form) == 4:
                 pairs.append((*form, weight))
-            else:
+            elif form is not None:
                 tangents.append((*form, weight))
-        return StepWeights(rows, tuple(pairs), tuple(tangents))
+        return tuple([(c, k) for c, _, k, _ in rows]), StepWeights(tuple(rows), tuple(pairs), tuple(tangents))
+
+    @cached_property
+    def _names(self) -> list[tuple[int, int, int]]:
+        return self._structure.names(self._relaxation.kept)
+
+    @cached_property
+    def _scales(self) -> list[float]:
+        """What a multiplier of each row is one of the system's row times."""
+        return list(np.ldexp(1.0, -self._relaxation.exponents).tolist())
 
     def empty(self, solution: LinearSolution) -> Step | None:
         if not self._proved(solution, np.zeros(len(self._relaxation.columns))) > 0.0:

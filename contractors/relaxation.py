@@ -136,10 +136,10 @@ class Relaxation:
     """The rows of a `Structure` on one bounded box: `matrix @ w <= rhs` for some of the monomials w of u in [-1, 1]^n.
 
     `columns` are those monomials, in `bounds`; the first rows are the bound products `products`, the others the rows
-    `kept` of the system, times 2^-exponent, but for those that no point of the box violates.
+    `kept` of the system, times 2^-exponent, but for those that no point of the box violates (with `whole`: all).
     """
 
-    def __init__(self, structure: Structure, engine: Arithmetic, box: Box) -> None:
+    def __init__(self, structure: Structure, engine: Arithmetic, box: Box, *, whole: bool = False) -> None:
         self._engine = engine
         self.center, self.radius = box.mid, box.rad
         with np.errstate(all="ignore"):
@@ -151,7 +151,10 @@ class Relaxation:
         self.occurring = highest > 0.0
         has_column = structure.columns(highest, self.radius)
         self.columns = np.flatnonzero(has_column)
-        self.kept = np.flatnonzero(reach(rows, rhs, has_column, structure.bounds.lo, structure.bounds.hi))
+        matters = reach(rows, rhs, has_column, structure.bounds.lo, structure.bounds.hi)
+        if whole:
+            matters = np.isfinite(rhs) & np.isfinite(rows).all(axis=0)
+        self.kept = np.flatnonzero(matters)
         self.bounds, self.exponents = structure.bounds[self.columns], exponents[self.kept]
         self.products = np.flatnonzero(~structure.factors[:, ~has_column].any(axis=1))
         products = structure.products.matrix[np.ix_(self.products, self.columns)]

@@ -1,20 +1,19 @@
-"""Points near the ends of S(eps), for branch and bound to prove: local optima, by sequential quadratic programming."""
+"""Points at the ends of S(eps): local optima, by linear programs about one point after the other, and proved."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import optimize
 
 from benchmarks.problems import Leg
 from cpcal.common.arrays import Floats
-from cpcal.solver.interval import Box
+from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize import fit
+from cpcal.solver.optimize import WitnessProver, fit
+from cpcal.solver.optimize.linear_steps import linear_steps
 
-_ROOM = 1e-9  # of eps, for the rounding of a proof
-_BACK = (0.0, 1e-9, 1e-7, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
+_MARGIN = 1e-11  # of rows, in units of their gradients across the box: room for the rounding of a proof
 
 
 def minimax(leg: Leg) -> Floats:
@@ -23,32 +22,18 @@ def minimax(leg: Leg) -> Floats:
     return np.asarray(fit(Rows(network), 7, network.domain, leg.start, Dense())[:7])
 
 
-def extreme(network: ConstraintNetwork, box: Box, eps: float, end: tuple[int, float], inside: Floats) -> Floats:
-    """x of S(eps) with `sign * x_k` as small as it gets nearby, drawn back towards `inside` until it is in the set."""
-    k, sign = end
-    rows = Rows(network)
-    cost = np.zeros(7)
-    cost[k] = sign
+class Ends:
+    """Of one leg at one eps, the last component of `box`; `inside` (7,) is a point of the set."""
 
-    def value(x: Floats) -> float:
-        return float(cost @ x)
+    def __init__(self, network: ConstraintNetwork, box: Box, inside: Floats) -> None:
+        self.inside, self._box, self._rows = inside, box, Rows(network)
+        self._prover = WitnessProver(network, len(box) - 1, get_arithmetic("float64"))
 
-    def gradient(x: Floats) -> Floats:
-        return cost
-
-    def slack(x: Floats) -> Floats:
-        return np.asarray(-rows.linearize(np.append(x, eps)).values)
-
-    def slope(x: Floats) -> Floats:
-        return np.asarray(-rows.linearize(np.append(x, eps)).jacobian[:, :7])
-
-    found = optimize.minimize(
-        value,
-        inside,
-        jac=gradient,
-        method="SLSQP",
-        bounds=list(zip(box.lo.tolist(), box.hi.tolist(), strict=True)),
-        constraints=optimize.NonlinearConstraint(slack, 0.0, np.inf, jac=slope),
-    )
-    points = (np.asarray(found.x + share * (inside - found.x)) for share in _BACK)
-    return next((x for x in points if float(np.min(slack(x))) > _ROOM * eps), inside)
+    def proved(self, k: int, sign: float) -> Floats | None:
+        """x (7,), proved to be in the set, with `sign * x_k` as small as it gets nearby; None where none was found."""
+        cost = np.zeros(len(self._box))
+        cost[k] = sign
+        start = np.append(self.inside, self._box.mid[-1])
+        scale = np.maximum(self._box.width, 1e-9)
+        x = linear_steps(self._rows, cost, self._box, start, Dense(), scale=scale, margin=_MARGIN)
+        return None if x is None or self._prover.excess(x) > 0.0 else x[:7]

@@ -1,4 +1,7 @@
-"""The hull of S(eps) by cpcal: contraction first, then each bound of the box by a branch and bound of its own."""
+"""The hull of S(eps) by cpcal: contraction first, then a proved point near each bound of the box.
+
+Bounds that are too far from one get a branch and bound of their own.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import time
 
 import numpy as np
 
-from benchmarks.methods.extreme import extreme, minimax
+from benchmarks.methods.extreme import Ends, minimax
 from benchmarks.methods.method import HULL_GAP
 from benchmarks.problems import Leg
 from benchmarks.records import MethodAnswer
@@ -25,26 +28,32 @@ def hull(leg: Leg, contractors: tuple[str, ...], eps: float, limit: float) -> Me
     """An outer box, each bound within HULL_GAP of a proved point unless the time was up."""
     deadline = time.monotonic() + limit
     network = _network(leg, leg.box, eps)
-    box = Repeat(plugins.build(network, contractors)).contract(network.domain).box
-    if box.is_empty:
+    contracted = Repeat(plugins.build(network, contractors)).contract(network.domain)
+    if contracted.box.is_empty:
         return MethodAnswer(False, {}, "proved to be empty")
-    box = Box(PARAMETERS, box.lo[:7], box.hi[:7])
-    inside = minimax(leg)
-    nodes = programs = closed = 0
+    box = Box(PARAMETERS, contracted.box.lo[:7], contracted.box.hi[:7])
+    search = Ends(network, contracted.box, minimax(leg))
+    nodes, programs, closed = 1, contracted.programs, 0
     sides = [(k, sign) for k in range(7) for sign in (1.0, -1.0)]
     for done, (k, sign) in enumerate(sides):
+        corner = search.proved(k, sign)
+        if corner is not None and sign * corner[k] - _bound(box, k, sign) <= HULL_GAP:
+            closed += 1
+            continue
         share = (deadline - time.monotonic()) / (len(sides) - done)
         limits = Limits(seconds=max(share, 0.0), gap=0.0, gap_absolute=HULL_GAP)
-        found = _end(leg, box, eps, (k, sign), inside, contractors, limits)
+        found = _end(leg, box, eps, (k, sign), search.inside if corner is None else corner, contractors, limits)
         nodes, programs = nodes + found.nodes, programs + found.programs
         closed += found.verdict is Verdict.PROVED
-        name = PARAMETERS[k]
-        if sign > 0.0:
-            box = box.replace(name, lo=max(float(box.lo[k]), found.lo))
-        else:
-            box = box.replace(name, hi=min(float(box.hi[k]), -found.lo))
+        reached = max(_bound(box, k, sign), found.lo)
+        box = box.replace(PARAMETERS[k], lo=reached) if sign > 0.0 else box.replace(PARAMETERS[k], hi=-reached)
     figures = {"nodes": nodes, "programs": programs, **widths(box.width)}
     return MethodAnswer(closed == len(sides), figures, f"{closed} of {len(sides)} bounds closed")
+
+
+def _bound(box: Box, k: int, sign: float) -> float:
+    """A lower bound of `sign * x_k`."""
+    return float(box.lo[k]) if sign > 0.0 else -float(box.hi[k])
 
 
 def widths(width: Floats) -> dict[str, float]:
@@ -61,14 +70,13 @@ def _end(
     box: Box,
     eps: float,
     end: tuple[int, float],
-    inside: Floats,
+    corner: Floats,
     contractors: tuple[str, ...],
     limits: Limits,
 ) -> Minimum:
     """The smallest t with `sign * x_k <= t` for some x of the set."""
     k, sign = end
     network = _network(leg, box, eps)
-    corner = extreme(network, box, eps, end, inside)
     a, b, offset, *_ = network.variables
     component = offset if k == 6 else (a, b)[k // 3][k % 3]
     ends = sorted((sign * float(box.lo[k]), sign * float(box.hi[k])))

@@ -19,6 +19,7 @@ from cpcal.common.errors import Problem
 from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
 from cpcal.legs.models import PLAIN, Drawn, LegModel, Measured, built_in
+from cpcal.legs.rotation_kernel import enclosed_rotations
 from cpcal.robot import Campaign, Pose, leg_vectors, rotation_matrix
 from cpcal.robot.rotation import rotation_numerators
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
@@ -170,6 +171,8 @@ def _squared_norm(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
 
 def rotation_enclosure(quaternion: Floats, engine: Arithmetic) -> IntervalArray:
     """Enclosure (N, 3, 3) of the rational matrices of quaternions (N, 4), scalar first, divided by |q|^2."""
+    if engine.name == "float64":
+        return IntervalArray(*enclosed_rotations(np.array(quaternion, np.float64, order="C")))
     q = [IntervalArray.point(quaternion[:, k]) for k in range(4)]
     rows, norm_squared = rotation_numerators(q, engine)
     entries = [engine.div(entry, norm_squared) for row in rows for entry in row]

@@ -249,6 +249,33 @@ def test_both_engines_lead_to_the_same_claims(joint_error: float) -> None:
     assert one.enclosure.intersect(other.enclosure).is_empty is False
 
 
+@pytest.mark.parametrize("arithmetic", ["float64", "arb"])
+@pytest.mark.parametrize("engine", [Dense, Glop])
+def test_on_a_small_box_linear_programs_carry_what_is_proved_with_all_monomials(engine: type, arithmetic: str) -> None:
+    campaign = exact_readings(simulate(seed=5, joint_error=1.0))
+    used = get_arithmetic("float64")
+    box = leg_box(least_squares(campaign, 1), 100.0)
+    found = run(
+        minimize(
+            (net := leg_network(campaign, 1, box, engine=used, eps=(0.0, 100.0))),
+            "eps",
+            Lifted(net, objective="eps"),
+            engine=used,
+            limits=Limits(),
+        ),
+        None,
+    )
+    assert found.witness is not None
+    point, radius = found.witness.point, np.full(8, 0.05)
+    small = net.domain.with_bounds(point - radius, np.append(point[:7] + radius[:7], found.hi))
+    left = Lifted(net, objective="eps", arithmetic=arithmetic, engine=engine).contract(small)
+    assert point in left.box  # on the box's upper face, where linear parts may leave no point
+    assert found.hi - 1e-3 < left.box["eps"].lo <= found.hi
+    weights = [step.weights for step in left.steps]
+    assert weights
+    assert all(w is not None and w.rows and not (w.products or w.tangents) for w in weights)
+
+
 @pytest.mark.parametrize("factor", [0.0, 3.0])
 def test_restricted_to_some_measurements_it_says_what_these_alone_say(factor: float) -> None:
     """On a box, and on one within it: of the measurements alone, whose numbers stay, and no solution is lost."""

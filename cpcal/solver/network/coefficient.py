@@ -13,6 +13,7 @@ import numpy as np
 
 from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.interval import Arithmetic, IntervalArray
+from cpcal.solver.network.centred_terms import centred_sums
 from cpcal.solver.network.coefficient_kernels import combined, occurring, products, summed
 
 # Factor that covers the rounding of the few dozen float64 operations below that are not interval operations.
@@ -82,6 +83,8 @@ def _common(x: IntervalArray, y: IntervalArray) -> tuple[tuple[int, ...], int]:
 def _terms(x: IntervalArray, shape: tuple[int, ...], count: int) -> tuple[Floats, Floats]:
     """Bounds (1 + J, T, count), or (1 + J, T, 1) where all elements are the same."""
     alike = math.prod(x.shape[2:]) == 1
+    if x.shape[2:] == shape:
+        return _contiguous(x, (*x.shape[:2], count))
     return _contiguous(x if alike else x.broadcast_to((*x.shape[:2], *shape)), (*x.shape[:2], 1 if alike else count))
 
 
@@ -104,9 +107,16 @@ def total_over(e: Arithmetic, x: IntervalArray, axis: int) -> IntervalArray:
     if e.name != "float64":
         return e.sum(x, axis + 1)
     shape = x.shape
-    size = (math.prod(shape[: axis + 1]), shape[axis + 1], math.prod(shape[axis + 2 :]))
-    lo, hi = summed(np.ascontiguousarray(x.lo).reshape(size), np.ascontiguousarray(x.hi).reshape(size))
-    return IntervalArray(lo, hi).reshape((*shape[: axis + 1], *shape[axis + 2 :]))
+    left = (*shape[: axis + 1], *shape[axis + 2 :])
+    if shape[0] > 1:  # slopes, whose rounding the value bears
+        ends = shape[2 : axis + 1], shape[axis + 2 :]
+        size = (*shape[:2], math.prod(ends[0]), shape[axis + 1], math.prod(ends[1]))
+        of_slots = (size[0], size[1] * size[2], *size[3:])
+        lo, hi = centred_sums(*_contiguous(x, of_slots))
+        return IntervalArray(lo, hi).reshape(left)
+    flat = (math.prod(shape[: axis + 1]), shape[axis + 1], math.prod(shape[axis + 2 :]))
+    lo, hi = summed(*_contiguous(x, flat))
+    return IntervalArray(lo, hi).reshape(left)
 
 
 def _product(e: Arithmetic, x: IntervalArray, y: IntervalArray) -> IntervalArray:

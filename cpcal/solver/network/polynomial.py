@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpcal.common.arrays import Bools
+from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import coefficient as coef
 from cpcal.solver.network.dag import topological
@@ -106,7 +106,7 @@ class Expander:
 
     def expand(self, root: Expr) -> PolynomialArray:
         """The polynomial form of `root`. Raises NotPolynomial."""
-        for node in topological((root,)):
+        for node in topological((root,)) if root.digest not in self._done else ():
             if node.digest not in self._done:
                 try:
                     self._done[node.digest] = self._node(node)
@@ -179,25 +179,25 @@ class Expander:
 
     def _allotted(self, sets: Mapping[bytes, IntervalArray]) -> dict[bytes, IntervalArray]:
         """Every reading's coefficients: one `delta_j` for each component whose set has a width in some row."""
-        readings, out = self._leaves.values(), dict[bytes, IntervalArray]()
-        columns: list[tuple[Expr, int, IntervalArray]] = []
-        for node in readings:
+        parts: list[tuple[Expr, Floats, Floats, Indices, int]] = []
+        count = 1
+        for node in self._leaves.values():
             values = sets.get(node.digest, node.data)
             assert isinstance(values, IntervalArray)
-            flat = values.reshape((node.shape[0], -1) if node.shape else (1, 1))
-            for j in np.flatnonzero((flat.rad > 0.0).any(axis=0)):
-                columns.append((node, int(j), flat))
-        for node in readings:
-            values = sets.get(node.digest, node.data)
-            assert isinstance(values, IntervalArray)
-            slopes = np.zeros((1 + len(columns), *node.shape))
-            slopes[0] = values.mid
-            rows = slopes.reshape((1 + len(columns), *((node.shape[0], -1) if node.shape else (1, 1))))
-            for k, (owner, component, flat) in enumerate(columns, start=1):
-                if owner is node:
-                    rows[k, :, component] = flat.rad[:, component]
-            used = 1 + len(columns) if any(owner is node for owner, _, _ in columns) else 1
-            out[node.digest] = IntervalArray.point(slopes[:used, None])
+            mid, rows = values.mid, node.shape[0] if node.shape else 1
+            radius = np.maximum(values.hi - mid, mid - values.lo).reshape(rows, -1)
+            moving = np.flatnonzero(radius.any(axis=0))
+            parts.append((node, mid, radius, moving, count))
+            count += len(moving)
+        out = dict[bytes, IntervalArray]()
+        for node, mid, radius, moving, first in parts:
+            slopes = np.zeros((count if len(moving) else 1, *node.shape))
+            slopes[0] = mid
+            flat = slopes.reshape(len(slopes), *radius.shape)
+            for k, j in enumerate(moving.tolist()):
+                column = radius[:, j]
+                flat[first + k, :, j] = np.where(column == 0.0, 0.0, np.nextafter(column, np.inf))
+            out[node.digest] = IntervalArray(slopes[:, None], slopes[:, None])
         return out
 
     def _operation(self, node: Expr, args: list[PolynomialArray]) -> Terms:

@@ -1,8 +1,7 @@
 """The tape: the expressions under some roots, written out once as a flat list of operations on scalars.
 
 Bounds of all slots, for B boxes, are an `IntervalArray` of shape (B, M): first the n components of the box, then
-constants, then readings, then the operations. The sweeps over it are `sweeps`, compiled for float64; arb runs the same
-source. See `engines`.
+constants, then readings, then the operations. The sweeps over it are `sweeps`; for their arithmetic see `engines`.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network.dag import topological
 from cpcal.solver.network.engines import sweeps_of
 from cpcal.solver.network.expression import Expr
+from cpcal.solver.network.near import near
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.operations import ADD, CONTINUOUS, DEFINED, SELECTS, TABLE
 from cpcal.solver.network.sweeps import needed, reach
@@ -96,12 +96,17 @@ class Tape:
 
     def forward(self, engine: Arithmetic, boxes: IntervalArray, readings: ReadingSets | None = None) -> IntervalArray:
         """Bounds (B, M) of every slot over boxes (B, n); `readings` may replace sets by other values."""
-        shape = (boxes.shape[0], self.first + len(self.code))
-        lo, hi = np.empty(shape), np.empty(shape)
+        lo, hi = np.empty((2, boxes.shape[0], self.first + len(self.code)))
         leaves = self.leaves(readings)
         lo[:, self.size : self.first], hi[:, self.size : self.first] = leaves.lo, leaves.hi
         sweeps_of(engine).forward_all(*self.program, *_own(boxes), lo, hi)
         return IntervalArray(lo, hi)
+
+    def near(self, point: Floats, readings: ReadingSets | None = None) -> Floats:
+        """Numbers near all roots' elements (K,) at a point (n,) and the middles of constants and readings."""
+        slots = np.concatenate([point, self.leaves(readings).mid, np.empty(len(self.code))])
+        near(*self.program, slots)
+        return np.asarray(slots[self.root_slots])
 
     def value(self, slots: IntervalArray, root: Expr) -> IntervalArray:
         """Bounds (B, *S) of a root."""

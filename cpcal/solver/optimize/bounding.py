@@ -130,7 +130,7 @@ class Bounding:
         branch = replace(branch, rows=self.raising(step.steps) or branch.rows)
         pays = self._pays(before, step.box, was_closed) or self._pays(found_before, done.found, was_closed)
         # boxes that contraction closes alone need no other fit than the first
-        wanted = branch.fresh and not known.closed(step.box) and not (pays and known.witness is not None)
+        wanted = branch.fresh and not known.closed(step.box) and not (pays and known.served)
         point = step.point
         if point is None and known.witness is None and not step.box.is_empty:
             point = step.box.mid  # no program says better where the objective has no bounds yet

@@ -61,6 +61,11 @@ class Incumbent:
         return 0.0 if self.witness is None else self._prepared.rows.second_order(self.witness.point)
 
     @property
+    def served(self) -> bool:
+        """Whether another fit can wait while boxes shrink: there is a point, or a fit found none for the one value."""
+        return self.witness is not None or (self._one_value and self._prepared.minimax and self.calls > 0)
+
+    @property
     def state(self) -> Known:
         """What decisions depend on."""
         return Known(self.witness, self.calls)

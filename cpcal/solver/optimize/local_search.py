@@ -1,8 +1,9 @@
 """Local minima of general problems: proposes points that are nearly optimal and a little inside. Proves nothing.
 
-First SLSQP (scipy), from any start; then one linear program moves its point so that the equations hold to rounding and
-every inequality with a small margin, by the shortest step. A proof in outward rounded arithmetic needs
-that margin: at the optimum itself rounding alone would violate each active row.
+First linear programs about one point after the other, which end where the optimum is a vertex. Then, from any start,
+SLSQP (scipy); after it one linear program moves its point so that the equations hold to rounding and every inequality
+with a small margin, by the shortest step. A proof in outward rounded arithmetic needs that margin: at the optimum
+itself rounding alone would violate each active row.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.solver.existence import reads
 from cpcal.solver.interval import Box
+from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows, RowValues
 from cpcal.solver.optimize.equations import Equations
+from cpcal.solver.optimize.linear_steps import linear_steps
 
 MARGINS = (1e-12, 1e-11, 1e-10, 1e-9, 3e-9)  # in the unit of a row: its gradient times the components' scales
 _ITERATIONS = 100
@@ -57,6 +60,7 @@ class LocalSearch:
     def proposals(self, start: Floats) -> Iterator[Floats]:
         """Points to prove, the best first: each with a larger margin than the one before."""
         scale = self._scale(start)
+        yield from self._vertices(start, scale)
         point = self._slsqp(start, scale)
         if point is not None and self._whole.any():
             point = self._slsqp(np.where(self._whole, np.round(point), point), scale, fixed=True)
@@ -66,6 +70,21 @@ class LocalSearch:
             inside = self.inside(point, margin, scale)
             if inside is not None:
                 yield inside
+
+    def _vertices(self, start: Floats, scale: Floats) -> Iterator[Floats]:
+        """The optimum that linear programs reach, where it is a vertex of inequalities: see `linear_steps`."""
+        if self._equations.count or self._whole.any():
+            return
+        cost = np.zeros(len(start))
+        cost[self._objective] = 1.0
+        for margin in MARGINS:
+            found = linear_steps(
+                self._rows, cost, self._domain, start, Dense(), scale=scale, margin=margin, deadline=self._deadline
+            )
+            if found is None:
+                return
+            yield found
+            start = found
 
     def inside(self, point: Floats, margin: float, scale: Floats) -> Floats | None:
         """A point near the given one that holds the equations, and the inequalities with a margin, to first order."""

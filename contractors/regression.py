@@ -1,0 +1,163 @@
+"""regression: each variable as a combination of equations, by one pseudo-inverse for all boxes.
+
+The equations of N measurements are linear in some dozen products of the variables that they share. Where they are many
+more than these, weights w_k with `sum_k w_k equation_k = x_i` follow by least squares, once: as polynomials the two
+sides are the same, so that the tolerances of the equations alone bound x_i, on any box. Each equation is two rows;
+weights of either sign become multipliers >= 0 of the one or the other. They are proposals: what they prove is proved
+anew on each box, and a certificate holds them as those of any linear program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from contractors.relaxation import Relaxation, Structure
+from contractors.structures import Structures
+from cpcal.common.arrays import Floats, Indices
+from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.linear import lower_bound
+from cpcal.solver.network import ConstraintNetwork, PolynomialSystem
+
+_OPPOSITE = -0.5  # cosine between the coefficients of two rows, below which they bound one expression from both sides
+_SAME = 1e-6  # by which the coefficients of a combination may differ from those of the variable
+_RANK = 1e-12  # of the largest singular value
+
+
+@dataclass(frozen=True)
+class Combined:
+    """`weights` (V, P) of P equations, whose two rows are `above` and `below` (P,), that give the `variables` (V,)."""
+
+    above: Indices
+    below: Indices
+    variables: Indices
+    weights: Floats
+
+
+class Regression(Composable):
+    """Contracts every variable that the equations' shared products determine, without linear programs.
+
+    It says most where tolerances are small: what it leaves of a box does not depend on the box's size. Constraints
+    without polynomial form, and those that bound one side only, are ignored.
+    """
+
+    gives_weights = True
+    monotone_tolerance = np.inf  # of very many measurements other boxes get others
+
+    def __init__(
+        self, network: ConstraintNetwork, *, objective: str | None = None, arithmetic: str = "float64"
+    ) -> None:
+        self._arithmetic = get_arithmetic(arithmetic)
+        sought = None if objective is None else network.names.index(objective)
+        self._structures = Structures(network, self._arithmetic, sought)
+        self._known: tuple[bytes, Combined] | None = None  # which rows they are of
+
+    def contract(self, box: Box) -> Contraction:
+        if box.is_empty or not box.is_bounded:
+            return Contraction(box)
+        structure = self._structures.on(box, self.deadline)
+        if not structure.positions:
+            return Contraction(box)
+        relaxation = Relaxation(structure, self._arithmetic, box, whole=True)
+        lo, hi = box.lo.copy(), box.hi.copy()
+        steps: list[Step] = []
+        for step in self._steps(structure, relaxation, box):
+            steps.append(step)
+            (lo if step.side == "lo" else hi)[box.names.index(str(step.variable))] = step.bound
+        if (lo > hi).any():
+            return Contraction(Box.empty(box.names), tuple(steps))
+        return Contraction(box.with_bounds(lo, hi), tuple(steps))
+
+    def _combined(self, system: PolynomialSystem) -> Combined:
+        """That of before, if it is of the same rows: readings at other ends hardly change their coefficients."""
+        key = repr(system.monomials).encode() + system.origin.tobytes() + system.part.tobytes()
+        if self._known is None or self._known[0] != key:
+            self._known = key, combined(system)
+        return self._known[1]
+
+    def _steps(self, structure: Structure, relaxation: Relaxation, box: Box) -> Iterator[Step]:
+        """A better bound of each variable on each side."""
+        found = self._combined(structure.system)
+        place = np.full(len(structure.system.origin), -1)
+        place[relaxation.kept] = np.arange(len(relaxation.kept))
+        columns = {column: k for k, column in enumerate(relaxation.columns.tolist())}
+        for variable, weights in zip(found.variables.tolist(), found.weights, strict=True):
+            column = columns.get(structure.positions.get(variable, -1))
+            if column is None or not box.rad[variable] > 0.0:
+                continue
+            for side, sign in (("lo", -1.0), ("hi", 1.0)):
+                rows = place[np.where(sign * weights > 0.0, found.above, found.below)]
+                if (rows[weights != 0.0] < 0).any():  # rows that overflowed say nothing
+                    continue
+                own = np.abs(weights) / box.rad[variable]
+                step = self._step(structure, relaxation, box, (variable, side, column), (rows, own))
+                if step is not None:
+                    yield step
+
+    def _step(
+        self,
+        structure: Structure,
+        r: Relaxation,
+        box: Box,
+        asked: tuple[int, str, int],
+        proposed: tuple[Indices, Floats],
+    ) -> Step | None:
+        """What multipliers of rows prove of a variable's bound, if that is better than the box's."""
+        (variable, side, column), (rows, weights) = asked, proposed
+        first, sign = len(r.products), 1.0 if side == "lo" else -1.0
+        used = weights > 0.0
+        rows, weights = rows[used], weights[used]
+        objective = np.zeros(len(r.columns))
+        objective[column] = sign
+        multipliers = np.ldexp(weights, r.exponents[rows])
+        bound = lower_bound(self._arithmetic, r.matrix, r.rhs, rows + first, multipliers, objective, r.bounds)
+        if not -1.0 < bound < np.inf:
+            return None
+        new = r.value(variable, sign * bound)[0 if side == "lo" else 1]
+        if not (new > box.lo[variable] if side == "lo" else new < box.hi[variable]):
+            return None
+        names = structure.names(r.kept[rows])
+        carried = tuple([(*name, weight) for name, weight in zip(names, weights.tolist(), strict=True)])
+        carriers = tuple([(c, k) for c, _, k in names])
+        return Step("regression", box.names[variable], side, new, carriers, StepWeights(carried, (), ()))
+
+
+def combined(system: PolynomialSystem) -> Combined:
+    """The variables that equations determine together, by least squares over their coefficients."""
+    coefficients = system.coefficients[0].mid[:, 1:]
+    above, below = _pairs(system, coefficients)
+    equations = 0.5 * (coefficients[above] - coefficients[below])
+    unit = np.maximum(np.abs(equations).max(axis=0, initial=0.0), 1e-300)
+    linear = [(k, m[0]) for k, m in enumerate(system.monomials[1:]) if len(m) == 1]
+    if not len(above) or not np.isfinite(equations / unit).all():
+        nothing = np.zeros(0, np.intp)
+        return Combined(above, below, nothing, np.zeros((0, len(above))))
+    weights = np.linalg.pinv(equations / unit, rcond=_RANK)[[k for k, _ in linear]]
+    weights /= unit[[k for k, _ in linear], None]
+    reached = weights @ equations
+    wanted = np.zeros_like(reached)
+    wanted[np.arange(len(linear)), [k for k, _ in linear]] = 1.0
+    good = (np.abs(reached - wanted) * unit).max(axis=1) <= _SAME * unit[[k for k, _ in linear]]
+    return Combined(above, below, np.array([v for _, v in linear], np.intp)[good], weights[good])
+
+
+def _pairs(system: PolynomialSystem, coefficients: Floats) -> tuple[Indices, Indices]:
+    """Rows that bound one expression from above and from below: two parts of one constraint, opposite to each other."""
+    above, below = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)]
+    for constraint in np.unique(system.origin[:, 0]):
+        of_constraint = system.origin[:, 0] == constraint
+        parts = [np.flatnonzero(of_constraint & (system.part == p)) for p in np.unique(system.part[of_constraint])]
+        for one, other in combinations(parts, 2):
+            if not np.array_equal(system.origin[one, 1], system.origin[other, 1]):
+                continue
+            x, y = coefficients[one], coefficients[other]
+            with np.errstate(all="ignore"):
+                cosine = (x * y).sum(axis=1) / np.sqrt((x * x).sum(axis=1) * (y * y).sum(axis=1))
+            if (cosine < _OPPOSITE).all():
+                above.append(one)
+                below.append(other)
+    return np.concatenate(above), np.concatenate(below)

@@ -1,0 +1,91 @@
+"""regression: what the equations' tolerances alone say of each variable, and when they say nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from contractors import Regression
+from cpcal.legs import leg_box, leg_network
+from cpcal.robot import Campaign
+from cpcal.simulate import simulate, true_robot
+from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.network import ConstraintNetwork
+
+
+@pytest.fixture(scope="module", params=[0.0, 3.0], ids=["exact", "uncertain"])
+def campaign(request: pytest.FixtureRequest) -> Campaign:
+    return simulate(
+        seed=5, joint_error=0.0, noise=0.0 if request.param == 0.0 else 1.0, truncate=3.0, factor=request.param
+    )
+
+
+def network(campaign: Campaign, delta: float) -> tuple[ConstraintNetwork, np.ndarray]:
+    truth = true_robot(campaign)
+    assert truth is not None
+    x = truth.parameters[0]
+    net = leg_network(campaign, 1, leg_box(x + 0.3 * delta, delta), engine=get_arithmetic("float64"), eps=(0.0, 0.01))
+    return net, x
+
+
+@pytest.mark.parametrize("arithmetic", ["float64", "arb"])
+def test_it_takes_a_leg_from_100_mm_to_what_the_tolerances_say_and_keeps_the_truth(
+    campaign: Campaign, arithmetic: str
+) -> None:
+    net, x = network(campaign, 100.0)
+    left = Regression(net, objective="eps", arithmetic=arithmetic).contract(net.domain)
+    assert (left.box.width[:7] < 0.65 * 200.0).all()
+    assert np.append(x, 0.01) in left.box
+    assert left.programs == 0
+
+
+def test_what_is_left_does_not_depend_on_the_size_of_the_box() -> None:
+    exact = simulate(seed=5, joint_error=0.0, noise=0.0, factor=0.0)
+    widths = []
+    for delta in (20.0, 100.0):
+        net, _ = network(exact, delta)
+        widths.append(Regression(net).contract(net.domain).box.width[:7])
+    np.testing.assert_allclose(widths[0], widths[1], rtol=0.2)
+
+
+def test_one_pseudo_inverse_serves_all_boxes_and_every_step_has_weights() -> None:
+    exact = simulate(seed=5, joint_error=0.0, noise=0.0, factor=0.0)
+    net, x = network(exact, 100.0)
+    contractor = Regression(net)
+    first = contractor.contract(net.domain)
+    known = contractor._known
+    again = contractor.contract(Box(net.names, np.append(x - 50.0, 0.0), np.append(x + 50.0, 0.01)))
+    assert contractor._known is known
+    assert all(step.weights is not None and step.weights.rows for step in (*first.steps, *again.steps))
+    assert len(again.steps) == 14
+
+
+def test_a_variable_that_the_equations_do_not_tell_apart_from_another_is_left_alone() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 3, ((-9.0,) * 3, (9.0,) * 3))
+    net.add((np.array([1.0, 2.0, -1.0]) * (x[0] + x[1]) + np.array([1.0, 0.0, 3.0]) * x[2] - 1.0).within((-0.1, 0.1)))
+    left = Regression(net).contract(net.domain).box
+    np.testing.assert_array_equal(left.width[:2], net.domain.width[:2])
+    assert left.width[2] < 1.0
+
+
+def test_tolerances_that_contradict_each_other_leave_nothing() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 2, ((-9.0, -9.0), (9.0, 9.0)))
+    net.add(
+        (np.array([1.0, 1.0, 1.0]) * x[0] + np.array([1.0, 2.0, 3.0]) * x[1] - np.array([60.0, 0.0, 70.0])).within(
+            (-0.1, 0.1)
+        )
+    )
+    result = Regression(net).contract(net.domain)
+    assert result.box.is_empty or (result.box.lo >= net.domain.lo).all()
+
+
+def test_one_sided_constraints_and_unbounded_boxes_come_back_as_they_are() -> None:
+    net = ConstraintNetwork()
+    x = net.variable("x", 2, ((-9.0, -9.0), (9.0, 9.0)))
+    net.add(x[0] + x[1] <= 1.0)
+    assert Regression(net).contract(net.domain).box == net.domain
+    y = net.variable("y", (), (-np.inf, np.inf))
+    net.add((x[0] + y).within((-1.0, 1.0)))
+    assert Regression(net).contract(net.domain).box == net.domain
