@@ -23,8 +23,8 @@ from cpcal.checker import Accepted, check
 from cpcal.files.campaign_json import NAME, save_campaign_json
 from cpcal.legs import fit_model, leg_box, leg_model, leg_network, leg_statement
 from cpcal.solver.certificate.recording import Recording, claims_of
-from cpcal.solver.contract import Limits
 from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.limits import Limits
 from cpcal.solver.linear import Dense, LinearEngine
 from cpcal.solver.linear.glop import Glop
 from cpcal.solver.optimize import minimize, run

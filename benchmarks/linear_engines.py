@@ -17,8 +17,9 @@ from statistics import median
 from benchmarks.methods.hull import hull
 from benchmarks.problems import Leg
 from contractors import Lifted
-from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.limits import Limits
 from cpcal.solver.linear import Dense, LinearEngine
 from cpcal.solver.linear.glop import Glop
 from cpcal.solver.optimize import Minimum, minimize, run

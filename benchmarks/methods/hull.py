@@ -16,8 +16,9 @@ from benchmarks.records import MethodAnswer
 from cpcal.common.arrays import Floats
 from cpcal.legs import PARAMETERS, leg_network
 from cpcal.solver import plugins
-from cpcal.solver.contract import Limits, Repeat, Verdict
+from cpcal.solver.contract import Repeat, Verdict
 from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.limits import Limits
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize import Minimum, minimize, run
 

@@ -17,8 +17,9 @@ from cpcal.results import Options
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.certificate.statement import Statement
-from cpcal.solver.contract import Contractor, Limits
+from cpcal.solver.contract import Contractor
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
+from cpcal.solver.limits import Limits
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize import Bracket
 

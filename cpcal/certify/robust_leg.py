@@ -30,8 +30,8 @@ from cpcal.legs import leg_box, leg_network
 from cpcal.results.robust import MARGIN, SMALLEST, RobustLeg
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.certificate.statement import Statement
-from cpcal.solver.contract import Limits
 from cpcal.solver.interval import Box
+from cpcal.solver.limits import Limits
 from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted

@@ -18,8 +18,9 @@ from cpcal.results import Uncertified
 from cpcal.results.leg_sentence import calls_sentence
 from cpcal.solver.accounts import ContractorUse, Found, Trial, total_use
 from cpcal.solver.certificate.recording import Recording, claims_at
-from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
+from cpcal.solver.limits import Limits
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize import Bracket, Minimum, TimeoutOutcome, Witness, ask, timeout
 from cpcal.solver.search import Contracting, LargestFirst

@@ -22,7 +22,8 @@ from cpcal.problems.answer import Answer, answer
 from cpcal.problems.problem_files import load_problem
 from cpcal.problems.sol_writer import sol_bytes
 from cpcal.report.paving_picture import paving_svg
-from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.contract import Verdict
+from cpcal.solver.limits import Limits
 
 _SHOWN = 20  # solutions in the terminal
 

@@ -17,8 +17,7 @@ from cpcal.report.words import missing_legs
 from cpcal.results import INFORMATION, RESULT_NAME, Uncertified, information
 
 OWN_MODEL = (
-    "The checker does not know the model {}: its certificates state the constraints themselves. That these are the "
-    "model's of this campaign is not checked."
+    "its certificates state the constraints themselves. That these are the model's of this campaign is not checked."
 )
 _AGAIN = {  # what to do about a run in which no leg is certified
     Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
@@ -41,7 +40,7 @@ def run_verified(run: Path, checked: Callable[[], Legs], talk: Talk) -> bool:
     for sentence in wrong:
         talk.say(f"{RESULT_NAME}: REFUSED, {sentence}")
     if result.model.name not in {model.name for model in BUILT_IN}:
-        talk.say(OWN_MODEL.format(printable(result.model.name)))
+        talk.say(f"The checker does not know the model {printable(result.model.name)}: {OWN_MODEL}")
     missing = missing_legs(result, campaign.legs)
     if missing is not None:
         talk.say(missing)

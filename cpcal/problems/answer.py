@@ -14,8 +14,9 @@ from cpcal.common.errors import InputError, ModelError
 from cpcal.common.numbers import at_most, bracket_text
 from cpcal.problems.stated_problem import StatedProblem
 from cpcal.solver.certificate.uncertified import UncertifiedError
-from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
+from cpcal.solver.limits import Limits
 from cpcal.solver.model import Paving
 from cpcal.solver.optimize import Bracket, Minimum
 from cpcal.solver.search import Event

@@ -34,7 +34,8 @@ from pyomo.repn.plugins.nl_writer import NLWriter
 from cpcal.common.version import __version__
 from cpcal.problems.answer import Answer, answer
 from cpcal.problems.nl_reader import read_nl
-from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.contract import Verdict
+from cpcal.solver.limits import Limits
 
 __all__ = ["CpcalConfig", "PooledSolutions", "PyomoCpcal", "SolverFactory"]
 

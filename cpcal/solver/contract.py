@@ -1,4 +1,4 @@
-"""Every contract that crosses a border, on one page. Imports nothing of cpcal at run time.
+"""Every contract of a plug-in, on one page. Imports nothing of cpcal at run time.
 
 How to write a contractor: a class whose constructor has the signature of `ContractorFactory`, with a method
 `contract(box) -> Contraction`. Derive it from `Composable` for the operators and the declarations' defaults, or write
@@ -298,30 +298,3 @@ class StrategyFactory(Protocol):
     """What an entry point of the group `cpcal.strategies` names: usually the strategy's class."""
 
     def __call__(self, network: ConstraintNetwork, width: float, *, arithmetic: str) -> Strategy: ...
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Where a search stops at the latest, with what it has proved so far."""
-
-    seconds: float | None = None
-    nodes: int | None = None
-    gap: float = 1e-6  # relative, of a bracket
-    gap_absolute: float = 1e-9  # in the objective's unit
-
-    def clock(self) -> Clock:
-        """A clock that starts now."""
-        return Clock(self, math.inf if self.seconds is None else time.monotonic() + self.seconds)
-
-
-@dataclass(frozen=True)
-class Clock:
-    """Limits that began to count at some moment."""
-
-    limits: Limits
-    deadline: float
-
-    def over(self, nodes: int = 0) -> bool:
-        """Whether the time or the nodes are used up."""
-        too_many = self.limits.nodes is not None and nodes >= self.limits.nodes
-        return too_many or time.monotonic() > self.deadline

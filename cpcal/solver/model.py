@@ -26,9 +26,10 @@ from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.certificate.search_keeper import SearchKeeper
 from cpcal.solver.certificate.uncertified import certified
 from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
-from cpcal.solver.contract import Contraction, Contractor, Limits, Repeat, Strategy, Then, in_sequence, until
+from cpcal.solver.contract import Contraction, Contractor, Repeat, Strategy, Then, in_sequence, until
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
+from cpcal.solver.limits import Limits
 from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.network.checkpoint_of import checkpoint_of
 from cpcal.solver.network.divisions import with_products

@@ -16,10 +16,11 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import stated
 from cpcal.solver import plugins
-from cpcal.solver.contract import Clock, Contractor, Limits, Strategy, until
+from cpcal.solver.contract import Contractor, Strategy, until
 from cpcal.solver.existence import Equalities
 from cpcal.solver.interval import Box
 from cpcal.solver.interval.number import float_bounds
+from cpcal.solver.limits import Clock, Limits
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate
 from cpcal.solver.network.expression import as_expr
 from cpcal.solver.search import ORDERS, STRATEGIES, Contracting, Priority, WholeNumbers

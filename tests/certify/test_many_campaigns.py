@@ -247,3 +247,6 @@ def test_bad_options_are_reported_together(bent: Campaign) -> None:
         certify(bent, contractors=["none"])
     with pytest.raises(InputError, match="float64"):
         certify(bent, arithmetic="float32")
+    for endless in (2e6, 1e300, float("inf")):
+        with pytest.raises(InputError, match="delta"):
+            certify(bent, delta=endless)

@@ -17,8 +17,9 @@ from cpcal.calibration import least_squares
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
-from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Interval, get_arithmetic
+from cpcal.solver.limits import Limits
 from cpcal.solver.linear import Dense
 from cpcal.solver.linear.glop import Glop
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt

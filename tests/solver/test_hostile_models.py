@@ -7,8 +7,9 @@ import pytest
 
 import cpcal
 from cpcal.common.errors import ModelError
-from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.limits import Limits
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.equations import Equations
 from cpcal.solver.optimize.local_search import LocalSearch

@@ -9,7 +9,7 @@ import pytest
 import cpcal
 from cpcal.common.errors import InputError
 from cpcal.solver import choice
-from cpcal.solver.contract import Limits
+from cpcal.solver.limits import Limits
 from cpcal.solver.network.checkpoint_of import problem_digest
 
 

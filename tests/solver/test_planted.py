@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.solver.contract import Limits
+from cpcal.solver.limits import Limits
 
 COUNT = int(os.environ.get("CPCAL_PLANTED", "500"))  # 10,000 at night
 PARTS = 10  # of the networks, a test each

@@ -16,8 +16,9 @@ from cpcal.common.arrays import Floats
 from cpcal.execution.executors import Place
 from cpcal.execution.stopping import asked
 from cpcal.solver.accounts import ContractorUse, Found, total_use
-from cpcal.solver.contract import Contractor, Limits, Strategy
+from cpcal.solver.contract import Contractor, Strategy
 from cpcal.solver.interval import Arithmetic, Box
+from cpcal.solver.limits import Limits
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.bounding import Bounding, Branch, Row
 from cpcal.solver.optimize.incumbent import Incumbent, Known

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.solver.contract import Limits
 from cpcal.solver.interval import Box
+from cpcal.solver.limits import Limits
 from cpcal.solver.linear import Dense
 from cpcal.solver.optimize.local_minimum import fit_of_many
 from cpcal.solver.optimize.local_search import LocalSearch

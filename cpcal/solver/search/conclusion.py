@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from cpcal.execution.stopping import asked
-from cpcal.solver.contract import Clock, Verdict
+from cpcal.solver.contract import Verdict
 from cpcal.solver.existence import Unique, UniquenessProver
 from cpcal.solver.interval import Box
+from cpcal.solver.limits import Clock
 from cpcal.solver.search.paving import Paving, Solution
 from cpcal.solver.search.regions import clusters, difference, hull
 from cpcal.solver.search.search import Search

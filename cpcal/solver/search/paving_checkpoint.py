@@ -9,7 +9,7 @@ from pathlib import Path
 from cpcal.execution.checkpoint_file import read_checkpoint
 from cpcal.execution.keeping import Regularly, garbled, kept
 from cpcal.execution.stopping import asked
-from cpcal.solver.contract import Clock
+from cpcal.solver.limits import Clock
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.checkpoint_of import checkpoint_of
 from cpcal.solver.search.race import Race

@@ -14,8 +14,9 @@ from cpcal.checker import check
 from cpcal.results import proved_sentence
 from cpcal.solver import plugins
 from cpcal.solver.accounts import TimeoutAnswer, Trial
-from cpcal.solver.contract import Composable, Contraction, Limits, Step
+from cpcal.solver.contract import Composable, Contraction, Step
 from cpcal.solver.interval import Box
+from cpcal.solver.limits import Limits
 from cpcal.solver.optimize import TimeoutOutcome, Witness, timeout
 
 
