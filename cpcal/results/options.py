@@ -72,7 +72,8 @@ class Options:
         if not _nonnegative(self.delta):
             yield Problem("delta", f"{self.delta} is no half-width", "give a number of mm, 0 or more")
         elif self.delta > LARGEST_DELTA:
-            yield Problem("delta", f"{self.delta} mm is wider than any robot", f"give {LARGEST_DELTA} mm (a kilometre) at most")
+            what = f"{self.delta} mm is wider than any robot"
+            yield Problem("delta", what, f"give {LARGEST_DELTA} mm (a kilometre) at most")
         if not 0.0 <= self.gap < 1.0:
             yield Problem("gap", f"{self.gap} is no relative gap", "give a number from 0 to below 1, such as 1e-6")
         if self.time_limit is not None and not self.time_limit > 0.0:
