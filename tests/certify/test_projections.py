@@ -122,7 +122,6 @@ def test_where_there_is_nothing_to_draw(exact):
 
     assert drawn(contractors=("hc4",)) is None
     assert drawn(delta=0.0) is None
-    assert drawn(delta=1e100) is None
     assert drawn(eps=0.01) is None  # S(0.01) is empty
     bare = dataclasses.replace(result, legs=(dataclasses.replace(leg, projections=None),), interrupted=True)
     assert with_projections(campaign, bare) is bare
