@@ -54,7 +54,7 @@ class Regression(Composable):
         self._arithmetic = get_arithmetic(arithmetic)
         sought = None if objective is None else network.names.index(objective)
         self._structures = Structures(network, self._arithmetic, sought)
-        self._known: tuple[bytes, Combined] | None = None  # which rows they are of
+        self._known: tuple[bytes, Combined] | None = None  # which coefficients they are of
 
     def contract(self, box: Box) -> Contraction:
         if box.is_empty or not box.is_bounded:
@@ -73,8 +73,9 @@ class Regression(Composable):
         return Contraction(box.with_bounds(lo, hi), tuple(steps))
 
     def _combined(self, system: PolynomialSystem) -> Combined:
-        """That of before, if it is of the same rows: readings at other ends hardly change their coefficients."""
-        key = repr(system.monomials).encode() + system.origin.tobytes() + system.part.tobytes()
+        """That of before, if it is of the same coefficients: what a box gives does not depend on the boxes before."""
+        rows = system.origin.tobytes() + system.part.tobytes() + system.coefficients[0].mid.tobytes()
+        key = repr(system.monomials).encode() + rows
         if self._known is None or self._known[0] != key:
             self._known = key, combined(system)
         return self._known[1]
