@@ -41,8 +41,9 @@ class Combined:
 class Regression(Composable):
     """Contracts every variable that the equations' shared products determine, without linear programs.
 
-    It says most where tolerances are small: what it leaves of a box does not depend on the box's size. Constraints
-    without polynomial form, and those that bound one side only, are ignored.
+    It says most where tolerances are small: what it leaves of a box does not depend on the box's size. Where a box
+    holds legs of negative length, about which squares say nothing, hc4 leaves these out first. Constraints without
+    polynomial form, and those that bound one side only, are ignored.
     """
 
     gives_weights = True
