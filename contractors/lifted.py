@@ -102,16 +102,12 @@ class Lifted(Composable):
         if not whole.positions:
             return None
         known = self._within
-        structure = known[2] if known is not None and known[0] is whole and _lies_in(box, known[1]) else whole
+        structure = known[2] if known is not None and known[0] is whole and box.subset(known[1]) else whole
         programs = _Programs(structure, self._arithmetic, self._engine(), box, objective)
         kept, occurring = programs.rows
         if len(kept) < _FEWER * len(structure.system.origin):
             self._within = whole, box, structure.part(kept, occurring)
         return programs
-
-
-def _lies_in(box: Box, other: Box) -> bool:
-    return bool((box.lo >= other.lo).all() and (box.hi <= other.hi).all())
 
 
 class _Programs:

@@ -104,8 +104,7 @@ class RestrictedStructures:
 
 def _near(box: Box, other: Box) -> bool:
     """Whether a box lies in another one and is not much smaller in any direction."""
-    inside = (box.lo >= other.lo) & (box.hi <= other.hi)
-    return bool((inside & (box.width >= _MUCH * other.width)).all())
+    return box.subset(other) and bool((box.width >= _MUCH * other.width).all())
 
 
 class _Expanded:

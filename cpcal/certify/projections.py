@@ -77,7 +77,7 @@ def projections_of(prepared: PreparedLeg, leg: LegResult) -> Projections | None:
     contractor = next((c for c in _quick(prepared) if isinstance(c, SupportFunction)), None)
     if eps is None or domain is None or domain.is_empty or contractor is None:
         return None
-    known = _known(leg, eps)
+    known = _known(prepared, leg, eps)
     box = Repeat(contractor, _SETTLED, _PASSES).contract(domain).box if known is None else known
     pairs = () if box.is_empty else tuple(_projections(question.campaign, leg.leg, question.model, contractor, box))
     return Projections(eps, Box(question.model.parameters, box.lo[:-1], box.hi[:-1]), pairs) if pairs else None
@@ -92,12 +92,12 @@ def _quick(prepared: PreparedLeg) -> Iterator[Contractor]:
         yield plugins.load(name)(prepared.network, objective="eps", arithmetic=ARITHMETIC)
 
 
-def _known(leg: LegResult, eps: float) -> Box | None:
-    """The ranges of all parameters and eps, where they were found."""
+def _known(prepared: PreparedLeg, leg: LegResult, eps: float) -> Box | None:
+    """The ranges of all parameters and eps, where they were found, in the leg's variables."""
     if leg.ranges is None or leg.ranges.eps != eps:
         return None
     box = leg.ranges.box
-    return Box([*box.names, "eps"], np.append(box.lo, eps), np.append(box.hi, eps))
+    return Box(prepared.domain.names, np.append(box.lo, eps), np.append(box.hi, eps))
 
 
 def _projections(

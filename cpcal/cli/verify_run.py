@@ -16,9 +16,6 @@ from cpcal.legs.models import BUILT_IN
 from cpcal.report.words import missing_legs
 from cpcal.results import INFORMATION, RESULT_NAME, Uncertified, information
 
-OWN_MODEL = (
-    "its certificates state the constraints themselves. That these are the model's of this campaign is not checked."
-)
 _AGAIN = {  # what to do about a run in which no leg is certified
     Uncertified.INTERRUPTED: "again, without a limit that ends it too early",
     Uncertified.UNWRITTEN: "again, into a folder that has room",
@@ -40,7 +37,7 @@ def run_verified(run: Path, checked: Callable[[], Legs], talk: Talk) -> bool:
     for sentence in wrong:
         talk.say(f"{RESULT_NAME}: REFUSED, {sentence}")
     if result.model.name not in {model.name for model in BUILT_IN}:
-        talk.say(f"The checker does not know the model {printable(result.model.name)}: {OWN_MODEL}")
+        talk.say(_unknown_model(result.model.name))
     missing = missing_legs(result, campaign.legs)
     if missing is not None:
         talk.say(missing)
@@ -65,3 +62,10 @@ def run_verified(run: Path, checked: Callable[[], Legs], talk: Talk) -> bool:
         remedy = next((_AGAIN[found.not_certified] for found in result.legs if found.not_certified in _AGAIN), "again")
         raise InputError([Problem(str(run), "holds no leg that is certified", f"certify {remedy}")])
     return not wrong and all(leg.refused is None for leg in legs)
+
+
+def _unknown_model(name: str) -> str:
+    return (
+        f"The checker does not know the model {printable(name)}: its certificates state the constraints themselves. "
+        "That these are the model's of this campaign is not checked."
+    )
