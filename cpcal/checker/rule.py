@@ -29,8 +29,8 @@ class Rule:
     """Applies weights on one box; the rows that they speak of are formed once."""
 
     def __init__(self, problem: Problem, box: Box, rows: Sequence[Row], spend: Spend) -> None:
-        self.x = Unknowns(box, spend)
-        self.row = Kept(lambda n: problem.row(self.x, *rows[n]))
+        x = self.x = Unknowns(box, spend)
+        self.row = Kept(lambda n: problem.row(x, *rows[n]))  # without self: in a circle it would stay for long
 
     def aggregate(self, weights: Weights) -> Polynomial:
         """At most zero at every solution in the box: weighted rows, less weighted products and squares."""

@@ -17,20 +17,23 @@ _LOGGER = logging.getLogger("cpcal")
 
 
 class Regularly:
-    """Calls `keep` when it is due: every few seconds, and never so often that it takes much of the time."""
+    """Calls `keep` when it is due: every few seconds, and never so often that it takes much of the time.
 
-    def __init__(self, keep: Callable[[], None]) -> None:
-        self._keep, self._next = keep, time.monotonic() + _EVERY
+    It holds nothing of what is kept: in a circle of references that would stay in memory long after its search.
+    """
 
-    def __call__(self) -> None:
+    def __init__(self) -> None:
+        self._next = time.monotonic() + _EVERY
+
+    def __call__(self, keep: Callable[[], None]) -> None:
         """After every node."""
         if time.monotonic() >= self._next:
-            self.now()
+            self.now(keep)
 
-    def now(self) -> None:
+    def now(self, keep: Callable[[], None]) -> None:
         """Due or not."""
         began = time.monotonic()
-        self._keep()
+        keep()
         now = time.monotonic()
         self._next = now + max(_EVERY, _SHARE * (now - began))
 
