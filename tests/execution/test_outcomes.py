@@ -1,6 +1,5 @@
 """Tasks wherever they are done: each has one outcome, none is lost with its worker, and workers end with us."""
 
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -73,16 +72,16 @@ def test_a_task_whose_worker_is_killed_is_begun_again(tmp_path):
         assert sorted(one.value for one in outcomes(pool, most, killed_once, paths)) == ["0", "1"]
 
 
-def test_no_worker_outlives_its_pool():
-    """One whose answer nobody takes any more would keep the process that began it from ending."""
+@pytest.mark.parametrize("task", [None, time.sleep])
+def test_no_worker_outlives_its_pool(monkeypatch, task):
+    """Also one that does not hear that it should stop, whose answer nobody takes any more."""
+    monkeypatch.setattr("cpcal.execution.executors.PATIENCE", 1.0)
     pool = Processes(1)
-    pid = pool.submit(os.getpid).result()
-    pool.submit(time.sleep, 100.0)
-    pool.renew()
-    until = time.monotonic() + 30.0
-    while pid in {child.pid for child in multiprocessing.active_children()} and time.monotonic() < until:
-        time.sleep(0.05)
-    assert pid not in {child.pid for child in multiprocessing.active_children()}
+    pid = pool.submit(os.getpid).result(60)
+    if task:
+        pool.submit(task, 100.0)
+    pool.shutdown()
+    assert gone(pid)
 
 
 def test_a_task_that_kills_its_worker_harms_no_other():
@@ -130,19 +129,21 @@ def test_no_worker_outlives_the_process_that_began_it(tmp_path, name):
     process.send_signal(getattr(signal, name))
     process.wait(60)
     process.stdout.close()
-    for _ in range(600):
-        if not any(map(alive, workers)):
-            return
-        time.sleep(0.05)
-    pytest.fail("workers are left")
+    assert all(map(gone, workers))
 
 
-def alive(pid):
+def state(pid):
+    """Of a process, as the system has it ("S" it sleeps, "T" it is stopped); "" where it has ended."""
     try:
         with open(f"/proc/{pid}/stat", encoding="ascii") as file:
-            return file.read().rpartition(")")[2].split()[0] != "Z"
+            return file.read().rpartition(")")[2].split()[0].replace("Z", "")
     except OSError:
-        return False
+        return ""
+
+
+def gone(pid):
+    """Whether a process ends, within half a minute."""
+    return not all(state(pid) and not time.sleep(0.05) for _ in range(600))
 
 
 def test_processes_are_not_signalled_with_us():

@@ -13,8 +13,16 @@ import cpcal
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.question import Question
 from cpcal.checker import check
-from cpcal.execution.memory import resident_bytes
-from cpcal.execution.stopping import Reason, Stopped, also_asked_by, asked, heard, raising, within_memory
+from cpcal.execution.stopping import (
+    Reason,
+    Stopped,
+    also_asked_by,
+    asked,
+    heard,
+    raising,
+    resident_bytes,
+    within_memory,
+)
 from cpcal.files.campaign_json import save_campaign_json
 
 

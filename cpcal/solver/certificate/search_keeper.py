@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from cpcal.common.errors import CpcalError
-from cpcal.execution.checkpoint_file import Line, read_checkpoint
-from cpcal.execution.keeping import Regularly, garbled, kept
+from cpcal.execution.checkpoint_file import Line, Regularly, garbled, kept, read_checkpoint
 from cpcal.execution.stopping import asked
 from cpcal.solver.certificate.recording import Recording
 from cpcal.solver.optimize import Minimum

@@ -6,8 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from cpcal.execution.checkpoint_file import read_checkpoint
-from cpcal.execution.keeping import Regularly, garbled, kept
+from cpcal.execution.checkpoint_file import Regularly, garbled, kept, read_checkpoint
 from cpcal.execution.stopping import asked
 from cpcal.solver.limits import Clock
 from cpcal.solver.network import ConstraintNetwork
