@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cpcal.common.atomic import replacing
+from cpcal.common.atomic import replacing, unwritable
 from cpcal.common.errors import InputError, Problem
 
 FORMAT = "cpcal-checkpoint/1"
@@ -41,7 +41,7 @@ def write_checkpoint(path: Path, of: Mapping[str, Any], lines: Iterable[Line]) -
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError([Problem(str(path), f"cannot be written: {error.strerror}", "make room there")]) from None
+        raise unwritable(path, error) from None
     with replacing(path) as raw, gzip.GzipFile("", "wb", _LEVEL, raw, mtime=0) as file:
         for line in ({"format": FORMAT, "of": dict(of)}, *lines):
             text = json.dumps(line, separators=(",", ":")).encode() + b"\n"
