@@ -144,7 +144,9 @@ class _RecordFile(logging.FileHandler):
 
     def handleError(self, record: logging.LogRecord) -> None:
         _LOGGER.removeHandler(self)
-        typer.echo(printable(f"cpcal: warning: the record ends here: {self.baseFilename}: {sys.exc_info()[1]}"), err=True)
+        typer.echo(
+            printable(f"cpcal: warning: the record ends here: {self.baseFilename}: {sys.exc_info()[1]}"), err=True
+        )
 
 
 class _JsonLines(logging.Formatter):

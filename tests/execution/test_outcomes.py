@@ -1,9 +1,12 @@
 """Tasks wherever they are done: each has one outcome, none is lost with its worker, and workers end with us."""
 
+import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -12,7 +15,7 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.execution.executors import Here, Processes, executor_for
 from cpcal.execution.outcomes import LostWorkerError, outcomes
-from cpcal.execution.stopping import Reason, also_asked_by, asked
+from cpcal.execution.stopping import Reason, also_asked_by, asked, heard
 
 
 def squared(number):
@@ -99,6 +102,50 @@ def test_workers_hear_of_a_stop_and_what_they_answer_comes():
     assert len(found) <= 2 + 2 + 1
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="asks /proc")
+@pytest.mark.parametrize("again", [False, True])
+def test_a_worker_that_is_stopped_does_not_hold_up_a_stop(monkeypatch, again):
+    """It never hears that it is asked to; ten seconds later, or at a second signal, it is killed."""
+    for module in ("executors", "outcomes"):
+        monkeypatch.setattr(f"cpcal.execution.{module}.PATIENCE", 600.0 if again else 1.0)
+    pids = []
+
+    def stop():
+        pids.extend(pid for pid in multiprocessing.active_children() if pid.pid not in pids)
+        return Reason.INTERRUPTED if pids and state(pids[0].pid) == "T" else None
+
+    with heard(), also_asked_by(stop), executor_for(workers=2) as (pool, most):
+        pool.submit(os.kill, pool.submit(os.getpid).result(60), signal.SIGSTOP)
+        if again:
+            monkeypatch.setattr("cpcal.execution.stopping._note.insisted", True)
+        assert [one.value for one in outcomes(pool, most, until_asked, range(2))] in ([], [0], [1])
+    assert all(gone(process.pid) for process in pids)
+
+
+def test_a_fork_server_that_is_killed_while_it_begins_costs_no_task(monkeypatch):
+    begun = []
+    start = multiprocessing.context.ForkServerProcess.start
+
+    def killed_first(process):
+        begun.append(process)
+        if len(begun) == 1:
+            raise EOFError("unexpected EOF")  # what multiprocessing says of it
+        start(process)
+
+    monkeypatch.setattr(multiprocessing.context.ForkServerProcess, "start", killed_first)
+    with executor_for(workers=2) as (pool, most):
+        assert sorted(one.value for one in outcomes(pool, most, squared, range(3))) == [0, 1, 4]
+    assert len(begun) >= 2
+
+
+@pytest.mark.parametrize("unpicklable", [lambda: 0, threading.Lock()])
+def test_what_cannot_travel_is_its_tasks_error_alone(unpicklable):
+    with executor_for(workers=2) as (pool, most):
+        found = {str(one.task): one for one in outcomes(pool, most, str, [1, unpicklable, 2])}
+    assert re.search("pickle", str(found.pop(str(unpicklable)).error), re.IGNORECASE)
+    assert sorted(one.value for one in found.values()) == ["1", "2"]
+
+
 def test_two_places_are_refused():
     with pytest.raises(InputError, match="both given"), executor_for(workers=2, scheduler="tcp://127.0.0.1:1"):
         pass
@@ -143,7 +190,10 @@ def state(pid):
 
 def gone(pid):
     """Whether a process ends, within half a minute."""
-    return not all(state(pid) and not time.sleep(0.05) for _ in range(600))
+    until = time.monotonic() + 30.0
+    while state(pid) and time.monotonic() < until:
+        time.sleep(0.05)
+    return not state(pid)
 
 
 def test_processes_are_not_signalled_with_us():
