@@ -108,18 +108,16 @@ def test_a_worker_that_is_stopped_does_not_hold_up_a_stop(monkeypatch, again):
     """It never hears that it is asked to; ten seconds later, or at a second signal, it is killed."""
     for module in ("executors", "outcomes"):
         monkeypatch.setattr(f"cpcal.execution.{module}.PATIENCE", 600.0 if again else 1.0)
-    pids = []
-
-    def stop():
-        pids.extend(pid for pid in multiprocessing.active_children() if pid.pid not in pids)
-        return Reason.INTERRUPTED if pids and state(pids[0].pid) == "T" else None
-
-    with heard(), also_asked_by(stop), executor_for(workers=2) as (pool, most):
-        pool.submit(os.kill, pool.submit(os.getpid).result(60), signal.SIGSTOP)
-        if again:
-            monkeypatch.setattr("cpcal.execution.stopping._note.insisted", True)
-        assert [one.value for one in outcomes(pool, most, until_asked, range(2))] in ([], [0], [1])
-    assert all(gone(process.pid) for process in pids)
+    with heard(), executor_for(workers=2) as (pool, most):
+        pid = pool.submit(os.getpid).result(60)
+        pool.submit(os.kill, pid, signal.SIGSTOP)
+        while state(pid) != "T":
+            time.sleep(0.01)
+        monkeypatch.setattr("cpcal.execution.stopping._note.insisted", again)
+        began = time.monotonic()
+        with also_asked_by(lambda: Reason.INTERRUPTED if time.monotonic() > began + 0.5 else None):
+            assert [one.value for one in outcomes(pool, most, until_asked, range(2))] in ([], [0], [1])
+    assert gone(pid)
 
 
 def test_a_fork_server_that_is_killed_while_it_begins_costs_no_task(monkeypatch):
