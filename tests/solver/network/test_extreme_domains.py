@@ -122,7 +122,7 @@ def above(value: Real) -> float:
     return -below(-value)
 
 
-def holds(lo: float, hi: float, value: Real) -> bool:
+def holds(value: Real, lo: float, hi: float) -> bool:
     """Whether the value may lie in [lo, hi]: false only where it certainly does not; NaN holds nothing."""
     if isinstance(value, Fraction):
         return lo <= value <= hi
@@ -212,19 +212,19 @@ def test_no_point_is_lost(name: str, engine: str) -> None:
                 continue
             found = sweeps.value(code, n, *a, *b)
             told = f"{name} {n}: {x} {y} in {a} {b}"
-            assert holds(*found, value), f"{told}: {found}"
+            assert holds(value, *found), f"{told}: {found}"
             z = known(rng, value, found)
             first = sweeps.first_argument(code, n, *z, *a, *b)
-            assert holds(*first, x), f"{told}: result in {z}, first argument in {first}"
+            assert holds(x, *first), f"{told}: result in {z}, first argument in {first}"
             if arity == 2:
                 second = sweeps.second_argument(code, n, *z, *a, *b)
-                assert holds(*second, y), f"{told}: result in {z}, second argument in {second}"
+                assert holds(y, *second), f"{told}: result in {z}, second argument in {second}"
             if sweeps.quality(code, n, *a, *b) != CONTINUOUS:
                 continue
             bounds = sweeps.partials(code, n, *found, *a, *b)
             for derivative, lo, hi in zip(derivatives(name, x, y, n), bounds[::2], bounds[1::2], strict=True):
                 if derivative is not None:
-                    assert holds(lo, hi, derivative), f"{told}: derivative in {lo, hi}"
+                    assert holds(derivative, lo, hi), f"{told}: derivative in {lo, hi}"
 
 
 @pytest.mark.parametrize("engine", ["float64", "arb"])
@@ -267,7 +267,7 @@ def test_slopes_hold_every_secant(name: str, engine: str) -> None:
                     moved, start = [u, u], [exact[0], exact[0]]
                 else:
                     start = exact
-                one, two = VALUES[name](*moved, n), VALUES[name](*start, n)
+                one, two = (VALUES[name](at[0], at[1], n) for at in (moved, start))
                 if one is None or two is None:
                     continue
                 if isinstance(one, arb) or isinstance(two, arb):
@@ -275,4 +275,4 @@ def test_slopes_hold_every_secant(name: str, engine: str) -> None:
                 secant = (one - two) / (u - exact[k] if isinstance(one, Fraction) else ball(u - exact[k]))
                 if isinstance(secant, Fraction) or secant.is_finite():
                     lo, hi = bounds[2 * k], bounds[2 * k + 1]
-                    assert holds(lo, hi, secant), f"{name} {n}: {c} to {moved} in {a} {b}: {lo, hi}"
+                    assert holds(secant, lo, hi), f"{name} {n}: {c} to {moved} in {a} {b}: {lo, hi}"
