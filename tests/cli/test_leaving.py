@@ -167,3 +167,12 @@ def campaign_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("leaving") / "campaign"
     cpcal.save_campaign(cpcal.simulate(seed=1, joint_error=1.0), folder)
     return folder
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs limits of address space")
+def test_where_libraries_have_no_room_that_is_said_at_once():
+    """OpenBLAS would ask for its buffers for ever, deaf to SIGTERM."""
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_AS, (450_000_000, resource.RLIM_INFINITY))\n"
+    done = run(limit + "from cpcal.__main__ import main; main()", "plugins")
+    assert done.returncode == 2
+    assert "address space is limited to 450 MB" in done.stderr
