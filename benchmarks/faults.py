@@ -1,11 +1,12 @@
 """Does a pool of processes always end? Hundreds of them, each with a fault at a random moment, beside two busy loops.
 
-    python -m benchmarks.faults [--count 500] [--seed 1] [--load 2] [--limit 60] [--kinds NAME...]
+    python -m benchmarks.faults [--count 500] [--seed 1] [--load 2] [--limit 60] [--patience 2]
+        [--kinds NAME...]
 
 Each pool is given tasks and meets one of these faults between its first moment and its last: nothing; a task that
 cannot be pickled; Ctrl-C (a real signal, once, or twice); a worker that is killed, or stopped; the fork server killed;
 the resource tracker killed; a disk on which no byte can be written any more. Then it is shut down. One that takes
-longer than `--limit` seconds ends the script with the stack of every thread. Counted are pools, the slowest shutdown,
+longer than `--limit` seconds (a worker has `--patience` seconds to end, ten elsewhere) ends the script with the stack of every thread. Counted are pools, the slowest shutdown,
 tasks without an outcome although nothing asked to stop, and workers that are left. Linux only.
 """
 
@@ -29,6 +30,7 @@ from contextlib import suppress
 from multiprocessing import forkserver, resource_tracker
 from typing import Any
 
+from cpcal.execution import executors
 from cpcal.execution.executors import executor_for
 from cpcal.execution.outcomes import outcomes
 from cpcal.execution.stopping import asked, heard
@@ -131,10 +133,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--load", type=int, default=2)
     parser.add_argument("--limit", type=float, default=60.0)
+    parser.add_argument("--patience", type=float, default=2.0)
     parser.add_argument("--kinds", nargs="+", default=list(FAULTS), choices=list(FAULTS))
     given = parser.parse_args()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    executors.PATIENCE = given.patience
     moments = random.Random(given.seed)
     wrong: Counter[str] = Counter()
     slowest = dict.fromkeys(given.kinds, 0.0)

@@ -127,6 +127,8 @@ class Processes(Executor):
                     thread.join(0.05)
         finally:
             self.kill()
+            for thread in self._threads if wait else ():  # each sees its process end
+                thread.join(1.0)
             atexit.unregister(self.kill)
 
     def _lead(self) -> None:
