@@ -6,8 +6,9 @@
 Each pool is given tasks and meets one of these faults between its first moment and its last: nothing; a task that
 cannot be pickled; Ctrl-C (a real signal, once, or twice); a worker that is killed, or stopped; the fork server killed;
 the resource tracker killed; a disk on which no byte can be written any more. Then it is shut down. One that takes
-longer than `--limit` seconds (a worker has `--patience` seconds to end, ten elsewhere) ends the script with the stack of every thread. Counted are pools, the slowest shutdown,
-tasks without an outcome although nothing asked to stop, and workers that are left. Linux only.
+longer than `--limit` seconds ends the script with the stack of every thread; a worker has `--patience` seconds to end,
+elsewhere ten. Counted are tasks without an outcome although nothing asked to stop, and workers that are left. Linux
+only.
 """
 
 from __future__ import annotations
