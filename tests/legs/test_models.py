@@ -247,7 +247,7 @@ def test_unknown_models_and_parameters_are_refused_with_all_other_problems(exact
     with pytest.raises(cpcal.InputError) as refused:
         cpcal.compare(exact, ["plain", "plain", "gian"], tolerance=-1.0, half_widths={"linear": {}}, center="fit")
     assert [p.where for p in refused.value.problems] == ["models", "half_widths", "model", "center", "tolerance"]
-    with pytest.raises(cpcal.InputError):
+    with pytest.raises(cpcal.InputError, match="none is named"):
         cpcal.compare(exact, [])
 
 
