@@ -112,7 +112,7 @@ def misplaced(mutants: Iterable[Mutant], root: Path = HERE) -> list[str]:
 def outcome(mutant: Mutant, original: Path, seconds: float) -> Outcome:
     """Of the mutant's tests in a copy of `original`."""
     with tempfile.TemporaryDirectory(prefix="mutant-") as folder:
-        root = copy_of(original, Path(folder) / "tree")
+        root = copy_of(original, Path(folder) / "tree", linked=True)
         mutant.apply(root)
         status, printed = run_tests(mutant.tests, root, seconds)
     if status == _NO_END:
@@ -144,9 +144,9 @@ def run_tests(tests: str, root: Path, seconds: float) -> tuple[int, str]:
         return process.returncode, printed
 
 
-def copy_of(original: Path, root: Path) -> Path:
-    """Copied, not linked: a test that writes into its tree must not reach the next mutant."""
-    shutil.copytree(original, root, ignore=_NOT_COPIED, symlinks=True)
+def copy_of(original: Path, root: Path, *, linked: bool = False) -> Path:
+    """The tree, with its machine code. `linked`: files have two names; what is written anew has its own."""
+    shutil.copytree(original, root, ignore=_NOT_COPIED, copy_function=os.link if linked else shutil.copy2)
     return root
 
 

@@ -16,11 +16,11 @@ SMALL = F(1, 1 << 90)  # much more than what rounding outward adds here
 
 
 def drawn(rng: random.Random) -> tuple[Bounds, list[F]]:
-    """An interval and numbers in it, its ends among them."""
-    lo, hi = sorted(F(rng.randint(-999, 999), rng.randint(1, 97)) for _ in range(2))
+    """An interval and numbers in it, its ends among them, all multiples of 2^-160."""
+    lo, hi = sorted(rng.randint(-(1 << 165), 1 << 165) for _ in range(2))
     if rng.random() < 0.2:
         hi = lo
-    return between(lo, hi), [lo, hi, (lo + 2 * hi) / 3]
+    return Bounds(lo, hi), [lo * UNIT, hi * UNIT, (lo + hi >> 1) * UNIT]
 
 
 def held(found: Bounds, values: list[F]) -> None:
@@ -56,6 +56,12 @@ def test_squares_roots_sizes_and_sums_hold_those_of_all_numbers():
         root = a.size.root
         assert (root.lo * UNIT) ** 2 <= a.size.lo * UNIT
         assert max(map(abs, xs)) <= (root.hi * UNIT) ** 2
+
+
+def test_a_fraction_lies_between_its_bounds():
+    for value in (F(1, 3), F(-1, 3), F(5), F(10**40, 7)):
+        held(number(value), [value])
+        held(between(value, value + 1), [value, value + 1])
 
 
 def test_a_rotation_turns_a_right_handed_frame_into_one():
