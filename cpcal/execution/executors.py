@@ -133,6 +133,11 @@ class Processes(Executor):
 
     def _lead(self) -> None:
         """A thread's work: tasks, one after the other, through a process that begins with the first of them."""
+        if _START == "forkserver":
+            with suppress(OSError):  # whoever begins a process is told
+                resource_tracker.ensure_running()  # before the next line, since it lets signals through
+        if hasattr(signal, "pthread_sigmask"):  # which processes inherit that begin here: Ctrl-C is for this one
+            signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
         worker: _Worker | None = None
         while (item := self._tasks.get()) is not None:
             future, task = item
@@ -180,9 +185,7 @@ class _Worker:
             with self._beginning:
                 if _START == "forkserver":
                     context.set_forkserver_preload(list(loads))
-                    resource_tracker.ensure_running()  # it lets signals through when it begins, so not in the block
-                with _without_signals():  # which a new process inherits: Ctrl-C is for this one
-                    self._process.start()
+                self._process.start()
         except BaseException:
             self._tasks.close()
             self._life.close()
@@ -326,17 +329,3 @@ def dask_status(executor: Executor) -> str | None:
     if type(executor).__module__.partition(".")[0] != "distributed":
         return None
     return str(executor._client.status)  # type: ignore[attr-defined]
-
-
-@contextmanager
-def _without_signals() -> Iterator[None]:
-    """Signals wait until the end of the block."""
-    mask = getattr(signal, "pthread_sigmask", None)  # of POSIX only
-    if mask is None:
-        yield
-        return
-    before = mask(signal.SIG_BLOCK, _SIGNALS)
-    try:
-        yield
-    finally:
-        mask(signal.SIG_SETMASK, before)
