@@ -8,6 +8,7 @@ import re
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,14 +21,15 @@ from cpcal.handeye.frame_equations import UNKNOWNS, unknowns_of
 from cpcal.handeye.frames_chain import _linked as prove_linked
 from cpcal.handeye.frames_proof import prove
 from cpcal.handeye.hand_eye_files import hand_eye_files
-from cpcal.handeye.hand_eye_result import load_hand_eye_result, save_hand_eye_result
-from cpcal.handeye.hand_eye_study import HandEyeStudy
+from cpcal.handeye.hand_eye_result import AskedBox, load_hand_eye_result, save_hand_eye_result
+from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
+from cpcal.handeye.parameter_ranges import parameter_ranges
 from cpcal.handeye.pose_pair_files import read_pose_pairs
 from cpcal.handeye.pose_pairs_study import study_of_pairs
 from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
 from cpcal.handeye.verify_hand_eye import verify_hand_eye, verify_wrong_images
 from cpcal.handeye.wrong_images import find_wrong_images, save_wrong_images
-from cpcal.robot import Pose, normalised, quaternion_product
+from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.solver.interval import Box
 
 NEAR = Within(50.0, 1.5)
@@ -42,8 +44,8 @@ RIG_PAIRS = Path(__file__).resolve().parents[3] / "shared" / "data" / "rig_pairs
 class Run:
     folder: Path
     study: HandEyeStudy
-    truth: object
-    result: object = None
+    truth: HandEyeFrames
+    result: Any = None  # of either kind
 
 
 def written(run):
@@ -646,3 +648,69 @@ def test_a_run_of_real_pairs_whose_links_say_nothing_is_verified(tmp_path):
     for name in (chain.links[-1].certificate, *chain.pixels):
         assert json.loads((run.folder / name).read_text().splitlines()[-1])["infeasible"] is False  # the claims
     assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 5
+
+
+# boxes and the frames in them --------------------------------------------------------------------------------------
+
+
+def random_turns(random, count, degrees):
+    """Rotation vectors (rad) of that angle about random axes, and their matrices."""
+    axis = random.normal(size=(count, 3))
+    vectors = np.radians(degrees) * axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    return vectors, rotation_matrix(quaternion_from_rotation_vector(vectors))
+
+
+@pytest.mark.parametrize("degrees", [1e-3, 1.0, 20.0, 45.0, 59.0, 100.0, 179.0])
+def test_ranges_of_a_box_hold_the_turns_of_all_rotations_in_it(degrees):
+    """Of both frames, whose boxes are as small as float64 allows, so that nothing else makes up for a loss."""
+    random = np.random.default_rng(1)
+    widths = []
+    for _ in range(20):
+        vectors, turned = random_turns(random, 2, degrees)
+        quaternions = normalised(random.normal(size=(2, 4)))
+        about = PlacedFrames(*(part for q in quaternions.tolist() for part in ((1.0, 2.0, 3.0), tuple(q))))
+        x = np.zeros(24)
+        for k, first in enumerate((0, 12)):
+            x[first : first + 9] = (turned[k] @ rotation_matrix(quaternions[k])).ravel()
+        low, high = parameter_ranges(x - 1e-15, x + 1e-15, about)
+        for k in (0, 1):
+            place = slice(6 * k + 3, 6 * k + 6)
+            stated = np.degrees(vectors[k])
+            assert (np.array(low)[place] <= stated).all()
+            assert (stated <= np.array(high)[place]).all()
+            widths.append(np.max(np.array(high)[place] - np.array(low)[place]))
+    assert degrees > 50.0 or max(widths) <= 0.2 * degrees  # and they say something
+
+
+@pytest.mark.parametrize("angle", [None, 1e-3, 1.5, 60.0, 179.9, 180.0])
+def test_the_box_that_was_asked_for_holds_all_frames_within_its_angle_and_reach(angle):
+    random = np.random.default_rng(2)
+    frames = [tuple(random.normal(size=3).tolist()), tuple(normalised(random.normal(size=4)).tolist())] * 2
+    asked = AskedBox(PlacedFrames(*frames), 50.0, angle)
+    x = np.array([float(value) for value in asked.center.unknowns])
+    _, turned = random_turns(random, 2000, 180.0 if angle is None else angle)
+    ends = []
+    for first in (0, 12):
+        entries = (turned @ x[first : first + 9].reshape(3, 3)).reshape(-1, 9)
+        assert (asked.box.lo[first : first + 9] <= entries + 1e-15).all()
+        assert (entries - 1e-15 <= asked.box.hi[first : first + 9]).all()
+        ends.append(entries.min(axis=0) - asked.box.lo[first : first + 9])
+        ends.append(asked.box.hi[first : first + 9] - entries.max(axis=0))
+        for end, sign in ((asked.box.lo, -1.0), (asked.box.hi, 1.0)):
+            assert (sign * (end[first + 9 : first + 12] - x[first + 9 : first + 12]) >= 50.0).all()
+            assert (sign * (end[first + 9 : first + 12] - x[first + 9 : first + 12]) <= 50.0 + 1e-12).all()
+    assert angle != 1.5 or np.max(ends) < 0.03  # and no others that are far away
+    for quaternion in random.normal(size=(20, 4)):
+        there = replace(asked.center, camera_quaternion=tuple(normalised(quaternion).tolist()))
+        assert asked.holds(there) or angle is not None
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("frame", ["camera_position", "target_position"])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_frames_beyond_the_reach_are_not_in_the_box(axis, frame, sign):
+    center = PlacedFrames((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0), (4.0, 5.0, 6.0), (0.5, 0.5, 0.5, 0.5))
+    for away, inside in ((50.0, True), (50.001, False)):
+        place = list(getattr(center, frame))
+        place[axis] += sign * away
+        assert AskedBox(center, 50.0, None).holds(replace(center, **{frame: tuple(place)})) == inside
