@@ -714,3 +714,62 @@ def test_frames_beyond_the_reach_are_not_in_the_box(axis, frame, sign):
         place = list(getattr(center, frame))
         place[axis] += sign * away
         assert AskedBox(center, 50.0, None).holds(replace(center, **{frame: tuple(place)})) == inside
+
+
+# every key ---------------------------------------------------------------------------------------------------------
+
+
+def leaves(data, place=()):
+    """The places of a document's values: of a list the first and the last part, itself where it is empty."""
+    if isinstance(data, dict):
+        for key in data:
+            yield from leaves(data[key], (*place, key))
+    elif isinstance(data, list) and data:
+        for k in {0, len(data) - 1}:
+            yield from leaves(data[k], (*place, k))
+    else:
+        yield place, data
+
+
+def others(value):
+    """Three values that are not this one."""
+    if isinstance(value, bool):
+        return [not value, None, 1.5]
+    if isinstance(value, int):
+        return [value + 1, value - 1, str(value)]
+    if isinstance(value, float):
+        return [value * (1 + 1e-6) + 1e-9, value * (1 - 1e-6) - 1e-9, "inf"]
+    if isinstance(value, str):
+        return [f"{value}x", "", 1.5]
+    return [[1.5], [[0.0] * 6], "x"] if value == [] else [0.25, [], "x"]
+
+
+def changed_keys(run, name, verify, folder, ways):
+    """Keys of a run's file whose value can be another one without a refusal."""
+    shutil.copytree(run.folder, folder)
+    whole = (folder / name).read_text()
+    found = set()
+    for place, value in leaves(json.loads(whole)):
+        for other in others(value)[:ways]:
+            data = json.loads(whole)
+            put(*place, to=other)(data)
+            (folder / name).write_text(json.dumps(data))
+            try:
+                accepted = all(good for good, _ in verify(folder))
+            except InputError:
+                accepted = False
+            if accepted:
+                found.add(".".join(key for key in place if isinstance(key, str)))
+    return found
+
+
+@pytest.mark.nightly
+def test_every_key_is_checked_or_stands_under_information(exact, uncertain, wrong, tmp_path):
+    for run, name, verify in (
+        (exact, "handeye.json", verify_hand_eye),
+        (uncertain, "handeye.json", verify_hand_eye),
+        (wrong, "handeye-wrong.json", verify_wrong_images),
+    ):
+        free = changed_keys(run, name, verify, tmp_path / f"{name}-{run is uncertain}", ways=3)
+        assert free
+        assert all(key.startswith("information.") for key in free), free
