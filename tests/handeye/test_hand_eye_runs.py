@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -119,15 +120,20 @@ def wrong(tmp_path_factory):
 # what is stated holds of the truth ---------------------------------------------------------------------------------
 
 
+def true_poses(study, signs=None):
+    """The readings at corners of the poses' sets; those that made the study, if no others are given."""
+    if not study.pose_half_width.any():
+        return study.poses
+    if signs is None:  # they were drawn first
+        signs = np.random.default_rng(4).choice([-1.0, 1.0], (5, 6))
+    on = normalised(np.concatenate([np.ones((5, 1)), 0.5 * TURN * signs[:, 3:]], axis=1))
+    return Pose(study.poses.position + MM * signs[:, :3], quaternion_product(on, study.poses.quaternion))
+
+
 def true_values(run):
     """Of a certificate's unknowns at the truth, by the certificate's name; None for those of the frames."""
     study, truth = run.study, run.truth
-    poses = study.poses
-    if study.pose_half_width.any():  # the signs of the corners were drawn first
-        signs = np.random.default_rng(4).choice([-1.0, 1.0], (5, 6))
-        on = normalised(np.concatenate([np.ones((5, 1)), 0.5 * TURN * signs[:, 3:]], axis=1))
-        poses = Pose(poses.position + MM * signs[:, :3], quaternion_product(on, poses.quaternion))
-    turn, shift = replace(study, poses=poses).motions
+    turn, shift = replace(study, poses=true_poses(study)).motions
     found = {None: unknowns_of(truth)}
     for one in run.result.ranges.chain.images + run.result.lower.images:
         k = study.images.index(one.image)
@@ -176,6 +182,36 @@ def test_what_certificates_of_exact_poses_state_holds_at_the_truth_with_pixels_a
 def test_what_certificates_of_uncertain_poses_state_holds_at_the_truth_with_readings_at_corners(uncertain):
     assert stated_holds(uncertain) > 500
     assert uncertain.result.passes is True
+
+
+def test_links_hold_at_every_corner_of_readings_and_within_the_box_they_speak_of(uncertain):
+    """Each image alone, at each corner of its reading, the camera where that puts it: the rows of its link hold."""
+    study, truth = uncertain.study, uncertain.truth
+    true = replace(study, poses=true_poses(study), pose_half_width=np.zeros_like(study.pose_half_width))
+    seen_turn = truth.e_rotation @ true.motions[0] @ truth.f_rotation
+    on_hand = true.motions[0] @ truth.f_translation + true.motions[1]
+    seen_place = on_hand @ truth.e_rotation.T + truth.e_translation
+    file = uncertain.folder / uncertain.result.ranges.chain.links[1].certificate
+    lines = [json.loads(line) for line in file.read_text().splitlines()]
+    lo, hi = (np.array([float.fromhex(value) for value in lines[0][end]]) for end in ("lo", "hi"))
+    checked, least = 0, np.inf
+    for signs in product((-1.0, 1.0), repeat=6):
+        read = replace(true, poses=true_poses(study, np.tile(signs, (len(study.images), 1))))
+        turn, shift = read.motions
+        for k, image in enumerate(study.images):
+            x_turn = turn[k] @ truth.f_rotation @ seen_turn[k].T
+            x_place = turn[k] @ truth.f_translation + shift[k] - x_turn @ seen_place[k]
+            x = np.concatenate([x_turn.ravel(), x_place, truth.f_rotation.ravel(), truth.f_translation])
+            if (x < lo).any() or (hi < x).any():
+                continue
+            for line in lines[1 : 1 + lines[0]["constraints"]]:
+                if line["name"].startswith(image + " "):
+                    body, size = number(line["body"], x)
+                    low, high = (number(line[end], x)[0] for end in ("at_least", "at_most"))
+                    assert low - 1e-13 * size <= body <= high + 1e-13 * size, line["name"]
+                    checked, least = checked + 1, min(least, (high - body) / (high - low), (body - low) / (high - low))
+    assert checked > 1000
+    assert least < 0.1  # they are near their ends somewhere, so that a part left out would show
 
 
 def test_ranges_hold_the_truth(exact, uncertain):
