@@ -2,8 +2,8 @@
 
 For base and mobile centres each: origin at the centroid of the centres, z normal to the plane of the first three, x
 along the first two. In these the paper prints its tables 4 and 5 (to 2e-5 mm). A frame that hangs on three centres
-turns with their errors: z and y of the others then hold the errors of those three, enlarged where the three are close to
-a line.
+turns with their errors: z and y of the others then hold the errors of those three, enlarged where the three are close
+to a line.
 """
 
 from __future__ import annotations
