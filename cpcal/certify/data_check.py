@@ -92,8 +92,8 @@ def _spread(campaign: Campaign, most: int) -> Campaign:
     if len(campaign) <= most:
         return campaign
     rows = np.linspace(0, len(campaign) - 1, most).astype(np.intp)
-    names = {name: tuple(getattr(campaign, name)[k] for k in rows.tolist()) for name in ("pose", "run")}
-    return replace(campaign, **names, **{name: getattr(campaign, name)[rows] for name in ARRAYS})
+    pose, run = (tuple(names[k] for k in rows.tolist()) for names in (campaign.pose, campaign.run))
+    return replace(campaign, pose=pose, run=run, **{name: getattr(campaign, name)[rows] for name in ARRAYS})
 
 
 def mistake_in(given: Given, typical: float) -> str | None:

@@ -123,8 +123,8 @@ def _stated(
         problems.append(Problem("the camera", what, "calibrate with `cpcal detect --calibrate`, or say --camera-exact"))
     if problems:
         raise InputError(problems)
-    exact = camera_exact or lens.covariance is None
-    cameras = CameraSet(lens.camera) if exact else CameraSet.ellipsoid(lens.camera, lens.covariance, factor)
+    known = None if camera_exact else lens.covariance
+    cameras = CameraSet(lens.camera) if known is None else CameraSet.ellipsoid(lens.camera, known, factor)
     if plate_exact:
         return TargetSet.of(plate), cameras
     return TargetSet.within(plate, [within, within, 0.0], factor * plate.scale_sigma), cameras

@@ -100,6 +100,7 @@ def _plain(node: yaml.Node | None, seen: set[int]) -> Any:
                 raise yaml.MarkedYAMLError(problem=what, problem_mark=key.start_mark)
             table[key.value] = _plain(value, seen)
         return table
+    assert isinstance(node, yaml.ScalarNode)  # there is no other kind
     if node.style is None and _NUMBER.fullmatch(node.value):
         whole = node.value.lstrip("+-").isdecimal() and len(node.value) <= _DIGITS_MAX
         return int(node.value) if whole else float(node.value)
