@@ -58,11 +58,9 @@ def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
             name, verdict, cells = row["file"], row["verdict"], [row[column] for column in NUMBERS]
             claim = claims.pop(stem_of(unguarded(name)), None)
             stated = [F(float(cell)) for cell in cells if cell]
-            if claim is None:
-                proved, verdict_of = [], None
-            elif claim.radii is None:
-                proved, verdict_of = [], Verdict.REFUTED.value
-            else:
+            proved: list[F] = []
+            verdict_of = None if claim is None else Verdict.REFUTED.value
+            if claim is not None and claim.radii is not None:
                 proved, verdict_of = [*claim.pose, *claim.radii], Verdict.PROVED.value
             if stated != proved:
                 return f"{name}: its numbers are not those of a claim that is proved"
