@@ -1,7 +1,7 @@
 """Which mechanism, if any, the data name: one is named only where its own model explains them and the others do not.
 
-Repeats name drift and play (repeat_tests.py). What they leave over in the means, of calibration and validation poses
-together, is asked of models with one parameter more a leg (corrections.py): the model of the paper first, and if that
+Repeats name drift and play (repeatability.py). What they leave over in the means, of calibration and validation poses
+together, is asked of models with one parameter more a leg (below): the model of the paper first, and if that
 explains the readings, nothing is named. The extremal configurations alone have two lengths a leg, over which every
 function of the length is a gain: other poses must be there to tell models apart.
 

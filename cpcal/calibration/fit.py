@@ -3,7 +3,7 @@
     x_c        minimises  sum_k ||F_k(x)||^2                             weights="none"
     x_c_sigma  minimises  sum_k F_k(x)' Sigma_k^-1 F_k(x)                weights="legs" (diagonal of Sigma_k) or "joint"
 
-over legs' equations F of form "g" (mm, eq. 15) or "f" (mm^2, eq. 2). Sigma_k is that of weights.py, taken at the
+over legs' equations F of form "g" (mm, eq. 15) or "f" (mm^2, eq. 2). Sigma_k is that of leg_equations.py, taken at the
 latest estimate and updated until the estimate rests: minimising over Sigma(x) too would favour a large Sigma.
 """
 
@@ -219,7 +219,7 @@ class Fit:
     def noise_share(self) -> float | None:
         """How much of the least determined direction is seen by the readings' noise alone, from 0 to about 1.
 
-        See reliability.py. Estimates are drawn away from the truth there, the more the larger it is. None when the
+        See leg_equations.py. Estimates are drawn away from the truth there, the more the larger it is. None when the
         noise is not known.
         """
         if self.noise is None:

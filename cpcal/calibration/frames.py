@@ -307,7 +307,7 @@ def left_jacobian(vector: npt.ArrayLike) -> Floats:
 # ------------------------------------------------------------------------------------------------------------------
 # Closed forms for `A X = X B` (hand-eye) and `A_i Z = X B_i` (robot-world and hand-eye at once).
 #
-# Poses are those of pose_pairs.py, lengths without unit. vec(M) stacks the rows of M, so that
+# Poses are those of the pairs above, lengths without unit. vec(M) stacks the rows of M, so that
 # vec(A X B) = (A kron B^T) vec(X).
 
 _MOTIONS_MAX = 5_000  # pairs of poses that Andreff's method uses
@@ -411,7 +411,7 @@ class _Fitted:
     sigma_position     (3,) mm, sigma_rotation (3,) rad: standard deviations that weighted the two, by axis
     unit_weight        size of the weighted residuals; near 1 when the two standard deviations are right
     covariance         by linearised least squares for independent errors, mm and rad
-    spread             rad, how far the direction moves that the rotations move least (see pose_pairs.py)
+    spread             rad, how far the direction moves that the rotations move least (see above)
     remarks            sentences on what makes the result doubtful; empty when nothing does
     """
 

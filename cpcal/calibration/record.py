@@ -113,7 +113,7 @@ class FittedFrames:
 
 @dataclass(frozen=True)
 class OwnFrame:
-    """Parameters and standard errors (n, 7), mm, in frames of the joint centres themselves (own_frame.py)."""
+    """Parameters and standard errors (n, 7), mm, in frames of the joint centres themselves (alignment.py)."""
 
     values: Rows
     standard_errors: Rows
