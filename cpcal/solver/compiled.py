@@ -187,7 +187,9 @@ def _machine_code(function: Callable[..., Any]) -> Any:
                 self.turn.enter_context(_turn(folder / f"{module}.lock", function.__name__))
                 found = self._read(file, context)  # another process may have made it meanwhile
             if found is None and time.monotonic() > _deadline.get():
-                raise TimeUp(f"the time limit came before '{function.__name__}' was compiled")
+                late = f"the time limit came before '{function.__name__}' was compiled"
+                _tell(late)
+                raise TimeUp(late)
             return found
 
         def save_overload(self, signature: Any, made: Any) -> None:

@@ -123,7 +123,9 @@ def test_a_reading_that_several_rows_share_is_not_fixed_for_one_of_them(seed: in
     bound = factors[0] * m + factors[1] * k + 0.5
     net.add(factors[0] * shared + factors[1] * own + x <= bound)  # which (0.5, m, k) solves
     sets = DecisiveReadings(net, engine).on(net.domain)[0]
-    moved = {d: np.clip(value, sets[d].lo, sets[d].hi) for d, value in ((shared.digest, m), (own.digest, k)) if d in sets}
+    moved = {
+        d: np.clip(value, sets[d].lo, sets[d].hi) for d, value in ((shared.digest, m), (own.digest, k)) if d in sets
+    }
     assert own.digest in sets  # each enters one row
     left = factors[0] * moved.get(shared.digest, m) + factors[1] * moved[own.digest] + 0.5
     assert (left <= bound).all()
