@@ -326,7 +326,7 @@ def _announce_compilation() -> None:
         def on_end(self, happening: Any) -> None:
             self.depth -= 1
             if self.depth == 0 and _ours(happening) and QUIET not in os.environ:
-                print(" not finished" if happening.is_failed else " done", file=sys.stderr, flush=True)
+                print(" done" if happening._exc_details is None else " not finished", file=sys.stderr, flush=True)
 
     event.register("numba:compile", Announcer())
 
