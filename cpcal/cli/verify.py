@@ -57,7 +57,7 @@ def _verified(folder: Path, talk: Talk) -> bool:
 
         return _all_accepted(verify_hand_eye(folder), talk)
     if (folder / HANDEYE_WRONG.head).exists():
-        from cpcal.handeye.verify_wrong_images import verify_wrong_images
+        from cpcal.handeye.verify_hand_eye import verify_wrong_images
 
         return _all_accepted(verify_wrong_images(folder), talk)
     if (folder / ROBUST_NAME).exists():

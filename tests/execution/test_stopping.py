@@ -23,7 +23,7 @@ from cpcal.execution.stopping import (
     resident_bytes,
     within_memory,
 )
-from cpcal.files.campaign_json import save_campaign_json
+from cpcal.files.folders import save_campaign_json
 
 
 @pytest.fixture(autouse=True)

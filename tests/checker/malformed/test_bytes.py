@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cpcal.checker import ExactCampaign, Refused, Unusable, check
-from cpcal.files.campaign_json import NAME
+from cpcal.files.folders import NAME
 
 Lines = list[dict[str, Any]]
 
