@@ -17,9 +17,9 @@ from .exact_campaign import NAME, ExactCampaign
 from .files import ROBUST_NAME, WORK, content, parsed
 from .readers import finite, shown
 from .refusal import Refused, Unusable
-from .run import STRANGE, Json, compare, exact, of_the_box, of_the_problem, reason_of
+from .run import STRANGE, Json, check_model, compare, exact, nothing_beside, of_the_box, of_the_problem, reason_of
 
-ROBUST_FORMAT = "cpcal-robust/1"
+ROBUST_FORMAT = "cpcal-robust/2"
 _MOST_CHOICES = 200_000  # that are looked at to find q measurements which meet all proofs
 
 
@@ -48,6 +48,10 @@ def check_robust(folder: Path, *, work: int = WORK) -> list[RobustChecked]:
         campaign = ExactCampaign(folder / NAME)
         result = parsed(text, lambda number: F(finite(number)))
         compare(_of_the_whole(result, campaign))
+        named = {str(file) for leg in result["legs"] for file in (*leg["proofs"], leg["point_certificate"])}
+        for path in sorted(folder.glob("*.cert.jsonl")):
+            if path.name not in named:
+                raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
         return [_checked(folder, result, campaign, leg, work) for leg in result["legs"]]
     except (Refused, *STRANGE) as error:
         if isinstance(error, Refused) and error.code == "campaign":
@@ -57,10 +61,14 @@ def check_robust(folder: Path, *, work: int = WORK) -> list[RobustChecked]:
 
 def _of_the_whole(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, Any, Any]]:
     yield "format", result["format"], ROBUST_FORMAT
+    check_model(result["model"]["name"])
     yield "campaign SHA-256", result["campaign"]["sha256"], campaign.sha256
+    yield "name of the robot", result["campaign"]["robot"], campaign.robot
     yield "number of measurements", result["campaign"]["measurements"], len(campaign)
     numbers, outliers = [leg["leg"] for leg in result["legs"]], result["outliers"]
-    yield "list of legs", numbers, [n for n in range(1, campaign.legs + 1) if n in numbers]
+    every = list(range(1, campaign.legs + 1))
+    yield "list of legs", numbers, sorted(set(result["options"]["legs"] or every) & set(every))
+    yield "eps asked about", result["options"]["eps"], None
     yield "number of outliers", type(outliers) is int and 0 <= outliers < len(campaign), True
     yield "number of outliers", [leg["outliers"] for leg in result["legs"]], [outliers] * len(numbers)
 
@@ -78,22 +86,23 @@ def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, wor
 
     try:
         lo = _lower(leg, [accepted(file) for file in leg["proofs"]], outliers)
-        hi = None
-        if leg["point_certificate"] is not None:
-            point = accepted(leg["point_certificate"])
-            compare(_of_the_point(leg, point, [k for k, name in enumerate(ids) if name not in leg["left_out"]], ids))
-            hi = exact(leg["eps_hi"])
-        if len(leg["left_out"]) > outliers or len(set(leg["left_out"])) < len(leg["left_out"]):
+        if leg["point_certificate"] is None:
+            nothing_beside(leg, "eps_hi", "point", "left_out")
+            return RobustChecked(number, outliers, lo, proofs=len(leg["proofs"]))
+        point, without = accepted(leg["point_certificate"]), leg["left_out"]
+        compare(_of_the_point(leg, point, [k for k, name in enumerate(ids) if name not in without], ids))
+        if len(without) > outliers or len(set(without)) < len(without):
             raise Refused("leaves out more measurements than may be wrong, or one twice")
-        return RobustChecked(number, outliers, lo, hi, tuple(map(str, leg["left_out"])), len(leg["proofs"]))
+        return RobustChecked(number, outliers, lo, exact(leg["eps_hi"]), tuple(map(str, without)), len(leg["proofs"]))
     except (Unusable, Refused, *STRANGE) as error:
         return RobustChecked(number, outliers, refused=reason_of(error))
 
 
 def _lower(leg: Json, proofs: list[Accepted], outliers: int) -> F | None:
     """eps_lo, if the proofs bear it: whichever measurements are wrong, one of them does without these."""
-    if not proofs:  # nothing is certified, or the bound is 0, which holds of itself
-        return F(0) if leg["eps_lo"] == 0 else None
+    if not proofs:
+        nothing_beside(leg, "eps_lo")
+        return None
     if meeting([proof.used for proof in proofs], outliers):
         raise Refused("states a bound, but so many wrong measurements could spoil all of its proofs")
     bounds = [proof.claims.eps_lo for proof in proofs]

@@ -192,6 +192,7 @@ class Network(ConstraintNetwork):
         progress: Callable[[Bracket], None] | None = None,
         relax: float = 0.0,
         certificate: str | os.PathLike[str] | None = None,
+        about: str = "",
         workers: int | None = None,
         scheduler: str | None = None,
         executor: Executor | Client | None = None,
@@ -208,7 +209,8 @@ class Network(ConstraintNetwork):
         about the relaxed problem, whose lower bound is one of the problem itself too. 0 asks for exact equations: their
         solutions are proved to exist.
 
-        `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
+        `certificate` names a file for the proof, which states the constraints exactly, and `about` in words what they
+        are. The answer is then what the
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
         it is in `found`. `workers`, `scheduler`, `executor`, `checkpoint` and `resume` are as in `solve`; certificates
         are the same, byte for byte. Constraints with readings or without polynomial form raise ModelError. Where it
@@ -229,7 +231,7 @@ class Network(ConstraintNetwork):
         first = None if start is None else start_point(network, start, len(self.names))
         options = (list(contractors), arithmetic, limit.gap, limit.gap_absolute, first, relax, exact)
         of = {} if checkpoint is None else checkpoint_of(network, options)
-        recorded = Recording(network_statement(stated, name), network.domain) if exact else nullcontext()
+        recorded = Recording(network_statement(stated, name, about), network.domain) if exact else nullcontext()
         with heard(), recorded as recording:
             keeper = SearchKeeper(None if checkpoint is None else Path(checkpoint), of, recording, resume=resume)
             before = keeper.resumed()
