@@ -48,11 +48,12 @@ def check_robust(folder: Path, *, work: int = WORK) -> list[RobustChecked]:
         campaign = ExactCampaign(folder / NAME)
         result = parsed(text, lambda number: F(finite(number)))
         compare(_of_the_whole(result, campaign))
+        found = [_checked(folder, result, campaign, leg, work) for leg in result["legs"]]
         named = {str(file) for leg in result["legs"] for file in (*leg["proofs"], leg["point_certificate"])}
-        for path in sorted(folder.glob("*.cert.jsonl")):
-            if path.name not in named:
-                raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
-        return [_checked(folder, result, campaign, leg, work) for leg in result["legs"]]
+        unnamed = sorted({path.name for path in folder.glob("*.cert.jsonl")} - named)
+        if unnamed and not any(leg.refused for leg in found):
+            raise Refused(f"does not name the certificate {shown(unnamed[0])}, which lies beside it")
+        return found
     except (Refused, *STRANGE) as error:
         if isinstance(error, Refused) and error.code == "campaign":
             raise

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from cpcal.certify.fits import load_fits
 from cpcal.cli.checked import checked_certificate, checked_legs, result_of
 from cpcal.cli.folders import FITS, PIXEL_RUN, RUN, check_writable, output_path
 from cpcal.cli.status import Status
@@ -107,5 +108,6 @@ def _study(folder: Path, campaign: Path | None, *, checker: bool) -> str:
     claimed = {path.name: checked_certificate(path) for path in sorted((folder / FITS).glob("*.cert.jsonl"))}
     proved = {name: found for name, found in claimed.items() if not isinstance(found, str)}
     wrong = [f"{name}: {reason}" for name, reason in claimed.items() if isinstance(reason, str)]
-    _stop(folder / FITS, wrong or [f"{key} is not what is proved" for key in other_fits(folder / FITS, proved)])
+    stated = load_fits(folder / FITS)
+    _stop(folder / FITS, wrong or [f"{key} is not what is proved" for key in other_fits(folder / FITS, stated, proved)])
     return render_study(study_found(folder)[1], folder / RUN if checker else None)

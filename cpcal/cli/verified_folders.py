@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.accuracy.findings import ACCURACY_NAME, CertifiedBox, load_accuracy
-from cpcal.certify.fits import FITS_NAME, VerifiedFit, load_fits
+from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy, CertifiedBox, load_accuracy
+from cpcal.certify.fits import FITS_NAME, CertifiedFits, VerifiedFit, load_fits
 from cpcal.certify.undetermined import determination
 from cpcal.checker import ROBUST_NAME, Accepted, ExactCampaign, Refused, Unusable
 from cpcal.checker.leg import EXTRA
@@ -42,6 +42,7 @@ from cpcal.results import (
     INFORMATION,
     RESULT_NAME,
     CampaignNote,
+    Comparison,
     Entry,
     LegResult,
     ModelNote,
@@ -156,30 +157,27 @@ def _determined(campaign: Campaign, leg: int, at: Floats, model: LegModel, delta
 
 def others_verified(folder: Path, claimed: Claimed, talk: Talk) -> bool:
     """Whether the certificates claim what the folder's compare.json, fits.json or accuracy.json states."""
-    files = {COMPARISON_NAME: _other_comparison, FITS_NAME: other_fits, ACCURACY_NAME: _other_sets}
-    wrong = [(name, key) for name, other in files.items() if (folder / name).exists() for key in other(folder, claimed)]
-    for name, key in wrong:
+    name = next((name for name in (COMPARISON_NAME, FITS_NAME, ACCURACY_NAME) if (folder / name).exists()), None)
+    try:
+        if name == COMPARISON_NAME:
+            wrong = list(_other_comparison(folder, load_comparison(folder), claimed, talk))
+        elif name == ACCURACY_NAME:
+            wrong = list(_other_sets(folder, load_accuracy(folder), claimed, talk))
+        else:
+            wrong = [] if name is None else list(other_fits(folder, load_fits(folder), claimed))
+    except InputError as error:
+        if not (folder / CAMPAIGN_NAME).is_file():
+            raise
+        talk.say(f"{name}: REFUSED, {error.problems[0].what}")
+        return False
+    for key in wrong:
         talk.say(f"{name}: REFUSED, {key} is not what is proved")
-    if (folder / COMPARISON_NAME).exists():
-        comparison = load_comparison(folder)
-        for entry in comparison.entries:
-            if entry.certificate is None:
-                talk.say(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}")
-        for model in map(ModelNote, comparison.models if comparison.options is not None else ()):
-            if not model.is_ours:
-                talk.say(model.not_compared)
-    if (folder / ACCURACY_NAME).exists():
-        for box in load_accuracy(folder).boxes:
-            if box.certificate is None:
-                talk.say(f"set of leg {box.leg}: NOT CERTIFIED")
-        said = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
-        talk.say(f"{ACCURACY_NAME}: {said}")
     return not wrong
 
 
-def other_fits(folder: Path, claimed: Claimed) -> Iterator[str]:
+def other_fits(folder: Path, stated: CertifiedFits, claimed: Claimed) -> Iterator[str]:
     """The keys of fits.json that its certificates and the campaign do not bear. Raises InputError."""
-    stated, digest = load_fits(folder), campaign_sha256(load_campaign_json(folder))
+    digest = campaign_sha256(load_campaign_json(folder))
 
     def proved(fit: VerifiedFit) -> VerifiedFit:
         accepted = claimed.get(fit.certificate)
@@ -197,9 +195,9 @@ def other_fits(folder: Path, claimed: Claimed) -> Iterator[str]:
     yield from differing(stated, replace(stated, campaign_sha256=digest, **both))
 
 
-def _other_sets(folder: Path, claimed: Claimed) -> Iterator[str]:
+def _other_sets(folder: Path, stated: Accuracy, claimed: Claimed, talk: Talk) -> Iterator[str]:
     """The same of accuracy.json: of the sets of parameters on which all of it rests."""
-    stated, campaign = load_accuracy(folder), load_campaign_json(folder)
+    campaign = load_campaign_json(folder)
     digest, assumed = campaign_sha256(campaign), {error.leg: error.eps for error in stated.assumed}
 
     def proved(box: CertifiedBox) -> CertifiedBox:
@@ -218,12 +216,16 @@ def _other_sets(folder: Path, claimed: Claimed) -> Iterator[str]:
     yield from ("delta" for name in named if name in claimed and not _speaks_of(claimed[name], stated.delta))
     note = CampaignNote(digest, campaign.robot.name, len(campaign))
     yield from differing(stated, replace(stated, campaign=note, boxes=tuple(map(proved, stated.boxes))))
+    for box in stated.boxes:
+        if box.certificate is None:
+            talk.say(f"set of leg {box.leg}: NOT CERTIFIED")
+    said = "the certificates prove the sets of parameters; no certificate holds the bounds of poses and cells."
+    talk.say(f"{ACCURACY_NAME}: {said}")
 
 
-def _other_comparison(folder: Path, claimed: Claimed) -> Iterator[str]:
+def _other_comparison(folder: Path, stated: Comparison, claimed: Claimed, talk: Talk) -> Iterator[str]:
     """The same of compare.json: of legs of a campaign, or of the user's networks."""
-    stated, options = load_comparison(folder), None
-    campaign, entries = None, []
+    campaign, options, entries = None, None, []
     if stated.options is not None:
         campaign, options = load_campaign_json(folder), replace(stated.options, eps=None)
         legs = [f"leg {leg}" for leg in options.legs or range(1, campaign.legs + 1)]
@@ -235,7 +237,12 @@ def _other_comparison(folder: Path, claimed: Claimed) -> Iterator[str]:
     yield from _repeated("entries", [(entry.subject, entry.model) for entry in stated.entries])
     yield from _unnamed([entry.certificate for entry in stated.entries], claimed)
     exact = None if campaign is None else ExactCampaign(folder / CAMPAIGN_NAME)
+    for note in map(ModelNote, () if campaign is None else stated.models):
+        if not note.is_ours:
+            talk.say(note.not_compared)
     for k, entry in enumerate(stated.entries):
+        if entry.certificate is None:
+            talk.say(f"{entry.subject}, {entry.model}: NOT CERTIFIED, {entry.not_certified}")
         accepted = claimed.get(entry.certificate or "")
         entries.append(replace(entry, certificate=None) if accepted is None else _proved(entry, accepted, exact))
         model = None if campaign is None or options is None else _known(entry.model)
