@@ -86,6 +86,8 @@ def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, wor
         return found
 
     try:
+        if len(set(leg["proofs"])) < len(leg["proofs"]):
+            raise Refused("names a proof twice")
         lo = _lower(leg, [accepted(file) for file in leg["proofs"]], outliers)
         if leg["point_certificate"] is None:
             nothing_beside(leg, "eps_hi", "point", "left_out")

@@ -57,7 +57,7 @@ def _set(**values):
         (lambda v, leg: leg.update(eps_lo=leg["eps_lo"] * 1.001), "eps_lo"),
         (lambda v, leg: leg.update(eps_hi=leg["eps_hi"] * 0.999), "eps_hi"),
         (lambda v, leg: leg["proofs"].pop(), "could spoil all of its proofs"),
-        (lambda v, leg: leg.update(proofs=[leg["proofs"][0]] * 3), "could spoil all of its proofs"),
+        (lambda v, leg: leg.update(proofs=[leg["proofs"][0]] * 3), "names a proof twice"),
         (lambda v, leg: leg["point"].__setitem__(0, leg["point"][0] + 1e-9), "point"),
         (lambda v, leg: leg.update(left_out=["r000/1"]), "measurements of the point"),
         (lambda v, leg: leg.update(left_out=[*leg["left_out"], "r000/1"]), "measurements of the point"),
