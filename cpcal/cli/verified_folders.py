@@ -6,12 +6,11 @@ the campaign give is put in the place of what is stated, and both are compared, 
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from math import degrees, inf
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,6 @@ from cpcal.certify.fits import FITS_NAME, CertifiedFits, VerifiedFit, load_fits
 from cpcal.certify.undetermined import determination
 from cpcal.checker import ROBUST_NAME, Accepted, ExactCampaign, Refused, Unusable
 from cpcal.checker.leg import EXTRA
-from cpcal.checker.pose_claim import PoseSetChecked, check_pose_set, check_pose_sets
 from cpcal.checker.robust_claim import check_robust
 from cpcal.checker.run import all_of_it
 from cpcal.cli.checked import Legs, result_of
@@ -317,7 +315,7 @@ def _unnamed(named: Sequence[str | None], claimed: Claimed) -> Iterator[str]:
     yield from (f"{printable(name)}, which it does not name," for name in sorted(claimed.keys() - set(named)))
 
 
-# robust brackets, campaigns, pose sets --------------------------------------------------------------------------------
+# robust brackets, campaigns -------------------------------------------------------------------------------------------
 
 
 def robust_verified(folder: Path, talk: Talk) -> bool:
@@ -363,45 +361,3 @@ def campaigns_verified(runs: Path, verified: Callable[[Path], bool], talk: Talk)
         talk.say(f"{SUMMARY_TABLE}: REFUSED, it is not the table of these runs")
         return False
     return good
-
-
-def pose_sets_verified(target: Path, sources: Sequence[Path], talk: Talk) -> bool:
-    """Check one claim or a folder of them, say what is proved. Raises InputError where there is nothing to check."""
-    try:
-        found = check_pose_sets(target) if target.is_dir() else [check_pose_set(target)]
-    except Unusable as reason:
-        raise InputError([Problem(str(target), str(reason), "name what cpcal pose-sets wrote")]) from None
-    good = all(one.refused is None for one in found)
-    for one in found:
-        talk.say(f"{one.name}: {_pose_set(one)}")
-    for path in sources:
-        good = _same_source(path, found, talk) and good
-    return good
-
-
-def _pose_set(one: PoseSetChecked) -> str:
-    if one.refused is not None:
-        return f"REFUSED, {one.refused}"
-    but = f" but at most {one.outliers}" if one.outliers else ""
-    count = f"{len(one.certificates)} certificates, assumptions SHA-256 {one.digest[:16]}"
-    if one.radii is None:
-        return f"no pose shows all {one.dots} dots{but} in their boxes of pixels: PROVED, {count}"
-    position = " x ".join(at_most(float(v), 3) for v in one.radii[:3])
-    turn = " x ".join(at_most(degrees(float(v)), 3) for v in one.radii[3:])
-    sides = f"{position} mm and {turn} degrees"
-    return f"all poses that show all {one.dots} dots{but} are within {sides} of the stated one: PROVED, {count}"
-
-
-def _same_source(path: Path, found: Sequence[PoseSetChecked], talk: Talk) -> bool:
-    """Whether a file is the one that all pose sets name, byte for byte."""
-    try:
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError([Problem(str(path), f"cannot be read: {error.strerror}", "name a file")]) from None
-    stated = {sha for one in found for name, sha in one.files if name == path.name}
-    if stated == {digest}:
-        talk.say(f"{path.name}: the file that the pose sets name, by its SHA-256")
-        return True
-    what = "no pose set names it" if not stated else "it is another file than the pose sets name: its SHA-256 differs"
-    talk.say(f"{path.name}: REFUSED, {what}")
-    return False

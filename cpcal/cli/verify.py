@@ -43,9 +43,9 @@ def verify(
     """
     same = campaign is None or _same_campaign(target, campaign, talk)
     if target.name.endswith(POSE_SET_SUFFIX) or (target.is_dir() and any(target.glob("*" + POSE_SET_SUFFIX))):
-        from cpcal.cli.verified_folders import pose_sets_verified
+        from cpcal.cli.verify_pose_sets import verify_pose_sets
 
-        accepted = pose_sets_verified(target, source or [], talk)
+        accepted = verify_pose_sets(target, source or [], talk)
     else:
         accepted = _verified(target, talk) if target.is_dir() else _certificate(target, talk) is not None
     record("verified", target=str(target), accepted=bool(accepted and same))
