@@ -15,9 +15,10 @@ from .certificate import check
 from .claims import Accepted
 from .exact_campaign import NAME, ExactCampaign
 from .files import ROBUST_NAME, WORK, content, parsed
+from .leg import check_model
 from .readers import finite, shown
 from .refusal import Refused, Unusable
-from .run import STRANGE, Json, check_model, compare, exact, nothing_beside, of_the_box, of_the_problem, reason_of
+from .run import STRANGE, Json, compare, exact, nothing_beside, of_the_box, of_the_problem, reason_of
 
 ROBUST_FORMAT = "cpcal-robust/2"
 _MOST_CHOICES = 200_000  # that are looked at to find q measurements which meet all proofs

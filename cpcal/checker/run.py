@@ -13,7 +13,7 @@ from .certificate import check
 from .claims import Accepted
 from .exact_campaign import NAME, ExactCampaign
 from .files import WORK, content, parsed
-from .leg import EXTRA, PARAMETERS
+from .leg import EXTRA, PARAMETERS, check_model
 from .readers import finite, shown
 from .refusal import Refused, Unusable
 
@@ -215,12 +215,6 @@ def all_of_it(campaign: ExactCampaign, leg: int, accepted: Accepted) -> bool:
     """Whether the cap is above every eps for which legs can be longer than eps."""
     cap, shortest = accepted.claims.cap, min(campaign.measurement(k, leg).shortest for k in range(len(campaign)))
     return cap is not None and cap >= shortest + accepted.hi[6]
-
-
-def check_model(name: str) -> None:
-    """A model's name is one of those that are known here, or an ASCII identifier that is none of them."""
-    if name not in EXTRA and not (name.isascii() and name.isidentifier() and name.lower() not in EXTRA):
-        raise Refused(f"names the model {shown(name)}: a name is an ASCII identifier, and none of cpcal's")
 
 
 def nothing_beside(of: Json, *proved: str) -> None:

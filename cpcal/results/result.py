@@ -71,10 +71,10 @@ class ModelNote:
 
 
 def not_compared(model: str) -> str:
-    """A sentence on the certificates of a user-defined model."""
+    """A sentence on the certificates of a model that the checker does not know."""
     return (
-        f"The certificates state the constraints of the user-defined model {printable(model)} themselves: "
-        "these were not compared with the campaign."
+        f"The checker does not know the model {printable(model)}: its certificates state the constraints themselves, "
+        "which were not compared with the campaign."
     )
 
 

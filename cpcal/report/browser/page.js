@@ -161,8 +161,8 @@ function fault({leg, claim, parameter, value, text}, proofs, {digest, count, leg
   return misprint(text, stated, claim === "ranges.eps" ? -1 : side);
 }
 
-// All certificates and numbers: {faults: one a number, proofs: {leg, name, refused, seconds} each, own: legs whose
-// certificates state their constraints}.
+// All certificates and numbers: {faults: one a number; marks: good, wrong, none (nothing speaks of it), or own; proofs:
+// {leg, name, refused, seconds} each; own: legs whose certificates state their constraints}.
 function judged(campaignBytes, certificates, shown, tell = () => {}) {
   const digest = sha256(campaignBytes), proofs = {}, told = [];
   let campaign;
@@ -179,8 +179,10 @@ function judged(campaignBytes, certificates, shown, tell = () => {}) {
   const faults = shown.map(number => {
     try { return fault(number, proofs, about); } catch (error) { if (error instanceof Refused) return error.message; throw error; }
   });
-  const own = Object.keys(proofs).filter(key => proofs[key].own).map(key => key.split(" ")[0]);
-  return {faults, proofs: told, own};
+  const own = [...new Set(Object.keys(proofs).filter(key => proofs[key].own).map(key => key.split(" ")[0]))];
+  const owned = ({leg, claim}) => own.includes(leg) || own.length > 0 && /^(overall|summary)$/.test(claim);
+  const marks = shown.map((number, k) => faults[k] ? "wrong" : faults[k] === null ? "none" : owned(number) ? "own" : "good");
+  return {faults, marks, proofs: told, own};
 }
 
 async function serve({data, shown}) {
@@ -194,12 +196,11 @@ function begin(source) {
   const spots = [...document.querySelectorAll("[data-claim]")], notes = [...document.querySelectorAll("[data-proof]")];
   function say(element, text, state = "") { element.textContent = text; element.className = `proof ${state}`; }
   function unable(why) { [get("proof-status"), ...notes].forEach(e => say(e, `not checked in this browser: ${why}`, "refuted")); button.disabled = false; }
-  function show({faults, proofs, own}) {
-    const owned = k => own.includes(spots[k].dataset.leg) || own.length > 0 && /^(overall|summary)$/.test(spots[k].dataset.claim);
-    const seconds = list => `${list.reduce((sum, p) => sum + p.seconds, 0).toFixed(1)} s`, mark = k => faults[k] ? "wrong" : faults[k] === null ? "none" : owned(k) ? "own" : "good";
+  function show({faults, marks, proofs, own}) {
+    const seconds = list => `${list.reduce((sum, p) => sum + p.seconds, 0).toFixed(1)} s`;
     spots.forEach((spot, k) => {
-      spot.classList.toggle("refuted", mark(k) === "wrong");
-      spot.title = {wrong: `refused: ${faults[k]}`, none: OPEN.test(spot.textContent) ? UNJUDGED : "not certified", own: OWN, good: "as its certificate proves; checked in this browser"}[mark(k)];
+      spot.classList.toggle("refuted", marks[k] === "wrong");
+      spot.title = {wrong: `refused: ${faults[k]}`, none: OPEN.test(spot.textContent) ? UNJUDGED : "not certified", own: OWN, good: "as its certificate proves; checked in this browser"}[marks[k]];
     });
     for (const note of notes) {
       const mine = proofs.filter(p => String(p.leg) === note.dataset.proof), of = spots.map((s, k) => k).filter(k => spots[k].dataset.leg === note.dataset.proof);
@@ -210,9 +211,9 @@ function begin(source) {
       else if (told) say(note, `${told}; ${seconds(mine)}`);
       else if (mine.length) say(note, `checked in this browser, ${seconds(mine)}: ${of.length - open} statements${open ? `; ${open} not certified` : ""}`, "held");
     }
-    const bad = faults.filter(Boolean).length + proofs.filter(p => p.refused).length, held = spots.filter((_, k) => mark(k) === "good").length;
+    const bad = faults.filter(Boolean).length + proofs.filter(p => p.refused).length, held = marks.filter(mark => mark === "good").length;
     if (bad) say(get("proof-status"), `REFUSED: this page is not what its certificates prove, in ${bad} place${bad > 1 ? "s" : ""}, marked red.`, "refuted");
-    else if (own.length) say(get("proof-status"), `Not compared with the campaign: leg ${[...new Set(own)].join(", ")}, whose certificates state their constraints themselves. ${held} other statements are proved. ${UNJUDGED}`);
+    else if (own.length) say(get("proof-status"), `Not compared with the campaign: leg ${own.join(", ")}, whose certificates state their constraints themselves. ${held} other statements are proved. ${UNJUDGED}`);
     else say(get("proof-status"), `${proofs.length} certificate${proofs.length > 1 ? "s" : ""} checked in this browser, ${seconds(proofs)}; ${held} statements of this page are what they prove. ${UNJUDGED}`, "held");
     button.disabled = false;
   }
