@@ -147,10 +147,10 @@ def test_a_restart_redoes_nothing(alone, folder, tmp_path):
 
     def stop(done, count):
         if done >= 8:
-            raise Enough
+            raise Enough("eight images")
 
     given = (ImageFolder(folder), DELTALAB_TARGET, DELTALAB_CAMERA)
-    with pytest.raises(Enough):
+    with pytest.raises(Enough, match="eight images"):
         detect(*given, workers=1, journal=journal, progress=stop)
     kept = journal.read_text().count("\n") - 1
     assert kept >= 8

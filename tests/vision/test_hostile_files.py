@@ -115,10 +115,17 @@ def test_a_link_to_nothing_is_an_image_with_a_reason(tmp_path):
 
 
 @pytest.mark.parametrize("load", [load_target, load_camera])
-@pytest.mark.parametrize("content", ["a = " + "[" * DEEP, "a" + ".a" * DEEP + " = 1", "a = " + "{ a = " * DEEP])
-def test_deeply_nested_settings_are_refused(tmp_path, load, content):
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("a = " + "[" * DEEP, "is not a sensible TOML file"),
+        ("a" + ".a" * DEEP + " = 1", "has a key of too many parts"),
+        ("a = " + "{ a = " * DEEP, "is larger than"),
+    ],
+)
+def test_deeply_nested_settings_are_refused(tmp_path, load, content, reason):
     (tmp_path / "file.toml").write_text(content)
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=reason):
         load(tmp_path / "file.toml")
 
 
