@@ -40,11 +40,11 @@ def table() -> str:
     return "\n".join(lines)
 
 
-def accepted_changes(file: Path, verified: Callable[[], bool]) -> Iterator[str]:
-    """Keys of a JSON file that stand outside of the information, and of which some change is accepted."""
+def accepted_changes(file: Path, verified: Callable[[], bool], but: str = "") -> Iterator[str]:
+    """Keys of a JSON file that stand outside of the information (and of the key `but`), and an accepted change."""
     text = file.read_text(encoding="utf-8")
     try:
-        for path in _places(json.loads(text)):
+        for path in (path for path in _places(json.loads(text)) if path[0] != but):
             for other in _changes(_at(json.loads(text), path)):
                 data = json.loads(text)
                 _at(data, path[:-1])[path[-1]] = other
@@ -86,6 +86,8 @@ def _changes(value: Any) -> list[Any]:
         return [not value, int(value), None]
     if isinstance(value, int | float):
         return [value + (0.001 * abs(value) or 1), value - (0.001 * abs(value) or 1), str(value)]
+    if isinstance(value, str) and value.lstrip("-").startswith("0x"):
+        return ["0x11p+3", "-0x11p+3", 7]
     if isinstance(value, str):
         return [value[:-1] + ("1" if value[-1:] != "1" else "2"), f"{value}x", 7]
     if isinstance(value, list):

@@ -18,6 +18,7 @@ from cpcal.checker import Refused, check
 from cpcal.cli import app
 from cpcal.common.numbers import plain_gap
 from cpcal.files import save_campaign_json
+from cpcal.report import leg_sentence
 from cpcal.report.page import render
 
 mini_racer = pytest.importorskip("py_mini_racer", reason="mini-racer is not installed (pip install 'cpcal[test]')")
@@ -123,7 +124,7 @@ def test_an_untouched_page_agrees_with_its_certificates(engine, runs, campaign, 
     assert len(page.shown) > (40 if name == "mid" else 5)
 
 
-OWN = cpcal.LegModel("own", "proved to be right", (cpcal.Parameter("k", "mm", 1.0),), lambda measured, x: x["k"])
+OWN = cpcal.LegModel("own", "proved to be right", (cpcal.Parameter("k", "1", 0.05),), lambda m, x: m.length * x["k"])
 
 
 @pytest.mark.parametrize("tolerance", [None, 5.0, 0.01])
@@ -138,9 +139,10 @@ def test_nothing_of_a_model_that_the_checker_does_not_know_is_green(engine, camp
     assert not re.search('class="verdict[^"]*(explained|bounded)"', text.replace("unexplained", ""))
     assert "proved to be right" not in text  # a formula that nobody compared
     assert "‖P + R b − a‖ =" not in text
-    assert "not compared with the campaign" in cpcal.leg_sentence(found, found.legs[0])
+    assert "not compared with the campaign" in leg_sentence(found, found.legs[0])
     page = Page(text)
-    told = judged(engine, page)
+    told, words = judged(engine, page), {number["text"] for number in texts(page, "verdict")}
+    assert {None: "not compared", 5.0: "not compared", 0.01: "fail"}[tolerance] in words
     assert told["own"] == ["1"]
     assert not any(told["faults"])
     good = {number["claim"] for number, mark in zip(page.shown, told["marks"], strict=True) if mark == "good"}
