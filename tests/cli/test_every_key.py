@@ -67,7 +67,7 @@ def test_every_cell_of_the_table_of_campaigns_is_that_of_a_run(tmp_path: Path, v
 
 
 def test_no_key_of_a_certificate_is_read_in_silence(tmp_path: Path) -> None:
-    """What header or claims say otherwise is refused, or is said to be proved; constraints are the certificate's own."""
+    """What header or claims say otherwise is refused, or said to be proved; the constraints are its own."""
     RUNS["solve"](tmp_path)
     path = tmp_path / "run" / "it.cert.jsonl"
     good, text = check(path), path.read_text(encoding="utf-8")
