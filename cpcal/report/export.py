@@ -44,10 +44,11 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
         format=FORMAT,
         robot=result.robot,
         model=result.model.name,
+        not_compared=result.model.not_compared or None,
         frame=FRAME if frames is None else drawing_frames.FRAME,
         tolerance=result.options.tolerance,
         verdict=None if verdict is None else verdict.word.lower() if certified else NOT_CERTIFIED,
-        notices=sorted({*range(1, campaign.legs + 1)} - {leg.leg for leg in result.legs}) or None,
+        missing_legs=sorted({*range(1, campaign.legs + 1)} - {leg.leg for leg in result.legs}) or None,
         provenance=provenance,
         legs=[_leg(campaign, result, leg, frames) for leg in result.legs],
     )

@@ -58,7 +58,7 @@ def test_legs_that_nobody_asked_about_are_named(run: Path) -> None:
     assert CliRunner().invoke(app, ["report", str(run)]).exit_code == 0
     assert sentence in (run / "report.html").read_text(encoding="utf-8")
     exported = json.loads(CliRunner().invoke(app, ["export", str(run), "--format", "json"]).output)
-    assert exported["notices"] == [3, 4, 5, 6]
+    assert exported["missing_legs"] == [3, 4, 5, 6]
 
 
 def test_an_eps_beyond_the_lengths_of_the_legs_is_refused(tmp_path: Path) -> None:
