@@ -66,7 +66,7 @@ def _of_the_whole(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, 
 
 
 def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, work: int) -> RobustChecked:
-    number, outliers, ids = leg["leg"], result["outliers"], campaign.ids
+    number, outliers = leg["leg"], result["outliers"]
 
     def accepted(file: Any) -> Accepted:
         if file not in {path.name for path in folder.glob("*.cert.jsonl")}:
@@ -77,14 +77,15 @@ def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, wor
         return found
 
     try:
+        left_out = {campaign.place.get(name, -1) for name in leg["left_out"]}
+        if -1 in left_out or len(leg["left_out"]) > min(outliers, len(left_out)):
+            raise Refused("leaves out a measurement that is none, one twice, or more than may be wrong")
         lo = _lower(leg, [accepted(file) for file in leg["proofs"]], outliers)
         hi = None
         if leg["point_certificate"] is not None:
             point = accepted(leg["point_certificate"])
-            compare(_of_the_point(leg, point, [k for k, name in enumerate(ids) if name not in leg["left_out"]], ids))
+            compare(_of_the_point(leg, point, [k for k in range(len(campaign)) if k not in left_out]))
             hi = exact(leg["eps_hi"])
-        if len(leg["left_out"]) > outliers or len(set(leg["left_out"])) < len(leg["left_out"]):
-            raise Refused("leaves out more measurements than may be wrong, or one twice")
         return RobustChecked(number, outliers, lo, hi, tuple(map(str, leg["left_out"])), len(leg["proofs"]))
     except (Unusable, Refused, *STRANGE) as error:
         return RobustChecked(number, outliers, refused=reason_of(error))
@@ -104,9 +105,8 @@ def _lower(leg: Json, proofs: list[Accepted], outliers: int) -> F | None:
     return lo
 
 
-def _of_the_point(leg: Json, accepted: Accepted, kept: list[int], ids: list[str]) -> Iterator[tuple[str, Any, Any]]:
+def _of_the_point(leg: Json, accepted: Accepted, kept: list[int]) -> Iterator[tuple[str, Any, Any]]:
     claims = accepted.claims
-    yield "measurement left out", set(leg["left_out"]) <= set(ids), True
     yield "measurements of the point", kept, list(accepted.chosen)
     yield "point", claims.point is not None and claims.point.holds == accepted.chosen, True
     yield "eps_hi", exact(leg["eps_hi"]), claims.eps_hi
