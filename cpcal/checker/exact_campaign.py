@@ -83,8 +83,7 @@ def _depth(value: Any) -> int:
     return 1 + max(map(_depth, value.values() if isinstance(value, dict) else value), default=0)
 
 
-def beside(certificate: Path, sha256: Any) -> ExactCampaign:
-    """The campaign beside a certificate that has this digest, or the only one that there is."""
-    paths = sorted(certificate.parent.glob(f"*{NAME}")) or [certificate.parent / NAME]
-    found = [ExactCampaign(path) for path in paths]
-    return next((campaign for campaign in found if campaign.sha256 == sha256), found[0])
+def beside(certificate: Path, sha256: str) -> ExactCampaign:
+    """The campaign beside a certificate: the file that is named after its digest, where there is one."""
+    own = certificate.parent / f"{sha256[:12]}.{NAME}"
+    return ExactCampaign(own if sha256[:12].isalnum() and own.exists() else certificate.parent / NAME)

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 from .readers import shown
 from .refusal import Refused, Unusable
 
-WORK = 10_000_000  # see docs/certificate-format.md, "Limits"
+WORK = 100_000_000  # of a whole run: see docs/certificate-format.md, "Limits"
 ROBUST_NAME, POSE_SET_SUFFIX = "robust.json", ".pose.json"  # files of claims other than those of a run
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
 
@@ -148,23 +148,30 @@ class Members:
             self._at = 0
 
 
-def work_of(measurements: int) -> int:
-    """What certificates about so many measurements may cost more: each of them is looked at once, for a point."""
-    return 300 * min(measurements, 200_000)
+class Budget:
+    """Work that the check of a whole run may cost, in tenths of a microsecond, about."""
+
+    def __init__(self, most: int) -> None:
+        self.most = self.left = most
+
+    def spend(self, work: int) -> None:
+        self.left -= work
+        if self.left < 0:
+            raise Refused(f"the check takes more work than the {self.most} that it may cost", "limit")
 
 
 class Lines:
-    """The objects of a certificate, line by line; `spend` counts the work that its check may cost."""
+    """The objects of a certificate, line by line; `spend` counts the work that its check costs."""
 
-    def __init__(self, stream: BinaryIO, work: int = WORK) -> None:
-        self._stream, self._left, self._most, self.line = stream, work, work, 0
+    def __init__(self, stream: BinaryIO, budget: Budget) -> None:
+        self._stream, self._budget, self.line = stream, budget, 0
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         while line := self._stream.readline(LONGEST_LINE + 1):
             self.line += 1
             if len(line) > LONGEST_LINE:
                 raise Refused("the line is longer than 4 MiB", "limit")
-            self.spend(20 + len(line) // 8)
+            self.spend(200 + 2 * len(line))
             yield parsed(line)
 
     def following(self, what: str) -> dict[str, Any]:
@@ -173,12 +180,5 @@ class Lines:
         self.line += 1
         raise Refused(f"the file ends before {what}, or it is empty")
 
-    def allow(self, measurements: int) -> None:
-        """More work for a campaign of so many."""
-        more = work_of(measurements)
-        self._left, self._most = self._left + more, self._most + more
-
     def spend(self, work: int) -> None:
-        self._left -= work
-        if self._left < 0:
-            raise Refused(f"the check takes more work than the {self._most} that it may cost", "limit")
+        self._budget.spend(work)
