@@ -69,7 +69,6 @@ def _leg(
         raise Refused(f"the campaign has {campaign.legs} legs and {len(campaign)} measurements")
     if only == ():
         raise Refused("a certificate of no measurements says nothing")
-    lines.allow(count)
     problem = leg_problem(lambda k: campaign.measurement(k, leg), count, model, only)
     root = _box(lo, hi, len(problem.unknowns))
     if root.lo[-1] < 0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 from .certificate import check
 from .claims import Accepted
 from .exact_campaign import NAME, ExactCampaign
-from .files import WORK, content, parsed
+from .files import WORK, Budget, content, parsed
 from .leg import EXTRA, PARAMETERS, check_model
 from .readers import finite, shown
 from .refusal import Refused, Unusable
@@ -41,7 +41,7 @@ def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
     """What is proved of every leg of the run.
 
     Raises Unusable where there is nothing to check, Refused where the run as a whole is not what it says.
-    `work`: multiplications that each certificate may cost.
+    `work`: what the check may cost; each leg has the same part of it, so that no leg depends on another.
     """
     return [check_leg() for check_leg in leg_checks(folder, work=work)]
 
@@ -62,7 +62,8 @@ def leg_checks(folder: Path, *, work: int = WORK) -> list[Callable[[], LegChecke
         for path in sorted(folder.glob("*.cert.jsonl")):
             if path.name not in named:
                 raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
-        return [partial(_checked, folder, result, campaign, leg, work) for leg in legs]
+        certificates = Certificates(folder, campaign, work // max(len(legs), 1))
+        return [partial(_checked, replace(certificates), result, leg) for leg in legs]
     except (Refused, *STRANGE) as error:
         if isinstance(error, Refused) and error.code == "campaign":
             raise
@@ -83,19 +84,39 @@ def _of_the_run(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, An
     yield "list of legs", [type(n) for n in numbers], [int] * len(set(numbers))
 
 
-def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, work: int) -> LegChecked:
+@dataclass
+class Certificates:
+    """Those of a folder: each is checked once, and all together cost no more than `work`."""
+
+    folder: Path
+    campaign: ExactCampaign
+    work: int
+
+    def __post_init__(self) -> None:
+        self.budget = Budget(self.work)
+        self._names = {path.name for path in self.folder.glob("*.cert.jsonl")}
+        self._known: dict[str, Accepted] = {}
+
+    def accepted(self, file: Any) -> Accepted:
+        if file not in self._names:
+            raise Refused(f"names no certificate of its folder: {shown(file)}")
+        if file not in self._known:
+            self._known[file] = check(self.folder / file, self.campaign, work=self.budget)
+        return self._known[file]
+
+
+def _checked(certificates: Certificates, result: Json, leg: Json) -> LegChecked:
+    campaign = certificates.campaign
     number, name, every = leg["leg"], leg["certificate"], list(range(len(campaign)))
 
     def accepted(file: Any, chosen: list[int]) -> Accepted:
-        if file not in {path.name for path in folder.glob("*.cert.jsonl")}:
-            raise Refused(f"names no certificate of its folder: {shown(file)}")
-        found = check(folder / file, campaign, work=work)
+        found = certificates.accepted(file)
         compare(of_the_problem(result, leg, campaign, found, chosen))
         return found
 
     try:
-        support = leg[INFORMATION]["support"]
-        same("support", sorted(support), sorted(set(support) & set(campaign.ids)))
+        support = [campaign.place.get(name, -1) for name in leg[INFORMATION]["support"]]
+        same("support", len(set(support) - {-1}), len(support))
         stated, proof, ranges, few, found = leg["ranges"], leg["support_proof"], None, None, None
         if stated is not None and stated["certificate"] is not None:
             ranges = accepted(stated["certificate"], every)
@@ -107,8 +128,7 @@ def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, wor
             compare(of_the_box(result, leg, found, result["options"]["eps"]))
             compare(_of_the_leg(result, leg, campaign, found))
         if proof is not None:
-            chosen = [k for k, text in enumerate(campaign.ids) if text in support]
-            few = accepted(proof["certificate"], chosen)
+            few = accepted(proof["certificate"], sorted(support))
             compare(_of_the_support(result, leg, proof, campaign, few))
         return LegChecked(number, name, found, support=few, ranges=ranges)
     except (Unusable, Refused, *STRANGE) as error:
