@@ -53,7 +53,7 @@ def unsettled(one: LegConstraint, side: str) -> Polynomial:
         for places, (p, q) in zip(formula.places, formula.degrees, strict=True)
     )
     mask = signed(len(one.x), one.signs)
-    return row - constant(beyond(*others, mask), free) if others else row
+    return row - constant(beyond(others[0], others[1], mask), free) if others else row
 
 
 @pytest.mark.parametrize("side", SIDES)
