@@ -8,10 +8,6 @@ from .averaging import (
 from .diagnosis import (
     Diagnosis,
 )
-from .dip import (
-    dip,
-    dip_p_value,
-)
 from .distribution import (
     ChannelStatistics,
     describe,
@@ -69,10 +65,6 @@ from .screening import (
     Screening,
     screen,
 )
-from .selection import (
-    Selection,
-    select_poses,
-)
 from .statistics import (
     Deviations,
     campaign_deviations,
@@ -126,7 +118,6 @@ __all__ = [
     "RepeatTests",
     "Repeatability",
     "Screening",
-    "Selection",
     "StudyCalibration",
     "Validation",
     "aligned",
@@ -138,8 +129,6 @@ __all__ = [
     "column_scale",
     "describe",
     "deviations",
-    "dip",
-    "dip_p_value",
     "fit",
     "half_widths",
     "hand_eye",
@@ -159,7 +148,6 @@ __all__ = [
     "robot_jacobian",
     "save_record",
     "screen",
-    "select_poses",
     "tolerance_half_width",
     "validate",
 ]

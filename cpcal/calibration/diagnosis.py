@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.calibration.corrections import COLUMNS, Corrected, Poses, corrected
-from cpcal.calibration.repeat_tests import MODES, REVERSAL, RUNS, VARIANCES, RepeatTests
+from cpcal.calibration.repeat_tests import RUNS, VARIANCES, RepeatTests
 from cpcal.common.arrays import Floats
 
 ACCUSED = 1e-4  # probability of naming something, test by test (repeats: all together), where all is well
@@ -77,7 +77,7 @@ class Diagnosis:
 def diagnosis(poses: Poses, start: Floats, tests: RepeatTests) -> Diagnosis:
     """What repeats and means name, from the parameters (n, 7) of a fit."""
     named = [DRIFT] * bool(tests.found(RUNS, ACCUSED))
-    named += [PLAY] * any(tests.found(kind, ACCUSED) for kind in (VARIANCES, MODES, REVERSAL))
+    named += [PLAY] * bool(tests.found(VARIANCES, ACCUSED))
     plain = _asked(corrected(poses, start, PLAIN))
     if plain.chance >= ACCUSED:
         return Diagnosis(tuple(named), (plain,), unexplained=False)

@@ -1,7 +1,7 @@
-"""What the errors of repeated readings look like: spread, extremes, normal or not, one mode or more.
+"""What the errors of repeated readings look like: spread, extremes, normal or not.
 
 Tests are of the errors pooled over all configurations (figures 3 and 4 of the paper). A spread that differs between
-configurations makes a pooled distribution with heavy tails; two modes within every configuration stay two modes.
+configurations makes a pooled distribution with heavy tails.
 """
 
 from __future__ import annotations
@@ -13,15 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.calibration.dip import dip_p_value
 from cpcal.calibration.statistics import Deviations
 from cpcal.common.arrays import Floats
 
 LEVEL = 0.01  # probability of a word in capitals for a study in which all is well
 _SHAPIRO_MAX = 5000  # readings; beyond, scipy's p-value is not accurate
 _DAGOSTINO_MIN = 20
-_DIP_MIN = 10
-_FEW_VALUES = 0.5  # distinct values / readings below which a channel counts as quantised: its dip would be of the steps
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,6 @@ class ChannelStatistics:
                 below 0.00015, where the words' level lies
     shapiro     p-value of Shapiro and Wilk's, by which the words go (0.8 times as many); of every second, third, ...
                 reading where there are more than 5000
-    dip         p-value of Hartigan's: one mode
     tests       how many tests the p-values are among: the words take it into account (Bonferroni)
     """
 
@@ -48,25 +44,18 @@ class ChannelStatistics:
     kurtosis: float
     dagostino: float
     shapiro: float
-    dip: float
     tests: int = 1
 
     def not_normal(self, level: float = LEVEL) -> bool:
         """`level` is the probability of calling a good channel bad among all `tests`; False where it is not tested."""
         return self.shapiro < level / self.tests
 
-    def several_modes(self, level: float = LEVEL) -> bool:
-        """By the dip test, with the same level; False where it does not apply."""
-        return self.dip < level / self.tests
-
     def sentence(self, level: float = LEVEL) -> str:
         """The channel in words."""
         spread = f"{self.name}: standard deviation {self.sigma:.3g}, largest error {self.extreme:.3g}"
         tested = not math.isnan(self.shapiro)
         shape = "not tested for normality" if not tested else "NOT NORMAL" if self.not_normal(level) else "looks normal"
-        counted = not math.isnan(self.dip)
-        modes = "not tested" if not counted else "MORE THAN ONE (backlash?)" if self.several_modes(level) else "one"
-        return f"{spread} ({self.readings} readings); {shape}; modes: {modes}."
+        return f"{spread} ({self.readings} readings); {shape}."
 
 
 def describe(deviations: Deviations, chosen: slice = slice(None)) -> tuple[ChannelStatistics, ...]:
@@ -80,7 +69,6 @@ def _described(name: str, sigma: float, errors: Floats) -> ChannelStatistics:
 
     count, scatters = len(errors), sigma > 0.0
     thinned = errors[:: -(-count // _SHAPIRO_MAX)]
-    quantised = len(np.unique(errors)) < _FEW_VALUES * count
 
     def tested(statistic: Callable[[], Any], applies: bool = True) -> float:
         return float(statistic()) if scatters and applies else math.nan
@@ -94,5 +82,4 @@ def _described(name: str, sigma: float, errors: Floats) -> ChannelStatistics:
         kurtosis=tested(lambda: stats.kurtosis(errors)),
         dagostino=tested(lambda: stats.normaltest(errors).pvalue, count >= _DAGOSTINO_MIN),
         shapiro=tested(lambda: stats.shapiro(thinned).pvalue, count >= 3),
-        dip=tested(lambda: dip_p_value(errors), count >= _DIP_MIN and not quantised),
     )

@@ -18,7 +18,6 @@ from cpcal.calibration.diagnosis import Diagnosis
 from cpcal.calibration.distribution import ChannelStatistics
 from cpcal.calibration.pose_performance import PosePerformance
 from cpcal.calibration.repeat_tests import RepeatTests
-from cpcal.calibration.reversal import Reversal
 from cpcal.calibration.shared_error import SharedError
 from cpcal.calibration.validation import NoiseFloor, PoseErrors, Validation
 from cpcal.robot import Pose, transformed
@@ -109,7 +108,6 @@ class FittedFrames:
 class OwnFrame:
     """Parameters and standard errors (n, 7), mm, in frames of the joint centres themselves (own_frame.py)."""
 
-    convention: str
     values: Rows
     standard_errors: Rows
 
@@ -120,7 +118,7 @@ class Parameters:
 
     source   what the errors are from: "noise" or "residuals"
     explained  whether the noise explains the residuals: if not, no error knows what the model lacks
-    own      the same in the joint centres' own frames
+    own      the same in the joint centres' own frames; None where they define none
     """
 
     values: Rows
@@ -130,7 +128,7 @@ class Parameters:
     converged: bool
     source: str
     explained: bool
-    own: tuple[OwnFrame, ...]
+    own: OwnFrame | None
     sentence: str
 
     def __post_init__(self) -> None:
@@ -186,7 +184,6 @@ class CalibrationRecord:
     equation_sigma   (n,) mm: scatter of g between repeats
     robot_sigma      (n,) mm: scatter of the legs themselves, seen by camera and sensors alike; 0 where none is seen
     validation_all   that of x_c with the validation's outliers; None where there are none
-    reversal         of the legs (ISO 230-2); none where the direction of approach is not noted
     performance      AP and RP of the validation poses (ISO 9283); None where some have one run only
     budget, monte_carlo    uncertainty budget (GUM) and its check, where they were asked for
     """
@@ -217,7 +214,6 @@ class CalibrationRecord:
     validation: Errors
     validation_sigma: Errors
     validation_all: Errors | None
-    reversal: tuple[Reversal, ...]
     performance: PosePerformance | None
     budget: Budget | None
     monte_carlo: MonteCarlo | None
@@ -286,13 +282,6 @@ class CalibrationRecord:
         """What the standards of the trade ask for."""
         if self.performance is not None:
             yield self.performance.sentence
-        if self.reversal:
-            targets = max(one.targets for one in self.reversal)
-            each = "; ".join(one.sentence for one in self.reversal)
-            yield (
-                f"Reversal values of the legs (formulas of ISO 230-2) over {targets} targets, noise of camera and "
-                f"sensors included: {each}."
-            )
         yield from (part.sentence for part in (self.budget, self.monte_carlo) if part is not None)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from cpcal.calibration.record import CalibrationRecord
 from cpcal.files.codec import load, save
 
-FORMAT = "cpcal-calibration/4"
+FORMAT = "cpcal-calibration/5"
 RECORD_NAME = "calibration.json"
 
 

@@ -1,12 +1,10 @@
-"""Do repeats scatter as independent noise does? Drift, hysteresis, backlash, and shapes that are not normal.
+"""Do repeats scatter as independent noise does? Drift, play, and shapes that are not normal.
 
 All tests of a study are corrected for their number (Bonferroni), so that a good study has one false alarm among all of
 them in a hundred at level 0.01:
 
     runs         analysis of variance: do runs have means of their own, over all configurations? (drift, warming up)
     variances    Bartlett's test: do configurations scatter alike? (play that only some loads take up)
-    modes        Hartigan's dip (play that is taken up from either side)
-    reversal     do runs that come from the other side differ? (backlash, hysteresis; where the direction is noted)
     normality    Shapiro and Wilk's
 
 Channels are the readings themselves and, leg by leg, g between repeats (`Repeatability.equations`) in standard
@@ -22,34 +20,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpcal.calibration.dip import dip, dip_p_value
 from cpcal.calibration.distribution import LEVEL, ChannelStatistics
 from cpcal.calibration.repeatability import Repeatability
-from cpcal.calibration.reversal import reversals
 from cpcal.calibration.statistics import Deviations
 from cpcal.common.arrays import Floats, Ints
 from cpcal.common.names import listed
-from cpcal.robot import POSITIVE
 
-RUNS, VARIANCES, MODES, REVERSAL = "runs", "variances", "modes", "reversal"
+RUNS, VARIANCES = "runs", "variances"
 KINDS = {  # what is said where a test says no, where all say yes, and what may be the cause
     RUNS: ("RUNS DIFFER", "Runs do not differ", "drift, or something changed between them"),
     VARIANCES: ("CONFIGURATIONS SCATTER DIFFERENTLY", "Configurations scatter alike", "play or stick-slip"),
-    MODES: ("MORE THAN ONE MODE between repeats", "One mode between repeats", "backlash or hysteresis"),
-    REVERSAL: ("THE DIRECTION OF APPROACH MATTERS", "Either direction leads to the same", "backlash or hysteresis"),
 }
-_DIP_MIN = 10  # readings
-_RESTLESS = 1e-3  # probability of so large a scatter by noise from which a configuration counts as restless
-_RESTLESS_MIN = 4  # configurations
-_OWN_SCALE = (
-    6  # repeats from which a configuration's own deviation can be its unit: two or three values always have modes
-)
 
 
 @dataclass(frozen=True)
 class RepeatTest:
-    """One test of one channel: `statistic` F of "runs" and of "reversal", chi-square over its degrees of freedom of
-    "variances", the dip of "modes"; `p` as it is, and `corrected` for the number of tests."""
+    """One test of one channel: `statistic` F of "runs", chi-square over its degrees of freedom of "variances"; `p` as
+    it is, and `corrected` for the number of tests."""
 
     kind: str
     channel: str
@@ -93,30 +80,20 @@ class RepeatTests:
 
 
 def repeat_tests(
-    found: Repeatability,
-    runs: Sequence[str],
-    statistics: Sequence[ChannelStatistics],
-    approach: Sequence[str] | None = None,
+    found: Repeatability, runs: Sequence[str], statistics: Sequence[ChannelStatistics]
 ) -> tuple[RepeatTests, tuple[ChannelStatistics, ...]]:
     """The tests, and the channels' statistics with their p-values corrected for the number of all tests.
 
     runs   the run of each of the rows that `found` is of
-    approach   from which side each of them came, where that is known
     """
     spread = found.spread
     legs = tuple(f"g of leg {k}" for k in range(1, found.equations.shape[1] + 1))
     safe = np.where(found.expected > 0.0, found.expected, 1.0)
     scaled = found.equations / safe
     every = np.concatenate([spread.values, scaled], axis=1)
-    made = _runs((*spread.channels, *legs), every, _same_direction(spread.group, approach), runs)
+    made = _runs((*spread.channels, *legs), every, spread.group, runs)
     made += _variances(legs, scaled, spread)
-    made += _modes(legs, scaled, spread)
-    made += [
-        RepeatTest(REVERSAL, f"g of leg {one.leg}", one.statistic, one.p, one.p)
-        for one in reversals(found, approach)
-        if math.isfinite(one.p)
-    ]
-    shapes = sum(not math.isnan(p) for one in statistics for p in (one.shapiro, one.dip))
+    shapes = sum(not math.isnan(one.shapiro) for one in statistics)
     count = len(made) + shapes
     tests = tuple(replace(test, corrected=min(1.0, count * test.p)) for test in made)
     return RepeatTests(tests, count), tuple(replace(one, tests=count) for one in statistics)
@@ -151,14 +128,6 @@ def _runs(channels: Sequence[str], values: Floats, group: Ints, runs: Sequence[s
     return tests
 
 
-def _same_direction(group: Ints, approach: Sequence[str] | None) -> Ints:
-    """Groups of a configuration's runs that came from the same side: a run all of one side is no drift."""
-    if approach is None:
-        return group
-    sides = np.array(approach) == POSITIVE
-    return np.unique(2 * group + sides, return_inverse=True)[1].astype(np.int64)
-
-
 def _variances(legs: Sequence[str], scaled: Floats, spread: Deviations) -> list[RepeatTest]:
     from scipy import stats
 
@@ -172,31 +141,6 @@ def _variances(legs: Sequence[str], scaled: Floats, spread: Deviations) -> list[
             found = stats.bartlett(*groups)
             p, size = float(found.pvalue), float(found.statistic) / (len(groups) - 1)
             tests.append(RepeatTest(VARIANCES, name, size, p, p))
-    return tests
-
-
-def _modes(legs: Sequence[str], scaled: Floats, spread: Deviations) -> list[RepeatTest]:
-    """The dip, over the configurations that scatter beyond the noise where there are some: they hold the play."""
-    from scipy import stats
-
-    freedom = np.maximum(spread.repeats - 1, 1)
-    several, many = spread.repeats > 2, spread.repeats >= _OWN_SCALE
-    tests = []
-    for name, values in zip(legs, scaled.T, strict=True):
-        variance = np.bincount(spread.group, values**2, minlength=len(several)) / freedom
-        usual = float(np.median((variance * freedom / stats.chi2.median(freedom))[several])) if several.any() else 0.0
-        if not usual > 0.0:
-            continue
-        restless = many & (stats.chi2.sf(variance * freedom / usual, freedom) < _RESTLESS)
-        if restless.sum() >= _RESTLESS_MIN:
-            sample = (values / np.sqrt(np.maximum(variance, np.finfo(np.float64).tiny))[spread.group])[
-                restless[spread.group]
-            ]
-        else:
-            sample = values[several[spread.group]]
-        if len(sample) >= _DIP_MIN:
-            p = dip_p_value(sample)
-            tests.append(RepeatTest(MODES, name, dip(sample), p, p))
     return tests
 
 

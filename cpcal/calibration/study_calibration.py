@@ -23,7 +23,6 @@ from cpcal.calibration.frames import FrameCalibration, calibrate_frames, redefin
 from cpcal.calibration.pose_performance import PosePerformance, pose_performance
 from cpcal.calibration.repeat_tests import RepeatTests, repeat_tests
 from cpcal.calibration.repeatability import Repeatability, repeatability
-from cpcal.calibration.reversal import Reversal, reversals
 from cpcal.calibration.screening import Screening
 from cpcal.calibration.shared_error import SharedError
 from cpcal.calibration.statistics import Deviations, campaign_deviations
@@ -47,8 +46,7 @@ class StudyCalibration:
     repeats       whose scatter that is: camera's, sensors', robot's
     shared        deviations of the part of a pose's error that camera and target make in all images alike; None where
                   the study states none
-    tests         drift, play, modes
-    reversal      reversal values of the legs (ISO 230-2); none where the direction of approach is not noted
+    tests         drift, play
     diagnosis     which mechanism is named, of repeats and of the means of calibration and validation poses together
     frames        camera in base, target in mobile, from pairs of poses: where the fits start
     base_frame, mobile_frame    the same from the calibrated joint centres (of x_c_sigma) laid on the drawing's
@@ -69,7 +67,6 @@ class StudyCalibration:
     repeats: Repeatability
     shared: SharedError | None
     tests: RepeatTests
-    reversal: tuple[Reversal, ...]
     diagnosis: Diagnosis
     frames: FrameCalibration
     base_frame: Alignment
@@ -101,7 +98,7 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
     repeats = repeatability(rows.runs)
     spreads = campaign_deviations(rows.good), repeats.spread
     statistics = _described(*spreads)
-    tests, statistics = repeat_tests(repeats, rows.run_names, statistics, rows.run_approach)
+    tests, statistics = repeat_tests(repeats, rows.run_names, statistics)
     sigma = repeats.noise_sigma if of == "mean" else rows.single_sigma(repeats)
     campaign = averaged(rows.runs, of=of, factor=factor, sigma=sigma, shared=rows.run_shared)
     check = averaged(check_rows.runs, of=of, factor=factor, sigma=sigma, shared=check_rows.run_shared)
@@ -120,7 +117,6 @@ def calibrate_study(study: Study, *, method: str = "shah", factor: float = 3.0, 
         repeats=repeats,
         shared=None if rows.run_shared is None else SharedError.of(rows.run_shared, rows.runs.position),
         tests=tests,
-        reversal=reversals(repeats, rows.run_approach),
         diagnosis=diagnosis(Poses.of((campaign, check), (noise, check_noise)), x_c_sigma.parameters, tests),
         frames=frames,
         base_frame=base,

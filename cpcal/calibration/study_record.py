@@ -8,7 +8,7 @@ from cpcal.calibration.alignment import Alignment
 from cpcal.calibration.averaging import Of
 from cpcal.calibration.budget import Budget, MonteCarlo
 from cpcal.calibration.estimate import Fit
-from cpcal.calibration.own_frame import CONVENTIONS, Convention, in_own_frame, own_frame_covariance
+from cpcal.calibration.own_frame import in_own_frame, own_frame_covariance
 from cpcal.calibration.record import (
     CalibrationRecord,
     Channel,
@@ -71,7 +71,6 @@ def recorded(
         validation=_errors(found.validation),
         validation_sigma=_errors(found.validation_sigma),
         validation_all=None if found.validation_all is None else _errors(found.validation_all),
-        reversal=found.reversal,
         performance=found.performance,
         budget=budget,
         monte_carlo=monte_carlo,
@@ -122,20 +121,20 @@ def _parameters(fit: Fit) -> Parameters:
         converged=bool(fit.converged),
         source=fit.source,
         explained=fit.explained,
-        own=tuple(found for name in CONVENTIONS for found in _own(fit, name)),
+        own=_own(fit),
         sentence=fit.sentence,
     )
 
 
-def _own(fit: Fit, convention: Convention) -> tuple[OwnFrame, ...]:
+def _own(fit: Fit) -> OwnFrame | None:
     """None where the centres of the first three legs define no frame."""
     try:
-        values = in_own_frame(fit.parameters, convention)
-        variance = np.diagonal(own_frame_covariance(fit.parameters, fit.covariance, convention))
+        values = in_own_frame(fit.parameters)
+        variance = np.diagonal(own_frame_covariance(fit.parameters, fit.covariance))
     except InputError:
-        return ()
+        return None
     errors = np.sqrt(np.where(np.isfinite(variance), np.maximum(variance, 0.0), np.inf)).reshape(-1, 7)
-    return (OwnFrame(convention, _rows(values), _rows(errors)),)
+    return OwnFrame(_rows(values), _rows(errors))
 
 
 def _errors(found: Validation) -> Errors:

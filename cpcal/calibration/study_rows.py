@@ -24,7 +24,6 @@ class StudyRows:
     runs        one measurement for each pose and run: means of the good rows' images. Where no pose has a second run,
                 images count as runs; all_runs: with the outliers
     run_names   the runs of those
-    run_approach    from which side they came; None where that is not known
     run_shared      (N, 6) of those, and all_shared of all rows: deviations of the errors that all images share, mm and
                     rad; None where there are none
     """
@@ -35,7 +34,6 @@ class StudyRows:
     runs: Campaign
     all_runs: Campaign
     run_names: tuple[str, ...]
-    run_approach: tuple[str, ...] | None
     run_shared: Floats | None
     all_shared: Floats | None
 
@@ -78,7 +76,6 @@ def study_rows(table: PoseTable, robot: Robot) -> StudyRows:
         runs=means,
         all_runs=every,
         run_names=names,
-        run_approach=_approaches(table, means, names),
         run_shared=None if table.shared is None else _run_shared(table.shared[keep], good, tuple(runs[keep].tolist())),
         all_shared=table.shared,
     )
@@ -88,13 +85,6 @@ def _run_shared(shared: Floats, rows: Campaign, runs: tuple[str, ...]) -> Floats
     """Root mean squares over the images of each run: a mean of images has all of what they share."""
     group, _ = grouped(list(zip(rows.pose, runs, strict=True)), repeated=False)
     return np.asarray(np.sqrt(group_means(shared**2, group, int(group.max()) + 1)))
-
-
-def _approaches(table: PoseTable, runs: Campaign, names: tuple[str, ...]) -> tuple[str, ...] | None:
-    if table.approach is None or not _has_runs(table):
-        return None
-    known = dict(zip(zip(table.pose, table.run, strict=True), table.approach, strict=True))
-    return tuple(known[key] for key in zip(runs.pose, names, strict=True))
 
 
 def _screened(rows: Campaign, table: PoseTable) -> Screening | None:

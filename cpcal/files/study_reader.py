@@ -22,7 +22,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     """The study in the folder `path`.
 
     study.toml states the nominal robot and, of a simulated study, the truth; calibration.csv and validation.csv have
-    the columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and perhaps image, approach and shared_sx..shared_srz:
+    the columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and perhaps image and shared_sx..shared_srz:
     the target frame in the camera frame (mm, unit quaternion), the readings (mm), and the deviations of shared errors.
 
     Raises one InputError that lists every problem of the three files.
@@ -57,7 +57,7 @@ def _table(path: Path, legs: int | None, problems: Problems) -> Table:
 
 
 def _optional(_: int) -> list[str]:
-    return ["image", "approach", *SHARED_COLUMNS]
+    return ["image", *SHARED_COLUMNS]
 
 
 def _all_or_none(table: Table, path: Path, problems: Problems) -> None:
@@ -78,6 +78,5 @@ def _pose_table(table: Table, legs: int) -> PoseTable:
         columns("qw", "qx", "qy", "qz"),
         columns(*(f"L{i}" for i in range(1, legs + 1))),
         tuple(table.image) or None,
-        tuple(table.approach) or None,
         columns(*SHARED_COLUMNS) if SHARED_COLUMNS[0] in table.values else None,
     )

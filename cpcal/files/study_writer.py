@@ -66,9 +66,8 @@ def _pose_lines(pose: Pose) -> list[str]:
 
 
 def table_bytes(table: PoseTable) -> bytes:
-    """The canonical CSV of a table; columns of `image`, `approach` and `shared` only where the table has them."""
-    optional = {"image": table.image, "approach": table.approach}
-    extra = {name: column for name, column in optional.items() if column is not None}
+    """The canonical CSV of a table; columns of `image` and `shared` only where the table has them."""
+    extra = {} if table.image is None else {"image": table.image}
     names = [table.pose, table.run, *extra.values()]
     header = reading_columns(table.legs)
     header[2:2] = extra

@@ -20,14 +20,12 @@ from cpcal.files.cells import unguarded
 from cpcal.robot.campaign_problems import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.columns import override_columns, reading_columns
 from cpcal.robot.robot import LARGEST
-from cpcal.robot.study import NEGATIVE, POSITIVE
 
 BAD_ROWS_MAX = 1_000  # reading stops after so many
 LINE_MAX = 2**16  # bytes in a line
 ROWS_MAX = 1_000_000  # measurements in a table: some 60 s and 2 GB to read and check
 
 _IDENTIFIERS = ("pose", "run", "image", "point")
-_WORDS = {"approach": (POSITIVE, NEGATIVE)}
 _SPECIAL = re.compile('["\r\n\0]')  # what makes a line more than cells between commas
 _QUATERNION = ("qw", "qx", "qy", "qz")
 
@@ -36,14 +34,13 @@ _QUATERNION = ("qw", "qx", "qy", "qz")
 class Table:
     """The rows of a measurements.csv. `values[name]` is a column; an empty override cell is NaN.
 
-    `image`, `point` and `approach` are empty where there is no such column, as in every campaign.
+    `image` and `point` are empty where there is no such column, as in every campaign.
     """
 
     pose: list[str] = field(default_factory=list)
     run: list[str] = field(default_factory=list)
     image: list[str] = field(default_factory=list)
     point: list[str] = field(default_factory=list)
-    approach: list[str] = field(default_factory=list)
     values: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
 
 
@@ -60,7 +57,7 @@ def read_table(
     """The table in an open file called `where`, for a robot of `legs` legs (None: not known).
 
     `required` names the columns for n legs that must be there, `optional` those that may: those of half-widths, or
-    "image", which names a row together with pose and run, and "approach".
+    "image", which names a row together with pose and run.
 
     Calls `saw` with every piece of the file that was read, for the digest; adds to `problems`.
     """
@@ -181,8 +178,7 @@ class _Rows:
         self.columns = columns
         place = {name: index for index, name in enumerate(columns) if name is not None}
         self.ids = {name: place[name] for name in _IDENTIFIERS if name in place}
-        self.words = {name: place[name] for name in _WORDS if name in place}
-        self.names = [name for name in place if name not in _IDENTIFIERS and name not in _WORDS]
+        self.names = [name for name in place if name not in _IDENTIFIERS]
         self.places = [place[name] for name in self.names]
         self.optional = [name.startswith("d") for name in self.names]  # half-widths
         self.last: dict[str, tuple[str, str]] = {}  # name as it stood in the last row, and as it is
@@ -247,13 +243,7 @@ class _Rows:
             norm = math.hypot(*(row[index] for index in self.quaternion))
             if abs(norm - 1.0) > QUATERNION_TOLERANCE:  # False for NaN, which was reported
                 self.wrong(line, *quaternion_problem(norm))
-        return names | {column: self.word(line, cells[index], column) for column, index in self.words.items()}
-
-    def word(self, line: int, cell: str, column: str) -> str:
-        text = cell.strip()
-        if text not in _WORDS[column]:
-            self.wrong(line, f"{column}: {shown(text)} has no meaning", f"write {' or '.join(_WORDS[column])}")
-        return text
+        return names
 
     def name(self, line: int, cell: str, column: str) -> str:
         before, text = self.last.get(column, ("", ""))
