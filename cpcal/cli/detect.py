@@ -16,17 +16,23 @@ from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.names import listed
 from cpcal.execution.stopping import heard
-from cpcal.files.study_writer import table_bytes
+from cpcal.files.settings import table_bytes
 from cpcal.report.detections_page import write_detections_page
 from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect
-from cpcal.vision.batch.sample import look_again
-from cpcal.vision.batch.study_images import RenderedImages, study_table
+from cpcal.vision.batch.study_images import RenderedImages, look_again, study_table
 from cpcal.vision.calibration import calibrate_from_images
-from cpcal.vision.files.camera_file import CameraRecord, load_camera, save_camera
-from cpcal.vision.files.detection import SCALE, SHARED, Detection, by_reason, detections_bytes, values_of
+from cpcal.vision.files.detection import (
+    SCALE,
+    SHARED,
+    Detection,
+    Readings,
+    by_reason,
+    detections_bytes,
+    load_readings,
+    values_of,
+)
 from cpcal.vision.files.image_file import image_path
-from cpcal.vision.files.leg_readings import Readings, load_readings
-from cpcal.vision.files.target_file import load_target, save_target
+from cpcal.vision.files.plate_and_camera import CameraRecord, load_camera, load_target, save_camera, save_target
 from cpcal.vision.target import Target
 
 _NAMED = 3  # files for each reason

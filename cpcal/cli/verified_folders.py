@@ -29,8 +29,8 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, PluginError, Problem, printable
 from cpcal.common.numbers import at_least, at_most
 from cpcal.files import campaign_sha256, load_campaign_json
-from cpcal.files.campaign_json import NAME as CAMPAIGN_NAME
 from cpcal.files.codec import differing
+from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.run_folder import REPORT_NAME, unfinished
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
 from cpcal.report.campaigns_page import SUMMARY_TABLE, row_of, summary_table

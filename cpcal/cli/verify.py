@@ -65,7 +65,7 @@ def _verified(folder: Path, talk: Talk) -> bool:
 
         return _all_accepted(verify_hand_eye(folder), talk)
     if heads == [HANDEYE_WRONG.head]:
-        from cpcal.handeye.verify_wrong_images import verify_wrong_images
+        from cpcal.handeye.verify_hand_eye import verify_wrong_images
 
         return _all_accepted(verify_wrong_images(folder), talk)
     if heads == [RUN.head]:

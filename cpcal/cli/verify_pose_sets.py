@@ -18,12 +18,11 @@ from cpcal.checker.pose_claim import PoseSetChecked, check_pose_set, check_pose_
 from cpcal.cli.talk import Talk
 from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.numbers import about, at_most
-from cpcal.files.cells import unguarded
-from cpcal.files.documents import JSON_MAX, json_object, small_file
+from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
 from cpcal.solver.contract import Verdict
 from cpcal.vision.batch.enclose import stem_of
 from cpcal.vision.camera import CAMERA_NUMBERS
-from cpcal.vision.pose_sets.claim_file import SUFFIX
+from cpcal.vision.pose_sets.pose_certificate import SUFFIX
 
 TABLE = "sets.csv"
 NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "dx", "dy", "dz", "drx", "dry", "drz")  # of it

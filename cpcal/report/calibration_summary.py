@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from cpcal.calibration import CalibrationRecord
-from cpcal.calibration.repeat_tests import KINDS
+from cpcal.calibration.repeatability import KINDS
 from cpcal.common.names import listed
 from cpcal.common.numbers import about
 

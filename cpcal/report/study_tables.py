@@ -14,8 +14,8 @@ import numpy as np
 
 from cpcal.calibration import CalibrationRecord, ErrorSummary
 from cpcal.calibration.budget import Budget
-from cpcal.calibration.pose_performance import PosePerformance
 from cpcal.calibration.record import Channel, Parameters, Rows
+from cpcal.calibration.validation import PosePerformance
 from cpcal.common.numbers import about, nearest
 from cpcal.report import paper
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cpcal.calibration import StudyCalibration, calibrate_study
-from cpcal.calibration.study_rows import study_rows
+from cpcal.calibration.study_calibration import study_rows
 from cpcal.robot import PoseTable, Robot, Study, inverse, transformed
 from cpcal.simulate import simulate_study
 from cpcal.simulate.disturbances import with_outliers

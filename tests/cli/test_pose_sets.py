@@ -19,8 +19,7 @@ from cpcal.cli.pose_sets import _stated
 from cpcal.cli.verify_pose_sets import _table_problem
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.camera_file import CameraRecord, save_camera
-from cpcal.vision.files.target_file import save_target
+from cpcal.vision.files.plate_and_camera import CameraRecord, save_camera, save_target
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import render
 from cpcal.vision.target import DELTALAB_TARGET

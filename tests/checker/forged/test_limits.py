@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from cpcal.checker import ExactCampaign, Refused
-from cpcal.files.campaign_json import NAME
+from cpcal.files.folders import NAME
 from cpcal.solver.certificate.readings import at_point, holding, stretching
 from tests.checker.valid.exact_legs import in_fractions
 
