@@ -43,7 +43,6 @@ from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.limits import Limits
 from cpcal.solver.network import ConstraintNetwork, Expr
-from cpcal.solver.network.checkpoint_of import checkpoint_of
 from cpcal.solver.network.divisions import with_products
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.questions import (
@@ -72,7 +71,7 @@ from cpcal.solver.search import (
     conclusion,
     spread_over,
 )
-from cpcal.solver.search.paving_checkpoint import PavingCheckpoint, raced
+from cpcal.solver.search.paving_checkpoint import PavingCheckpoint, checkpoint_of, raced
 
 if TYPE_CHECKING:
     from distributed import Client
