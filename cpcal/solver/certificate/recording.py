@@ -151,6 +151,8 @@ class Recording:
             if kind == "same" or name is None or (cap is not None and lowest > cap):
                 continue
             step[kind] = name
+            if cap is not None and step.get("cap") is not None and float.fromhex(step["cap"]) < cap:
+                step["cap"] = number(cap)  # of a box whose objective was proved to be lower
             if kind == "split":
                 into = [fresh, fresh + 1]
                 names[step["into"][0]], names[step["into"][1]] = into
