@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -11,12 +11,14 @@ from cpcal.certify.odd_rows import odd_rows, robust_parameters
 from cpcal.certify.outlook import LegOutlook, outlook
 from cpcal.common.numbers import about
 from cpcal.robot import Campaign
+from cpcal.robot.campaign_problems import ARRAYS
 from cpcal.robot.given import Given
 from cpcal.robot.mistakes import SHARE, likely_cause
 from cpcal.robot.repeated_rows import copied_rows, single_pose
 from cpcal.robot.suspicions import mixed_up, sizes_in_question
 
 SUSPICIOUS = 0.01  # of the leg length: `certify` warns later, since whoever runs `check` asks for more
+_FITTED = 20_000  # measurements
 
 _MORE = "Measure poses that differ more; what the robot cannot move stays open."
 
@@ -61,7 +63,8 @@ class DataCheck:
 def check_data(campaign: Campaign) -> DataCheck:
     """Check a campaign: mistakes of units, orders and frames; odd and copied rows; open parameters; ranges to expect.
 
-    Raises no error for bad data: what is wrong is in `findings`.
+    Raises no error for bad data: what is wrong is in `findings`. Of a large campaign 20,000 measurements, spread
+    evenly, are fitted and say what to expect; odd and copied rows are sought among all.
     """
     given = Given.of(campaign)
     typical = given.typical
@@ -76,11 +79,21 @@ def check_data(campaign: Campaign) -> DataCheck:
     nominal = np.median(given.share * given.nominal, axis=0)
     if mistake is not None or still is not None:
         return DataCheck(tuple(findings), tuple(nominal.tolist()), ())
-    x = robust_parameters(campaign)
-    legs = tuple(outlook(campaign, leg, x[leg - 1]) for leg in range(1, campaign.legs + 1))
+    sample = _spread(campaign, _FITTED)
+    x = robust_parameters(sample)
+    legs = tuple(outlook(sample, leg, x[leg - 1]) for leg in range(1, campaign.legs + 1))
     findings += [Finding(FindingKind.ODD_ROW, sentence) for sentence in odd_rows(campaign, x)]
     findings += [Finding(FindingKind.OPEN, sentence) for sentence in _open(legs)]
     return DataCheck(tuple(findings), tuple(nominal.tolist()), legs)
+
+
+def _spread(campaign: Campaign, most: int) -> Campaign:
+    """At most so many of its measurements, spread evenly."""
+    if len(campaign) <= most:
+        return campaign
+    rows = np.linspace(0, len(campaign) - 1, most).astype(np.intp)
+    pose, run = (tuple(names[k] for k in rows.tolist()) for names in (campaign.pose, campaign.run))
+    return replace(campaign, pose=pose, run=run, **{name: getattr(campaign, name)[rows] for name in ARRAYS})
 
 
 def mistake_in(given: Given, typical: float) -> str | None:

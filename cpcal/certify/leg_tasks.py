@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from pickle import PicklingError
-from tempfile import TemporaryDirectory
 from typing import Generic, TypeVar
 
 from cpcal.certify.question import Question
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.file_lock import scratch_folder
 from cpcal.execution.executors import Here, Place, Processes
 from cpcal.execution.outcomes import LostWorkerError, outcomes
 from cpcal.execution.stopping import Stopped, asked
@@ -89,8 +88,7 @@ class _Aside(Generic[A, T]):
     def _answer(self, asked_about: A) -> TaskAnswer[A, T]:
         if self.question.certificates is None:
             return TaskAnswer(asked_about, self.work(self.question, asked_about), {})
-        with TemporaryDirectory(prefix="cpcal-", ignore_cleanup_errors=True) as name:
-            folder = Path(name)
+        with scratch_folder() as folder:
             found = self.work(replace(self.question, certificates=folder), asked_about)
             files = {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
         return TaskAnswer(asked_about, found, files)

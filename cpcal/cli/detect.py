@@ -24,6 +24,7 @@ from cpcal.vision.batch.study_images import RenderedImages, study_table
 from cpcal.vision.calibration import calibrate_from_images
 from cpcal.vision.files.camera_file import CameraRecord, load_camera, save_camera
 from cpcal.vision.files.detection import SCALE, SHARED, Detection, by_reason, detections_bytes, values_of
+from cpcal.vision.files.image_file import image_path
 from cpcal.vision.files.leg_readings import Readings, load_readings
 from cpcal.vision.files.target_file import load_target, save_target
 from cpcal.vision.files.video_file import SUFFIXES, VideoFrames
@@ -164,7 +165,7 @@ def _say_shared(rows: Sequence[Detection], talk: Talk) -> None:
 
 def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool, talk: Talk) -> None:
     """The camera; with refined dots also the target that was found, beside it."""
-    files = [images / name for name in ImageFolder(images).names]
+    files = [image_path(images, name) for name in ImageFolder(images).names]
     found = calibrate_from_images(files, plate, refine_dots=refine_dots)
     save_camera(found.record(), output)
     for line in str(found).split("\n"):

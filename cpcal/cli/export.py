@@ -32,9 +32,25 @@ class Format(StrEnum):
     OPENCV = "opencv"
 
 
+_YAML = (".yaml", ".yml")
+_SUFFIXES = {
+    Format.TOML: (".toml",),
+    Format.JSON: (".json",),
+    Format.YAML: _YAML,
+    Format.CSV: (".csv",),
+    Format.ROS2: (".py",),
+    Format.EASY_HANDEYE: _YAML,
+    Format.URDF: (".urdf", ".xacro", ".xml"),
+    Format.OPENCV: _YAML,
+}
+
+
 def export(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder that certify or handeye wrote.")],
-    format: Annotated[Format, typer.Option("--format", "-f", help="Of what is written.")] = Format.TOML,
+    format: Annotated[
+        Format | None,
+        typer.Option("--format", "-f", help="Of what is written.", show_default="as FILE is called, or toml"),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -62,15 +78,36 @@ def export(
     if output is not None:
         check_writable(output.parent)
     hand_eye = (run / HANDEYE.head).exists()
-    if hand_eye == (format.value in WRITERS):
-        known = ", ".join(HAND_EYE_FORMS if hand_eye else WRITERS)
-        raise InputError([Problem("option --format", f"is {format.value}", f"of this run write one of {known}")])
-    text = _hand_eye(run, format) if hand_eye else _legs(run, format, frames)
+    chosen = _chosen(format, output, [Format(name) for name in (HAND_EYE_FORMS if hand_eye else WRITERS)])
+    text = _hand_eye(run, chosen) if hand_eye else _legs(run, chosen, frames)
     if output is None:
         typer.echo(text, nl=False)
     else:
         write_file(output, text)
         typer.echo(f"Parameters: {output}")
+
+
+def _chosen(asked: Format | None, output: Path | None, known: list[Format]) -> Format:
+    """One of the formats `known` of a run: what was asked for, or what the file's name says. Raises InputError."""
+    suffix = "" if output is None else output.suffix.lower()
+    fit = [form for form in known if suffix in _SUFFIXES[form]]
+    names = f"of this run write one of {', '.join(known)}"
+    if asked is None and len(fit) == 1:
+        return fit[0]
+    if asked is None and not suffix and Format.TOML in known:
+        return Format.TOML
+    if asked is None:
+        what = f"is missing, and the name {output.name} does not say it" if output is not None else "is missing"
+        raise InputError([Problem("option --format", what, names)])
+    if asked not in known:
+        raise InputError([Problem("option --format", f"is {asked}", names)])
+    if asked not in fit and any(suffix in some for some in _SUFFIXES.values()):
+        what, remedy = (
+            f"is {output}, and the format {asked}",
+            f"call the file *{_SUFFIXES[asked][0]}, or leave --format out",
+        )
+        raise InputError([Problem("option --output", what, remedy)])
+    return asked
 
 
 def _legs(run: Path, format: Format, frames: Path | None) -> str:

@@ -10,6 +10,7 @@ import errno
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Iterator, Sequence
 
 import typer
@@ -24,7 +25,8 @@ _TYPER: tuple[type[BaseException], ...] = (typer.Exit, typer.Abort, typer.BadPar
 
 @contextlib.contextmanager
 def leaving() -> Iterator[None]:
-    """Turns what was raised inside into a message and an exit status (`cpcal.cli`)."""
+    """Turns what was raised inside into a message and an exit status (`cpcal.cli`), warnings into a line each."""
+    shown, warnings.showwarning = warnings.showwarning, _warn
     try:
         yield
         sys.stdout.flush()
@@ -45,6 +47,13 @@ def leaving() -> Iterator[None]:
         if os.environ.get("CPCAL_TRACEBACK"):
             traceback.print_exc()
         _leave(Status.INTERNAL, internal(error))
+    finally:
+        warnings.showwarning = shown
+
+
+def _warn(message: Warning | str, *_: object, **__: object) -> None:
+    with contextlib.suppress(OSError):
+        typer.echo(printable(f"cpcal: warning: {message}"), err=True)
 
 
 def internal(error: Exception) -> str:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import typer
@@ -20,6 +19,7 @@ from cpcal.cli.progress import bar
 from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
+from cpcal.common.file_lock import scratch_folder
 from cpcal.common.version import __version__
 from cpcal.execution.executors import Here, Place, Processes
 from cpcal.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
@@ -72,8 +72,7 @@ class CampaignWork:
         if task.run is not None:
             kept = Checkpoints.for_run(task.run, campaign, options, model, resume=self.resume)
             kept.begin()
-        with linear_algebra_on_one_thread(), TemporaryDirectory(prefix="cpcal-", ignore_cleanup_errors=True) as name:
-            folder = Path(name)
+        with linear_algebra_on_one_thread(), scratch_folder() as folder:
             question = Question(
                 campaign=campaign, options=options, model=model, certificates=folder, checkpoints=kept, whole=True
             )

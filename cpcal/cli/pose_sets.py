@@ -14,10 +14,11 @@ import typer
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.progress import bar
 from cpcal.cli.talk import Talk, record, talking
+from cpcal.cli.verify_pose_sets import say_assumptions
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most
 from cpcal.execution.stopping import heard
-from cpcal.files.cells import guarded
+from cpcal.files.cells import file_cell, guarded
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.solver.contract import Verdict
 from cpcal.vision.batch.detect import ImageFolder
@@ -26,6 +27,7 @@ from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.files.camera_file import CameraRecord, load_camera
 from cpcal.vision.files.target_file import load_target
 from cpcal.vision.pose_sets import CameraSet, TargetSet
+from cpcal.vision.target import Target
 
 TABLE = "sets.csv"
 _COLUMNS = ("file", "verdict", "x", "y", "z", "qw", "qx", "qy", "qz", "dx", "dy", "dz", "drx", "dry", "drz", "reason")
@@ -47,14 +49,26 @@ def pose_sets(
     factor: Annotated[
         float,
         typer.Option(
-            min=0.0,
+            min=0.1,
             help="The camera is within so many standard deviations: the ellipsoid of its file's covariance. 5 holds "
-            "99.7 % of all calibrations; 0: it is exact. The plate's scale is within as many of its scale_sigma.",
+            "99.7 % of all calibrations. The plate's scale_sigma and dot_sigma count as many times.",
         ),
     ] = 5.0,
+    camera_exact: Annotated[
+        bool, typer.Option("--camera-exact", help="Assume that the camera is exactly as its file says.")
+    ] = False,
+    plate_exact: Annotated[
+        bool, typer.Option("--plate-exact", help="Assume that the plate is exactly as its file says.")
+    ] = False,
     dots: Annotated[
-        float, typer.Option(metavar="MM", min=0.0, help="How far a dot is off its place along an axis, at most.")
-    ] = 0.0,
+        float | None,
+        typer.Option(
+            metavar="MM",
+            min=0.0,
+            help="How far a dot is off its place in the plate along an axis, at most.",
+            show_default="--factor times dot_sigma",
+        ),
+    ] = None,
     outliers: Annotated[int, typer.Option(min=0, max=3, help="Dots of an image that may be anywhere, at most.")] = 0,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes [default: one a core]")] = None,
     *,
@@ -62,10 +76,12 @@ def pose_sets(
 ) -> None:
     """Boxes that are PROVED to hold the pose in each of IMAGES, with certificates from the pixels on.
 
-    It is proved if what is stated is true: camera, plate and pixels are no farther off than the options say.
+    It is proved if what is stated is true: camera, plate and pixels are no farther off than files and options say. A
+    camera without covariance, or a plate without deviations, is exact only if you say so.
     """
     check_target(folder, POSE_SETS)
     plate, lens = load_target(target), load_camera(camera)
+    plates, cameras = _stated(plate, lens, None if plate_exact else dots, factor, plate_exact, camera_exact)
     source = ImageFolder(images, (lens.camera.width, lens.camera.height))
     names = list(source.names)
     _check_names(names, images)
@@ -74,8 +90,8 @@ def pose_sets(
     with heard(terminate=True), answers_into(folder, POSE_SETS) as draft, bar("images", quiet=talk.quiet) as progress:
         work = Enclosing(
             source,
-            TargetSet.within(plate, [dots, dots, 0.0], factor * plate.scale_sigma),
-            _cameras(lens, factor),
+            plates,
+            cameras,
             half_width,
             outliers,
             draft,
@@ -88,14 +104,30 @@ def pose_sets(
         found.sort(key=lambda one: one.file)
         (draft / TABLE).write_text(_table(found), encoding="utf-8")
     _say(found, folder, talk)
+    say_assumptions(folder, talk)
     if not any(one.found is not None and one.found.verdict is Verdict.PROVED for one in found):
         raise typer.Exit(1)
 
 
-def _cameras(lens: CameraRecord, factor: float) -> CameraSet:
-    if lens.covariance is None or factor == 0.0:
-        return CameraSet(lens.camera)
-    return CameraSet.ellipsoid(lens.camera, lens.covariance, factor)
+def _stated(
+    plate: Target, lens: CameraRecord, dots: float | None, factor: float, plate_exact: bool, camera_exact: bool
+) -> tuple[TargetSet, CameraSet]:
+    """What the files and options state of plate and camera. Raises InputError: nothing is exact unless it is said."""
+    problems = []
+    within = factor * plate.dot_sigma if dots is None else dots
+    if not (plate_exact or within or plate.scale_sigma):
+        what = "has neither dot_sigma nor scale_sigma: nothing says how far its dots may be off"
+        problems.append(Problem("the target", what, "add them to its file, give --dots MM, or say --plate-exact"))
+    if lens.covariance is None and not camera_exact:
+        what = "has no covariance: nothing says how far its numbers may be off"
+        problems.append(Problem("the camera", what, "calibrate with `cpcal detect --calibrate`, or say --camera-exact"))
+    if problems:
+        raise InputError(problems)
+    known = None if camera_exact else lens.covariance
+    cameras = CameraSet(lens.camera) if known is None else CameraSet.ellipsoid(lens.camera, known, factor)
+    if plate_exact:
+        return TargetSet.of(plate), cameras
+    return TargetSet.within(plate, [within, within, 0.0], factor * plate.scale_sigma), cameras
 
 
 def _check_names(names: list[str], images: Path) -> None:
@@ -121,7 +153,7 @@ def _table(rows: Sequence[Enclosed]) -> str:
             if found.pose is not None and found.position_radius is not None and found.rotation_radius is not None:
                 parts = (found.pose.position, found.pose.quaternion, found.position_radius, found.rotation_radius)
                 numbers = [repr(value) for value in np.concatenate(parts).tolist()]
-        writer.writerow([guarded(one.file), verdict, *numbers, guarded(reason)])
+        writer.writerow([file_cell(one.file), verdict, *numbers, guarded(reason)])
     return buffer.getvalue()
 
 

@@ -6,12 +6,18 @@ import hashlib
 from collections.abc import Sequence
 from math import degrees
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from cpcal.checker import Unusable
 from cpcal.checker.pose_claim import PoseSetChecked, check_pose_set, check_pose_sets
 from cpcal.cli.talk import Talk
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.numbers import at_most
+from cpcal.common.numbers import about, at_most
+from cpcal.files.documents import json_object
+from cpcal.vision.camera import CAMERA_NUMBERS
+from cpcal.vision.pose_sets.claim_file import SUFFIX
 
 
 def verify_pose_sets(target: Path, sources: Sequence[Path], talk: Talk) -> bool:
@@ -23,9 +29,40 @@ def verify_pose_sets(target: Path, sources: Sequence[Path], talk: Talk) -> bool:
     good = all(one.refused is None for one in found)
     for one in found:
         talk.say(f"{one.name}: {_proved(one)}")
+    if good:
+        say_assumptions(target, talk)
     for path in sources:
         good = _same_source(path, found, talk) and good
     return good
+
+
+def say_assumptions(target: Path, talk: Talk) -> None:
+    """What the claims of a folder, or one claim, assume of camera, plate and pixels."""
+    files = sorted(target.glob(f"*{SUFFIX}")) if target.is_dir() else [target]
+    for sentence in sorted({_assumed(json_object(file, "name a claim", "name a claim")) for file in files}):
+        talk.say(f"Assumed, not proved: {sentence}")
+
+
+def _assumed(claim: dict[str, Any]) -> str:
+    """Floats that the claim holds, in print: they are given, and nothing is rounded to a side."""
+    pixels, camera, target = (claim["inputs"][key] for key in ("pixels", "camera", "target"))
+    exact = np.vectorize(float.fromhex, otypes=[np.float64])
+    reach = about(float((exact(pixels["hi"]) - exact(pixels["lo"])).max()) / 2.0)
+    seen = "the centre of each dot's image" if pixels["of"] == "images" else "the image of each dot's centre"
+    but = f", but of at most {claim['outliers']} dots" * bool(claim["outliers"])
+    spread = exact(camera["spread"])
+    if spread.size:
+        each = np.linalg.norm(spread, axis=1) if camera["ball"] else np.abs(spread).sum(axis=1)
+        shape = "an ellipsoid" if camera["ball"] else "a box"
+        far = ", ".join(f"{name} {about(value, 2)}" for name, value in zip(CAMERA_NUMBERS, each.tolist(), strict=True))
+        lens = f"the camera's numbers are in {shape} of half-widths {far}"
+    else:
+        lens = "the camera is exact"
+    widths = exact(target["half_widths"]).max(axis=0)
+    scale = float.fromhex(target["scale"])
+    plate = f"dots are within {' x '.join(about(v) for v in widths.tolist())} mm" if widths.any() else "dots are exact"
+    size = f"within {about(100.0 * scale)} %" if scale else "exact"
+    return f"{seen} is within {reach} px{but}; {lens}; {plate}, the plate's size is {size}"
 
 
 def _proved(one: PoseSetChecked) -> str:

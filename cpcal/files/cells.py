@@ -1,7 +1,7 @@
 """Tables as CSV, safe to open in a spreadsheet.
 
-A spreadsheet runs a text that begins with = + - or @, so such a name is written with an apostrophe before it, and read
-back without. A name that has apostrophes there of its own gets one more, so that every name comes back as it was.
+A spreadsheet computes a text that begins with = + - or @, so such a name is written with an apostrophe before it, and
+read back without. A name that has apostrophes there of its own gets one more, so that every name comes back as it was.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 
+_CALLS = re.compile("[(|\uff08\uff5c]")  # a formula without one of these calls nothing
 _RUNS = re.compile("'*[=+\\-@\uff1d\uff0b\uff0d\uff20]")  # also the wide forms, which some spreadsheets take for them
 
 
@@ -22,6 +23,11 @@ def guarded(text: str) -> str:
 def unguarded(cell: str) -> str:
     """The text that was written so."""
     return cell[1:] if cell.startswith("'") and _RUNS.match(cell) else cell
+
+
+def file_cell(name: str) -> str:
+    """The name of a file: as it is, for tables are joined by it, but for one that a spreadsheet would run."""
+    return guarded(name) if _CALLS.search(name) else name
 
 
 def csv_table(header: Sequence[str], rows: Iterable[tuple[Sequence[str], Iterable[float | None]]]) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+import warnings
 from array import array
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -23,9 +24,11 @@ from cpcal.robot.study import NEGATIVE, POSITIVE
 
 BAD_ROWS_MAX = 1_000  # reading stops after so many
 LINE_MAX = 2**16  # bytes in a line
+ROWS_MAX = 1_000_000  # measurements in a table: some 60 s and 2 GB to read and check
 
 _IDENTIFIERS = ("pose", "run", "image", "point")
 _WORDS = {"approach": (POSITIVE, NEGATIVE)}
+_SPECIAL = re.compile('["\r\n\0]')  # what makes a line more than cells between commas
 _QUATERNION = ("qw", "qx", "qy", "qz")
 
 
@@ -61,13 +64,24 @@ def read_table(
 
     Calls `saw` with every piece of the file that was read, for the digest; adds to `problems`.
     """
-    before = len(problems)
-    lines = _lines(file, where, problems, saw)
+    before, last, count = len(problems), b"", 0
+
+    def noted(line: bytes) -> None:
+        nonlocal last, count
+        last, count = line, count + 1
+        saw(line)
+
+    lines = _lines(file, where, problems, noted)
     for number, cells in lines:
         if cells is None:
             return Table()  # an unreadable header; what follows would make no sense
         columns = _header(cells, number, where, legs, problems, required, optional)
-        return _Rows(columns, where, problems).read(lines) if columns else Table()
+        table = _Rows(columns, where, problems).read(lines) if columns else Table()
+        if table.values and not last.endswith(b"\n"):
+            what = f"{where}:{count}: the last line has no line end; if the file was cut, so may be its last number"
+            cell = shown(last.decode().rpartition(",")[2])
+            warnings.warn(f"{what}, {cell} -> compare it with what was measured, and end the line", stacklevel=3)
+        return table
     if len(problems) == before:
         problems.add(Problem(where, "is empty", "write a header and one line for each measurement", 1))
     return Table()
@@ -92,7 +106,11 @@ def _lines(
             text = raw.decode()
             if not text or text.isspace():
                 continue
-            yield number, next(csv.reader((text,), strict=True))
+            plain = text.removesuffix("\n").removesuffix("\r")
+            if _SPECIAL.search(plain):
+                yield number, next(csv.reader((text,), strict=True))
+            else:
+                yield number, plain.split(",")
         except UnicodeDecodeError:
             problems.add(Problem(where, "the line is not UTF-8 text", "save the file as UTF-8 text", number))
             yield number, None
@@ -165,9 +183,9 @@ class _Rows:
         self.ids = {name: place[name] for name in _IDENTIFIERS if name in place}
         self.words = {name: place[name] for name in _WORDS if name in place}
         self.names = [name for name in place if name not in _IDENTIFIERS and name not in _WORDS]
-        self.cells = [
-            (place[name], name, name.startswith("d")) for name in self.names
-        ]  # index, name, whether it is an optional half-width
+        self.places = [place[name] for name in self.names]
+        self.optional = [name.startswith("d") for name in self.names]  # half-widths
+        self.last: dict[str, tuple[str, str]] = {}  # name as it stood in the last row, and as it is
         self.quaternion = [self.names.index(name) for name in _QUATERNION if name in place]
         self.seen: dict[tuple[str, ...], int] = {}
         self.numbers = array("d")
@@ -189,6 +207,10 @@ class _Rows:
                 clean = False
                 self.numbers = array("d")
                 bad += 1
+            if len(self.seen) > ROWS_MAX:
+                what = f"holds more than {ROWS_MAX:,} measurements: the rest of the file was not read"
+                self.problems.add(Problem(self.where, what, "divide it, or leave out what repeats", line), always=True)
+                break
             if bad >= BAD_ROWS_MAX:
                 what = f"{bad:,} bad rows: the rest of the file was not read"
                 remedy = "mend these first, and check that this is the right file"
@@ -197,7 +219,7 @@ class _Rows:
         if not self.seen and not bad:
             remedy = "add one line for each measurement"
             self.problems.add(Problem(self.where, "holds no measurements", remedy, line))
-        if clean and self.seen:
+        if clean and self.seen and not self.problems:
             grid = np.frombuffer(self.numbers, dtype=np.float64).reshape(-1, len(self.names))
             table.values = {name: grid[:, index] for index, name in enumerate(self.names)}
         return table
@@ -219,7 +241,7 @@ class _Rows:
                 self.wrong(line, f"{which} was given on line {first} already", f"give each {_listed(names)} once")
         else:
             self.seen[()] = line
-        row = [self.number(line, name, cells[index], optional) for index, name, optional in self.cells]
+        row = self.row(line, [cells[index] for index in self.places])
         self.numbers.extend(row)
         if len(self.quaternion) == 4:
             norm = math.hypot(*(row[index] for index in self.quaternion))
@@ -234,12 +256,29 @@ class _Rows:
         return text
 
     def name(self, line: int, cell: str, column: str) -> str:
+        before, text = self.last.get(column, ("", ""))
+        if before == cell and text:
+            return text
         text = unguarded(cell.strip())
-        if not is_identifier(text):
-            self.wrong(
-                line, f"{shown(text)} cannot be the name of a{'n' * (column == 'image')} {column}", IDENTIFIER_REMEDY
-            )
+        if is_identifier(text):
+            self.last[column] = cell, text
+        else:
+            article = "an" if column == "image" else "a"
+            self.wrong(line, f"{shown(text)} cannot be the name of {article} {column}", IDENTIFIER_REMEDY)
         return text
+
+    def row(self, line: int, cells: list[str]) -> list[float]:
+        """The numbers of a row, each looked at only where they are not all as they should be."""
+        try:
+            row = list(map(float, cells))
+            whole = math.isfinite(sum(row)) and max(row) <= LARGEST and min(row) >= -LARGEST
+            joined = "".join(cells)
+            if whole and joined.isascii() and "_" not in joined and not (any(self.optional) and min(row) < 0.0):
+                return row
+        except ValueError:
+            pass
+        each = zip(self.names, cells, self.optional, strict=True)
+        return [self.number(line, name, cell, optional) for name, cell, optional in each]
 
     def number(self, line: int, name: str, cell: str, optional: bool) -> float:
         """The number in a cell; NaN where it is left empty and may be, or where it was reported."""

@@ -14,7 +14,7 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.handeye.hand_eye_study import HandEyeStudy, Setup
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
-from cpcal.vision.files.image_file import image_files, read_image
+from cpcal.vision.files.image_file import image_files, image_path, read_image
 from cpcal.vision.opencv import opencv
 
 REMEDY = (
@@ -91,7 +91,7 @@ def study_of_found(
         if stem is None:
             left.append(f"{name} has no pose")
             continue
-        image = read_image(folder / name, (camera.width, camera.height))
+        image = read_image(image_path(folder, name), (camera.width, camera.height))
         names, pixels, points = find(image)
         if len(names) < 6:
             left.append(f"{name}: the board is not found")

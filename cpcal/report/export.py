@@ -149,8 +149,12 @@ def _key(name: str) -> str:
 
 
 def _scalar(value: Any) -> str:
-    """A text, number or list as JSON writes it, which TOML and YAML read alike."""
-    return json.dumps(value, ensure_ascii=True, allow_nan=False)
+    """A text, number or list as JSON writes it, which TOML and YAML read alike.
+
+    Characters stay as they are: JSON would write one beyond the basic plane as two halves, which no other reader takes.
+    """
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in text)
 
 
 WRITERS = {"toml": as_toml, "json": as_json, "yaml": as_yaml, "csv": as_csv}

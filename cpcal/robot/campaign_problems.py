@@ -53,22 +53,25 @@ def provenance_problems(where: str, provenance: Mapping[str, str]) -> Iterator[P
 def value_problems(campaign: Campaign) -> Iterator[Problem]:
     """What is wrong with the values, measurement by measurement."""
     for kind, names in (("pose", campaign.pose), ("run", campaign.run)):
-        for bad in sorted({shown(name) for name in names if not is_identifier(name)}):
+        for bad in sorted({shown(name) for name in set(names) if not is_identifier(name)}):
             yield Problem(f"campaign {kind}", f"{bad} cannot be a name", IDENTIFIER_REMEDY)
-    keys = campaign.measurement_ids
-    for key, times in Counter(keys).items():
-        if times > 1:
-            yield Problem(f"measurement {key}", f"is given {times} times", "give each pose and run once")
+    keys = list(zip(campaign.pose, campaign.run, strict=True))
+    if len(set(keys)) < len(keys):
+        for key, times in Counter(keys).items():
+            if times > 1:
+                yield Problem(f"measurement {'/'.join(key)}", f"is given {times} times", "give each pose and run once")
     for name in ARRAYS:
         array: Floats = getattr(campaign, name)
         allowed = sizes(array) if name.endswith("radius") else good_numbers(array)
         what = f"is {'negative, ' * name.endswith('radius')}NaN, infinite or above {LARGEST:g}"
         for row in np.flatnonzero(~allowed.all(axis=1)):
-            yield Problem(f"measurement {keys[row]}", f"its {name} {what}", "correct it, or leave it out")
-    for key, row in zip(keys, campaign.quaternion.tolist(), strict=True):
-        norm = math.hypot(*row)
+            yield Problem(f"measurement {'/'.join(keys[row])}", f"its {name} {what}", "correct it, or leave it out")
+    with np.errstate(all="ignore"):  # what is not finite was named above
+        far = np.abs(np.linalg.norm(campaign.quaternion, axis=1) - 1.0) > 0.5 * QUATERNION_TOLERANCE
+    for row in np.flatnonzero(far):
+        norm = math.hypot(*campaign.quaternion[row].tolist())
         if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-            yield Problem(f"measurement {key}", *quaternion_problem(norm))
+            yield Problem(f"measurement {'/'.join(keys[row])}", *quaternion_problem(norm))
 
 
 def quaternion_problem(norm: float) -> tuple[str, str]:

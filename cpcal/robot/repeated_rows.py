@@ -15,13 +15,14 @@ _NAMED = 3  # pairs in a sentence
 def copied_rows(campaign: Campaign) -> str | None:
     """A sentence on rows that hold the same numbers as an earlier one; sensors never read the same twice."""
     table = np.concatenate([campaign.position, campaign.quaternion, campaign.length], axis=1)
-    first: dict[bytes, int] = {}
-    pairs = [(row, first.setdefault(numbers.tobytes(), row)) for row, numbers in enumerate(table)]
-    copies = [(row, earlier) for row, earlier in pairs if earlier != row]
-    if not copies:
+    whole = table.view(f"V{table.itemsize * table.shape[1]}")[:, 0]  # a row as one value: its bytes
+    _, first, which = np.unique(whole, return_index=True, return_inverse=True)
+    earlier = first[which]
+    copies = np.flatnonzero(earlier != np.arange(len(table)))
+    if not len(copies):
         return None
     ids = campaign.measurement_ids
-    named = ", ".join(f"{ids[row]} as {ids[earlier]}" for row, earlier in copies[:_NAMED])
+    named = ", ".join(f"{ids[row]} as {ids[earlier[row]]}" for row in copies[:_NAMED])
     more = " and others" if len(copies) > _NAMED else ""
     some = "1 measurement holds" if len(copies) == 1 else f"{len(copies)} measurements hold"
     return f"{some} the same numbers as an earlier one ({named}{more}): take copies out, they count as evidence."

@@ -2,7 +2,13 @@
 
 The machine code is kept in the package's `__pycache__`, else in the user's cache folder. It belongs to the text of a
 function's file and of all files whose compiled functions that file imports: numba itself looks at one file only, and
-would go on running the old arithmetic inside of a caller that did not change.
+would go on running the old arithmetic inside of a caller that did not change. A file of machine code begins with a
+digest of all that; one that is cut, overwritten or outdated is compiled again, and replaced.
+
+One process compiles a function, the others wait for what it keeps. The lock is a file beside the machine code, one for
+each source file, taken where no machine code was found; the system takes it back when a process ends. A function's
+compilation takes the locks of the files that it calls into. Imports have no circle, so that no two processes wait for
+each other; and none waits longer than `LONGEST`, but compiles itself.
 
 With NUMBA_DISABLE_JIT=1 nothing is compiled. Where numba is missing, or no folder can be written, everything works,
 slower, and says so once.
@@ -11,25 +17,52 @@ slower, and says so once.
 from __future__ import annotations
 
 import hashlib
+import math
 import os
+import pickle
+import secrets
 import sys
+import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from functools import update_wrapper
 from pathlib import Path
 from threading import RLock
 from types import FunctionType
 from typing import Any, TypeVar
 
-from cpcal.solver.compiled_once import compiled_once
+from cpcal.common.file_lock import exclusive
 
 QUIET = "CPCAL_QUIET"  # of the environment: set, compilation is not announced
+LONGEST = 120.0  # seconds to wait for another process
+_PAUSE = 0.05
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 _stamps: dict[str, str] = {}  # of every module with compiled functions
 _said: set[str] = set()
 _making = RLock()
+_held: set[Path] = set()  # locks of this process: what is compiled may call into its own file
+_deadline: ContextVar[float] = ContextVar("deadline", default=math.inf)
+
+
+class TimeUp(KeyboardInterrupt):
+    """The time limit came before a function was compiled. As Ctrl-C does, it ends a search with what is proved."""
+
+
+@contextmanager
+def compiling_until(deadline: float) -> Iterator[None]:
+    """While in the block no compilation begins, and none is waited for, after `deadline` (of time.monotonic()): TimeUp.
+
+    One that has begun goes on to its end: some seconds for a function, what it calls not counted.
+    """
+    before = _deadline.set(min(deadline, _deadline.get()))
+    try:
+        yield
+    finally:
+        _deadline.reset(before)
 
 
 class Compiled:
@@ -112,36 +145,128 @@ def rebound(functions: Iterable[Callable[..., Any]], primitives: Mapping[str, Ca
 
 def _keep(dispatcher: Any, function: Callable[..., Any]) -> None:
     """Let numba keep the machine code in a folder of ours, under a stamp of ours."""
-    from numba.core import caching
+    from numba.core.compiler_lock import global_compiler_lock
 
     _announce_compilation()
-    folder, stamp = _folder(Path(function.__code__.co_filename).parent), _stamp(function)
-    if folder is None:
-        _say_once("no cache folder can be written: cpcal compiles its kernels anew in every process (XDG_CACHE_HOME)")
-        return
+    cache, compile_it = _machine_code(function), dispatcher.compile
 
-    class Locator(caching._CacheLocator):  # type: ignore[misc]
-        def get_cache_path(self) -> str:
+    def compile_in_turn(signature: Any) -> Any:
+        # numba's own lock first: a thread that has the file's must not wait for one that waits for the file
+        with global_compiler_lock:
+            try:
+                return compile_it(signature)
+            finally:
+                cache.turn.close()
+
+    dispatcher._cache, dispatcher.compile = cache, compile_in_turn
+
+
+def _machine_code(function: Callable[..., Any]) -> Any:
+    """What numba asks for the machine code of a function, and gives it to: one file for each signature."""
+    import numba
+    from numba.core import caching, compiler, serialize
+
+    folder = _folder(Path(function.__code__.co_filename).parent)
+    module = function.__module__.rpartition(".")[2]
+    stamp = hashlib.sha256(repr((_stamp(function), numba.__version__, sys.version)).encode())
+
+    class MachineCode(caching._Cache):  # type: ignore[misc]
+        def __init__(self) -> None:
+            self.turn = ExitStack()  # the lock, while it is held
+
+        @property
+        def cache_path(self) -> str:
             return str(folder)
 
-        def get_source_stamp(self) -> str:
-            return stamp
+        def load_overload(self, signature: Any, context: Any) -> Any:
+            """What is kept, or None, and then it is this process's turn to compile. Raises TimeUp."""
+            context.refresh()
+            file = self._file(signature, context.codegen())
+            found = self._read(file, context)
+            if found is None:
+                self.turn.enter_context(_turn(folder / f"{module}.lock", function.__name__))
+                found = self._read(file, context)  # another process may have made it meanwhile
+            if found is None and time.monotonic() > _deadline.get():
+                raise TimeUp(f"the time limit came before '{function.__name__}' was compiled")
+            return found
 
-        def get_disambiguator(self) -> str:
-            return str(function.__code__.co_firstlineno)
+        def save_overload(self, signature: Any, made: Any) -> None:
+            if made.lifted or made.library.has_dynamic_globals:
+                return  # it belongs to this process alone
+            content = serialize.dumps(made._reduce())
+            file = self._file(signature, made.codegen)
+            draft = file.with_name(f"{file.name}.{secrets.token_hex(8)}.draft")
+            try:
+                draft.write_bytes(self._digest(content) + content)
+                draft.replace(file)
+            except OSError as error:
+                with suppress(OSError):
+                    draft.unlink()
+                why = f"machine code cannot be kept in {folder} ({error.strerror or error})"
+                _say_once(f"{why}: cpcal compiles its kernels anew in every process (XDG_CACHE_HOME)")
 
-        @classmethod
-        def from_function(cls, *_: Any) -> Any:
-            return cls()
+        def enable(self) -> None: ...
 
-    class Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
-        _locator_classes = (Locator,)
+        disable = flush = enable
 
-    class Cache(caching.FunctionCache):  # type: ignore[misc]
-        _impl_class = Impl
+        def _file(self, signature: Any, codegen: Any) -> Path:
+            """For this function, its arguments, this processor and this Python."""
+            of = (function.__qualname__, signature, codegen.magic_tuple(), sys.implementation.cache_tag)
+            mark = hashlib.sha256(repr(of).encode()).hexdigest()[:16]
+            return folder / f"{module}.{function.__name__}-{mark}.kernel"
 
-    dispatcher._cache = Cache(function)
-    compiled_once(dispatcher, folder / f"{function.__module__.rpartition('.')[2]}.lock", _tell)
+        @staticmethod
+        def _digest(content: bytes) -> bytes:
+            """Of the machine code and all that it was made of."""
+            of = stamp.copy()
+            of.update(content)
+            return of.digest()
+
+        def _read(self, file: Path, context: Any) -> Any:
+            try:
+                content = file.read_bytes()
+                size = stamp.digest_size
+                if content[:size] == self._digest(content[size:]):
+                    return compiler.CompileResult._rebuild(context, *pickle.loads(content[size:]))
+            except Exception:  # whatever keeps it from being loaded: it is compiled again
+                pass
+            return None
+
+    return MachineCode()
+
+
+@contextmanager
+def _turn(lock: Path, name: str) -> Iterator[None]:
+    """While in the block no other process compiles what is under this lock."""
+    if lock in _held:
+        yield
+        return
+    descriptor = None
+    with suppress(OSError):  # where nothing can be locked every process compiles
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
+        _wait(descriptor, name)
+    _held.add(lock)
+    try:
+        yield
+    finally:
+        _held.remove(lock)
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _wait(descriptor: int, name: str) -> None:
+    """Until the file is this process's, or for too long."""
+    began, told = time.monotonic(), False
+    while time.monotonic() < min(began + LONGEST, _deadline.get()):
+        try:
+            exclusive(descriptor)
+        except BlockingIOError:
+            if not told and time.monotonic() > began + 0.5:
+                _tell(f"waiting for another process that compiles '{name}'")
+                told = True
+            time.sleep(_PAUSE)
+        else:
+            return
 
 
 def _stamp(function: Callable[..., Any]) -> str:
@@ -157,18 +282,16 @@ def _stamp(function: Callable[..., Any]) -> str:
     return _stamps[module]
 
 
-def _folder(source: Path) -> Path | None:
-    """Where machine code of a source folder goes: beside Python's own, else into the user's cache; None for nowhere."""
+def _folder(source: Path) -> Path:
+    """Where machine code of a source folder goes: beside Python's own, else into the user's cache."""
     mark = hashlib.sha256(str(source).encode()).hexdigest()[:16]
     home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     for folder in (source / "__pycache__", Path(home) / "cpcal" / mark):
-        try:
+        with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK | os.X_OK):
-            return folder
-    return None
+            if os.access(folder, os.W_OK | os.X_OK):
+                break
+    return folder
 
 
 def _say_once(sentence: str) -> None:

@@ -142,7 +142,7 @@ def test_the_covariance_is_that_of_monte_carlo_between_legs_too(weights):
     ids=str,
 )
 def test_intervals_cover_the_true_parameters_as_often_as_they_state(options):
-    """20 seeds by 42 parameters (benchmarks/coverage.py: 200 seeds, all kinds of fits, parameter by parameter)."""
+    """20 seeds by 42 parameters."""
     inside = []
     for seed in range(20):
         campaign = simulate(seed=seed)

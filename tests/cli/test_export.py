@@ -51,6 +51,42 @@ def test_all_formats_say_the_same(data):
         }
 
 
+def test_a_name_beyond_the_basic_plane_is_read_back_by_every_reader(data):
+    text = "\U0001f916 \U00020000 \u00e9 \u4e2d \" \\ 'x'"
+    named = {**data, "robot": text, "provenance": {**data["provenance"], text: text}}
+    assert json.loads(as_json(named)) == tomllib.loads(as_toml(named)) == yaml.safe_load(as_yaml(named)) == named
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            ["-o", "p.dat"],
+            "option --format: is missing, and the name p.dat does not say it -> of this run write one of",
+        ),
+        (["-f", "csv", "-o", "p.json"], "the format csv -> call the file *.csv, or leave --format out"),
+        (["-f", "urdf"], "option --format: is urdf -> of this run write one of toml, json, yaml, csv"),
+    ],
+)
+def test_a_format_that_does_not_go_with_the_name_is_refused(folder, tmp_path, monkeypatch, options, said):
+    monkeypatch.chdir(tmp_path)
+    outcome = run("export", folder / "run", *options)
+    assert outcome.exit_code == 2
+    assert said in " ".join(outcome.output.split())
+    assert not any(tmp_path.iterdir())
+
+
+def test_the_suffix_decides_what_is_written(folder, tmp_path):
+    for name, read in (
+        ("p.json", json.loads),
+        ("p.yml", yaml.safe_load),
+        ("p.toml", tomllib.loads),
+        ("p", tomllib.loads),
+    ):
+        assert run("export", folder / "run", "-o", tmp_path / name).exit_code == 0
+        assert read((tmp_path / name).read_text(encoding="utf-8"))["format"] == "cpcal-parameters/1"
+
+
 def test_it_holds_what_the_run_proves_with_frame_and_provenance(folder, data):
     result = cpcal.load_result(folder / "run")
     leg, (written,) = result.legs[0], data["legs"]

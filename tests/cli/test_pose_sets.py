@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from typer.testing import CliRunner
 
 from benchmarks.vision_scenes import facing_poses, one
 from cpcal.cli import app
+from cpcal.cli.pose_sets import _stated
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.camera_file import CameraRecord, save_camera
@@ -20,6 +23,7 @@ from cpcal.vision.opencv import opencv
 from cpcal.vision.render import render
 from cpcal.vision.target import DELTALAB_TARGET
 
+ODD_BYTES, ODD_NAME = b"=-\xe9 nothing.png", r"=-\xe9 nothing.png"
 DEVIATIONS = np.array([0.02, 0.02, 0.02, 0.02, 1e-5, 1e-5, 1e-6, 1e-6, 1e-5])
 
 
@@ -36,7 +40,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pose]:
     (folder / "images").mkdir()
     image = render(DELTALAB_TARGET, DELTALAB_CAMERA, pose, seed=1)
     opencv().imwrite(str(folder / "images" / "first.png"), image)
-    opencv().imwrite(str(folder / "images" / "nothing.png"), np.full_like(image, 90))
+    opencv().imwrite(str(folder / "nothing.png"), np.full_like(image, 90))
+    (folder / "nothing.png").rename(folder / "images" / os.fsdecode(ODD_BYTES))
     save_camera(CameraRecord(DELTALAB_CAMERA, np.diag(DEVIATIONS**2)), folder / "camera.toml")
     save_target(DELTALAB_TARGET, folder / "target.toml")
     return folder, pose
@@ -45,12 +50,16 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pose]:
 def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose]) -> None:
     folder, pose = place
     files = ("--target", folder / "target.toml", "--camera", folder / "camera.toml")
-    status, said = run("pose-sets", folder / "images", *files, "-o", folder / "sets", "--workers", "1")
+    words = ("pose-sets", folder / "images", *files, "-o", folder / "sets", "--workers", "1", "--plate-exact")
+    status, said = run(*words)
     assert status == 0, said
     assert "2 images: 1 poses enclosed" in said
-    with (folder / "sets" / "sets.csv").open() as file:
-        first, nothing = csv.DictReader(file)
-    assert nothing["verdict"] == "unknown"
+    assumed = "px; the camera's numbers are in an ellipsoid of half-widths fx 0.1, fy 0.1, cx 0.1, cy 0.1, k1 0.00005"
+    assert "Assumed, not proved: the centre of each dot's image is within 0.05 " + assumed in said
+    assert "dots are exact, the plate's size is exact" in said
+    with (folder / "sets" / "sets.csv").open(encoding="utf-8") as file:
+        nothing, first = csv.DictReader(file)
+    assert (nothing["file"], nothing["verdict"]) == (ODD_NAME, "unknown")
     assert nothing["reason"]
     for name, true in zip("xyz", pose.position, strict=True):
         assert abs(float(first[name]) - true) <= float(first[f"d{name}"]) < 0.5
@@ -58,6 +67,7 @@ def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose]) -> None
     status, said = run("verify", folder / "sets", *sources)
     assert status == 0, said
     assert "first: all poses that show all" in said
+    assert assumed in said
     assert said.count("the file that the pose sets name") == 2
     other = folder / "other"
     other.mkdir()
@@ -74,10 +84,31 @@ def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose]) -> None
     assert "REFUSED" in said
 
 
+def test_perfection_is_asked_for_by_name(place: tuple[Path, Pose]) -> None:
+    folder, _ = place
+    save_camera(DELTALAB_CAMERA, folder / "bare.toml")
+    files = ("--target", folder / "target.toml", "--camera", folder / "bare.toml")
+    status, said = run("pose-sets", folder / "images", *files, "-o", folder / "bare")
+    assert status == 2
+    said = " ".join(said.split())
+    assert "the camera: has no covariance: nothing says how far its numbers may be off -> calibrate" in said
+    assert "the target: has neither dot_sigma nor scale_sigma: nothing says how far its dots may be off -> add" in said
+    assert not (folder / "bare").exists()
+
+
+def test_the_dots_deviations_count_factor_times() -> None:
+    plate, lens = replace(DELTALAB_TARGET, dot_sigma=0.01, scale_sigma=1e-4), CameraRecord(DELTALAB_CAMERA)
+    plates, cameras = _stated(plate, lens, None, 3.0, plate_exact=False, camera_exact=True)
+    np.testing.assert_array_equal(plates.half_widths, np.tile([0.03, 0.03, 0.0], (len(plate.dots), 1)))
+    assert (plates.scale, cameras.size) == (3.0 * 1e-4, 0)
+    plates, _ = _stated(plate, lens, None, 3.0, plate_exact=True, camera_exact=True)
+    assert (plates.half_widths.any(), plates.scale) == (False, 0.0)
+
+
 def test_a_folder_without_images_is_refused(place: tuple[Path, Pose]) -> None:
     folder, _ = place
     (folder / "empty").mkdir()
     files = ("--target", folder / "target.toml", "--camera", folder / "camera.toml")
-    status, said = run("pose-sets", folder / "empty", *files, "-o", folder / "none")
+    status, said = run("pose-sets", folder / "empty", *files, "-o", folder / "none", "--plate-exact")
     assert status == 2
     assert "holds no images" in said

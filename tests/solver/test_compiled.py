@@ -6,6 +6,8 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -78,19 +80,75 @@ def test_of_two_processes_one_compiles_and_the_other_takes_what_it_made(modules)
     assert sum("compiling" in told.replace("that compiles", "") for _, told in said) == 1
 
 
-def test_a_lock_that_nobody_gives_back_is_waited_for_no_longer_than_is_said(modules):
-    run(modules, "import upper")  # makes the folder
-    lock = modules / "__pycache__" / "upper.lock"
+@contextmanager
+def held(lock: Path) -> Iterator[None]:
+    """While in the block another process has the lock."""
+    lock.parent.mkdir(exist_ok=True)
     holder = subprocess.Popen([sys.executable, "-c", HOLD, str(lock)], stdout=subprocess.PIPE)
     try:
         assert holder.stdout is not None
         holder.stdout.readline()
-        done = run(modules, f"from cpcal.solver import compiled_once; compiled_once.LONGEST = 1.0; {RUN}")
+        yield
     finally:
         holder.kill()
         holder.communicate()
+
+
+def test_a_lock_that_nobody_gives_back_is_waited_for_no_longer_than_is_said(modules):
+    with held(modules / "__pycache__" / "upper.lock"):
+        late = run(modules, f"from cpcal.solver import compiled; compiled.LONGEST = 1.0; {RUN}")
+        assert late.stdout == "3.0\n"
+        assert "waiting for another process that compiles 'twice'" in late.stderr
+        assert run(modules).stderr == ""  # nobody waits for what is there
+
+
+LATE = """
+import time
+from cpcal.solver.compiled import TimeUp, compiling_until
+from upper import twice
+try:
+    with compiling_until(time.monotonic() + {seconds}):
+        twice(1.0)
+except TimeUp as told:
+    print(told)
+"""
+
+
+def test_after_the_time_limit_nothing_is_compiled_or_waited_for(modules):
+    said = "the time limit came before 'twice' was compiled\n"
+    with held(modules / "__pycache__" / "upper.lock"):
+        assert run(modules, LATE.format(seconds=0.2)).stdout == said
+    assert run(modules, LATE.format(seconds=-1.0) + RUN).stdout == f"{said}3.0\n"
+    assert run(modules, LATE.format(seconds=-1.0)).stdout == ""  # what is there is loaded at any time
+
+
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "of length zero": lambda content: b"",
+    "cut": lambda content: content[: len(content) // 2],
+    "overwritten": lambda content: bytes(len(content)),
+    "one bit turned": lambda content: content[:-300] + bytes([content[-300] ^ 1]) + content[-299:],
+}
+
+
+def test_machine_code_that_is_damaged_is_compiled_again_and_replaced(modules):
+    run(modules)
+    files = list((modules / "__pycache__").glob("*.kernel"))
+    assert len(files) == 2
+    for damage in DAMAGES.values():
+        for file in files:
+            file.write_bytes(damage(file.read_bytes()))
+        again = run(modules)
+        assert again.stdout == "3.0\n"
+        assert "compiling 'twice', once ... done" in again.stderr
+    assert run(modules).stderr == ""
+
+
+def test_without_room_for_machine_code_it_goes_on_and_says_so_once(modules):
+    small = "import resource as r; r.setrlimit(r.RLIMIT_FSIZE, (1000, 1000))"  # as on a full disk, writing fails
+    done = run(modules, f"{small}; {RUN}")
     assert done.stdout == "3.0\n"
-    assert "waiting for another process that compiles 'upper'" in done.stderr
+    assert done.stderr.count("machine code cannot be kept in") == 1
+    assert not list((modules / "__pycache__").glob("*.kernel*"))
 
 
 def test_without_numba_it_runs_and_says_so_once(modules):
@@ -116,7 +174,7 @@ def test_a_folder_that_can_not_be_written_is_no_error(modules, tmp_path_factory,
     first, second = (run(modules, XDG_CACHE_HOME=str(cache)) for _ in range(2))
     assert first.stdout == second.stdout == "3.0\n"
     assert ("compiling" in second.stderr) is not home
-    assert second.stderr.count("no cache folder can be written") == (0 if home else 1)
+    assert second.stderr.count("machine code cannot be kept in") == (0 if home else 1)
 
 
 def test_the_plain_function_is_the_compiled_one():

@@ -17,7 +17,7 @@ from cpcal.vision.files.camera_yaml import STYLES, camera_yaml
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
-RATIONAL = replace(DELTALAB_CAMERA, distortion=[0.4, 0.2, 2e-3, -1e-3, 0.02, 0.6, 0.25, 0.03], model="rational")
+RATIONAL = replace(DELTALAB_CAMERA, distortion=[0.4, 0.2, 2e-3, -1e-5, 0.02, 0.6, 0.25, 0.03], model="rational")
 FISHEYE = Camera(1600, 1200, [750.0, 748.0], [801.0, 598.0], [-0.03, 0.01, -4e-3, 5e-4], "fisheye")
 ROS = """\
 image_width: 640
@@ -88,6 +88,17 @@ def test_a_file_of_ros_is_read(tmp_path: Path) -> None:
         ("[-0.1", "[&a -0.1, *a", "is no YAML: aliases are not understood"),
         ("image_width", "!!python/object/apply:os.system [ls]\nimage_width", "is no YAML"),
         ("data: [-0.1", "data: [-0.1, [[[[[", "is no YAML"),
+        ("525.5, 0.0", "9" * 400 + ", 0.0", "camera focal is not 2 finite numbers"),
+        ("[-0.1", "[" + "9" * 400, "camera distortion"),
+        ("640", "9" * 400, "image_width and image_height are not two whole numbers from 1 to 1,000,000"),
+        ("640", "9" * 200, "image_width and image_height are not two whole numbers"),
+        ("640", '!!timestamp "a"', "image_width and image_height are not two whole numbers"),
+        ("640", '!!int ""', "image_width and image_height are not two whole numbers"),
+        ("plumb_bob", "[plumb_bob]", "distortion_model is ['plumb_bob']"),
+        ("plumb_bob", "{a: 1}", "distortion_model is {'a': 1}"),
+        ("plumb_bob", "!!python/object:os.system {}", "is no YAML: the tag 'tag:yaml.org,2002:python/object:os.syst"),
+        ("camera_name: head_camera", "image_width: 641", "is no YAML: the key 'image_width' is there twice"),
+        ("camera_name: head_camera", "? [a]\n: 1", "is no YAML: a key is no text"),
     ],
 )
 def test_what_cannot_be_is_refused(tmp_path: Path, old: str, new: str, what: str) -> None:

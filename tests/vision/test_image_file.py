@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 
@@ -10,7 +11,7 @@ import pytest
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
-from cpcal.vision.files.image_file import UnreadableImageError, image_files, read_image
+from cpcal.vision.files.image_file import UnreadableImageError, image_files, image_path, read_image
 from cpcal.vision.opencv import opencv
 
 GREY = np.arange(64 * 48, dtype=np.uint8).reshape(48, 64)
@@ -36,10 +37,11 @@ def test_jpeg_and_transparency(tmp_path):
     assert read_image(written(tmp_path / "b.png", four)).shape == (48, 64, 3)
 
 
-def _png_that_claims(width, height):
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+def chunk(kind, data):
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
+
+def _png_that_claims(width, height):
     head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
 
@@ -75,3 +77,29 @@ def test_files_are_found_below_a_folder_in_order(tmp_path):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"")
     assert image_files(tmp_path) == ["a.jpg", "b/10.tif", "b/2.PNG"]
+
+
+def test_a_name_that_is_no_utf8_can_be_written_and_leads_to_its_file(tmp_path):
+    for name in (b"\xff\xe9.png", b"a\\xe9.png", "é.png".encode()):
+        (tmp_path / os.fsdecode(name)).write_bytes(name)
+    names = image_files(tmp_path)
+    assert names == [r"\xff\xe9.png", r"a\xe9.png", "é.png"]
+    assert [image_path(tmp_path, name).read_bytes() for name in names] == [
+        b"\xff\xe9.png",
+        b"a\\xe9.png",
+        "é.png".encode(),
+    ]
+
+
+def test_what_decoders_print_names_the_file(tmp_path, capfd):
+    good = written(tmp_path / "good.png", GREY).read_bytes()
+    (tmp_path / "profile.png").write_bytes(good[:33] + chunk(b"iCCP", b"x\0\0" + zlib.compress(b"abc")) + good[33:])
+    assert np.array_equal(read_image(tmp_path / "profile.png"), GREY)
+    place = good.index(b"IDAT") + 10
+    (tmp_path / "damaged.png").write_bytes(good[:place] + b"\xff\xff" + good[place + 2 :])
+    with pytest.raises(UnreadableImageError, match="cannot be decoded"):
+        read_image(tmp_path / "damaged.png")
+    said = capfd.readouterr().err.splitlines()
+    assert f"cpcal: {tmp_path / 'profile.png'}: libpng warning: iCCP: too short" in said
+    assert any(line.startswith(f"cpcal: {tmp_path / 'damaged.png'}: libpng error: ") for line in said)
+    assert not any(line.startswith("libpng") for line in said)

@@ -113,7 +113,7 @@ def with_sets(found: ImagesFound, done: ImageStudy, run: PixelRun, campaign: Cam
     seconds = np.median([run.sets[name].seconds for name in names])
     said = (
         f"Each dot of one image a configuration is stated to be within ±{stated(HALF_WIDTH)} pixels of where it was "
-        "found (the centre of its image). "
+        "found (the centre of its image); camera and plate are assumed exact: the images were rendered with them. "
         f"Of {count} sets of poses that show all dots in such boxes, {len(proved)} are enclosed and {refuted} empty, "
         f"both proved, in {about(float(seconds), 2)} s each with a certificate. The true pose lies in {holding} of the "
         f"{len(proved)}. No page checks these proofs: `cpcal verify {PIXEL_SETS}` does. "

@@ -154,6 +154,8 @@ def log_at(x: float) -> Bounds:
 @compiled
 def log1p_at(x: float) -> Bounds:
     """For x >= -1."""
+    if abs(x) < 1e-300:  # x / 2 may be subnormal, and rounded
+        return widened(x)
     if abs(x) <= SMALL:
         return widened(log_core(x / (2.0 + x)))
     low, _ = log_at(max(sum_below(1.0, x), 0.0))

@@ -16,10 +16,13 @@ from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network.centred_terms import centred_sums
 from cpcal.solver.network.coefficient_kernels import combined, occurring, products, summed
 
-# Factor that covers the rounding of the few dozen float64 operations below that are not interval operations.
-_ROUND_UP = 1.0 + 64 * np.finfo(np.float64).eps
 _MAX = np.finfo(np.float64).max
-_ROUND_DOWN = 1.0 - 64 * np.finfo(np.float64).eps
+_ETA = 5e-324
+
+
+def _over(terms: int) -> float:
+    """What covers, as a share, the rounding of sums of so many terms of one sign and of what is made of them below."""
+    return float((2 * terms + 64) * np.finfo(np.float64).eps)
 
 
 def occurring_terms(c: IntervalArray) -> Bools:
@@ -135,10 +138,11 @@ def _second_order(e: Arithmetic, x: IntervalArray, y: IntervalArray) -> Interval
     squares = e.mul(x, y)
     lo = np.minimum(squares.lo, 0.0).sum(axis=0, keepdims=True)
     hi = np.maximum(squares.hi, 0.0).sum(axis=0, keepdims=True)
-    a, b = x.mag, y.mag
-    all_pairs = a.sum(axis=0, keepdims=True) * b.sum(axis=0, keepdims=True) * _ROUND_UP
-    mixed = np.maximum(all_pairs - (a * b).sum(axis=0, keepdims=True) * _ROUND_DOWN, 0.0)
-    return IntervalArray((lo - mixed) * _ROUND_UP, (hi + mixed) * _ROUND_UP)
+    a, b, over = x.mag, y.mag, _over(len(x.lo))
+    all_pairs = a.sum(axis=0, keepdims=True) * b.sum(axis=0, keepdims=True)
+    mixed = np.maximum(all_pairs * (1.0 + over) - (a * b).sum(axis=0, keepdims=True) * (1.0 - over), 0.0)
+    mixed += np.where(a.any(axis=0) & b.any(axis=0), (len(x.lo) + 2) * _ETA, 0.0)  # what underflows
+    return IntervalArray((lo - mixed) * (1.0 + over), (hi + mixed) * (1.0 + over))
 
 
 def reciprocal(e: Arithmetic, x: IntervalArray) -> IntervalArray:
@@ -147,8 +151,8 @@ def reciprocal(e: Arithmetic, x: IntervalArray) -> IntervalArray:
     value = e.div(IntervalArray.point(np.ones(1)).reshape((1,) * m.ndim), m)
     if x.shape[0] == 1:
         return value
-    h_max = x[1:].mag.sum(axis=0, keepdims=True) * _ROUND_UP
-    square = IntervalArray(np.zeros_like(h_max), h_max * h_max * _ROUND_UP)
+    h_max = x[1:].mag.sum(axis=0, keepdims=True) * (1.0 + _over(len(x.lo)))
+    square = e.sqr(IntervalArray(np.zeros_like(h_max), h_max))
     whole = e.add(m, IntervalArray(-h_max, h_max))
     m2 = e.sqr(m)
     value = e.add(value, e.div(square, e.mul(m2, whole)))
@@ -160,5 +164,5 @@ def total(e: Arithmetic, x: IntervalArray) -> IntervalArray:
     """The whole range over the reading sets, shape (1, *S)."""
     if x.shape[0] == 1:
         return x
-    spread = x[1:].mag.sum(axis=0, keepdims=True) * _ROUND_UP
+    spread = x[1:].mag.sum(axis=0, keepdims=True) * (1.0 + _over(len(x.lo)))
     return e.add(x[:1], IntervalArray(-spread, spread))

@@ -15,7 +15,7 @@ from cpcal.solver.network.centred_terms import centred, centred_products
 
 interval_sum, interval_square = kernels.add, kernels.sqr
 _MAX = 1.7976931348623157e308
-_ROUND_UP = 1.0 + 64 * 2.0**-52  # covers the rounding of the few dozen operations that are not those of intervals
+_ETA = 5e-324
 
 
 @compiled
@@ -143,8 +143,12 @@ def summed(lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
 
 @compiled
 def _second_order(x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats) -> tuple[float, float]:
-    """Range of `sum_i x_i d_i * sum_j y_j d_j` over |d| <= 1, entries from 1 on: d_i^2 is in [0, 1]."""
+    """Range of `sum_i x_i d_i * sum_j y_j d_j` over |d| <= 1, entries from 1 on: d_i^2 is in [0, 1].
+
+    The terms of each sum have one sign: `over` covers its rounding, and a few _ETA what underflows.
+    """
     low, high, both, of_x, of_y = 0.0, 0.0, 0.0, 0.0, 0.0
+    over = (len(x_lo) + len(y_lo) + 64) * 2.0**-52
     for j in range(1, max(len(x_lo), len(y_lo))):
         a = max(abs(x_lo[j]), abs(x_hi[j])) if j < len(x_lo) else 0.0
         b = max(abs(y_lo[j]), abs(y_hi[j])) if j < len(y_lo) else 0.0
@@ -152,5 +156,6 @@ def _second_order(x_lo: Floats, x_hi: Floats, y_lo: Floats, y_hi: Floats) -> tup
         if j < len(x_lo) and j < len(y_lo):
             square = interval_product(x_lo[j], x_hi[j], y_lo[j], y_hi[j])
             low, high = low + min(square[0], 0.0), high + max(square[1], 0.0)
-    mixed = max(of_x * of_y * _ROUND_UP - both * (2.0 - _ROUND_UP), 0.0)
-    return (low - mixed) * _ROUND_UP, (high + mixed) * _ROUND_UP
+    mixed = max(of_x * of_y * (1.0 + over) - both * (1.0 - over), 0.0)
+    mixed += (len(x_lo) + 2) * _ETA if of_x > 0.0 and of_y > 0.0 else 0.0
+    return (low - mixed) * (1.0 + over), (high + mixed) * (1.0 + over)

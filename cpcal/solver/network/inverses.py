@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from cpcal.solver.compiled import compiled
+from cpcal.solver.interval.directed import sum_above
 from cpcal.solver.interval.elementary import PI_HI, PIO2_HI
 from cpcal.solver.interval.functions import cos, exp, expm1, log, log1p, sin, tan
 from cpcal.solver.interval.inverse_functions import acosh, asinh, atanh, of_cosine, of_sine, of_tangent
@@ -122,12 +123,18 @@ def _of_function(code: int, z_lo: float, z_hi: float, a_lo: float, a_hi: float, 
     if code == POW:
         return _base(z_lo, z_hi, b_lo, b_hi)
     if code == FLOOR:
-        return ceil(z_lo, z_hi)[0], floor(z_lo, z_hi)[1] + 1.0
+        return ceil(z_lo, z_hi)[0], _next_whole(floor(z_lo, z_hi)[1])
     if code == CEIL:
-        return ceil(z_lo, z_hi)[0] - 1.0, floor(z_lo, z_hi)[1]
+        return -_next_whole(-ceil(z_lo, z_hi)[0]), floor(z_lo, z_hi)[1]
     if code == SIGN:
         return (0.0 if z_lo > -1.0 else -math.inf), (0.0 if z_hi < 1.0 else math.inf)
     return a_lo, a_hi
+
+
+@compiled
+def _next_whole(n: float) -> float:
+    """At least n + 1, which beyond 2^53 no float equals."""
+    return n + 1.0 if abs(n) < 4503599627370496.0 else sum_above(n, 1.0)
 
 
 @compiled

@@ -24,7 +24,7 @@ from cpcal.vision.batch.journal import Journal
 from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import Detection
-from cpcal.vision.files.image_file import UnreadableImageError, image_files, read_image
+from cpcal.vision.files.image_file import UnreadableImageError, image_files, image_path, read_image
 from cpcal.vision.measure import MeasuredImage, NotMeasured, measure_pose
 from cpcal.vision.opencv import MissingExtraError, opencv
 from cpcal.vision.overlay import overlay, refusal
@@ -69,13 +69,13 @@ class ImageFolder:
 
     def stamp(self, name: str) -> str:
         try:
-            stat = (self.folder / name).stat()
+            stat = image_path(self.folder, name).stat()
         except OSError:  # a broken link, or a file that went: reading it gives the reason
             return "absent"
         return f"{stat.st_size}-{stat.st_mtime_ns}"
 
     def read(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
-        return read_image(self.folder / name, self.size)
+        return read_image(image_path(self.folder, name), self.size)
 
 
 @dataclass(frozen=True)

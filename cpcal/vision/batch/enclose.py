@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -74,5 +75,6 @@ class Enclosing:
 
 
 def stem_of(name: str) -> str:
-    """What the files of an image are called: "e00/1/3.png" is e00-1-3."""
-    return PurePosixPath(name).with_suffix("").as_posix().replace("/", "-")
+    """What the files of an image are called: "e00/1/3.png" is e00-1-3; in letters, digits and "_.-"."""
+    stem = re.sub(r"[^\w.-]", "_", PurePosixPath(name).with_suffix("").as_posix().replace("/", "-"))
+    return f"_{stem}" if stem.startswith(".") else stem

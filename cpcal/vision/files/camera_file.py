@@ -16,7 +16,7 @@ from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.common.values import Value, frozen_array, frozen_mapping
 from cpcal.files.campaign_writer import matrix, provenance_lines, quoted, vector
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, Camera
-from cpcal.vision.files.plausible_camera import implausible
+from cpcal.vision.files.plausible_camera import PIXELS_MAX, implausible
 from cpcal.vision.files.sections import TomlReader, opened
 from cpcal.vision.lens_models import LENSES
 from cpcal.vision.opencv import MissingExtraError
@@ -27,7 +27,6 @@ YAML_SUFFIXES = (".yaml", ".yml")
 _KEYS = ("width", "height", "focal", "center", "distortion")
 _OPTIONAL = ("model",)
 _ONLY_BROWN = f"leave it out, or give a camera of the model {BROWN}"
-_PIXELS_MAX = 1_000_000  # of a side
 _NEGATIVE = 1e-9  # the least eigenvalue of a correlation matrix that rounding can make
 
 
@@ -131,7 +130,7 @@ def _record(reader: TomlReader) -> CameraRecord | None:
     table = reader.required("camera", _KEYS, _OPTIONAL)
     if table is None:
         return None
-    sides = [reader.whole(("camera", key), table, 1, _PIXELS_MAX) for key in ("width", "height")]
+    sides = [reader.whole(("camera", key), table, 1, PIXELS_MAX) for key in ("width", "height")]
     focal = reader.numbers(("camera", "focal"), table, 2, "fx and fy in pixels", signed=False)
     center = reader.numbers(("camera", "center"), table, 2, "cx and cy in pixels", signed=True)
     model = reader.text(("camera", "model"), {"model": BROWN, **table})

@@ -7,6 +7,7 @@ data, and distortion_model: plumb_bob, rational_polynomial, equidistant or fishe
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, Problems, shown
 from cpcal.files.documents import small_file
 from cpcal.vision.camera import BROWN, Camera
-from cpcal.vision.files.plausible_camera import implausible
+from cpcal.vision.files.plausible_camera import PIXELS_MAX, implausible
 from cpcal.vision.lens_models import LENSES
 
 STYLES = ("opencv", "ros")
@@ -29,60 +30,81 @@ _ROS_MODELS = {
     "equidistant": "fisheye",
     "fisheye": "fisheye",
 }
-_MATRIX_TAG = "tag:yaml.org,2002:opencv-matrix"
+_REMEDY = "give a file that OpenCV or ROS wrote"
+_KINDS = ("null", "bool", "int", "float", "str", "timestamp", "value", "seq", "map", "opencv-matrix")
+_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in _KINDS}
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)  # also 1e-05, which YAML 1.1 takes for a text
+_DIGITS_MAX = 300  # of a whole number: one that is a float, too
+_WORDS: dict[str, Any] = {
+    ".nan": math.nan,
+    ".inf": math.inf,
+    "-.inf": -math.inf,
+    "true": True,
+    "false": False,
+    "null": None,
+    "~": None,
+    "": None,
+}
 _HEAD = re.compile(r"\A%YAML:?1\.\d\s*(---)?")  # OpenCV's first line is no YAML
 _SKEW = 1e-9  # of the focal length
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML without objects, in which OpenCV's matrices are mappings; an alias could make a small file a huge one."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("aliases are not understood")
-        return super().compose_node(parent, index)
-
-
-def _matrix(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    return loader.construct_mapping(node, deep=True)
-
-
-_Loader.add_constructor(_MATRIX_TAG, _matrix)
 
 
 def camera_from_yaml(path: Path) -> Camera:
     """The camera in a file that OpenCV or ROS wrote. Raises one InputError with every problem."""
     problems = Problems()
     content = small_file(path, problems, "give a camera.toml, or a YAML file of OpenCV or ROS")
-    document = None if content is None else _document(content, path, problems)
-    camera = None if document is None else _camera(document, str(path), problems)
+    problems.raise_any()
+    assert content is not None
+    document = yaml_document(content, path)
+    if not isinstance(document, dict):
+        raise InputError([Problem(str(path), "is no table of keys and values", _REMEDY)])
+    camera = _camera(document, str(path), problems)
     problems.raise_any()
     assert camera is not None  # what keeps it from being read is a problem, and was raised
     return camera
 
 
 def yaml_document(content: bytes, path: Path) -> Any:
-    """The lists and tables of a YAML file, OpenCV's matrices among them. Raises InputError."""
+    """The lists, tables, texts and numbers of a YAML file, OpenCV's matrices as tables. Raises InputError."""
+    line = None
     try:
-        return yaml.load(_HEAD.sub("---", content.decode("utf-8-sig")), Loader=_Loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        what = f"is no YAML: {getattr(error, 'problem', None) or error}"[:200]
-        raise InputError([Problem(str(path), what, "give a file that OpenCV or ROS wrote")]) from None
-
-
-def _document(content: bytes, path: Path, problems: Problems) -> dict[str, Any] | None:
-    try:
-        document = yaml.load(_HEAD.sub("---", content.decode("utf-8-sig")), Loader=_Loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        return _plain(yaml.compose(_HEAD.sub("---", content.decode("utf-8-sig")), Loader=yaml.SafeLoader), set())
+    except RecursionError:
+        what = "it is nested too deeply"
+    except (yaml.YAMLError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
-        what = f"is no YAML: {getattr(error, 'problem', None) or error}"[:200]
         line = None if mark is None else mark.line + 1
-        problems.add(Problem(str(path), what, "give a file that OpenCV or ROS wrote", line))
+        what = str(getattr(error, "problem", None) or error)
+    raise InputError([Problem(str(path), f"is no YAML: {what}"[:200], _REMEDY, line)])
+
+
+def _plain(node: yaml.Node | None, seen: set[int]) -> Any:
+    """The value of a node. PyYAML's own constructors raise all kinds of errors, and make objects nobody asked for."""
+    if node is None:
         return None
-    if not isinstance(document, dict):
-        problems.add(Problem(str(path), "is no table of keys and values", "give a file that OpenCV or ROS wrote"))
-        return None
-    return document
+    if id(node) in seen:  # an alias could make a small file a huge one
+        raise yaml.MarkedYAMLError(problem="aliases are not understood", problem_mark=node.start_mark)
+    seen.add(id(node))
+    if node.tag not in _TAGS:
+        what = f"the tag {shown(node.tag)} is not understood"
+        raise yaml.MarkedYAMLError(problem=what, problem_mark=node.start_mark)
+    if isinstance(node, yaml.SequenceNode):
+        return [_plain(part, seen) for part in node.value]
+    if isinstance(node, yaml.MappingNode):
+        table = {}
+        for key, value in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise yaml.MarkedYAMLError(problem="a key is no text", problem_mark=key.start_mark)
+            if key.value in table:
+                what = f"the key {shown(key.value)} is there twice"
+                raise yaml.MarkedYAMLError(problem=what, problem_mark=key.start_mark)
+            table[key.value] = _plain(value, seen)
+        return table
+    assert isinstance(node, yaml.ScalarNode)  # there is no other kind
+    if node.style is None and _NUMBER.fullmatch(node.value):
+        whole = node.value.lstrip("+-").isdecimal() and len(node.value) <= _DIGITS_MAX
+        return int(node.value) if whole else float(node.value)
+    return _WORDS.get(node.value.lower(), node.value) if node.style is None else node.value
 
 
 def _camera(document: dict[str, Any], where: str, problems: Problems) -> Camera | None:
@@ -90,8 +112,9 @@ def _camera(document: dict[str, Any], where: str, problems: Problems) -> Camera 
         problems.add(Problem(where, what, remedy))
 
     sides = [document.get(f"image_{side}") for side in ("width", "height")]
-    if not all(isinstance(side, int) and not isinstance(side, bool) and side > 0 for side in sides):
-        wrong("image_width and image_height are not two whole numbers", "give the size of the images in pixels")
+    if not all(type(side) is int and 0 < side <= PIXELS_MAX for side in sides):
+        what = f"image_width and image_height are not two whole numbers from 1 to {PIXELS_MAX:,}"
+        wrong(what, "give the size of the images in pixels")
     matrix = _numbers(document, "camera_matrix", wrong)
     distortion = _numbers(document, "distortion_coefficients", wrong)
     model = _model(document, distortion, wrong)
@@ -121,7 +144,7 @@ def _numbers(document: dict[str, Any], key: str, wrong: Any) -> Floats | None:
     value = document.get(key)
     data = value.get("data") if isinstance(value, dict) else value
     flat = data if isinstance(data, list) else None
-    if flat is None or not all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in flat):
+    if flat is None or not all(type(v) in (int, float) for v in flat):
         wrong(f"{key} is {shown(value)}" if key in document else f"{key} is missing", "give a matrix with its data")
         return None
     return np.array(flat, dtype=np.float64)
@@ -130,7 +153,7 @@ def _numbers(document: dict[str, Any], key: str, wrong: Any) -> Floats | None:
 def _model(document: dict[str, Any], distortion: Floats | None, wrong: Any) -> str | None:
     """The lens: as it is named, or by the count of its numbers. OpenCV's four numbers are k1, k2, p1, p2."""
     named = document.get("distortion_model")
-    if named is not None and named not in _ROS_MODELS:
+    if named is not None and not (isinstance(named, str) and named in _ROS_MODELS):
         wrong(f"distortion_model is {shown(named)}", f"known are {', '.join(_ROS_MODELS)}")
         return None
     if distortion is None:

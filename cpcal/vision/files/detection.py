@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.files.cells import guarded
+from cpcal.files.cells import file_cell, guarded
 
 POSITION, QUATERNION, SIGMA, SHARED = slice(0, 3), slice(3, 7), slice(7, 13), slice(13, 19)
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -63,8 +63,8 @@ def detections_bytes(detections: Iterable[Detection]) -> bytes:
     writer.writerow(COLUMNS)
     for d in sorted(detections, key=lambda d: d.file):
         numbers = [repr(v) for v in d.values] if d.found else [""] * len(NUMBERS)
-        writer.writerow([guarded(d.file), str(d.dots), *numbers, guarded(d.doubt), guarded(d.reason)])
-    return buffer.getvalue().encode("utf-8", "surrogateescape")
+        writer.writerow([file_cell(d.file), str(d.dots), *numbers, guarded(d.doubt), guarded(d.reason)])
+    return buffer.getvalue().encode()
 
 
 def by_reason(rows: Iterable[Detection]) -> dict[str, list[str]]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from cpcal.vision.camera import Camera
 
+PIXELS_MAX = 1_000_000  # of an image's side
 _FOCAL = (0.05, 1000.0)  # of the image's longer side: from a fisheye to a telescope
 _ASPECT = 4.0  # of fx and fy
 _CENTER = 10.0  # image sides away from the image, which may be a part of a larger one
