@@ -1,7 +1,7 @@
 """Nobody is given a certificate that `cpcal verify` would refuse: it is checked before it is written.
 
-A whole check costs as much as the search. Of a leg, whose every claim is of one kind, it is made only where its work
-may come near the limit.
+A whole check costs as much as the search. Of legs and of poses, whose claims are of one kind, it is made only where its
+work may come near the limit; of a minimisation of constraints that the certificate states itself, always.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def check_affordable(
     """
     most = (WORK if work is None else work) + (0 if problem.model is None else work_of(problem.count))
     needed = _NEAR * (_WORK_A_BYTE * lines.seek(0, 2) + _work_of_point(problem, claims))
-    if problem.model is not None and needed <= most:
+    if needed <= most and (problem.model is not None or problem.objective is None):
         return
     lines.seek(0)
     counted = Lines(lines, most)
