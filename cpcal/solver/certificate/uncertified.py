@@ -42,7 +42,7 @@ def certified(recording: Recording, path: str | os.PathLike[str], found: Minimum
         recording.write(path, claims)
     except InputError as error:
         raised = UncertifiedError(error.problems)
-        raised.answer = _not_certified(found, str(error))
+        raised.answer = _not_certified(found, "; ".join(problem.what for problem in error.problems))
         raise raised from None
     return replace(found, contractors_used=recording.credited(found.contractors_used))
 
