@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test nightly check docs drawings clean
+.PHONY: demo test nightly mutants check docs drawings clean
 
 # `make demo`: the paper's whole study on a simulated DeltaLab platform; says where the report is.
 demo: .venv/.installed
@@ -17,8 +17,13 @@ nightly: .venv/.installed-dev
 	$(BIN)/python -m pytest -n auto -m nightly
 	CPCAL_PLANTED=20000 CPCAL_EXAMPLES=250 $(BIN)/python -m pytest -n auto tests/solver/test_planted.py tests/checker/valid/test_rule.py
 	mkdir -p build
-	$(BIN)/python -m benchmarks.mutations --count 10000 --log build/mutations.jsonl
+	$(BIN)/python -m benchmarks.damaged_runs --count 10000 --log build/damaged_runs.jsonl
 	$(BIN)/python -m benchmarks.kernel_soundness --pairs 10000000
+	$(MAKE) mutants
+
+# `make mutants`: small changes of a copy of the code, each of which the tests must notice; part of `make nightly`
+mutants: .venv/.installed-dev
+	$(BIN)/python -m benchmarks.mutants_of_code --processes 2
 
 check: .venv/.installed-dev
 	$(BIN)/ruff check .
