@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cpcal.calibration import LegEquations, Noise, fit, least_squares
-from cpcal.calibration.losses import _DERIVATIVES, LOSSES, pseudo_residuals
+from cpcal.calibration.leg_equations import _DERIVATIVES, LOSSES, pseudo_residuals
 from cpcal.legs import residuals
 from cpcal.robot import DELTALAB, Campaign, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.simulate import simulate, true_robot

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cpcal.common.errors import InputError, Problems
-from cpcal.files.documents import json_object, parsed_object, toml_document
+from cpcal.files.tables import json_object, parsed_object, toml_document
 
 DEEP = 100_000
 

@@ -15,11 +15,9 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 from cpcal.common.errors import InputError, printable
 from cpcal.vision.batch.detect import ImageFolder, detect
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.camera_file import load_camera
-from cpcal.vision.files.detection import NUMBERS
+from cpcal.vision.files.detection import NUMBERS, load_readings
 from cpcal.vision.files.image_file import UnreadableImageError, read_image
-from cpcal.vision.files.leg_readings import load_readings
-from cpcal.vision.files.target_file import load_target
+from cpcal.vision.files.plate_and_camera import load_camera, load_target
 from cpcal.vision.target import DELTALAB_TARGET
 
 DEEP = 200_000  # brackets

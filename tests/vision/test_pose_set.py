@@ -20,9 +20,9 @@ from cpcal.robot import (
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.pose_sets import PixelBoxes, PoseSet, TargetSet, enclose_pose
-from cpcal.vision.pose_sets.pose_frames import Frames
+from cpcal.vision.pose_sets.enclosed import Frames
+from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))

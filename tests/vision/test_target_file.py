@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.vision.files.target_file import load_target, save_target, target_bytes
+from cpcal.vision.files.plate_and_camera import load_target, save_target, target_bytes
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 TOML = """\

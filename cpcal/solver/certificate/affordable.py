@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 from cpcal.checker import Refused
 from cpcal.checker import problem as exact
 from cpcal.checker.certificate import check_lines
-from cpcal.checker.files import WORK, Lines, work_of
+from cpcal.checker.files import WORK, Budget, Lines
 from cpcal.checker.header import problem_of
 from cpcal.checker.problem import Problem, Unknowns
 from cpcal.common.errors import InputError
@@ -36,11 +36,11 @@ def check_affordable(
 
     `where`: the file that they are for.
     """
-    most = (WORK if work is None else work) + (0 if problem.model is None else work_of(problem.count))
+    most = WORK if work is None else work
     if _NEAR * (_WORK_A_BYTE * lines.seek(0, 2) + _work_of_point(problem, claims)) <= most:
         return
     lines.seek(0)
-    counted = Lines(lines, most)
+    counted = Lines(lines, Budget(most))
     root = exact.Box(tuple(F(float(v)) for v in domain.lo), tuple(F(float(v)) for v in domain.hi))
 
     def formed(header: dict[str, Any]) -> tuple[Problem, exact.Box]:
@@ -65,6 +65,5 @@ def _work_of_point(problem: Problem, claims: Mapping[str, Any]) -> int:
     x = Unknowns(exact.Box(at, at), spent.append)
     holds = problem.chosen if point["holds"] == "all" else point["holds"]
     sample = list(zip(holds, point["readings"] or [None] * len(holds), strict=True))[:: max(1, len(holds) // _SAMPLE)]
-    for k, signs in sample:
-        problem.holds(x, k, "0" * len(problem.radii(k)) if signs is None else signs)
+    problem.unproved(x, [(k, "0" * len(problem.radii(k)) if signs is None else signs) for k, signs in sample])
     return sum(spent) * len(holds) // max(1, len(sample))

@@ -161,6 +161,16 @@ def test_shape_errors_are_model_errors(net: ConstraintNetwork) -> None:
     assert accepted == []
 
 
+def test_arrays_of_expressions_are_stacked_or_the_message_says_so(net: ConstraintNetwork) -> None:
+    x, y, matrix = net.variable("x"), net.variable("y"), np.eye(2)
+    net.add(matrix @ np.stack([x, y]) == np.ones(2))  # type: ignore[list-item]
+    with pytest.raises(ModelError, match=r"numpy\.stack\(\[x, y\]\)` for `numpy\.array"):
+        net.add(matrix @ np.array([x, y]) == np.ones(2))
+    for given in ([x, y], np.array([x, y])):
+        with pytest.raises(ModelError, match=r"an array of expressions is numpy\.stack"):
+            norm(given)
+
+
 INDICES = [0, -1, slice(1, None), slice(None, None, -1), [2, 0, 0], np.array([True, False, True]), None, ...]
 INDICES += [(slice(None), 1), (..., [0, 0]), (1, slice(2)), ([0, 1], [1, 0]), (None, ..., None)]
 
