@@ -53,7 +53,10 @@ def unsettled(one: LegConstraint, side: str) -> Polynomial:
         for places, (p, q) in zip(formula.places, formula.degrees, strict=True)
     )
     mask = signed(len(one.x), one.signs)
-    return row - constant(beyond(*others, mask), free) if others else row
+    if not others:
+        return row
+    low, factor = others
+    return row - constant(beyond(low, factor, mask), free)
 
 
 @pytest.mark.parametrize("side", SIDES)
