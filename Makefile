@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test nightly check docs drawings clean
+.PHONY: demo test nightly mutants check docs drawings clean
 
 # `make demo`: the paper's whole study on a simulated DeltaLab platform; says where the report is.
 demo: .venv/.installed
@@ -19,6 +19,11 @@ nightly: .venv/.installed-dev
 	mkdir -p build
 	$(BIN)/python -m benchmarks.mutations --count 10000 --log build/mutations.jsonl
 	$(BIN)/python -m benchmarks.kernel_soundness --pairs 10000000
+	$(MAKE) mutants
+
+# `make mutants`: small changes of a copy of the code, each of which the tests must notice; part of `make nightly`
+mutants: .venv/.installed-dev
+	$(BIN)/python -m benchmarks.mutants_of_code --processes 2
 
 check: .venv/.installed-dev
 	$(BIN)/ruff check .

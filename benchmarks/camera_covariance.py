@@ -29,7 +29,7 @@ from cpcal.common.arrays import Floats
 from cpcal.robot import Pose
 from cpcal.vision.calibration import Calibration, TargetView, calibrate_camera
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera
-from cpcal.vision.dot_model import predicted_centers
+from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 _POINT = 1e-3  # mm: the radius of a dot without a size

@@ -16,7 +16,7 @@ from typing import Any
 from typer.testing import CliRunner
 
 from cpcal.calibration import calibrate_study, recorded
-from cpcal.calibration.record_file import load_record, save_record
+from cpcal.calibration.record import load_record, save_record
 from cpcal.cli import app
 from cpcal.cli.status import Status
 from cpcal.common.values import same
@@ -26,8 +26,7 @@ from cpcal.results import Result, load_result
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, simulate_study
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.camera_file import load_camera, save_camera
-from cpcal.vision.files.target_file import load_target, save_target
+from cpcal.vision.files.plate_and_camera import load_camera, load_target, save_camera, save_target
 from cpcal.vision.target import DELTALAB_TARGET
 
 

@@ -30,8 +30,8 @@ from cpcal.common.arrays import Floats, Indices
 from cpcal.robot import Pose, transformed
 from cpcal.vision.calibration import calibrate_camera
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.pose_sets import CameraSet, PixelBoxes, TargetSet, enclose_pose
+from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET
 
 INTERVALS = np.array([0.2, 0.2, 0.1, 0.1, 2e-4, 2e-4, 2e-5, 2e-5, 1e-4])

@@ -32,11 +32,11 @@ from benchmarks.vision_scenes import facing_poses, found_dots, one, spoiled_dots
 from cpcal.common.arrays import Floats
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.identify import Unidentified, identify
 from cpcal.vision.measure import NotMeasured, measure_pose
 from cpcal.vision.opencv import opencv
 from cpcal.vision.pose import PoseEstimate
+from cpcal.vision.projection import predicted_centers
 from cpcal.vision.render import Scene, render
 from cpcal.vision.target import DELTALAB_TARGET
 

@@ -7,7 +7,7 @@ import numpy as np
 from cpcal.common.arrays import Floats, Ints
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import Camera
-from cpcal.vision.dot_model import centers_of, predicted_centers
+from cpcal.vision.projection import centers_of, predicted_centers
 from cpcal.vision.target import Target
 
 FACING = np.array([0.0, 1.0, 0.0, 0.0])  # x right, y up on the target: half a turn about the camera's x

@@ -19,7 +19,7 @@ from benchmarks.vision_scenes import one
 from benchmarks.vision_world import World, photograph
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.measure import NotMeasured, measure_pose
-from cpcal.vision.overlay import refusal
+from cpcal.vision.render import refusal
 from cpcal.vision.target import DELTALAB_TARGET
 
 HERE = Path(__file__).resolve().parent

@@ -1,26 +1,16 @@
 from .alignment import (
     Alignment,
     aligned,
-)
-from .averaging import (
-    averaged,
+    in_own_frame,
+    own_frame_covariance,
 )
 from .diagnosis import (
     Diagnosis,
 )
-from .dip import (
-    dip,
-    dip_p_value,
-)
-from .distribution import (
-    ChannelStatistics,
-    describe,
-)
-from .estimate import (
-    Fit,
-)
 from .fit import (
+    Fit,
     fit,
+    least_squares,
 )
 from .frames import (
     FrameCalibration,
@@ -30,69 +20,48 @@ from .frames import (
     redefined,
 )
 from .identification import (
+    Observability,
+    column_scale,
     leg_jacobian,
+    observability,
     robot_jacobian,
-)
-from .least_squares import (
-    least_squares,
 )
 from .leg_equations import (
     LegEquations,
-)
-from .observability import (
-    Observability,
-    column_scale,
-    observability,
-)
-from .own_frame import (
-    in_own_frame,
-    own_frame_covariance,
+    Noise,
 )
 from .record import (
-    CalibrationRecord,
-)
-from .record_file import (
     RECORD_NAME,
+    CalibrationRecord,
     load_record,
+    recorded,
     save_record,
-)
-from .repeat_tests import (
-    RepeatTest,
-    RepeatTests,
-    repeat_tests,
 )
 from .repeatability import (
     Repeatability,
+    RepeatTest,
+    RepeatTests,
+    repeat_tests,
     repeatability,
 )
-from .screening import (
-    Screening,
-    screen,
-)
-from .selection import (
-    Selection,
-    select_poses,
-)
 from .statistics import (
+    ChannelStatistics,
     Deviations,
+    Screening,
+    averaged,
     campaign_deviations,
+    describe,
     deviations,
+    half_widths,
     mean_rotations,
+    readings_needed,
+    screen,
+    tolerance_half_width,
 )
 from .study_calibration import (
     StudyCalibration,
-    calibrate_study,
-)
-from .study_record import (
-    recorded,
-)
-from .study_rows import (
     as_campaign,
-)
-from .tolerance import (
-    half_widths,
-    readings_needed,
-    tolerance_half_width,
+    calibrate_study,
 )
 from .validation import (
     ErrorSummary,
@@ -101,9 +70,6 @@ from .validation import (
     Validation,
     pose_errors,
     validate,
-)
-from .weights import (
-    Noise,
 )
 
 __all__ = [
@@ -126,7 +92,6 @@ __all__ = [
     "RepeatTests",
     "Repeatability",
     "Screening",
-    "Selection",
     "StudyCalibration",
     "Validation",
     "aligned",
@@ -138,8 +103,6 @@ __all__ = [
     "column_scale",
     "describe",
     "deviations",
-    "dip",
-    "dip_p_value",
     "fit",
     "half_widths",
     "hand_eye",
@@ -159,7 +122,6 @@ __all__ = [
     "robot_jacobian",
     "save_record",
     "screen",
-    "select_poses",
     "tolerance_half_width",
     "validate",
 ]

@@ -18,11 +18,10 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from cpcal.calibration.estimate import Fit
-from cpcal.calibration.fit import fit
-from cpcal.calibration.own_frame import in_own_frame, own_frame_covariance
+from cpcal.calibration.alignment import in_own_frame, own_frame_covariance
+from cpcal.calibration.fit import Fit, fit
+from cpcal.calibration.leg_equations import Noise
 from cpcal.calibration.study_calibration import StudyCalibration
-from cpcal.calibration.weights import Noise
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.robot import Campaign, normalised, quaternion_from_rotation_vector, quaternion_product

@@ -1,7 +1,7 @@
 """Which mechanism, if any, the data name: one is named only where its own model explains them and the others do not.
 
-Repeats name drift and play (repeat_tests.py). What they leave over in the means, of calibration and validation poses
-together, is asked of models with one parameter more a leg (corrections.py): the model of the paper first, and if that
+Repeats name drift and play (repeatability.py). What they leave over in the means, of calibration and validation poses
+together, is asked of models with one parameter more a leg (below): the model of the paper first, and if that
 explains the readings, nothing is named. The extremal configurations alone have two lengths a leg, over which every
 function of the length is a gain: other poses must be there to tell models apart.
 
@@ -10,13 +10,175 @@ A robot without imperfections should not be accused in any of 200 studies, so le
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.calibration.corrections import COLUMNS, Corrected, Poses, corrected
-from cpcal.calibration.repeat_tests import MODES, REVERSAL, RUNS, VARIANCES, RepeatTests
+from cpcal.calibration.leg_equations import LegEquations, Noise, chances, whitening
+from cpcal.calibration.repeatability import RUNS, VARIANCES, RepeatTests
 from cpcal.common.arrays import Floats
+from cpcal.robot import Campaign
+
+# ------------------------------------------------------------------------------------------------------------------
+# Fits with one parameter more a leg: does a gain of the sensor, a sag of the leg or a lateral offset explain the data?
+#
+#     ||v|| = L + l + c phi        phi, a column of N numbers for each leg, at the latest estimate:
+#
+#     "gain"     L less its mid-range               c: relative error of the sensor (mm/mm)
+#     "sag"      -((L + l) / s)^7 sin^2(tilt)       c: mm by which the leg's own weight would bring its ends together if
+#                                                   it lay flat with its mid-range length s
+#     "lateral"  1 / (2 (L + l))                    c: mm^2, square of the distance of the joints from the actuator
+#
+# weighted by the noise of all legs together. All three are leg models of cpcal too: `compare` asks the same with
+# proofs.
+# Here a model *explains* the readings when its residuals are what the noise has them.
+
+_STEPS = 8  # of Gauss and Newton; they gain two digits each
+_AT_REST = 1e-6  # mm, or mm of what the correction adds
+_LEVEL = np.radians(0.5)  # how level a base is: the standard deviation of the lean that "sag" may find of the vertical
+_LEAN = 1e-5  # rad, of the difference quotients
+_SEVENTH = 7  # the chord of a uniform beam on two hinges shortens with the seventh power of its length
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """A fit with a correction c of every leg, in the unit of its column.
+
+    size       (n,) mm: the range of what the correction adds over the poses
+    chance     probability of residuals so large by the noise alone
+    common     probability of coefficients so different by chance, if all legs had the same
+    """
+
+    name: str
+    values: Floats
+    errors: Floats
+    size: Floats
+    chance: float
+    common: float
+
+
+Column = Callable[[LegEquations, Floats, Floats], Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """What the models are asked to explain: equations of N poses with their noise, and the vertical (3,)."""
+
+    equations: LegEquations
+    noise: Noise
+    up: Floats
+
+    @classmethod
+    def of(cls, campaigns: Sequence[Campaign], noises: Sequence[Noise]) -> Poses:
+        """Of several campaigns of one robot in the same frames, such as calibration and validation."""
+        legs = range(1, campaigns[0].legs + 1)
+        each = [LegEquations.of(campaign, legs) for campaign in campaigns]
+        equations = LegEquations(
+            np.concatenate([one.position for one in each]),
+            np.concatenate([one.rotation for one in each]),
+            np.concatenate([one.length for one in each]),
+        )
+        pose, length = (np.concatenate([getattr(noise, name) for noise in noises]) for name in ("pose", "length"))
+        noise = Noise(pose, length, noises[0].correlation, noises[0].freedom)
+        return cls(equations, noise, vertical(campaigns[0]))
+
+
+def corrected(poses: Poses, start: Floats, name: str) -> Corrected:
+    """The fit with a correction of `COLUMNS`, or "plain", from the parameters (n, 7) of one without."""
+    equations, x = poses.equations, start.copy()
+    size, legs = 7 + (name != "plain"), len(start)
+    c, tilt = np.zeros(legs), np.zeros(2)
+    weight = whitening(poses.noise.propagated(equations, x), "joint")
+    for _ in range(_STEPS):
+        phi, slopes = _column(name, equations, x, poses.up, tilt)
+        jacobian = np.concatenate([equations.by_parameters(x), -phi[..., None]], axis=-1)[..., :size]
+        leaning = np.einsum("kij,kjt->kit", weight, -c[:, None] * slopes).reshape(-1, 2)
+        design = np.block([[_spread_out(weight, jacobian), leaning], [np.zeros((2, size * legs)), np.eye(2) / _LEVEL]])
+        target = np.einsum("kij,kj->ki", weight, equations.values(x) - c * phi).ravel()
+        step = np.linalg.lstsq(design, -np.concatenate([target, tilt / _LEVEL]), rcond=None)[0]
+        moved, tilt = step[:-2].reshape(legs, size), tilt + step[-2:]
+        x = x + moved[:, :7]
+        c = c + moved[:, 7] if size > 7 else c
+        if np.abs(moved[:, :7]).max() < _AT_REST:
+            break
+    phi, _ = _column(name, equations, x, poses.up, tilt)
+    white = np.einsum("kij,kj->ki", weight, equations.values(x) - c * phi)
+    square, freedom = float(np.sum(white**2) + np.sum((tilt / _LEVEL) ** 2)), white.size - size * legs
+    covariance = np.linalg.pinv(design.T @ design)[7 : size * legs : 8, 7 : size * legs : 8]
+    return Corrected(
+        name=name,
+        values=c,
+        errors=np.sqrt(np.diagonal(covariance)) if size > 7 else np.zeros(legs),
+        size=np.abs(c) * np.ptp(phi, axis=0),
+        chance=chances(square, freedom, poses.noise.freedom)[1] if freedom > 0 else 1.0,
+        common=_common(c, covariance, poses.noise.freedom) if size > 7 else 1.0,
+    )
+
+
+def _column(name: str, equations: LegEquations, x: Floats, up: Floats, tilt: Floats) -> tuple[Floats, Floats]:
+    """phi (N, n) where the vertical leans by `tilt` (2,) rad, and its derivative by it (N, n, 2)."""
+    if name not in COLUMNS:
+        return np.zeros_like(equations.length), np.zeros((*equations.length.shape, 2))
+    across = np.linalg.svd(up[None])[2][1:]
+
+    def at(lean: Floats) -> Floats:
+        leant = up + lean @ across
+        return COLUMNS[name](equations, x, leant / np.linalg.norm(leant))
+
+    here = at(tilt)
+    return here, np.stack([(at(tilt + step) - here) / _LEAN for step in _LEAN * np.eye(2)], axis=-1)
+
+
+def vertical(campaign: Campaign) -> Floats:
+    """(3,) unit vector: the normal of the base joints' plane on the platform's side. The base is taken to be level."""
+    base = campaign.robot.base
+    normal = np.linalg.svd(base - base.mean(axis=0))[2][-1]
+    return np.asarray(normal * np.sign(normal @ (campaign.position.mean(axis=0) - base.mean(axis=0))))
+
+
+def sag_shape(leg: Floats, length: Floats, middle: Floats | float, up: Floats) -> Floats:
+    """How much a leg (..., 3), of that length (...), shortens by its weight: (length / middle)^7 sin^2(tilt).
+
+    As a share of what it would lying flat with the length `middle`.
+    """
+    cosine = (leg @ up) / np.linalg.norm(leg, axis=-1)
+    return np.asarray((length / middle) ** _SEVENTH * (1.0 - cosine**2))
+
+
+def mid_range(length: Floats) -> Floats:
+    """(n,) mm: halfway between the shortest and the longest reading of each leg."""
+    return np.asarray(0.5 * (length.min(axis=0) + length.max(axis=0)))
+
+
+def _gain(equations: LegEquations, x: Floats, up: Floats) -> Floats:
+    return np.asarray(equations.length - mid_range(equations.length))
+
+
+def _sag(equations: LegEquations, x: Floats, up: Floats) -> Floats:
+    middle = x[:, 6] + mid_range(equations.length)
+    return -sag_shape(equations.vectors(x)[0], equations.length + x[:, 6], middle, up)
+
+
+def _lateral(equations: LegEquations, x: Floats, up: Floats) -> Floats:
+    return np.asarray(0.5 / (equations.length + x[:, 6]))
+
+
+COLUMNS: dict[str, Column] = {"gain": _gain, "sag": _sag, "lateral": _lateral}
+
+
+def _spread_out(weight: Floats, jacobian: Floats) -> Floats:
+    """(N n, 8 n): weighted rows by measurement, then leg; columns by leg."""
+    count, legs, size = jacobian.shape
+    return np.asarray((weight[..., None] * jacobian[:, None, :, :]).reshape(count * legs, legs * size))
+
+
+def _common(c: Floats, covariance: Floats, known: float) -> float:
+    inverse = np.linalg.pinv(covariance)
+    mean = np.sum(inverse @ c) / np.sum(inverse)
+    rest = c - mean
+    return chances(float(rest @ inverse @ rest), len(c) - 1, known)[1] if len(c) > 1 else 1.0
+
 
 ACCUSED = 1e-4  # probability of naming something, test by test (repeats: all together), where all is well
 _EXPLAINS = 1e-3  # probability of the residuals from which a model explains them
@@ -77,7 +239,7 @@ class Diagnosis:
 def diagnosis(poses: Poses, start: Floats, tests: RepeatTests) -> Diagnosis:
     """What repeats and means name, from the parameters (n, 7) of a fit."""
     named = [DRIFT] * bool(tests.found(RUNS, ACCUSED))
-    named += [PLAY] * any(tests.found(kind, ACCUSED) for kind in (VARIANCES, MODES, REVERSAL))
+    named += [PLAY] * bool(tests.found(VARIANCES, ACCUSED))
     plain = _asked(corrected(poses, start, PLAIN))
     if plain.chance >= ACCUSED:
         return Diagnosis(tuple(named), (plain,), unexplained=False)

@@ -7,21 +7,27 @@ beside the record has them. Nothing of it is proved.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.calibration.alignment import Alignment, SharedError, in_own_frame, own_frame_covariance
 from cpcal.calibration.budget import Budget, MonteCarlo
 from cpcal.calibration.diagnosis import Diagnosis
-from cpcal.calibration.distribution import ChannelStatistics
-from cpcal.calibration.pose_performance import PosePerformance
-from cpcal.calibration.repeat_tests import RepeatTests
-from cpcal.calibration.reversal import Reversal
-from cpcal.calibration.shared_error import SharedError
-from cpcal.calibration.validation import NoiseFloor, PoseErrors, Validation
-from cpcal.robot import Pose, transformed
+from cpcal.calibration.fit import Fit
+from cpcal.calibration.repeatability import RepeatTests
+from cpcal.calibration.statistics import ChannelStatistics, Deviations, Of
+from cpcal.calibration.study_calibration import StudyCalibration
+from cpcal.calibration.validation import NoiseFloor, PoseErrors, PosePerformance, Validation
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError
+from cpcal.files import campaign_sha256
+from cpcal.files.codec import load, save
+from cpcal.robot import Pose, Study, transformed
 
 Numbers = tuple[float, ...]
 Rows = tuple[Numbers, ...]
@@ -107,9 +113,8 @@ class FittedFrames:
 
 @dataclass(frozen=True)
 class OwnFrame:
-    """Parameters and standard errors (n, 7), mm, in frames of the joint centres themselves (own_frame.py)."""
+    """Parameters and standard errors (n, 7), mm, in frames of the joint centres themselves (alignment.py)."""
 
-    convention: str
     values: Rows
     standard_errors: Rows
 
@@ -120,7 +125,7 @@ class Parameters:
 
     source   what the errors are from: "noise" or "residuals"
     explained  whether the noise explains the residuals: if not, no error knows what the model lacks
-    own      the same in the joint centres' own frames
+    own      the same in the joint centres' own frames; None where they define none
     """
 
     values: Rows
@@ -130,7 +135,7 @@ class Parameters:
     converged: bool
     source: str
     explained: bool
-    own: tuple[OwnFrame, ...]
+    own: OwnFrame | None
     sentence: str
 
     def __post_init__(self) -> None:
@@ -186,7 +191,6 @@ class CalibrationRecord:
     equation_sigma   (n,) mm: scatter of g between repeats
     robot_sigma      (n,) mm: scatter of the legs themselves, seen by camera and sensors alike; 0 where none is seen
     validation_all   that of x_c with the validation's outliers; None where there are none
-    reversal         of the legs (ISO 230-2); none where the direction of approach is not noted
     performance      AP and RP of the validation poses (ISO 9283); None where some have one run only
     budget, monte_carlo    uncertainty budget (GUM) and its check, where they were asked for
     """
@@ -217,7 +221,6 @@ class CalibrationRecord:
     validation: Errors
     validation_sigma: Errors
     validation_all: Errors | None
-    reversal: tuple[Reversal, ...]
     performance: PosePerformance | None
     budget: Budget | None
     monte_carlo: MonteCarlo | None
@@ -286,15 +289,156 @@ class CalibrationRecord:
         """What the standards of the trade ask for."""
         if self.performance is not None:
             yield self.performance.sentence
-        if self.reversal:
-            targets = max(one.targets for one in self.reversal)
-            each = "; ".join(one.sentence for one in self.reversal)
-            yield (
-                f"Reversal values of the legs (formulas of ISO 230-2) over {targets} targets, noise of camera and "
-                f"sensors included: {each}."
-            )
         yield from (part.sentence for part in (self.budget, self.monte_carlo) if part is not None)
 
 
 def _pose_errors(position: Numbers, orientation: Numbers) -> PoseErrors:
     return PoseErrors(np.array(position), np.array(orientation), np.isfinite(position))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The record of a study's calibration, from what `calibrate_study` found.
+
+_BINS = 31  # of a histogram
+_REACH = 4.0  # standard deviations to each side; the outermost bins hold what is beyond
+
+
+def recorded(
+    study: Study,
+    found: StudyCalibration,
+    *,
+    factor: float,
+    of: Of = "mean",
+    budget: Budget | None = None,
+    monte_carlo: MonteCarlo | None = None,
+) -> CalibrationRecord:
+    """The record of what `calibrate_study` found with that factor, and sets of that width; and of its budget."""
+    check = found.check_screening
+    return CalibrationRecord(
+        robot=study.robot.name,
+        drawing=_rows(study.robot.parameters),
+        campaign_sha256=campaign_sha256(found.campaign),
+        check_sha256=campaign_sha256(found.check),
+        readings=len(study.calibration),
+        configurations=len(found.spreads[0].names),
+        factor=factor,
+        of=of,
+        channels=tuple(_channel(found.spreads[k > 5], found, k) for k in range(len(found.statistics))),
+        screening=found.screening.sentence,
+        check_screening="measured once each, so that nothing tells outliers." if check is None else check.sentence,
+        left_out=found.screening.left_out,
+        check_left_out=() if check is None else check.left_out,
+        repeats=found.repeats.sentence,
+        shared=found.shared,
+        equation_sigma=_numbers(found.repeats.equation_sigma),
+        robot_sigma=_numbers(found.repeats.robot_sigma),
+        tests=found.tests,
+        diagnosis=found.diagnosis,
+        frames=_frames(found),
+        x_c=_parameters(found.x_c),
+        x_c_sigma=_parameters(found.x_c_sigma),
+        x_c_f=_parameters(found.x_c_f),
+        validation=_errors(found.validation),
+        validation_sigma=_errors(found.validation_sigma),
+        validation_all=None if found.validation_all is None else _errors(found.validation_all),
+        performance=found.performance,
+        budget=budget,
+        monte_carlo=monte_carlo,
+    )
+
+
+def _channel(spread: Deviations, found: StudyCalibration, k: int) -> Channel:
+    statistics = found.statistics[k]
+    errors = spread.errors[:, k]
+    reach = _REACH * statistics.sigma or 1.0  # a channel without any scatter: one bin has it all
+    counts, _ = np.histogram(np.clip(errors, -reach, reach), bins=_BINS, range=(-reach, reach))
+    unit = "rad" if statistics.name.startswith("r") else "mm"
+    histogram = Histogram(reach, tuple(counts.tolist()))
+    return Channel(unit, statistics, histogram, float(found.repeats.noise_sigma[k]), found.statistics_all[k].sigma)
+
+
+def _frames(found: StudyCalibration) -> FittedFrames:
+    start = found.frames
+    return FittedFrames(
+        method=start.method,
+        camera_in_base=_frame(found.base_frame, None if found.shared is None else found.shared.camera_in_base),
+        target_in_mobile=_frame(found.mobile_frame, None if found.shared is None else found.shared.target_in_mobile),
+        position_residual=float(np.sqrt(np.mean(start.position_residual**2))),
+        rotation_residual=float(np.sqrt(np.mean(start.rotation_residual**2))),
+        unit_weight=start.unit_weight,
+        remarks=start.remarks,
+    )
+
+
+def _frame(found: Alignment, shared: Floats | None) -> FittedFrame:
+    more = np.zeros(6) if shared is None else shared
+    return FittedFrame(
+        position=_numbers(found.motion.position),
+        quaternion=_numbers(found.motion.quaternion),
+        sigma=_numbers(np.hypot(found.sigma, more)),
+        drawing_sigma=_numbers(np.hypot(found.drawing_sigma, more)),
+        drawing_error=found.drawing_error,
+        coverage_factor=found.coverage_factor,
+    )
+
+
+def _parameters(fit: Fit) -> Parameters:
+    return Parameters(
+        values=_rows(fit.parameters),
+        standard_errors=_rows(fit.standard_errors),
+        form=fit.form,
+        weights=fit.weights,
+        converged=bool(fit.converged),
+        source=fit.source,
+        explained=fit.explained,
+        own=_own(fit),
+        sentence=fit.sentence,
+    )
+
+
+def _own(fit: Fit) -> OwnFrame | None:
+    """None where the centres of the first three legs define no frame."""
+    try:
+        values = in_own_frame(fit.parameters)
+        variance = np.diagonal(own_frame_covariance(fit.parameters, fit.covariance))
+    except InputError:
+        return None
+    errors = np.sqrt(np.where(np.isfinite(variance), np.maximum(variance, 0.0), np.inf)).reshape(-1, 7)
+    return OwnFrame(_rows(values), _rows(errors))
+
+
+def _errors(found: Validation) -> Errors:
+    return Errors(
+        names=found.names,
+        position_before=_numbers(found.before.position),
+        orientation_before=_numbers(found.before.orientation),
+        position_after=_numbers(found.after.position),
+        orientation_after=_numbers(found.after.orientation),
+        floor=found.floor,
+    )
+
+
+def _rows(values: Floats) -> Rows:
+    return tuple(tuple(row) for row in values.tolist())
+
+
+def _numbers(values: Floats) -> Numbers:
+    return tuple(map(float, np.ravel(values)))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `calibration.json`: a record as JSON, and back, every field checked.
+
+FORMAT = "cpcal-calibration/5"
+RECORD_NAME = "calibration.json"
+
+
+def save_record(record: CalibrationRecord, folder: str | os.PathLike[str]) -> Path:
+    """Write `calibration.json` into `folder` (made if missing), all or nothing; its path. Raises InputError."""
+    return save(record, Path(folder) / RECORD_NAME, FORMAT)
+
+
+def load_record(folder: str | os.PathLike[str]) -> CalibrationRecord:
+    """Read `calibration.json` in `folder`. Raises InputError."""
+    remedy = "name a folder that cpcal calibrate wrote, or run it again"
+    return load(CalibrationRecord, Path(folder) / RECORD_NAME, FORMAT, remedy=remedy)

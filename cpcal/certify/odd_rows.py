@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpcal.calibration import LegEquations, fit
-from cpcal.calibration.losses import robust_scale
+from cpcal.calibration.leg_equations import robust_scale
 from cpcal.certify.outlook import slack
 from cpcal.common.arrays import Bools, Floats
 from cpcal.common.numbers import about

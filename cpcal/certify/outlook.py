@@ -21,7 +21,7 @@ class LegOutlook:
     """Of one leg, counted from 1, at parameters x (7,) mm.
 
     determination  which parameters the poses leave open
-    observability  indices of the Jacobian dg/dx with columns of equal size; see `cpcal.calibration.observability`
+    observability  indices of the Jacobian dg/dx with columns of equal size; see `cpcal.calibration.identification`
     ranges         (7,) mm, half-widths of all parameters that explain readings of a robot that is as the model says:
                    |J dx| <= what the reading sets allow, to first order. Infinite where a parameter is open, zero for
                    exact readings. Noise and model error shift readings, so the certified ranges are narrower

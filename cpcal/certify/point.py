@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cpcal.certify.asked_model import chosen_model
 from cpcal.certify.prepared_leg import PreparedLeg
 from cpcal.common.errors import InputError, Problem
-from cpcal.files.campaign_json import keep_beside
+from cpcal.files.folders import keep_beside
 from cpcal.legs import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
 from cpcal.results import VerifiedPoint
 from cpcal.robot import Campaign

@@ -18,8 +18,8 @@ from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.files import load_campaign, load_campaign_json
-from cpcal.files.poses_reader import load_poses
 from cpcal.files.run_folder import ACCURACY, answers_into
+from cpcal.files.tables import load_poses
 from cpcal.report.accuracy_page import ACCURACY_PAGE, write_accuracy
 from cpcal.report.accuracy_words import assumption, sentences
 from cpcal.results import load_result

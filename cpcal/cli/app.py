@@ -68,7 +68,6 @@ VERBS = {
     "pose-sets": Verb(
         "cpcal.cli.pose_sets", "pose_sets", "pose-sets images --target target.toml --camera camera.toml -o sets"
     ),
-    "rig": Verb("cpcal.cli.rig", "rig", "rig shots --target target.toml --cameras cameras -o rig.toml"),
     "calibrate": Verb("cpcal.cli.calibrate", "calibrate", "calibrate study -o calibrated"),
     "demo": Verb("cpcal.cli.demo.verb", "demo", "demo -o demo", STATUS_HELP),
     "robust": Verb("cpcal.cli.robust", "robust_brackets", "robust campaign --outliers 1 -o robust", STATUS_HELP),

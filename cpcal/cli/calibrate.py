@@ -37,8 +37,7 @@ class SetOf(StrEnum):
 class FrameName(StrEnum):
     MEASURED = study_tables.MEASURED
     DRAWING = study_tables.DRAWING
-    CENTROID = "centroid"
-    MINIMAL = "minimal"
+    CENTROID = study_tables.CENTROID
 
 
 @talking
@@ -69,7 +68,7 @@ def calibrate(
         FrameName,
         typer.Option(
             help="In which the parameters are printed: measured (of camera and target), drawing, or the joint centres' "
-            "own: centroid (the paper's tables 4 and 5), minimal (its Omega_a and Omega_b)."
+            "own: centroid (the paper's tables 4 and 5)."
         ),
     ] = FrameName.CENTROID,
     *,

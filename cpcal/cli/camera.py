@@ -11,7 +11,7 @@ import typer
 from cpcal.cli.folders import check_writable
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable
-from cpcal.vision.files.camera_file import YAML_SUFFIXES, camera_yaml, load_camera, save_camera
+from cpcal.vision.files.plate_and_camera import YAML_SUFFIXES, camera_yaml, load_camera, save_camera
 
 
 class Style(StrEnum):

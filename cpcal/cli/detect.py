@@ -16,18 +16,23 @@ from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.names import listed
 from cpcal.execution.stopping import heard
-from cpcal.files.study_writer import table_bytes
+from cpcal.files.settings import table_bytes
 from cpcal.report.detections_page import write_detections_page
 from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect
-from cpcal.vision.batch.sample import look_again
-from cpcal.vision.batch.study_images import RenderedImages, study_table
+from cpcal.vision.batch.study_images import RenderedImages, look_again, study_table
 from cpcal.vision.calibration import calibrate_from_images
-from cpcal.vision.files.camera_file import CameraRecord, load_camera, save_camera
-from cpcal.vision.files.detection import SCALE, SHARED, Detection, by_reason, detections_bytes, values_of
+from cpcal.vision.files.detection import (
+    SCALE,
+    SHARED,
+    Detection,
+    Readings,
+    by_reason,
+    detections_bytes,
+    load_readings,
+    values_of,
+)
 from cpcal.vision.files.image_file import image_path
-from cpcal.vision.files.leg_readings import Readings, load_readings
-from cpcal.vision.files.target_file import load_target, save_target
-from cpcal.vision.files.video_file import SUFFIXES, VideoFrames
+from cpcal.vision.files.plate_and_camera import CameraRecord, load_camera, load_target, save_camera, save_target
 from cpcal.vision.target import Target
 
 _NAMED = 3  # files for each reason
@@ -35,9 +40,7 @@ _NAMED = 3  # files for each reason
 
 @talking
 def detect_poses(
-    images: Annotated[
-        Path, typer.Argument(metavar="IMAGES", help="Folder of PNG, JPEG or TIFF files, and below; or a video file.")
-    ],
+    images: Annotated[Path, typer.Argument(metavar="IMAGES", help="Folder of PNG, JPEG or TIFF files, and below.")],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE", help="What to write: poses.csv, or camera.toml.")
     ],
@@ -51,7 +54,6 @@ def detect_poses(
         Path | None,
         typer.Option(metavar="FILE", help="With --readings: the table of a study to write, such as calibration.csv."),
     ] = None,
-    every: Annotated[int, typer.Option(metavar="N", min=1, help="Of a video, each Nth frame.")] = 1,
     overlays: Annotated[
         Path | None,
         typer.Option("--overlay", metavar="DIR", help="Pictures of what was found, and why not."),
@@ -84,7 +86,7 @@ def detect_poses(
         return
     plate, lens_file, known = _loaded(target, camera, readings)
     made(output.absolute().parent)
-    source = _source(images, lens_file, every)
+    source = ImageFolder(images, (lens_file.camera.width, lens_file.camera.height))
     with heard(terminate=True), bar("images", quiet=talk.quiet) as progress:
         found = detect(
             source,
@@ -100,11 +102,6 @@ def detect_poses(
     _write(found, source, plate, lens_file, output, talk)
     if known is not None and table is not None:
         _write_table(found, known, table, talk)
-
-
-def _source(images: Path, lens: CameraRecord, every: int) -> VideoFrames | ImageFolder:
-    size = (lens.camera.width, lens.camera.height)
-    return VideoFrames(images, size, every) if _is_video(images) else ImageFolder(images, size)
 
 
 def _write(found: Detections, source: ImageSource, plate: Target, lens: CameraRecord, output: Path, talk: Talk) -> None:
@@ -180,10 +177,6 @@ def _calibrate(images: Path, plate: Target, output: Path, refine_dots: bool, tal
         talk.say(f"Target as it was seen: {refined}")
 
 
-def _is_video(images: Path) -> bool:
-    return images.is_file() and images.suffix.lower() in SUFFIXES
-
-
 def _check(
     images: Path, camera: Path | None, readings: Path | None, table: Path | None, calibrate: bool, refine_dots: bool
 ) -> None:
@@ -197,9 +190,7 @@ def _check(
         problems.append(Problem("option --refine-dots", "has no meaning without --calibrate", "leave it out"))
     if (readings is None) != (table is None):
         problems.append(Problem("options", "--readings and --table go together", "give both, or none"))
-    if _is_video(images) and not (calibrate or readings):
-        pass
-    elif not images.is_dir():
+    if not images.is_dir():
         what = "is not a folder" if images.exists() else "does not exist"
         problems.append(Problem(str(images), what, "give a folder with images"))
     elif not ImageFolder(images).names:

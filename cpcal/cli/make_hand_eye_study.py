@@ -20,8 +20,7 @@ from cpcal.handeye.pose_pairs_study import study_of_pairs
 from cpcal.handeye.robot_study import platform_poses, study_of_robot, with_half_widths
 from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
 from cpcal.handeye.target_photos import TARGET, study_of_target_photos
-from cpcal.vision.files.camera_file import load_camera
-from cpcal.vision.files.target_file import load_target
+from cpcal.vision.files.plate_and_camera import load_camera, load_target
 
 
 class SetupName(StrEnum):

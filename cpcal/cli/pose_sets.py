@@ -14,23 +14,20 @@ import typer
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.progress import bar
 from cpcal.cli.talk import Talk, record, talking
-from cpcal.cli.verify_pose_sets import say_assumptions
+from cpcal.cli.verify_pose_sets import NUMBERS, TABLE, say_assumptions
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most
 from cpcal.execution.stopping import heard
-from cpcal.files.cells import file_cell, guarded
 from cpcal.files.run_folder import POSE_SETS, answers_into
+from cpcal.files.tables import file_cell, guarded
 from cpcal.solver.contract import Verdict
-from cpcal.vision.batch.detect import ImageFolder
+from cpcal.vision.batch.detect import ImageFolder, in_parallel
 from cpcal.vision.batch.enclose import Enclosed, Enclosing, stem_of
-from cpcal.vision.batch.parallel import in_parallel
-from cpcal.vision.files.camera_file import CameraRecord, load_camera
-from cpcal.vision.files.target_file import load_target
+from cpcal.vision.files.plate_and_camera import CameraRecord, load_camera, load_target
 from cpcal.vision.pose_sets import CameraSet, TargetSet
 from cpcal.vision.target import Target
 
-TABLE = "sets.csv"
-_COLUMNS = ("file", "verdict", "x", "y", "z", "qw", "qx", "qy", "qz", "dx", "dy", "dz", "drx", "dry", "drz", "reason")
+_COLUMNS = ("file", "verdict", *NUMBERS, "reason")
 _TOLD = 5  # images by name
 
 
@@ -147,7 +144,9 @@ def _table(rows: Sequence[Enclosed]) -> str:
     writer.writerow(_COLUMNS)
     for one in rows:
         numbers, verdict, reason = [""] * 13, "unknown", one.reason or one.not_certified
-        if one.found is not None:
+        if one.not_certified:  # then no number stands here: nothing that a checker can look at holds it
+            verdict = "not certified"
+        elif one.found is not None:
             found, verdict = one.found, one.found.verdict.value
             reason = reason or found.reason
             if found.pose is not None and found.position_radius is not None and found.rotation_radius is not None:

@@ -7,14 +7,13 @@ from typing import Any
 
 from cpcal.cli.folders import unwritable
 from cpcal.cli.progress import bar
-from cpcal.files.study_writer import STUDY_NAME, study_bytes
+from cpcal.files.settings import STUDY_NAME, study_bytes
 from cpcal.robot import Robot, Study
 from cpcal.simulate import simulate_study
 from cpcal.vision.batch.study_images import RenderedImages, camera_above
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.camera_file import save_camera
-from cpcal.vision.files.leg_readings import readings_bytes, readings_of
-from cpcal.vision.files.target_file import save_target
+from cpcal.vision.files.detection import readings_bytes, readings_of
+from cpcal.vision.files.plate_and_camera import save_camera, save_target
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene
 from cpcal.vision.target import DELTALAB_TARGET

@@ -10,10 +10,9 @@ import typer
 
 from cpcal.cli.folders import check_writable
 from cpcal.common.errors import InputError, Problem, printable
-from cpcal.vision.files.target_file import load_target, save_target
+from cpcal.vision.files.plate_and_camera import load_target, save_target
 from cpcal.vision.files.target_print import on_paper, print_target
-from cpcal.vision.target import DELTALAB_TARGET
-from cpcal.vision.target_design import design_target, separation
+from cpcal.vision.target import DELTALAB_TARGET, design_target, separation
 
 
 class Paper(StrEnum):

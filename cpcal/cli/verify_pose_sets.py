@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 from collections.abc import Sequence
+from fractions import Fraction as F
 from math import degrees
 from pathlib import Path
 from typing import Any
@@ -13,11 +16,16 @@ import numpy as np
 from cpcal.checker import Unusable
 from cpcal.checker.pose_claim import PoseSetChecked, check_pose_set, check_pose_sets
 from cpcal.cli.talk import Talk
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.numbers import about, at_most
-from cpcal.files.documents import json_object
+from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
+from cpcal.solver.contract import Verdict
+from cpcal.vision.batch.enclose import stem_of
 from cpcal.vision.camera import CAMERA_NUMBERS
-from cpcal.vision.pose_sets.claim_file import SUFFIX
+from cpcal.vision.pose_sets.pose_certificate import SUFFIX
+
+TABLE = "sets.csv"
+NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz", "dx", "dy", "dz", "drx", "dry", "drz")  # of it
 
 
 def verify_pose_sets(target: Path, sources: Sequence[Path], talk: Talk) -> bool:
@@ -29,11 +37,40 @@ def verify_pose_sets(target: Path, sources: Sequence[Path], talk: Talk) -> bool:
     good = all(one.refused is None for one in found)
     for one in found:
         talk.say(f"{one.name}: {_proved(one)}")
+    if (target / TABLE).is_file() and (wrong := _table_problem(target / TABLE, found)):
+        good = False
+        talk.say(f"{TABLE}: REFUSED, {wrong}")
     if good:
         say_assumptions(target, talk)
     for path in sources:
         good = _same_source(path, found, talk) and good
     return good
+
+
+def _table_problem(path: Path, found: Sequence[PoseSetChecked]) -> str:
+    """What the table of a folder states that its claims do not; "" where both agree, number by number."""
+    problems = Problems()
+    content = small_file(path, problems, "", most=JSON_MAX)
+    problems.raise_any()
+    claims = {one.name: one for one in found if one.refused is None}
+    try:
+        for row in csv.DictReader(io.StringIO((content or b"").decode()), strict=True):
+            name, verdict, cells = row["file"], row["verdict"], [row[column] for column in NUMBERS]
+            claim = claims.pop(stem_of(unguarded(name)), None)
+            stated = [F(float(cell)) for cell in cells if cell]
+            proved: list[F] = []
+            verdict_of = None if claim is None else Verdict.REFUTED.value
+            if claim is not None and claim.radii is not None:
+                proved, verdict_of = [*claim.pose, *claim.radii], Verdict.PROVED.value
+            if stated != proved:
+                return f"{name}: its numbers are not those of a claim that is proved"
+            if verdict != verdict_of and (
+                claim is not None or verdict in (Verdict.PROVED.value, Verdict.REFUTED.value)
+            ):
+                return f"{name}: its verdict is {verdict}, and no claim that is proved says so"
+    except (ValueError, KeyError, TypeError, OverflowError, csv.Error) as error:
+        return f"is no table of pose sets: {error!s:.100}"
+    return f"it leaves out {min(claims)}" if claims else ""
 
 
 def say_assumptions(target: Path, talk: Talk) -> None:

@@ -20,7 +20,7 @@ from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hin
 
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import CpcalError, InputError, Problem, shown
-from cpcal.files.documents import json_object
+from cpcal.files.tables import json_object
 from cpcal.solver.interval import Box
 
 T = TypeVar("T")

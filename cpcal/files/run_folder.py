@@ -75,7 +75,7 @@ def answers_into(folder: str | os.PathLike[str], kind: FolderKind, campaign: Cam
         try:
             draft.mkdir()
             if campaign is not None:
-                from cpcal.files.campaign_json import (
+                from cpcal.files.folders import (
                     save_campaign_json,
                 )  # here: arrays take a tenth of a second to load
 

@@ -23,7 +23,7 @@ from cpcal.handeye.pixel_model import PARAMETERS, PixelModel, moved
 from cpcal.handeye.pose_readings import ReadingModel
 from cpcal.handeye.weighted_fit import weighted_fit
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
-from cpcal.vision.pose_fit import NoPose, fit, plain_model
+from cpcal.vision.pose import NoPose, fit, plain_model
 
 _STEPS = 100
 _LEAST_POINTS = 6

@@ -9,15 +9,12 @@ import numpy as np
 
 from cpcal.common.atomic import write_folder
 from cpcal.common.errors import InputError, Problem, Problems, shown
-from cpcal.files.campaign_writer import provenance_lines, quoted
-from cpcal.files.cells import csv_table
-from cpcal.files.documents import open_regular, small_file, unreadable
-from cpcal.files.table import Table, read_table
-from cpcal.files.toml_reader import TomlReader
+from cpcal.files.settings import TomlReader, provenance_lines, quoted
+from cpcal.files.tables import Table, csv_table, open_regular, read_table, small_file, unreadable
 from cpcal.handeye.hand_eye_study import SETUPS, HandEyeStudy, Setup
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
-from cpcal.vision.files.camera_file import camera_bytes, load_camera
+from cpcal.vision.files.plate_and_camera import camera_bytes, load_camera
 
 HANDEYE_FORMAT = "cpcal-handeye/1"
 HANDEYE_NAME, POSES_NAME, POINTS_NAME, CAMERA_NAME = "handeye.toml", "poses.csv", "points.csv", "camera.toml"

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem, Problems
-from cpcal.files.documents import small_file
+from cpcal.files.tables import small_file
 from cpcal.handeye.hand_eye_study import Setup
 from cpcal.robot import Pose, inverse, normalised, quaternion_from_matrix
-from cpcal.vision.files.camera_file import camera_yaml
+from cpcal.vision.files.plate_and_camera import camera_yaml
 
 _REMEDY = "give samples of MoveIt, OpenCV's four lists, or ROS transforms: see docs/hand-eye.md"
 _HAND = ("robot", "hand", "effector", "hand_world", "effector_wrt_world")

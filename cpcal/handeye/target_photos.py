@@ -9,8 +9,8 @@ from cpcal.handeye.board_photos import NOTHING, Found, study_of_found
 from cpcal.handeye.hand_eye_study import HandEyeStudy, Setup
 from cpcal.robot import transformed
 from cpcal.vision.camera import Camera
-from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.measure import NotMeasured, measure_pose
+from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import Target
 
 TARGET = "target:"  # how --board names a target.toml

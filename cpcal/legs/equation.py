@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.corrections import vertical
+from cpcal.calibration.diagnosis import vertical
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import Problem
 from cpcal.common.numbers import nearest

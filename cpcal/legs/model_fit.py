@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.calibration.least_squares import least_squares
-from cpcal.calibration.sum_of_squares import sum_of_squares
+from cpcal.calibration.fit import least_squares
+from cpcal.calibration.leg_equations import sum_of_squares
 from cpcal.common.arrays import Floats
 from cpcal.legs.equation import leg_box, leg_equation, residuals
 from cpcal.legs.models import PLAIN, LegModel

@@ -10,7 +10,7 @@ errors change it by parts in a thousand. The base is taken to be level: vertical
 
 from __future__ import annotations
 
-from cpcal.calibration.corrections import mid_range, sag_shape
+from cpcal.calibration.diagnosis import mid_range, sag_shape
 from cpcal.legs.models import LegModel, Measured, Parameter, Parameters
 from cpcal.solver.network import Expr
 from cpcal.solver.network.expression import as_expr

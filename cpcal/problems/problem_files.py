@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cpcal.common.errors import InputError, Problems
 from cpcal.common.errors import Problem as Wrong
-from cpcal.files.documents import small_file
+from cpcal.files.tables import small_file
 from cpcal.problems.minibex_meaning import read_minibex
 from cpcal.problems.nl_reader import read_nl
 from cpcal.problems.stated_problem import StatedProblem

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from cpcal.calibration.averaging import kept
+from cpcal.calibration.statistics import kept
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about

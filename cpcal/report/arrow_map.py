@@ -8,7 +8,7 @@ import numpy as np
 
 from cpcal.common.numbers import about
 from cpcal.report.svg import DOT, EDGE, GRID, INK, Axes, Figure, Span, label_room, tick_labels, ticks
-from cpcal.vision.residual_map import MeanVectors
+from cpcal.vision.measure import MeanVectors
 
 _WIDTH, _HEIGHT = 430.0, 400.0  # points: of the figure, and at most of the frame
 _FOOT, _HEAD = 32.0, 24.0  # points below the frame for the axis, above it for the bar

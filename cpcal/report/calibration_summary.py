@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from cpcal.calibration import CalibrationRecord
-from cpcal.calibration.repeat_tests import KINDS
+from cpcal.calibration.repeatability import KINDS
 from cpcal.common.names import listed
 from cpcal.common.numbers import about
 
@@ -32,11 +32,8 @@ def summary(record: CalibrationRecord) -> tuple[str, ...]:
 def _doubts(record: CalibrationRecord) -> Iterator[str]:
     """What speaks against independent normal noise; one sentence where nothing does."""
     statistics = [channel.statistics for channel in record.channels]
-    shapes = {
-        "NOT NORMAL": [one.name for one in statistics if one.not_normal()],
-        "MORE THAN ONE MODE": [one.name for one in statistics if one.several_modes()],
-    }
-    said = [f"{words} (backlash, drift?): {listed(names, _NAMED)}." for words, names in shapes.items() if names]
+    names = [one.name for one in statistics if one.not_normal()]
+    said = [f"NOT NORMAL (backlash, drift?): {listed(names, _NAMED)}."] if names else []
     said += [record.tests.sentence(kind) for kind in KINDS if record.tests.found(kind)]
     yield from said or ["Repeats scatter as independent noise does, as far as it can be tested."]
 

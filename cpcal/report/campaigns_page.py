@@ -11,8 +11,8 @@ from urllib.parse import quote
 
 from cpcal.common.atomic import write_file
 from cpcal.common.numbers import bracket_text, nearest
-from cpcal.files.cells import guarded
 from cpcal.files.run_folder import REPORT_NAME
+from cpcal.files.tables import guarded
 from cpcal.report.origin import versions
 from cpcal.report.template import rendered
 from cpcal.report.words import SHORT_QUANTIFIER, overall

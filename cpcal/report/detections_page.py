@@ -17,10 +17,10 @@ from cpcal.report.origin import versions
 from cpcal.report.study_tables import TextTable
 from cpcal.report.template import rendered
 from cpcal.vision.batch.detect import Detections
-from cpcal.vision.batch.sample import Sample, SeenImage
+from cpcal.vision.batch.study_images import Sample, SeenImage
 from cpcal.vision.camera import Camera
 from cpcal.vision.files.detection import NUMBERS, RMS, SCALE, SHARED, SIGMA, Detection, by_reason, values_of
-from cpcal.vision.residual_map import MeanVectors, over_image, over_plate
+from cpcal.vision.measure import MeanVectors, over_image, over_plate
 from cpcal.vision.target import Target
 
 MOST_ROWS = 12  # of a table

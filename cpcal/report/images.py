@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.files.documents import json_object
+from cpcal.files.tables import json_object
 from cpcal.report.study_tables import TextTable
 
 IMAGES_NAME = "images.json"

@@ -26,7 +26,7 @@ from cpcal.results import Result
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 
-_FRAME = "centroid"  # that of the paper's tables 4 and 5
+_FRAME = study_tables.CENTROID  # that of the paper's tables 4 and 5
 
 
 @dataclass(frozen=True)

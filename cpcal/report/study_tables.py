@@ -14,10 +14,8 @@ import numpy as np
 
 from cpcal.calibration import CalibrationRecord, ErrorSummary
 from cpcal.calibration.budget import Budget
-from cpcal.calibration.own_frame import CONVENTIONS
-from cpcal.calibration.pose_performance import PosePerformance
 from cpcal.calibration.record import Channel, Parameters, Rows
-from cpcal.calibration.reversal import Reversal
+from cpcal.calibration.validation import PosePerformance
 from cpcal.common.numbers import about, nearest
 from cpcal.report import paper
 
@@ -25,8 +23,8 @@ SYMBOLS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 PAPER = "the paper"
 BEFORE, WITH_X_C, WITH_X_C_SIGMA, WITH_OUTLIERS = "before", "with x_c", "with x_c_sigma", "with x_c, outliers kept"
 EXPANDED = "U (k = 2)"
-MEASURED, DRAWING = "measured", "drawing"
-FRAMES = (MEASURED, DRAWING, *CONVENTIONS)  # of camera and target; of the drawing; of the joint centres themselves
+MEASURED, DRAWING, CENTROID = "measured", "drawing", "centroid"
+FRAMES = (MEASURED, DRAWING, CENTROID)  # of camera and target; of the drawing; of the joint centres themselves
 
 
 @dataclass(frozen=True)
@@ -110,10 +108,10 @@ def parameters(
 
 def in_frame(record: CalibrationRecord, fit: Parameters, frame: str) -> tuple[Rows, Rows | None]:
     """Parameters and standard errors, where these are known; as measured where the centres define no frame."""
-    own = {one.convention: (one.values, one.standard_errors) for one in fit.own}
     if frame == DRAWING:
         return tuple(tuple(row) for row in record.in_drawing(fit).tolist()), None
-    return own.get(frame, (fit.values, fit.standard_errors))
+    shown = fit.own if frame == CENTROID and fit.own is not None else fit
+    return shown.values, shown.standard_errors
 
 
 def validation(record: CalibrationRecord, *, paper_too: bool = False) -> TextTable:
@@ -143,13 +141,9 @@ def standards(record: CalibrationRecord) -> tuple[tuple[str, TextTable], ...]:
     found: list[tuple[str, TextTable]] = []
     if record.performance is not None:
         found.append(("Pose accuracy AP and repeatability RP (formulas of ISO 9283)", _performance(record.performance)))
-    if record.reversal:
-        found.append(("Reversal values of the legs (formulas of ISO 230-2) [mm]", _reversal(record.reversal)))
     if record.budget is not None:
         found.append(("Uncertainty budget (GUM), parameters in their own frames [mm]", _budget(record.budget)))
-        found.append(
-            (f"{EXPANDED} of each parameter by the budget, frame: {CONVENTIONS[0]} [mm]", _expanded(record.budget))
-        )
+        found.append((f"{EXPANDED} of each parameter by the budget, frame: {CENTROID} [mm]", _expanded(record.budget)))
     return tuple(found)
 
 
@@ -170,18 +164,6 @@ def _performance(found: PosePerformance) -> TextTable:
             figures = (float(good.mean()), float(good.max())) if len(good) else (math.nan, math.nan)
             rows.append((name, *map(_significant, figures)))
     return TextTable((f"{len(found.names)} poses", "mean", "largest"), tuple(rows))
-
-
-def _reversal(found: tuple[Reversal, ...]) -> TextTable:
-    rows = (
-        ("B, largest", *(_significant(one.largest) for one in found)),
-        ("B, mean", *(_significant(one.mean) for one in found)),
-        ("its " + EXPANDED, *(_significant(2.0 * one.error) for one in found)),
-        ("R+", *(_significant(one.forward) for one in found)),
-        ("R-", *(_significant(one.backward) for one in found)),
-        ("R", *(_significant(one.both) for one in found)),
-    )
-    return TextTable(("leg", *(str(one.leg) for one in found)), rows)
 
 
 def _budget(found: Budget) -> TextTable:

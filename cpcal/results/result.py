@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.files.campaign_json import NAME as CAMPAIGN_NAME
-from cpcal.files.campaign_json import campaign_sha256, save_campaign_json
 from cpcal.files.codec import load, save, text_of
+from cpcal.files.folders import NAME as CAMPAIGN_NAME
+from cpcal.files.folders import campaign_sha256, save_campaign_json
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
 from cpcal.results.determination import Determination
 from cpcal.results.options import Options

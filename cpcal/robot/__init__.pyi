@@ -48,8 +48,6 @@ from .rotation import (
     small_rotation,
 )
 from .study import (
-    NEGATIVE,
-    POSITIVE,
     PoseTable,
     Study,
     Truth,
@@ -62,8 +60,6 @@ from .uncertainty import (
 __all__ = [
     "DELTALAB",
     "EXACT_OR_NOT",
-    "NEGATIVE",
-    "POSITIVE",
     "ROBOTS",
     "Campaign",
     "ForwardPoses",

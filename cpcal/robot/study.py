@@ -2,7 +2,7 @@
 
 A camera sees a target on the mobile platform; neither the camera's place beside the base nor the target's place on
 the platform is known. One table of poses serves calibration, another one validation. A study is a value: arrays are
-private copies and read-only. study_reader.py and study_writer.py have the files (docs/study-format.md).
+private copies and read-only. cpcal.files has the files (docs/study-format.md).
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from cpcal.robot.motion import compose, inverse
 from cpcal.robot.robot import LARGEST, Robot, good_numbers
 
 _ARRAYS = ("position", "quaternion", "length")
-POSITIVE, NEGATIVE = "positive", "negative"  # directions of approach
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +35,6 @@ class PoseTable(Value):
     position    (N, 3) mm; quaternion (N, 4) unit, scalar first: `x_camera = P + R(q) x_target`
     length      (N, n) mm, the readings L
     image       N names, or None where there is one row for each pose and run; the names of a row are unique
-    approach    N times "positive" or "negative": from which side the run came to its pose; None where nobody noted it
     shared      (N, 6) standard deviations, mm and rad (rotation vector in the camera frame), of that part of a pose's
                 error which camera and target make: the same in all rows, so that no mean is free of it; None: no part
 
@@ -49,7 +47,6 @@ class PoseTable(Value):
     quaternion: Floats
     length: Floats
     image: tuple[str, ...] | None = None
-    approach: tuple[str, ...] | None = None
     shared: Floats | None = None
 
     def __post_init__(self) -> None:
@@ -57,7 +54,7 @@ class PoseTable(Value):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
         if self.shared is not None:
             object.__setattr__(self, "shared", frozen_array(self.shared))
-        for name in ("pose", "run", "image", "approach"):
+        for name in ("pose", "run", "image"):
             names = getattr(self, name)
             object.__setattr__(self, name, None if names is None else tuple(names))
         problems = Problems()
@@ -166,7 +163,7 @@ def _shape_problems(table: PoseTable) -> Iterator[Problem]:
     remedy = f"give one row for each of the {count} measurements"
     if count == 0:
         yield Problem("table", "holds no measurements", "give at least one")
-    for name in ("run", "image", "approach"):
+    for name in ("run", "image"):
         names = getattr(table, name)
         if names is not None and len(names) != count:
             yield Problem(f"table {name}", f"has {len(names)} names", remedy)
@@ -179,17 +176,6 @@ def _shape_problems(table: PoseTable) -> Iterator[Problem]:
         yield Problem("table shared", f"has the shape {table.shared.shape}, not {(count, 6)}", remedy)
 
 
-def _approach_problems(table: PoseTable, keys: list[str]) -> Iterator[Problem]:
-    """A direction is one of two, and the same for all images of a run."""
-    first: dict[tuple[str, str], str] = {}
-    for key, pose, run, side in zip(keys, table.pose, table.run, table.approach or (), strict=bool(table.approach)):
-        if side not in (POSITIVE, NEGATIVE):
-            yield Problem(f"row {key}", f"its approach is {shown(side)}", f"write {POSITIVE} or {NEGATIVE}")
-        elif first.setdefault((pose, run), side) != side:
-            what = f"its approach is {side}, and that of another image of the run is not"
-            yield Problem(f"row {key}", what, "give all images of a run the same")
-
-
 def _value_problems(table: PoseTable) -> Iterator[Problem]:
     nameless = False
     for kind in ("pose", "run", "image"):
@@ -199,7 +185,6 @@ def _value_problems(table: PoseTable) -> Iterator[Problem]:
     if nameless:
         return  # what follows could not say which row it means
     keys = table.row_ids
-    yield from _approach_problems(table, keys)
     for key, times in Counter(keys).items():
         if times > 1:
             yield Problem(f"row {key}", f"is given {times} times", "give each pose, run and image once")

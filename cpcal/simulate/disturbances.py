@@ -13,8 +13,6 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.robot import (
-    NEGATIVE,
-    POSITIVE,
     Pose,
     PoseTable,
     Study,
@@ -43,18 +41,6 @@ def with_robot_scatter(study: Study, sigma: float, *, seed: int = 0) -> Study:
     return _each(study, moved, seed)
 
 
-def with_reversal(study: Study, size: float) -> Study:
-    """Every second run comes from the other side, and each leg is then `size` mm longer than its sensor says."""
-
-    def reversed_(table: PoseTable, _: np.random.Generator) -> PoseTable:
-        runs = {name: k for k, name in enumerate(dict.fromkeys(table.run))}
-        forward = np.array([runs[name] % 2 == 0 for name in table.run])
-        sides = tuple(POSITIVE if one else NEGATIVE for one in forward)
-        return replace(table, length=table.length - size * forward[:, None], approach=sides)
-
-    return _each(study, reversed_, 0)
-
-
 def with_pose_noise(study: Study, root: Floats, *, seed: int = 0) -> Study:
     """The camera's noise in every row grows by `root` z, (6, m) of position (mm) and rotation vector (rad)."""
 
@@ -62,18 +48,6 @@ def with_pose_noise(study: Study, root: Floats, *, seed: int = 0) -> Study:
         return _shifted(table, stream.standard_normal((len(table), root.shape[1])) @ root.T)
 
     return _each(study, noisier, seed)
-
-
-def with_common_error(study: Study, position: float, rotation: float, length: float, *, seed: int = 0) -> Study:
-    """Every configuration has an error of its own that all its repeats share: standard deviations in mm, rad, mm."""
-
-    def shifted(table: PoseTable, stream: np.random.Generator) -> PoseTable:
-        names = {name: k for k, name in enumerate(dict.fromkeys(table.pose))}
-        draw = stream.standard_normal((len(names), 6 + table.legs))[[names[name] for name in table.pose]]
-        moved = _shifted(table, draw[:, :6] * np.repeat([position, rotation], 3))
-        return replace(moved, length=table.length + length * draw[:, 6:])
-
-    return _each(study, shifted, seed)
 
 
 def with_drift(study: Study, size: float, *, leg: int = 1) -> Study:

@@ -187,7 +187,9 @@ def _machine_code(function: Callable[..., Any]) -> Any:
                 self.turn.enter_context(_turn(folder / f"{module}.lock", function.__name__))
                 found = self._read(file, context)  # another process may have made it meanwhile
             if found is None and time.monotonic() > _deadline.get():
-                raise TimeUp(f"the time limit came before '{function.__name__}' was compiled")
+                late = f"the time limit came before '{function.__name__}' was compiled"
+                _tell(late)
+                raise TimeUp(late)
             return found
 
         def save_overload(self, signature: Any, made: Any) -> None:
@@ -324,7 +326,7 @@ def _announce_compilation() -> None:
         def on_end(self, happening: Any) -> None:
             self.depth -= 1
             if self.depth == 0 and _ours(happening) and QUIET not in os.environ:
-                print(" done", file=sys.stderr, flush=True)
+                print(" done" if happening._exc_details is None else " not finished", file=sys.stderr, flush=True)
 
     event.register("numba:compile", Announcer())
 

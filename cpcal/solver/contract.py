@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
@@ -162,6 +163,19 @@ def monotone_tolerance(contractor: Contractor) -> float:
     return float(getattr(contractor, "monotone_tolerance", ROUNDING))
 
 
+def contracted(contractor: Contractor, box: Box) -> Contraction:
+    """What a contractor makes of a box. Raises PluginError where that is no `Contraction` of this box."""
+    found = contractor.contract(box)
+    if not isinstance(found, Contraction) or getattr(found.box, "names", None) != box.names:
+        from cpcal.common.errors import PluginError
+
+        raise PluginError(
+            f"contract(box) of the contractor {type(contractor).__name__} returned {found!r}: it returns a Contraction "
+            "whose box is a part of the given one"
+        )
+    return found
+
+
 class Composable:
     """Base class of contractors: the declarations' defaults, and the operators `>>` and `|` with any contractor."""
 
@@ -201,7 +215,7 @@ class Then(Composable):
     def contract(self, box: Box) -> Contraction:
         total = Contraction(box)
         for part in self.parts:
-            total = followed(total, part.contract(total.box))
+            total = followed(total, contracted(part, total.box))
             if total.box.is_empty:
                 break
         return total
@@ -215,7 +229,7 @@ class Union(Composable):
         self.monotone_tolerance = max(monotone_tolerance(first), monotone_tolerance(second))
 
     def contract(self, box: Box) -> Contraction:
-        one, two = self._first.contract(box), self._second.contract(box)
+        one, two = contracted(self._first, box), contracted(self._second, box)
         programs = one.programs + two.programs
         return Contraction(one.box.hull(two.box), (), one.point if one.point is not None else two.point, programs)
 
@@ -231,7 +245,7 @@ class Repeat(Composable):
         self.inner, self._ratio, self._most = inner, ratio, most
 
     def contract(self, box: Box) -> Contraction:
-        return repeated(self.inner.contract, box, ratio=self._ratio, most=self._most)
+        return repeated(partial(contracted, self.inner), box, ratio=self._ratio, most=self._most)
 
 
 def in_sequence(parts: Sequence[Contractor]) -> Contractor:

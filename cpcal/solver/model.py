@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from copy import copy
 from dataclasses import replace
-from functools import partial
+from functools import partial, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 import numpy.typing as npt
 
@@ -26,7 +27,18 @@ from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.certificate.search_keeper import SearchKeeper
 from cpcal.solver.certificate.uncertified import certified
 from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
-from cpcal.solver.contract import Contraction, Contractor, Repeat, Strategy, Then, in_sequence, until
+from cpcal.solver.compiled import TimeUp, compiling_until
+from cpcal.solver.contract import (
+    Contraction,
+    Contractor,
+    Repeat,
+    Strategy,
+    Then,
+    Verdict,
+    contracted,
+    in_sequence,
+    until,
+)
 from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.limits import Limits
@@ -69,8 +81,54 @@ __all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
 
 DEFAULT_CONTRACTORS = ("hc4", "lifted")
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
 _LOADS = ("cpcal.solver.model", "cpcal.solver.numba_begun")  # of workers
 _ABREAST = 64  # pending boxes that a round of `solve` takes, whatever the order
+
+
+def _or_late(answer: Callable[[ConstraintNetwork, str], T]) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Of a verb: `answer` of the network, and why, where the time limit comes before there is anything to search by."""
+
+    def in_time(verb: Callable[P, T]) -> Callable[P, T]:
+        @wraps(verb)
+        def asked_of(*args: P.args, **options: P.kwargs) -> T:
+            try:
+                return verb(*args, **options)
+            except TimeUp as late:
+                network = args[0]
+                assert isinstance(network, ConstraintNetwork)
+                return answer(network, str(late))
+
+        return asked_of
+
+    return in_time
+
+
+def _no_paving(network: ConstraintNetwork, why: str) -> Paving:
+    solutions = (Solution(Verdict.UNKNOWN, network.domain),)
+    return Paving(False, f"Not begun: {why}; the domain holds all solutions.", solutions, 0, method=why)
+
+
+def _no_minimum(network: ConstraintNetwork, why: str) -> Minimum:
+    return Minimum(
+        lo=-math.inf,
+        hi=math.inf,
+        verdict=Verdict.UNKNOWN,
+        status=f"Not begun: {why}.",
+        witness=None,
+        enclosure=network.domain,
+        floor=0.0,
+        rows=(),
+        decisive_rows=(),
+        pending=1,
+        nodes=0,
+        programs=0,
+        seconds=0.0,
+        names=network.names,
+        method=why,
+    )
 
 
 class Network(ConstraintNetwork):
@@ -95,8 +153,9 @@ class Network(ConstraintNetwork):
         network = self._as_asked()
         box = network.domain if box is None else box
         network.check_box(box)
-        return plugins.build(network, contractors, arithmetic=arithmetic).contract(box)
+        return contracted(plugins.build(network, contractors, arithmetic=arithmetic), box)
 
+    @_or_late(_no_paving)
     def solve(
         self,
         *,
@@ -104,6 +163,8 @@ class Network(ConstraintNetwork):
         contractors: Sequence[str | Contractor] | None = None,
         arithmetic: str = "float64",
         limits: Limits | None = None,
+        time_limit: float | None = None,
+        node_limit: int | None = None,
         progress: Callable[[Event], None] | None = None,
         strategy: str | Strategy | None = None,
         order: str = "depth",
@@ -127,7 +188,8 @@ class Network(ConstraintNetwork):
         `strategy` says where a box is cut in two: "largest", "round-robin", "smear", "smear-relative", "smear-max" or
         "lp" (or an object); `order` which boxes are next, up to 64 abreast: "depth", "breadth" or "best". `inner=True`
         looks for boxes that hold nothing but solutions, which are not divided, and lists what was proved to hold none:
-        see `Paving`.
+        see `Paving`. `time_limit` and `node_limit` are `limits=Limits(seconds=..., nodes=...)`; the time counts from
+        the call, and when it is over no function is compiled any more.
 
         `workers` processes, a Dask `scheduler` or an `executor` (see `cpcal.certify`) decide the boxes of each round;
         the answer is the same. It pays where a box takes some tenths of a millisecond or more.
@@ -139,10 +201,12 @@ class Network(ConstraintNetwork):
         says that they hold here.
         Raises PluginError for a contractor or strategy that is not there, ModelError for what has no meaning.
         """
-        network, clock = self._as_asked(), checked_limits(limits).clock()
+        limit = checked_limits(limits, seconds=time_limit, nodes=node_limit)
+        network, clock = self._as_asked(), limit.clock()
         engine = get_arithmetic(arithmetic)
         chooses = contractors is None and strategy is None
-        choice = choice_to_solve(network, clock.deadline) if chooses else Choice(AS_ASKED, "as asked for")
+        with compiling_until(clock.deadline):
+            choice = choice_to_solve(network, clock.deadline) if chooses else Choice(AS_ASKED, "as asked for")
         priority, inside = named_order(network, order), Inside(network, engine) if inner else None
         built: dict[SearchMethod, list[tuple[str, Contractor]]] = {}
         options = (contractors, strategy, order, inner, width, arithmetic)
@@ -159,7 +223,8 @@ class Network(ConstraintNetwork):
             return contractor
 
         left = partial(_contracted, contracting, choice.methods[0], network.domain)
-        finest, reach, unit = resolution(network, left, width)
+        with compiling_until(clock.deadline):
+            finest, reach, unit = resolution(network, left, width)
 
         def search(method: SearchMethod, spread: Callable[[Divide], Process]) -> Search:
             by = named_strategy(network, strategy or method.strategy, finest, reach, unit, arithmetic)
@@ -168,7 +233,7 @@ class Network(ConstraintNetwork):
             return Search(roots, spread(process), priority, outside=inner, abreast=_ABREAST, batch=batch)
 
         there = spread_over(executor_for(workers, scheduler, executor, loads=_LOADS))
-        with heard(), linear_algebra_on_one_thread(), there as spread:
+        with heard(), linear_algebra_on_one_thread(), there as spread, compiling_until(clock.deadline):
             race = Race(
                 [Contender(m.name, partial(search, m, spread), m.slice, m.turns, m.begins) for m in choice.methods]
             )
@@ -181,6 +246,7 @@ class Network(ConstraintNetwork):
         said += width_sentence(finest, reach) if width is None else ""
         return replace(paving, method=said, width=finest, row_use=used)
 
+    @_or_late(_no_minimum)
     def minimize(
         self,
         objective: Expr,
@@ -188,6 +254,9 @@ class Network(ConstraintNetwork):
         contractors: Sequence[str | Contractor] | None = None,
         arithmetic: str = "float64",
         limits: Limits | None = None,
+        time_limit: float | None = None,
+        node_limit: int | None = None,
+        gap: float | None = None,
         start: npt.ArrayLike | None = None,
         progress: Callable[[Bracket], None] | None = None,
         relax: float = 0.0,
@@ -204,6 +273,8 @@ class Network(ConstraintNetwork):
         expression, and its first bounds come from interval evaluation. `start` holds one value per component in the
         order of `names`. Raises ModelError for an objective without finite bounds.
 
+        `time_limit`, `node_limit` and `gap` are `limits=Limits(seconds=..., nodes=..., gap=...)`, as in `solve`.
+
         `relax`: equations need hold to this only, as ibexopt has it (1e-8 there). The answer, and its status, are then
         about the relaxed problem, whose lower bound is one of the problem itself too. 0 asks for exact equations: their
         solutions are proved to exist.
@@ -217,15 +288,16 @@ class Network(ConstraintNetwork):
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         """
-        limit, network = checked_limits(limits), self._as_asked()
-        network, name = with_objective(relaxed(network, relax), objective)
-        clock, engine, exact = limit.clock(), get_arithmetic(arithmetic), certificate is not None
-        stated, origin = with_products(network, instead=exact)
-        why = "asked for"
-        if contractors is None:
-            contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
-        network._check_bounded(name, contractors, chosen=why != "asked for")
-        named = named_contractors(network, stated, name, contractors, arithmetic, clock.deadline, exact=exact)
+        limit = checked_limits(limits, seconds=time_limit, nodes=node_limit, gap=gap)
+        network, clock = self._as_asked(), limit.clock()
+        engine, exact, why = get_arithmetic(arithmetic), certificate is not None, "asked for"
+        with compiling_until(clock.deadline):
+            network, name = with_objective(relaxed(network, relax), objective)
+            stated, origin = with_products(network, instead=exact)
+            if contractors is None:
+                contractors, why = CERTIFYING if exact else choice_to_minimize(stated, clock.deadline)
+            network._check_bounded(name, contractors, chosen=why != "asked for")
+            named = named_contractors(network, stated, name, contractors, arithmetic, clock.deadline, exact=exact)
         first = None if start is None else start_point(network, start, len(self.names))
         options = (list(contractors), arithmetic, limit.gap, limit.gap_absolute, first, relax, exact)
         of = {} if checkpoint is None else checkpoint_of(network, options)
@@ -279,4 +351,4 @@ class Network(ConstraintNetwork):
 
 def _contracted(contracting: Callable[[SearchMethod], Contractor], method: SearchMethod, box: Box) -> Box:
     """What the contractors of a method leave of a box."""
-    return contracting(method).contract(box).box
+    return contracted(contracting(method), box).box

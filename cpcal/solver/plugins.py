@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.util import module_from_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cpcal.common.errors import ClashError, PluginError
@@ -54,10 +57,65 @@ def load_member(what: str, name: str, group: str, ours: Iterable[str] = ()) -> A
         claims = " and ".join(f"{_package(point)} ({point.value})" for point in named)
         raise ClashError(f"two packages register a {what} {name!r}: {claims}; rename or uninstall one of them")
     try:
-        return named[0].load()
+        return _loaded(named[0])
     except Exception as error:
-        shadow = _shadow(named[0])
-        raise PluginError(f"{what} {name!r} ({named[0].value}) does not load: {error!r}{shadow}") from error
+        raise PluginError(f"{what} {name!r} ({named[0].value}) does not load: {error!r}") from error
+
+
+def _loaded(point: EntryPoint) -> Any:
+    """From the distribution that registered it, also where another module of its package's name comes first.
+
+    That one is not run: a file contractors.py where Python was started is somebody's own. It keeps its name, and our
+    modules are found in it, too, so that what is pickled by their names is unpickled.
+    """
+    package = point.module.partition(".")[0]
+    own, first = _own(point, package), sys.modules.get(package)
+    if own is None or own.submodule_search_locations is None:
+        return point.load()
+    folders = list(own.submodule_search_locations)
+    _shared.folders[package] = folders
+    if first is not None:
+        path = vars(first).setdefault("__path__", [])
+        if not set(folders) & set(path):
+            path.extend(folders)
+        return point.load()
+    spec = PathFinder.find_spec(package)
+    if spec is not None and spec.origin == own.origin:
+        return point.load()
+    sys.modules[package] = module_from_spec(own)
+    try:
+        return point.load()
+    finally:
+        del sys.modules[package]
+
+
+def _own(point: EntryPoint, package: str) -> ModuleSpec | None:
+    """A package as its distribution has it, installed or editable."""
+    if _package(point) == "cpcal":
+        return PathFinder.find_spec(package, [str(Path(__file__).parents[2])])
+    roots = [] if point.dist is None else [Path(str(point.dist.locate_file("")))]
+    for file in (point.dist.files or []) if point.dist is not None else []:
+        if file.suffix == ".pth":
+            roots += map(Path, Path(str(file.locate())).read_text().splitlines())
+    return PathFinder.find_spec(package, [str(root) for root in roots])
+
+
+class _Shared(MetaPathFinder):
+    """Finds packages of plug-ins that share their names with other modules, and lets them share the submodules, too."""
+
+    def __init__(self) -> None:
+        self.folders = {"contractors": [str(Path(__file__).parents[2] / "contractors")]}
+
+    def find_spec(self, name: str, path: object, target: object = None) -> ModuleSpec | None:
+        spec = PathFinder.find_spec(name) if path is None and name in self.folders else None
+        if spec is not None:
+            found = spec.submodule_search_locations or []
+            spec.submodule_search_locations = [*found, *(f for f in self.folders[name] if f not in found)]
+        return spec
+
+
+_shared = _Shared()
+sys.meta_path.insert(0, _shared)
 
 
 def _registered(group: str) -> tuple[EntryPoint, ...]:
@@ -74,24 +132,6 @@ def _package(point: EntryPoint) -> str:
     return "a package without a name" if point.dist is None else str(point.dist.name)
 
 
-def _shadow(point: EntryPoint) -> str:
-    """What is said where a folder that is not the plug-in's own comes first on the path, else nothing."""
-    package, _, rest = point.module.partition(".")
-    spec = importlib.util.find_spec(package)
-    if spec is None or not rest:
-        return ""
-    try:
-        if importlib.util.find_spec(point.module) is not None:
-            return ""  # the module is there: its own error says what is wrong
-    except ModuleNotFoundError:
-        pass
-    where = ", ".join(spec.submodule_search_locations or [str(spec.origin)])
-    return (
-        f". The {package!r} that Python finds first is {where}, which has no {rest!r}: "
-        f"it is not the one of {_package(point)}. Rename that folder, or start somewhere else"
-    )
-
-
 def check_names(names: Sequence[str | Contractor]) -> None:
     """Raises PluginError where there is no name, no such contractor, or an object that is none."""
     if isinstance(names, str) or not isinstance(names, (Sequence, type(None))):
@@ -101,6 +141,8 @@ def check_names(names: Sequence[str | Contractor]) -> None:
     for name in names:
         if isinstance(name, str):
             load(name)
+        elif isinstance(name, type):
+            raise PluginError(f"{name.__name__} is a class: give its name, or an object, {name.__name__}(network, ...)")
         elif not callable(getattr(name, "contract", None)):
             raise PluginError(f"{name!r} is no contractor: give its name or an object with contract(box)")
 

@@ -57,7 +57,8 @@ def with_objective(network: N, objective: Expr) -> tuple[N, str]:
     name = "objective"
     while any(leaf.name == name for leaf in network.variables):
         name += "_"
-    bound = network.variable(name, domain=(float(bounds.lo), float(bounds.hi)))
+    nowhere = bool(bounds.empty)  # it has a value: then no point satisfies the row below
+    bound = network.variable(name, domain=(0.0, 0.0) if nowhere else (float(bounds.lo), float(bounds.hi)))
     network.add(objective <= bound)
     return network, name
 
@@ -66,7 +67,8 @@ def default_width(network: ConstraintNetwork, left: Callable[[], Box]) -> tuple[
     """1e-6 where solutions are single points; else what cuts `left`, which holds them, into some hundred boxes or more.
 
     Solutions that leave `freedom` of the unknowns open form a set of that dimension: each of its directions gets its
-    share of the boxes. And how far from 0 each component (n,) is divided: where `left` is unbounded, up to `REACH`.
+    share of the boxes. Widths count in `small_units`. And how far from 0 each component (n,) is divided: where `left`
+    is unbounded, up to `REACH`.
     """
     free, equations = network.domain.hi > network.domain.lo, Equalities.of(network)
     freedom = int(free.sum()) - (0 if equations.reads else equations.count)
@@ -75,10 +77,11 @@ def default_width(network: ConstraintNetwork, left: Callable[[], Box]) -> tuple[
         return FINE_WIDTH, everywhere
     widths = left().width
     reach = np.where(np.isinf(widths), REACH, np.inf)
-    widest = float(np.max(np.minimum(widths, 2.0 * reach), where=free, initial=0.0))
+    widest = float(np.max(np.minimum(widths, 2.0 * reach) / small_units(network), where=free, initial=0.0))
     if not widest > 0.0:
         return FINE_WIDTH, everywhere
     width: float = min(widest * _BOXES ** (-1.0 / freedom), _WHOLE if network.whole.any() else np.inf)
+    width = max(width, 5e-324)  # of a domain next to the least float it is zero
     return round(width, -math.floor(math.log10(width))), reach  # one digit
 
 
@@ -110,12 +113,16 @@ def checked_width(width: float) -> float:
     return float(width)
 
 
-def checked_limits(limits: Limits | None) -> Limits:
-    """Limits that a search can reach. Raises ModelError."""
+def checked_limits(limits: Limits | None, **named: float | None) -> Limits:
+    """Limits that a search can reach, those `named` among them (fields of `Limits`). Raises ModelError."""
+    given_by_name = {field: value for field, value in named.items() if value is not None}
     if limits is None:
-        return Limits()
-    if not isinstance(limits, Limits):
+        limits = Limits()
+    elif not isinstance(limits, Limits):
         raise ModelError(f"limits={limits!r} sets no limit: write cpcal.Limits(seconds=...) or cpcal.Limits(nodes=...)")
+    elif given_by_name:
+        raise ModelError("limits are given by limits=cpcal.Limits(...) or by their names, not both")
+    limits = replace(limits, **given_by_name)  # type: ignore[arg-type]  # checked here
     given = (limits.seconds, limits.nodes, limits.gap, limits.gap_absolute)
     if not all(value is None or (_is_number(value) and value >= 0) for value in given):
         raise ModelError(f"{limits!r}: seconds, nodes and gaps are numbers of at least 0")

@@ -1,28 +1,441 @@
 """The pose of a target from its identified dots: least squares on pixels with the dots' covariances.
 
 The start comes from the homography of the dots' directions, so no library is needed; a Levenberg-Marquardt fit of the
-plain pinhole model to the directions improves it, and one of the dot model (`cpcal.vision.dot_model`) to the pixels
+plain pinhole model to the directions improves it, and one of the dot model (`cpcal.vision.projection`) to the pixels
 ends it. A plane has a second pose that looks nearly the same, its depth turned over along the line of sight; it is
 fitted as well, and when it fits about as well the answer is a refusal.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
 
 from cpcal.common.arrays import Bools, Floats, Ints
-from cpcal.common.errors import InputError, Problem
-from cpcal.robot import Pose, normalised
+from cpcal.common.errors import CpcalError, InputError, Problem
+from cpcal.robot import Pose, normalised, quaternion_from_matrix
+from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
-from cpcal.vision.median import median
-from cpcal.vision.pose_fit import NoPose, Pixels, PoseFit, fit, plain_model, same_pose, turned_over
-from cpcal.vision.shared_errors import shared_part
+from cpcal.vision.projection import Prediction, centers_of, determinants, eigenvalues, median, placed_centers, predict
 from cpcal.vision.target import Target
-from cpcal.vision.two_by_two import determinants, eigenvalues
+
+# ------------------------------------------------------------------------------------------------------------------
+# A small symmetric positive definite system, compiled, for fits that solve one in every step.
+
+
+@compiled
+def solved(
+    matrix: npt.NDArray[np.floating[Any]], size: int, damping: float, least: float, right: Floats, out: Floats
+) -> bool:
+    """out = (matrix + damping diag(matrix))^-1 right, of the first `size`, by the factor scaled to a unit diagonal.
+
+    False where the diagonal is not above `least`, or the matrix is not positive definite.
+    """
+    factor, scale = np.empty((size, size)), np.empty(size)
+    if not factored(matrix, size, damping, least, factor, scale):
+        return False
+    substituted(factor, scale, size, right, out)
+    return True
+
+
+@compiled
+def factored(
+    matrix: npt.NDArray[np.floating[Any]], size: int, damping: float, least: float, factor: Floats, scale: Floats
+) -> bool:
+    """The lower triangular factor (size, size), one over its diagonal in the diagonal's place, and the scale (size,)
+    that makes a unit diagonal; False as `solved` says."""
+    for i in range(size):
+        if not matrix[i, i] > least:
+            return False
+        scale[i] = 1.0 / np.sqrt(matrix[i, i])
+        for j in range(i):
+            value = matrix[i, j] * scale[i] * scale[j]
+            for k in range(j):
+                value -= factor[i, k] * factor[j, k]
+            factor[i, j] = value * factor[j, j]
+        value = matrix[i, i] * scale[i] * scale[i] + damping
+        for k in range(i):
+            value -= factor[i, k] * factor[i, k]
+        if not value > 0.0:
+            return False
+        factor[i, i] = 1.0 / np.sqrt(value)
+    return True
+
+
+@compiled
+def substituted(factor: Floats, scale: Floats, size: int, right: Floats, out: Floats) -> None:
+    """The solution for a right side, forward and backward."""
+    for i in range(size):
+        value = right[i] * scale[i]
+        for k in range(i):
+            value -= factor[i, k] * out[k]
+        out[i] = value * factor[i, i]
+    for i in range(size - 1, -1, -1):
+        value = out[i]
+        for k in range(i + 1, size):
+            value -= factor[k, i] * out[k]
+        out[i] = value * factor[i, i]
+    for i in range(size):
+        out[i] *= scale[i]
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Levenberg-Marquardt fits of a pose, compiled: of the pinhole model's equations, and of the dot model to pixels.
+#
+# A pose is packed as (7,): position (mm) and unit quaternion, scalar first. A step is (6,): of the position, and a
+# rotation vector in the camera frame.
+
+DONE, SINGULAR, ENDLESS, NOWHERE = 0, 1, 2, 3  # how a fit ends
+STEPS = 200  # most fits need five, those of a small distant target a hundred
+_SMALL = 1e-3  # standard deviations: a step that ends the fit
+_ROUGH = 1e-9  # of chi-square: a decrease that ends the fit when the residuals are large
+
+
+@compiled
+def fit_pose(
+    matrix: Floats,
+    dots: Floats,
+    seen: Floats,
+    factors: Floats,
+    radius: float,
+    camera: Floats,
+    pose: Floats,
+    residuals: Floats,
+    normal: Floats,
+) -> tuple[int, float]:
+    """Fits `pose` in place, and fills in residuals (k,) and normal matrix (6, 6); returns how it ended and chi-square.
+
+    With a matrix (9, 9) the residuals are minus it times (r_1, r_2, t). With none (0, 9) they are those of dots (n, 2)
+    mm seen at (n, 2) pixels, in standard deviations by lower triangular factors (n, 2, 2) of the covariances.
+    """
+    size = len(residuals)
+    slope, trial, trial_slope = np.empty((size, 6)), np.empty(size), np.empty((size, 6))
+    moved, right, step = np.empty(7), np.empty(6), np.empty(6)
+    _evaluate(matrix, dots, seen, factors, radius, camera, pose, residuals, slope)
+    chi_square, damping = _square(residuals), 0.0
+    if not np.isfinite(chi_square):
+        return NOWHERE, np.inf
+    for _ in range(STEPS):
+        _products(slope, residuals, normal, right)
+        if not solved(normal, 6, damping, 0.0, right, step):
+            return SINGULAR, chi_square
+        _moved(pose, step, moved)
+        gain = 0.0
+        for i in range(6):
+            for j in range(6):
+                gain += step[i] * normal[i, j] * step[j]
+        if gain < max(_SMALL**2, _ROUGH * chi_square) and damping < 1e-3:
+            pose[:] = moved
+            for i in range(size):
+                for j in range(6):
+                    residuals[i] -= slope[i, j] * step[j]
+            return DONE, _square(residuals)
+        _evaluate(matrix, dots, seen, factors, radius, camera, moved, trial, trial_slope)
+        square = _square(trial)
+        if square <= chi_square:
+            pose[:], residuals[:], slope[:] = moved, trial, trial_slope
+            chi_square, damping = square, 0.1 * damping
+        else:
+            damping = max(10.0 * damping, 1e-4)
+    return ENDLESS, chi_square
+
+
+@compiled
+def _evaluate(
+    matrix: Floats,
+    dots: Floats,
+    seen: Floats,
+    factors: Floats,
+    radius: float,
+    camera: Floats,
+    pose: Floats,
+    residuals: Floats,
+    slope: Floats,
+) -> None:
+    """Residuals (k,), and minus their derivatives (k, 6)."""
+    turn = _rotation(pose)
+    if len(matrix):
+        _equations(matrix, turn, pose, residuals, slope)
+        return
+    count = len(dots)
+    centers, by_pose = np.empty((count, 2)), np.empty((count, 2, 6))
+    placed_centers(dots, radius, camera, turn, pose[:3], True, centers, by_pose)
+    for i in range(count):
+        a, b, c = factors[i, 0, 0], factors[i, 1, 0], factors[i, 1, 1]
+        residuals[2 * i] = (seen[i, 0] - centers[i, 0]) / a
+        residuals[2 * i + 1] = (seen[i, 1] - centers[i, 1] - b * residuals[2 * i]) / c
+        for j in range(6):
+            slope[2 * i, j] = by_pose[i, 0, j] / a
+            slope[2 * i + 1, j] = (by_pose[i, 1, j] - b * slope[2 * i, j]) / c
+
+
+@compiled
+def _equations(matrix: Floats, turn: Floats, pose: Floats, residuals: Floats, slope: Floats) -> None:
+    """Those of X - u Z = 0 and Y - v Z = 0, linear in (r_1, r_2, t)."""
+    h, by = np.empty(9), np.zeros((9, 6))
+    for k in range(3):
+        h[k], h[3 + k], h[6 + k] = turn[k, 0], turn[k, 1], pose[k]
+        by[6 + k, k] = 1.0
+    for m in range(2):  # w x r
+        x, y, z = turn[0, m], turn[1, m], turn[2, m]
+        by[3 * m, 4], by[3 * m, 5] = z, -y
+        by[3 * m + 1, 3], by[3 * m + 1, 5] = -z, x
+        by[3 * m + 2, 3], by[3 * m + 2, 4] = y, -x
+    for i in range(len(matrix)):
+        total = 0.0
+        for k in range(9):
+            total += matrix[i, k] * h[k]
+        residuals[i] = -total
+        for j in range(6):
+            total = 0.0
+            for k in range(9):
+                total += matrix[i, k] * by[k, j]
+            slope[i, j] = total
+
+
+@compiled
+def _rotation(pose: Floats) -> Floats:
+    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
+    scale = 2.0 / (w * w + x * x + y * y + z * z)
+    out = np.empty((3, 3))
+    out[0, 0], out[0, 1], out[0, 2] = 1.0 - scale * (y * y + z * z), scale * (x * y - w * z), scale * (x * z + w * y)
+    out[1, 0], out[1, 1], out[1, 2] = scale * (x * y + w * z), 1.0 - scale * (x * x + z * z), scale * (y * z - w * x)
+    out[2, 0], out[2, 1], out[2, 2] = scale * (x * z - w * y), scale * (y * z + w * x), 1.0 - scale * (x * x + y * y)
+    return out
+
+
+@compiled
+def _square(values: Floats) -> float:
+    total = 0.0
+    for value in values:
+        total += value * value
+    return total
+
+
+@compiled
+def _products(slope: Floats, residuals: Floats, normal: Floats, right: Floats) -> None:
+    normal[:], right[:] = 0.0, 0.0
+    for k in range(len(residuals)):
+        for i in range(6):
+            right[i] += slope[k, i] * residuals[k]
+            for j in range(i + 1):
+                normal[i, j] += slope[k, i] * slope[k, j]
+    for i in range(6):
+        for j in range(i):
+            normal[j, i] = normal[i, j]
+
+
+@compiled
+def _moved(pose: Floats, step: Floats, out: Floats) -> None:
+    """position + step[:3], and R(step[3:]) R."""
+    for k in range(3):
+        out[k] = pose[k] + step[k]
+    x, y, z = step[3], step[4], step[5]
+    angle = np.sqrt(x * x + y * y + z * z)
+    c, s = np.cos(0.5 * angle), (0.5 if angle < 1e-9 else np.sin(0.5 * angle) / angle)
+    x, y, z = s * x, s * y, s * z
+    w0, x0, y0, z0 = pose[3], pose[4], pose[5], pose[6]
+    out[3] = c * w0 - x * x0 - y * y0 - z * z0
+    out[4] = c * x0 + x * w0 + y * z0 - z * y0
+    out[5] = c * y0 + y * w0 + z * x0 - x * z0
+    out[6] = c * z0 + z * w0 + x * y0 - y * x0
+    length = np.sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2 + out[6] ** 2)
+    for k in range(3, 7):
+        out[k] /= length
+
+
+@compiled
+def pose_distance(pose: Floats, other: Floats, normal: Floats) -> float:
+    """The square of how far a packed pose is from another, in standard deviations by a normal matrix (6, 6)."""
+    step = np.empty(6)
+    step[:3] = pose[:3] - other[:3]
+    w1, x1, y1, z1 = pose[3], pose[4], pose[5], pose[6]
+    w2, x2, y2, z2 = other[3], -other[4], -other[5], -other[6]
+    w, x = w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2, w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2
+    y, z = w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2, w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2
+    half = np.sqrt(x * x + y * y + z * z)
+    scale = 2.0 if half < 1e-12 else 2.0 * np.arctan2(half, abs(w)) / half
+    sign = -scale if w < 0.0 else scale
+    step[3], step[4], step[5] = sign * x, sign * y, sign * z
+    square = 0.0
+    for i in range(6):
+        for j in range(6):
+            square += step[i] * normal[i, j] * step[j]
+    return square
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Fits of a pose, and the two models that are fitted: the plain pinhole, which starts, and the dots' pixels.
+
+
+class NoPose(CpcalError):
+    """The dots determine no pose, or more than one. Its text is the reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class PinholeEquations:
+    """The pinhole model of points: matrix (9, 9); its residuals are minus it times (r_1, r_2, t)."""
+
+    matrix: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """The dot model: dots (n, 2) mm that are seen at (n, 2) pixels, with lower triangular factors (n, 2, 2) whose
+    squares are the covariances. Its residuals are standard deviations."""
+
+    dots: Floats
+    seen: Floats
+    factors: Floats
+    radius: float
+    camera: Camera
+
+    def residuals(self, pose: Pose) -> Floats:
+        """(n, 2) at a pose."""
+        centers = centers_of(self.dots, self.radius, self.camera, pose)
+        return self.whitened((self.seen - centers)[..., None])[..., 0]
+
+    def whitened(self, pixels: Floats) -> Floats:
+        """The factors' inverses times (n, 2, k)."""
+        out = np.empty_like(pixels)
+        out[:, 0] = pixels[:, 0] / self.factors[:, 0, 0, None]
+        out[:, 1] = (pixels[:, 1] - self.factors[:, 1, 0, None] * out[:, 0]) / self.factors[:, 1, 1, None]
+        return out
+
+    def only(self, used: Bools) -> Pixels:
+        """Of some (n,) of the dots."""
+        return Pixels(self.dots[used], self.seen[used], self.factors[used], self.radius, self.camera)
+
+
+Model = PinholeEquations | Pixels
+
+
+@dataclass(frozen=True, eq=False)
+class PoseFit:
+    pose: Pose
+    chi_square: float
+    normal: Floats  # (6, 6), the inverse of the covariance
+    residuals: Floats  # in standard deviations
+
+
+def fit(model: Model, pose: Pose) -> PoseFit:
+    """Levenberg-Marquardt from a pose; ends when a step is a small part of the standard deviations."""
+    packed, normal = _packed(pose), np.eye(6)
+    if isinstance(model, PinholeEquations):
+        residuals = np.empty(9)
+        none, camera, flat = np.empty((0, 2)), np.empty(13), np.empty((0, 2, 2))
+        ended, square = fit_pose(model.matrix, none, none, flat, 0.0, camera, packed, residuals, normal)
+    else:
+        residuals = np.empty(2 * len(model.dots))
+        seen = model.dots, model.seen, model.factors, model.radius, model.camera.packed
+        ended, square = fit_pose(np.empty((0, 9)), *seen, packed, residuals, normal)
+    if ended == SINGULAR:
+        raise NoPose("the dots do not determine the pose")
+    if ended == ENDLESS:
+        raise NoPose(f"the fit has not ended after {STEPS} steps")
+    return PoseFit(Pose(packed[:3], packed[3:]), float(square), normal, residuals)
+
+
+def _packed(pose: Pose) -> Floats:
+    """(7,) as compiled code takes it."""
+    return np.concatenate([pose.position, pose.quaternion])
+
+
+def same_pose(pose: Pose, other: PoseFit) -> bool:
+    """Whether a pose is the fit's to within a standard deviation."""
+    return bool(pose_distance(_packed(pose), _packed(other.pose), other.normal) < 1.0)
+
+
+def plain_model(dots: Floats, rays: Floats, sharpness: float) -> tuple[PinholeEquations, Pose]:
+    """The pinhole model of points, and the pose whose plane has the homography of the dots' directions.
+
+    A dot (x, y) seen in the direction (u, v, 1) says X - u Z = 0 and Y - v Z = 0, linear in the nine numbers
+    h = (r_1, r_2, t). The triangular factor (9, 9) of all these equations says as much as they do, so that a step of a
+    fit costs next to nothing. Divided by the mean depth the equations are errors of directions, to within the dots'
+    relative depths; `sharpness` is one by the standard deviation of a direction.
+    """
+    size = float(np.sqrt((dots * dots).mean()))
+    rows = np.zeros((len(dots), 2, 9))
+    for k, factor in enumerate((dots[:, 0] / size, dots[:, 1] / size, np.ones(len(dots)))):
+        rows[:, 0, 3 * k] = rows[:, 1, 3 * k + 1] = factor
+        rows[:, :, 3 * k + 2] = -rays * factor[:, None]
+    triangle = np.linalg.qr(rows.reshape(-1, 9), mode="r")
+    h = np.linalg.svd(triangle)[2][-1].reshape(3, 3) / [[size], [size], [1.0]]
+    h = h * (np.sign(h[2, 2]) * 2.0 / np.linalg.norm(h[:2], axis=1).sum())
+    (a, b, c), (d, e, f) = h[0].tolist(), h[1].tolist()
+    left, _, right = np.linalg.svd(np.array([[a, d, b * f - c * e], [b, e, c * d - a * f], [c, f, a * e - b * d]]))
+    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    start = Pose(h[2], quaternion_from_matrix(turn))
+    return PinholeEquations(triangle * (np.repeat([size, size, 1.0], 3) * sharpness / h[2, 2])), start
+
+
+def turned_over(pose: Pose, dots: Floats) -> Pose:
+    """The plane's other pose: depths along the line of sight to the dots' middle change their sign."""
+    x, y = dots.mean(axis=0)
+    rotation = pose.rotation
+    center = pose.position + rotation @ [x, y, 0.0]
+    turn = (rotation - center[:, None] * (2.0 / (center @ center) * (center @ rotation))) * [1.0, 1.0, -1.0]
+    return Pose(center - turn @ [x, y, 0.0], quaternion_from_matrix(turn))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What errors that all images share do to a pose: those of the camera, of the plate's scale, of the places of its dots.
+#
+# By A, the derivatives of the whitened centres by the pose, and B, those by the errors, each of deviation 1, errors e
+# move the pose by -(A' A)^-1 A' B e and leave the residuals M e, M = B - A (A' A)^-1 A' B. For e of unit covariance the
+# chi-square of residuals r is r' (I + M M')^-1 r.
+
+
+def shared_part(
+    found: PoseFit,
+    dots: Floats,
+    target: Target,
+    camera: Camera,
+    covariance: Floats | None,
+    whitened: Callable[[Floats], Floats],
+) -> tuple[Floats, float]:
+    """The part (6, 6) of the pose's covariance that shared errors make, and the chi-square of its residuals under them.
+
+    dots        (m, 2) mm, those that the fit rests on
+    covariance  (9, 9) of the camera's numbers, or None where the camera is exact
+    whitened    pixels (m, 2, k) in standard deviations of the dots
+    """
+    if covariance is None and not target.scale_sigma and not target.dot_sigma:
+        return np.zeros((6, 6)), found.chi_square
+    prediction = predict(
+        dots, target.radius, camera, found.pose, by_camera=covariance is not None, by_dots=target.dot_sigma > 0.0
+    )
+    by_pose = whitened(prediction.by_pose).reshape(-1, 6)
+    sources = _sources(prediction, found.pose, dots, target, covariance)
+    by_errors = np.concatenate([whitened(source).reshape(len(by_pose), -1) for source in sources], axis=1)
+    moved = np.linalg.solve(by_pose.T @ by_pose, by_pose.T @ by_errors)
+    left = by_errors - by_pose @ moved
+    against = found.residuals @ left
+    explained = against @ np.linalg.solve(np.eye(len(against)) + left.T @ left, against)
+    return np.asarray(moved @ moved.T), float(found.chi_square - explained)
+
+
+def _sources(
+    prediction: Prediction, pose: Pose, dots: Floats, target: Target, covariance: Floats | None
+) -> Iterator[Floats]:
+    """Derivatives (m, 2, k) of the centres by k errors of deviation 1."""
+    if prediction.by_camera is not None and covariance is not None:
+        values, vectors = np.linalg.eigh(covariance)
+        yield prediction.by_camera @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    if target.scale_sigma:
+        outward = dots @ pose.rotation[:, :2].T  # mm, where a larger plate has its dots
+        yield target.scale_sigma * prediction.by_pose[..., :3] @ outward[..., None]
+    if prediction.by_dots is not None:
+        count = len(dots)
+        each = np.zeros((count, 2, count, 2))
+        each[np.arange(count), :, np.arange(count)] = target.dot_sigma * prediction.by_dots
+        yield each.reshape(count, 2, 2 * count)
+
 
 FEWEST = 6  # dots
 AMBIGUOUS = 30.0  # a second pose whose chi-square is no more than this above the first's is as credible (exp(15) to 1)

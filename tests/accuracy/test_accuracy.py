@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import cpcal
 from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
@@ -14,7 +17,7 @@ from cpcal.accuracy.findings import load_accuracy, save_accuracy
 from cpcal.accuracy.model_error import growth
 from cpcal.common.errors import InputError
 from cpcal.report.accuracy_page import write_accuracy
-from cpcal.report.accuracy_words import assumption, sentences
+from cpcal.report.accuracy_words import assumption, degrees_up, sentences
 from cpcal.robot import central_pose, forward_kinematics
 from tests.accuracy.conftest import ERROR
 
@@ -46,6 +49,12 @@ def test_the_truth_is_inside_and_what_is_assumed_is_said_first(found):
     proved = [s for s in sentences(found) if s.startswith("PROVED")]
     printed = float(re.search(r"within ([\d.]+) mm", proved[0])[1])
     assert printed >= max(pose.position_bound for pose in found.poses)
+
+
+@given(st.floats(1e-9, 3.2))
+def test_printed_degrees_are_never_less_than_the_angle(angle):
+    pi = Fraction(3141592653589793, 10**15)  # a little less, so that this asks for a little more than the angle
+    assert Fraction(degrees_up(angle)) * pi >= 180 * Fraction(angle)
 
 
 def test_it_is_written_and_read_again_and_the_page_says_what_is_assumed_before_what_is_proved(found, tmp_path):

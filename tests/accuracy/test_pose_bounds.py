@@ -7,18 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cpcal.accuracy import pose_bounds as bounds
 from cpcal.accuracy.certified_set import SIZE, certified_set
 from cpcal.accuracy.estimates import distances, true_poses
 from cpcal.accuracy.pose_bounds import cell_bounds, pose_bounds
 from cpcal.accuracy.pose_cells import Cells
+from cpcal.accuracy.vectors import ENGINE, point
 from cpcal.robot import (
     Pose,
     central_pose,
     forward_kinematics,
+    leg_vectors,
     normalised,
     quaternion_conjugate,
     quaternion_product,
-    small_rotation,
 )
 from cpcal.solver.interval import IntervalArray
 
@@ -82,10 +84,13 @@ def test_a_drawing_far_from_the_truth_is_bounded_as_well(known):
     assert (found.position < 2.0 * position + 0.5).all()
 
 
-@pytest.mark.parametrize(("reach", "turn"), [(3.0, 0.0), (3.0, 0.01), (12.0, 0.0)])
-def test_the_bound_of_a_cell_holds_for_every_pose_in_it(known, reach, turn):
+@pytest.mark.parametrize(
+    ("reach", "turn", "around"),
+    [(3.0, 0.0, (0, 0, 0)), (3.0, 0.01, (0, 0, 0)), (12.0, 0.0, (0, 0, 0)), (3.0, 0.01, (0.1, -0.15, 0.2))],
+)
+def test_the_bound_of_a_cell_holds_for_every_pose_in_it(known, reach, turn, around):
     rng = np.random.default_rng(5)
-    middle = np.concatenate([central_pose(known.controller, np.full(6, 70.0)).position, np.zeros(3)])
+    middle = np.concatenate([central_pose(known.controller, np.full(6, 70.0)).position, np.array(around)])
     size = np.array([reach] * 3 + [turn] * 3)
     cells = Cells.of_boxes(IntervalArray((middle - size)[None], (middle + size)[None]))
     over, center = cell_bounds(cells, known.sets)
@@ -93,7 +98,7 @@ def test_the_bound_of_a_cell_holds_for_every_pose_in_it(known, reach, turn):
     assert (center.position <= over.position).all()
     drawn = middle + size * rng.uniform(-1.0, 1.0, (20, 6))
     drawn[:4, :3] = middle[:3] + reach * np.array([[1, 1, 1], [1, -1, 1], [-1, 1, -1], [-1, -1, -1]])
-    poses = Pose(drawn[:, :3], normalised(small_rotation(2.0 * drawn[:, 3:])))
+    poses = Pose(drawn[:, :3], normalised(np.column_stack([np.ones(20), drawn[:, 3:]])))
     position, angle = distances(true_poses(known.campaign, known.controller, poses), poses)
     assert (position <= over.position).all()
     assert (angle <= over.rotation).all()
@@ -108,3 +113,61 @@ def test_nothing_is_proved_where_the_platform_is_singular(known):
     determinants = pose_bounds(Pose(np.tile(height, (3, 1)), quarter), known.sets)
     assert not determinants.proved[1]
     assert np.isinf(determinants.position[~determinants.proved]).all()
+
+
+def test_the_turns_of_a_cell_are_those_between_its_poses_and_its_centre():
+    rng = np.random.default_rng(6)
+    middle, size = rng.uniform(-0.5, 0.5, (30, 6)), rng.uniform(0.0, 0.2, (30, 6))
+    cells = Cells.of_boxes(IntervalArray(middle - size, middle + size))
+    for corner in np.where(rng.uniform(size=(20, 30, 6)) < 0.5, -1.0, 1.0):
+        pose = normalised(np.column_stack([np.ones(30), (middle + size * corner)[:, 3:]]))
+        turn = quaternion_product(pose, quaternion_conjugate(cells.center.quaternion))
+        s = turn[:, 1:] / turn[:, :1]
+        assert ((cells.reach.lo[:, 3:] <= s + 1e-12) & (s - 1e-12 <= cells.reach.hi[:, 3:])).all()
+
+
+class Linear:
+    """Equations p = step + M p, whose M is anywhere in [-r, r] on the diagonal."""
+
+    def __init__(self, r):
+        self.r = r
+
+    def spread(self, box):
+        return ENGINE.mul(IntervalArray(-self.r, self.r), box)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("r", [0.1, 0.5, 0.9, 0.99, 1.01, 2.0])
+def test_what_is_proved_holds_the_zero_on_whichever_side_the_step_goes(side, r):
+    step = point(np.full((1, 6), 3.0 * side))
+    region, image, proved = bounds._proved(Linear(np.full((1, 6), r)), step, np.array([True]))
+    assert proved[0] or r > 0.4
+    assert not (proved[0] and r >= 1.0)
+    if proved[0]:
+        zero = step.lo / (1.0 - r)  # of M = r, the farthest
+        assert ((image.lo <= zero) & (zero <= image.hi)).all()
+        assert ((region.lo < image.lo) & (image.hi < region.hi)).all()
+
+
+def test_a_model_error_moves_the_platform_by_its_square_as_well(known):
+    # (L + l + e)^2 - (L + l)^2 = e (2 (L + l) + e), for sets without a width and errors up to a tenth of the legs
+    poses = unseen(known, 5, 7)
+    length = np.linalg.norm(leg_vectors(known.controller, poses), axis=-1)
+
+    def share(eps):
+        nothing = point(np.zeros(SIZE))
+        sets = [
+            replace(one, eps=eps, box=nothing, along=nothing[:7], support=Nothing(), controller=row)
+            for one, row in zip(known.sets, known.controller.parameters, strict=True)
+        ]
+        return pose_bounds(poses, sets).share
+
+    eps = 40.0
+    assert (share(eps) / share(1e-3) >= (eps + eps**2 / (2.0 * length)) / (1e-3 + 5e-7 / length) * (1 - 1e-6)).all()
+
+
+class Nothing:
+    """Of a set that holds only the controller's parameters."""
+
+    def ranges(self, directions):
+        return point(np.zeros(len(directions)))

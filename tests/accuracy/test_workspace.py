@@ -28,6 +28,25 @@ def test_the_cells_cover_the_workspace_and_bound_what_its_poses_attain(known):
     assert (alone.position <= found.worst).all()
 
 
+def test_the_halves_of_a_cell_leave_no_gap(known):
+    x, y, z = central_pose(known.controller, np.full(6, 70.0)).position
+    space = Workspace((x - 40, y - 40, z, -0.1, 0, 0), (x + 40, y + 40, z, 0.1, 0, 0))
+    found = cover(space, known.sets, gap=0.0, most=30)
+    assert len(found.boxes.lo) > 9  # divided beyond the first grid
+    wide = (space.box.hi > space.box.lo).nonzero()[0]
+    lo, hi = found.boxes.lo[:, wide], found.boxes.hi[:, wide]
+    volume = np.prod(hi - lo, axis=1).sum()
+    assert volume == pytest.approx(np.prod((space.box.hi - space.box.lo)[wide]), rel=1e-9)
+    rng = np.random.default_rng(2)
+    ends = np.concatenate([lo, hi])
+    drawn = np.where(
+        rng.uniform(size=(500, len(wide))) < 0.5,
+        rng.uniform(space.box.lo[wide], space.box.hi[wide], (500, len(wide))),
+        rng.permuted(ends, axis=0)[rng.integers(0, len(ends), 500)],
+    )
+    assert ((lo[None] <= drawn[:, None]) & (drawn[:, None] <= hi[None])).all(axis=2).any(axis=1).all()
+
+
 def test_cells_near_a_singularity_are_left_out_and_the_rest_is_proved(known):
     x, y, z = central_pose(known.controller, np.full(6, 70.0)).position
     space = Workspace((x, y, z, 0, 0, 1.9), (x, y, z, 0, 0, 2.1))  # a quarter turn is 2 S = 2

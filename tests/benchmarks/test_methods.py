@@ -79,7 +79,7 @@ def test_a_sweep_is_timed_for_one_time() -> None:
     batch = boxes(leg(), 1.0, 50)
     assert (batch.lo[:, :7] >= leg().box.lo - 1e-9).all()
     assert (batch.hi[:, :7] <= leg().box.hi + 1e-9).all()
-    with pytest.raises(Unsupported):
+    with pytest.raises(Unsupported, match="only hc4 contracts batches"):
         ask("lifted", "sweep-10", 1.1 * BEST)
 
 

@@ -23,23 +23,13 @@ def test_most_of_the_difference_between_the_papers_fits_is_the_frame():
     assert np.abs(aligned(other, one, np.zeros((18, 18))).residual).max() == pytest.approx(6.34, abs=0.01)
 
 
-def test_the_minimal_frames_fix_twelve_parameters():
-    own = in_own_frame(DELTALAB.parameters, "minimal")
-    for part in (own[:, :3], own[:, 3:6]):
-        fixed = [*part[0], *part[1, 1:], part[2, 2]]
-        assert np.abs(fixed).max() < 1e-12
-    variance = np.diagonal(own_frame_covariance(DELTALAB.parameters, np.eye(42), "minimal")).reshape(6, 7)
-    assert np.sum(variance < 1e-6) == 12
-
-
 def test_own_frames_do_not_depend_on_where_the_centres_were_measured():
     rng = np.random.default_rng(0)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     moved = DELTALAB.parameters.copy()
     moved[:, :3] = moved[:, :3] @ turn.T + rng.normal(size=3)
-    for convention in ("centroid", "minimal"):
-        assert np.allclose(in_own_frame(moved, convention), in_own_frame(DELTALAB.parameters, convention), atol=1e-9)
+    assert np.allclose(in_own_frame(moved), in_own_frame(DELTALAB.parameters), atol=1e-9)
 
 
 def test_the_covariance_in_an_own_frame_is_that_of_draws():
@@ -74,5 +64,3 @@ def test_no_frame_of_centres_on_a_line():
         aligned(line, line, np.zeros((18, 18)))
     with pytest.raises(InputError, match="line"):
         in_own_frame(np.concatenate([line, line, line[:, :1]], axis=1))
-    with pytest.raises(InputError, match="convention"):
-        in_own_frame(DELTALAB.parameters, "paper")

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cpcal.calibration import calibrate_study
-from cpcal.calibration.corrections import Poses, corrected, sag_shape
-from cpcal.calibration.diagnosis import Asked
+from cpcal.calibration.diagnosis import Asked, Poses, corrected, sag_shape
 from cpcal.simulate import simulate_study
 from cpcal.simulate.disturbances import with_drift
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cpcal.calibration import LegEquations, Noise, fit, least_squares
-from cpcal.calibration.losses import _DERIVATIVES, LOSSES, pseudo_residuals
+from cpcal.calibration.leg_equations import _DERIVATIVES, LOSSES, pseudo_residuals
 from cpcal.legs import residuals
 from cpcal.robot import DELTALAB, Campaign, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.simulate import simulate, true_robot
@@ -199,6 +199,15 @@ def test_model_error_is_told_from_noise_in_the_sentence():
     assert (found.noise_ratio > 3).all()
     assert fit(campaign).noise_ratio is None
     assert "not known" in fit(campaign).sentence
+
+
+def test_the_noise_ratio_of_nine_measurements_is_about_one():
+    # of 24 legs with two degrees of freedom each, so that a divisor N, not N - 7, would give 2 / 9
+    squares = []
+    for seed in range(4):
+        campaign = simulate(seed=seed, extremal=False, random_poses=9)
+        squares.append(fit(campaign, noise=Noise.of(campaign)).noise_ratio ** 2)
+    assert 0.55 < np.mean(squares) < 1.6
 
 
 def test_too_few_poses_are_said_and_leave_parameters_undetermined():

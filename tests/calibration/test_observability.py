@@ -1,6 +1,4 @@
-"""Observability indices against their definitions; the choice of poses against brute force and chance."""
-
-import itertools
+"""Observability indices against their definitions."""
 
 import numpy as np
 import pytest
@@ -8,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from cpcal.calibration import column_scale, observability, robot_jacobian, select_poses
+from cpcal.calibration import column_scale, observability, robot_jacobian
 from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, Pose
 from cpcal.simulate import simulate
@@ -74,45 +72,7 @@ def test_extremal_poses_observe_better_than_random_ones():
         assert goodness(extremal, index) > 1.9 * goodness(random, index)
 
 
-@pytest.mark.parametrize("index", INDICES)
-def test_chosen_poses_are_better_than_the_best_of_chance(index):
-    found = select_poses(J, 20, index=index)
-    rng = np.random.default_rng(0)
-    chance = [goodness(observability(J[:, rng.permutation(128)[:20]]), index) for _ in range(200)]
-    assert goodness(found.observability, index) > 1.15 * max(chance)
-    assert len(set(found.chosen)) == 20
-    assert_allclose(found.observability.singular_values, observability(J[:, found.chosen]).singular_values)
-
-
-@pytest.mark.parametrize("index", INDICES)
-@pytest.mark.parametrize("seed", range(3))
-def test_chosen_poses_are_near_the_best_of_all(index, seed):
-    """All 1287 choices of 8 poses out of 13: at most 1 % of them are better, and those by little."""
-    few = J[0, np.random.default_rng(seed).permutation(128)[:13]]
-    every = [goodness(observability(few[list(s)]), index) for s in itertools.combinations(range(13), 8)]
-    found = goodness(select_poses(few, 8, index=index).observability, index)
-    assert np.mean(np.array(every) > found * (1 + 1e-9)) <= 0.01
-    assert found >= 0.85 * max(every)
-
-
-def test_poses_are_ranked_by_what_their_loss_costs():
-    found = select_poses(J, 12, index="smallest")
-    left = [observability(J[:, [k for k in found.chosen if k != lost]]).smallest for lost in found.chosen]
-    assert_allclose(left, np.sort(left), rtol=1e-6)
-
-
-def test_all_candidates_can_be_chosen():
-    assert sorted(select_poses(J[0, :9], 9).chosen) == list(range(9))
-
-
 def test_bad_input_is_refused():
-    with pytest.raises(InputError, match="from 7, the parameters of a leg, to 128"):
-        select_poses(J, 6)
-    with pytest.raises(InputError, match=r"none called 'trace'"):
-        select_poses(J, 20, index="trace")
-    upright = robot_jacobian(DELTALAB, Pose(np.random.default_rng(1).normal(size=(20, 3)), np.eye(4)[[0] * 20]))
-    with pytest.raises(InputError, match="other orientations"):
-        select_poses(upright, 10)
     with pytest.raises(InputError, match="not finite"):
         observability(np.array([[np.nan, 1.0]]))
     with pytest.raises(InputError, match="does not fit"):

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from cpcal.calibration import calibrate_study, redefined
-from cpcal.calibration.pose_performance import pose_performance
-from cpcal.calibration.study_calibration import forward
-from cpcal.calibration.study_rows import study_rows
+from cpcal.calibration.study_calibration import forward, study_rows
+from cpcal.calibration.validation import pose_performance
 from cpcal.robot import Pose, inverse
 from cpcal.simulate import simulate_study
 

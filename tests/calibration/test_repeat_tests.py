@@ -1,4 +1,4 @@
-"""Drift, play and modes between repeats are found; good studies are left alone."""
+"""Drift and play between repeats are found; good studies are left alone."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def simulated(seed, **options):
 @pytest.mark.parametrize("scatter", [0.0, 0.1])
 def test_good_studies_are_left_alone(seed, scatter):
     tests, channels = examined(with_robot_scatter(simulated(seed), scatter, seed=seed))
-    assert not any(tests.found(kind) for kind in ("runs", "variances", "modes"))
+    assert not any(tests.found(kind) for kind in ("runs", "variances"))
     assert all(one.tests == tests.count for one in channels)
     if not scatter:
         assert not any("NOT NORMAL" in one.sentence() for one in channels)
@@ -39,19 +39,13 @@ def test_drift_of_a_sensor_is_seen_in_the_runs():
 
 
 def test_play_that_some_loads_take_up_shows_in_leg_space():
-    tests, channels = examined(simulated(1, backlash=0.4))
+    tests, _ = examined(simulated(1, backlash=0.4))
     assert len(tests.found("variances")) == 6
-    assert len(tests.found("modes")) >= 3
-    assert all("MORE" not in one.sentence() for one in channels)  # the channels themselves show nothing
-
-
-def test_play_that_the_approach_takes_up_has_two_modes():
-    tests, _ = examined(simulated(1, backlash=0.2, friction=100.0))
-    assert len(tests.found("modes")) == 6
+    assert not tests.found("runs")
 
 
 def test_the_correction_makes_words_rarer():
     _, channels = examined(simulated(0))
     one = channels[0]
-    assert one.tests > 50
+    assert one.tests > 30
     assert min(one.dagostino, one.shapiro) > 0.01 / one.tests

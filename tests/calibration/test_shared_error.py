@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cpcal.calibration import calibrate_study, load_record, recorded, save_record
-from cpcal.calibration.shared_error import SharedError
+from cpcal.calibration.alignment import SharedError
 from cpcal.common.errors import InputError
 from cpcal.files import load_study, save_study
 from cpcal.report.study_tables import poses

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cpcal.calibration import StudyCalibration, calibrate_study
-from cpcal.calibration.study_rows import study_rows
+from cpcal.calibration.study_calibration import study_rows
 from cpcal.robot import PoseTable, Robot, Study, inverse, transformed
 from cpcal.simulate import simulate_study
 from cpcal.simulate.disturbances import with_outliers
@@ -52,7 +52,6 @@ def test_statistics_are_those_of_the_simulated_sensors(found: StudyCalibration) 
     assert sigma["L1"] == pytest.approx(0.0077, rel=0.25)  # table 2
     assert sigma["L6"] == pytest.approx(0.0190, rel=0.25)
     assert sigma["x"] == pytest.approx(0.0633 / np.sqrt(10), rel=0.25)  # table 3; a row is the mean of ten images
-    assert all(channel.dip > 1e-4 for channel in found.statistics)
 
 
 def test_the_campaign_is_one_row_a_configuration(study: Study, found: StudyCalibration) -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cpcal.calibration import LegEquations, Noise, fit
-from cpcal.calibration.weights import whitening
+from cpcal.calibration.leg_equations import whitening
 from cpcal.common.errors import InputError
 from cpcal.robot import (
     DELTALAB,

@@ -150,9 +150,14 @@ def test_results_and_comparisons_come_back_from_their_files(found, exact, tmp_pa
     assert "--model gain" in page
     assert "a gain error s" in page
     data = json.loads((tmp_path / "compare.json").read_text(encoding="utf-8"))
-    for text in ("[]", "{", json.dumps(data | {"format": "x"}), json.dumps(data | {"entries": [{}]})):
+    for text, reason in (
+        ("[]", "it is no object"),
+        ("{", "is not JSON"),
+        (json.dumps(data | {"format": "x"}), "is not of format"),
+        (json.dumps(data | {"entries": [{}]}), r"entries\[0\] lacks"),
+    ):
         (tmp_path / "compare.json").write_text(text, encoding="utf-8")
-        with pytest.raises(cpcal.InputError):
+        with pytest.raises(cpcal.InputError, match=reason):
             cpcal.load_comparison(tmp_path)
 
 

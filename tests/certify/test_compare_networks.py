@@ -42,7 +42,7 @@ def test_networks_are_compared_and_proved_in_the_same_way(tmp_path):
     with pytest.raises(cpcal.InputError) as refused:
         cpcal.compare_networks({"../x": {"a/b": line_network(1)}}, tolerance=float("nan"))
     assert len(refused.value.problems) == 3
-    with pytest.raises(cpcal.InputError):
+    with pytest.raises(cpcal.InputError, match="none to compare"):
         cpcal.compare_networks({})
 
 

@@ -108,10 +108,15 @@ def test_points_of_models(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("leg", "point", "eps"), [(7, np.zeros(7), 0.0), (1, np.zeros(6), 0.0), (1, np.zeros(7), -1.0)]
+    ("leg", "point", "eps", "reason"),
+    [
+        (7, np.zeros(7), 0.0, "there is no leg 7"),
+        (1, np.zeros(6), 0.0, "is 7 finite numbers"),
+        (1, np.zeros(7), -1.0, "-1.0 is no tolerance"),
+    ],
 )
-def test_bad_questions(leg: int, point: np.ndarray, eps: float) -> None:
-    with pytest.raises(cpcal.InputError):
+def test_bad_questions(leg: int, point: np.ndarray, eps: float, reason: str) -> None:
+    with pytest.raises(cpcal.InputError, match=reason):
         cpcal.certify_point(cpcal.simulate(seed=1, **SMALL), leg, point, eps=eps)
 
 

@@ -13,7 +13,7 @@ import pytest
 
 import cpcal
 from cpcal.checker import Accepted, check
-from cpcal.files.campaign_json import NAME, save_campaign_json
+from cpcal.files.folders import NAME, save_campaign_json
 from cpcal.legs import leg_box, leg_model, leg_network, leg_statement
 from cpcal.solver.certificate.exact_network import network_statement
 from cpcal.solver.interval import Box, get_arithmetic

@@ -5,7 +5,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.calibration import calibrate_study, load_record
-from cpcal.calibration.repeat_tests import KINDS
+from cpcal.calibration.repeatability import KINDS
 from cpcal.cli import app
 from cpcal.files import campaign_sha256, save_study
 from cpcal.simulate import simulate_study

@@ -28,8 +28,7 @@ from cpcal.report.images import IMAGES_NAME, load_images, save_images
 from cpcal.simulate import simulate_study
 from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA
-from cpcal.vision.files.camera_file import load_camera
-from cpcal.vision.files.target_file import load_target
+from cpcal.vision.files.plate_and_camera import load_camera, load_target
 from cpcal.vision.target import DELTALAB_TARGET
 from tests.changed import of_poses
 

@@ -13,12 +13,13 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.vision_scenes import facing_poses, one
+from cpcal.checker.pose_claim import check_pose_sets
 from cpcal.cli import app
 from cpcal.cli.pose_sets import _stated
+from cpcal.cli.verify_pose_sets import _table_problem
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.files.camera_file import CameraRecord, save_camera
-from cpcal.vision.files.target_file import save_target
+from cpcal.vision.files.plate_and_camera import CameraRecord, save_camera, save_target
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import render
 from cpcal.vision.target import DELTALAB_TARGET
@@ -69,6 +70,21 @@ def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose]) -> None
     assert "first: all poses that show all" in said
     assert assumed in said
     assert said.count("the file that the pose sets name") == 2
+    table = folder / "sets" / "sets.csv"
+    genuine, checked = table.read_text(), check_pose_sets(folder / "sets")
+    assert _table_problem(table, checked) == ""
+    for old, new, why in (
+        (first["x"], repr(float(first["x"]) + 1e-9), "its numbers are not those of a claim that is proved"),
+        (first["dx"], "", "its numbers are not those of a claim that is proved"),
+        (",proved,", ",refuted,", "its verdict is refuted, and no claim that is proved says so"),
+        (",unknown,", ",refuted,", "its verdict is refuted, and no claim that is proved says so"),
+        ("first.png", "second.png", "its numbers are not those of a claim that is proved"),
+        (genuine.splitlines(keepends=True)[2], "", "it leaves out first"),
+        ("file,", "files,", "is no table of pose sets"),
+    ):
+        table.write_text(genuine.replace(old, new, 1))
+        assert why in _table_problem(table, checked), (old, new)
+    table.write_text(genuine)
     other = folder / "other"
     other.mkdir()
     (other / "camera.toml").write_text("another")
@@ -79,9 +95,11 @@ def test_from_images_to_checked_boxes_of_poses(place: tuple[Path, Pose]) -> None
     claim = json.loads(path.read_text())
     claim["inputs"]["pixels"]["lo"][0][0] = claim["inputs"]["pixels"]["hi"][0][0]
     path.write_text(json.dumps(claim))
+    table.write_text(genuine.replace(first["x"], "0.0"))
     status, said = run("verify", folder / "sets")
     assert status == 1
-    assert "REFUSED" in said
+    assert "first: REFUSED" in said
+    assert "sets.csv: REFUSED, first.png: its numbers are not those of a claim that is proved" in said
 
 
 def test_perfection_is_asked_for_by_name(place: tuple[Path, Pose]) -> None:

@@ -35,7 +35,7 @@ def test_a_file_is_replaced_at_the_end(tmp_path):
 def test_a_failure_leaves_what_was_there(tmp_path):
     path = tmp_path / "file"
     path.write_bytes(b"old")
-    with pytest.raises(ZeroDivisionError), replacing(path) as stream:
+    with pytest.raises(ZeroDivisionError, match="division"), replacing(path) as stream:
         stream.write(b"%d" % (1 // 0))
     assert path.read_bytes() == b"old"
     assert names(tmp_path) == ["file"]

@@ -31,7 +31,7 @@ def test_wherever_it_is_cut_off_it_is_refused(path):
     whole = path.read_bytes()
     for size in [*range(0, len(whole), 37), len(whole) - 1]:
         path.write_bytes(whole[:size])
-        with pytest.raises(InputError):
+        with pytest.raises(InputError, match="is cut off"):
             read_checkpoint(path, OF)
 
 
@@ -41,7 +41,7 @@ def test_a_line_less_or_changed_is_refused(path):
     for changed in (lines[:5] + lines[6:], [*lines[:7], lines[7].replace(b"1", b"2"), *lines[8:]], lines[:-2] + [b""]):
         assert changed != lines
         path.write_bytes(gzip.compress(b"\n".join(changed)))
-        with pytest.raises(InputError):
+        with pytest.raises(InputError, match="is cut off or garbled"):
             read_checkpoint(path, OF)
 
 
@@ -50,7 +50,7 @@ def test_garbled_bytes_are_refused(path):
     for _ in range(50):
         at = random_numbers.randrange(10, len(whole))  # of gzip's header some bytes mean nothing
         path.write_bytes(bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :]))
-        with pytest.raises(InputError):
+        with pytest.raises(InputError, match="is cut off"):
             read_checkpoint(path, OF)
 
 

@@ -14,7 +14,7 @@ from cpcal.certify.question import Question
 from cpcal.checker import check
 from cpcal.execution.memory import resident_bytes
 from cpcal.execution.stopping import Reason, Stopped, also_asked_by, asked, heard, raising, within_memory
-from cpcal.files.campaign_json import save_campaign_json
+from cpcal.files.folders import save_campaign_json
 
 
 @pytest.fixture(autouse=True)

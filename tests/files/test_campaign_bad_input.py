@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.files import load_campaign
-from cpcal.files.table import ROWS_MAX
+from cpcal.files.tables import ROWS_MAX
 from tests.files.two_legs import CSV, TOML, UNCERTAINTY, load, refused
 
 HOPELESS = 60.0  # seconds: no measure of speed, but what only a time that grows with the square of the input exceeds
@@ -309,7 +309,7 @@ def test_the_command_says_that_a_file_may_be_cut(tmp_path):
 
 def test_a_table_above_the_largest_number_of_rows_is_refused(tmp_path, monkeypatch):
     assert ROWS_MAX == 1_000_000
-    monkeypatch.setattr("cpcal.files.table.ROWS_MAX", 2)
+    monkeypatch.setattr("cpcal.files.tables.ROWS_MAX", 2)
     ((_, line, what, _),) = refused(tmp_path)
     assert (line, what) == (4, "holds more than 2 measurements: the rest of the file was not read")
 

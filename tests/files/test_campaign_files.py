@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from cpcal.common.errors import InputError
 from cpcal.files import load_campaign, save_campaign
-from cpcal.files.campaign_json import campaign_json, campaign_sha256, load_campaign_json, save_campaign_json
+from cpcal.files.folders import campaign_json, campaign_sha256, load_campaign_json, save_campaign_json
 from cpcal.robot import DELTALAB, Campaign, Robot, Uncertainty
 from cpcal.simulate import simulate
 

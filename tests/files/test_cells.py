@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cpcal.files import load_campaign, save_campaign
-from cpcal.files.cells import csv_table, file_cell, guarded, unguarded
+from cpcal.files.tables import csv_table, file_cell, guarded, unguarded
 from cpcal.robot import DELTALAB, Campaign
 
 RUN = "=+-@\uff1d\uff0b\uff0d\uff20"

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cpcal.common.errors import InputError, Problems
-from cpcal.files.documents import json_object, parsed_object, toml_document
+from cpcal.files.tables import json_object, parsed_object, toml_document
 
 DEEP = 100_000
 
@@ -67,11 +67,20 @@ def test_any_bytes_are_toml_or_a_problem(content):
     assert (document is None) == (len(problems) == 1)
 
 
-@pytest.mark.parametrize("path", ["/dev/zero", "/dev/null", "/dev/stdin", "/proc/self/mem", "nowhere", ".", "a\0b"])
-def test_what_is_no_file_is_refused(tmp_path, path):
+@pytest.mark.parametrize(
+    ("path", "reason"),
+    [
+        *((f"/dev/{name}", "no regular file") for name in ("zero", "null", "stdin")),
+        ("/proc/self/mem", "cannot be read: Input/output error"),
+        ("nowhere", "does not exist"),
+        (".", "cannot be read: Is a directory"),
+        ("a\0b", "its name holds a NUL"),
+    ],
+)
+def test_what_is_no_file_is_refused(tmp_path, path, reason):
     if path.startswith("/") and not os.path.exists(path):
         pytest.skip("not on this system")
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=reason):
         json_object(tmp_path / path, "name it", "write it again")
 
 

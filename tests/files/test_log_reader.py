@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from cpcal.common.errors import InputError
 from cpcal.files import read_log
-from cpcal.files.log_reader import SEPARATORS
+from cpcal.files.log import SEPARATORS
 
 numbers = st.floats(-1e6, 1e6, allow_nan=False).map(lambda x: round(x, 6))
 

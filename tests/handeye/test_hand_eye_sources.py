@@ -101,11 +101,19 @@ def test_samples_of_easy_handeye_are_read_as_it_stores_them(tmp_path, setup):
         np.testing.assert_allclose(read.rotation, given.rotation, atol=1e-12)
 
 
-@pytest.mark.parametrize("text", ["[]", "{samples: [{robot: 1}]}", "[{effector_wrt_world: [1, 2]}]", "a: ["])
-def test_files_of_other_things_are_refused(tmp_path, text):
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("[]", "holds no pairs of poses"),
+        ("{samples: [{robot: 1}]}", "holds no pairs of poses"),
+        ("[{effector_wrt_world: [1, 2]}]", "holds no pairs of poses"),
+        ("a: [", "is no YAML"),
+    ],
+)
+def test_files_of_other_things_are_refused(tmp_path, text, reason):
     path = tmp_path / "samples.yaml"
     path.write_text(text)
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=reason):
         read_pose_pairs(path)
 
 

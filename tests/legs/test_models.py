@@ -28,6 +28,7 @@ from cpcal.simulate import true_robot
 from cpcal.solver.certificate.statement import NetworkStatement, number
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network import sqr
+from cpcal.solver.optimize import verify_point
 from tests.changed import some, with_gain
 
 NAMES = ("plain", "gain", "linear", "lateral")
@@ -79,6 +80,27 @@ def test_residuals_are_the_formula_and_their_derivatives_its_slopes(request, kin
         for e in step * np.eye(len(x))
     ]
     np.testing.assert_allclose(of.jacobian(x), np.transpose(slopes), rtol=1e-5, atol=1e-5)
+
+
+def test_the_box_of_a_leg_holds_all_within_its_half_width():
+    rng = np.random.default_rng(4)
+    center, delta = rng.uniform(-500.0, 500.0, 7), 0.1
+    box = leg_box(center, delta)
+    for value, lo, hi in zip(center.tolist(), box.lo.tolist(), box.hi.tolist(), strict=True):
+        assert F(lo) <= F(value) - F(delta)
+        assert F(value) + F(delta) <= F(hi)
+
+
+def test_a_leg_is_longer_than_eps_for_every_reading_of_its_length():
+    campaign = cpcal.simulate(seed=1, extremal=False, random_poses=9)
+    k = int(np.argmin(campaign.length[:, 0] - campaign.length_radius[:, 0]))
+    eps, shortest = 50.0, campaign.length[k, 0] - campaign.length_radius[k, 0]
+    # the joints are eps apart, so that the equation itself holds to within eps
+    for more, holds in ((-1e-6, False), (1e-6, True)):
+        x = np.array([*(campaign.position[k] - [eps, 0.0, 0.0]), 0.0, 0.0, 0.0, eps - shortest + more])
+        engine = get_arithmetic("float64")
+        network = leg_network(campaign, 1, leg_box(x, 0.0), engine=engine, eps=(eps, eps))
+        assert bool(verify_point(network, np.append(x, eps), engine).holds[k]) is holds
 
 
 @pytest.mark.parametrize("name", NAMES[1:])
@@ -247,7 +269,7 @@ def test_unknown_models_and_parameters_are_refused_with_all_other_problems(exact
     with pytest.raises(cpcal.InputError) as refused:
         cpcal.compare(exact, ["plain", "plain", "gian"], tolerance=-1.0, half_widths={"linear": {}}, center="fit")
     assert [p.where for p in refused.value.problems] == ["models", "half_widths", "model", "center", "tolerance"]
-    with pytest.raises(cpcal.InputError):
+    with pytest.raises(cpcal.InputError, match="none is named"):
         cpcal.compare(exact, [])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.calibration.corrections import mid_range, sag_shape
+from cpcal.calibration.diagnosis import mid_range, sag_shape
 from cpcal.legs import built_in, fit_model, leg_model, model_residuals
 from cpcal.robot import Pose, leg_vectors
 

@@ -7,10 +7,10 @@ from tinyhtml5.parser import HTMLParser
 from cpcal.report.arrow_map import arrow_svg
 from cpcal.report.detections_page import MOST_ROWS, write_detections_page
 from cpcal.vision.batch.detect import Detections
-from cpcal.vision.batch.sample import Sample, SeenImage
+from cpcal.vision.batch.study_images import Sample, SeenImage
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.detection import NUMBERS, Detection
-from cpcal.vision.residual_map import MeanVectors, Residuals
+from cpcal.vision.measure import MeanVectors, Residuals
 from cpcal.vision.target import DELTALAB_TARGET
 
 EVIL = "<script>alert(1)</script>.png"

@@ -17,7 +17,7 @@ def test_campaigns_are_values():
     assert campaign != simulate(seed=1, factor=1.0)
     with pytest.raises(ValueError, match="read-only"):
         campaign.length[0, 0] = 1.0
-    with pytest.raises(dataclasses.FrozenInstanceError):
+    with pytest.raises(dataclasses.FrozenInstanceError, match="pose"):
         campaign.pose = ()
     assert repr(campaign) == "<Campaign of 'DeltaLab Table of Stewart': 64 measurements, 6 legs>"
 
@@ -89,10 +89,15 @@ def test_what_makes_no_campaign_in_memory(changes, message):
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [([0, 0], [0, 0, 0], [0]), ([0, 0, -1], [0, 0, 0], [0]), ([0, 0, 0], [0, 0, 0], [np.inf]),
-     ([1e308, 0, 0], [0, 0, 0], [0], 10.0), ([0, 0, 0], [0, 0, 0], [0], -1.0)],
-)  # fmt: skip
-def test_senseless_uncertainties(arguments):
-    with pytest.raises(InputError):
+    ("arguments", "reason"),
+    [
+        (([0, 0], [0, 0, 0], [0]), r"position: has the shape \(2,\)"),
+        (([0, 0, -1], [0, 0, 0], [0]), "position: holds a number that is negative"),
+        (([0, 0, 0], [0, 0, 0], [np.inf]), "length: holds a number that is negative, not finite"),
+        (([1e308, 0, 0], [0, 0, 0], [0], 10.0), "position: holds a number that is negative, not finite or above"),
+        (([0, 0, 0], [0, 0, 0], [0], -1.0), "factor: is -1.0"),
+    ],
+)
+def test_senseless_uncertainties(arguments, reason):
+    with pytest.raises(InputError, match=reason):
         Uncertainty(*arguments)

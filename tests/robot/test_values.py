@@ -69,7 +69,7 @@ def test_the_digest_of_a_copy_is_true(way, tmp_path):
 
 @pytest.mark.parametrize("value", [CAMPAIGN.provenance, STUDY.provenance, CAMPAIGN.model.half_widths])
 def test_what_is_said_of_a_value_cannot_be_changed_either(value):
-    with pytest.raises(TypeError):
+    with pytest.raises(TypeError, match="does not support item assignment"):
         value["s"] = 1.0
 
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from cpcal.common.errors import InputError
 from cpcal.files import save_study
-from cpcal.files.study_writer import study_bytes, table_bytes
+from cpcal.files.settings import study_bytes, table_bytes
 from cpcal.robot import DELTALAB, Pose, inverse, inverse_kinematics, quaternion_conjugate, quaternion_product
 from cpcal.simulate import simulate, simulate_study, true_robot
 from cpcal.simulate.campaigns import EULER_SIGMA, LENGTH_SIGMA, POSITION_SIGMA

@@ -122,6 +122,32 @@ def test_after_the_time_limit_nothing_is_compiled_or_waited_for(modules):
     assert run(modules, LATE.format(seconds=-1.0)).stdout == ""  # what is there is loaded at any time
 
 
+NOT_BEGUN = """
+import sys
+from pathlib import Path
+from cpcal.solver import compiled
+compiled._folder = lambda source: Path(sys.argv[1])
+import cpcal
+net = cpcal.Network()
+x = net.variable("x", 2, (0.5, 2.0))
+net.add(x[0] * x[1] == 1.0)
+paving = net.solve(time_limit=0.0)
+assert not paving.complete and [s.box for s in paving.solutions] == [net.domain]
+print(paving.status)
+for objective in (x[0], x[0] + x[1]):
+    found = net.minimize(objective, time_limit=0.0)
+    assert found.verdict is cpcal.Verdict.UNKNOWN and found.enclosure == net.domain and not found.interrupted
+    print(found.status)
+"""
+
+
+def test_a_verb_whose_time_is_over_before_its_kernels_are_compiled_says_what_was_not_begun(tmp_path):
+    done = subprocess.run([sys.executable, "-c", NOT_BEGUN, tmp_path], capture_output=True, text=True, check=True)
+    assert done.stdout.count("Not begun: the time limit came before '") == 3
+    assert "compiling" not in done.stderr
+    assert not list(tmp_path.glob("*.kernel"))
+
+
 DAMAGES: dict[str, Callable[[bytes], bytes]] = {
     "of length zero": lambda content: b"",
     "cut": lambda content: content[: len(content) // 2],

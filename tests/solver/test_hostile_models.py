@@ -8,7 +8,7 @@ import pytest
 import cpcal
 from cpcal.common.errors import ModelError
 from cpcal.solver.contract import Verdict
-from cpcal.solver.interval import get_arithmetic
+from cpcal.solver.interval import Interval, get_arithmetic
 from cpcal.solver.limits import Limits
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.equations import Equations
@@ -33,6 +33,46 @@ def test_a_domain_of_nanometres_is_divided_too() -> None:
     paving = net.solve()
     assert [s.verdict for s in paving.solutions] == [Verdict.PROVED] * 2
     assert sorted(round(s.box["x"].mid * 1e10, 9) for s in paving.solutions) == [-1.0, 1.0]
+
+
+@pytest.mark.parametrize("width", [5e-324, 1e-310, 1e-9, 1e-4])
+def test_a_region_in_a_tiny_domain_is_divided_as_one_in_a_large_domain(width: float) -> None:
+    net = cpcal.Network()
+    x, y = net.variable("x", domain=(0, width)), net.variable("y", domain=(0, width))
+    net.add(x >= y)
+    paving = net.solve(contractors=["hc4"], node_limit=2000)
+    assert paving.complete
+    assert net.minimize(x).verdict is Verdict.PROVED
+
+
+def test_boxes_inside_hold_whole_numbers_alone() -> None:
+    """0 <= k <= 9 with k^2 <= 50 holds for 8 whole numbers."""
+    net = cpcal.Network()
+    k = net.variable("k", domain=(0, 9), integer=True)
+    net.add(k * k <= 50)
+    found = [box["k"] for box in net.solve(inner=True).inside]
+    assert sorted(found, key=lambda one: one.lo) == [Interval(n) for n in range(8)]
+    assert not net.solve(inner=True, width=20.0).inside
+
+
+def test_an_objective_that_is_defined_nowhere_has_no_point() -> None:
+    for function in (cpcal.sqrt, cpcal.log, lambda x: cpcal.log(x) ** 2):
+        net = cpcal.Network()
+        x = net.variable("x", domain=(-2, -1))
+        net.add(x <= 1)
+        assert net.minimize(function(x)).verdict is Verdict.REFUTED
+
+
+def test_limits_have_the_names_of_the_command_too() -> None:
+    net = cpcal.Network()
+    x = net.variable("x", 2, (-4, 4))
+    net.add(cpcal.sqr(x).sum() >= 1)
+    assert net.solve(node_limit=3).nodes == net.solve(limits=Limits(nodes=3)).nodes == 3
+    assert net.minimize(x[0] + x[1], gap=0.5, time_limit=60).verdict is Verdict.PROVED
+    with pytest.raises(ModelError, match=r"by limits=cpcal.Limits\(...\) or by their names, not both"):
+        net.solve(limits=Limits(nodes=3), time_limit=1.0)
+    with pytest.raises(ModelError, match="seconds, nodes and gaps are numbers of at least 0"):
+        net.minimize(x[0], gap=-1.0)
 
 
 def test_an_objective_without_a_finite_bound_at_first_is_closed() -> None:

@@ -92,7 +92,7 @@ def test_the_nine_numbers_go_and_come_back():
     assert len(STRONG.numbers) == len(CAMERA_NUMBERS) == 9
     assert STRONG.with_numbers(STRONG.numbers) == STRONG
     assert dict(zip(CAMERA_NUMBERS, STRONG.numbers, strict=True))["p2"] == -1e-3
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="no positive size or focal length"):
         STRONG.with_numbers(-STRONG.numbers)
 
 

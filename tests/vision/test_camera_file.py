@@ -5,7 +5,7 @@ import pytest
 
 from cpcal.common.errors import InputError
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.files.camera_file import CameraRecord, camera_bytes, load_camera, save_camera
+from cpcal.vision.files.plate_and_camera import CameraRecord, camera_bytes, load_camera, save_camera
 
 HALF = np.tril(np.random.default_rng(0).standard_normal((9, 9)))
 COVARIANCE = HALF @ HALF.T

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from cpcal.vision.median import median
-from cpcal.vision.two_by_two import determinants, eigenvalues, inverses
+from cpcal.vision.projection import determinants, eigenvalues, inverses, median
 
 
 def test_symmetric_matrices_as_lapack_has_them() -> None:

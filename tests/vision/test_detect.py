@@ -17,7 +17,6 @@ from cpcal.vision.batch.detect import ImageFolder, detect
 from cpcal.vision.batch.study_images import MEAN, RenderedImages, camera_above
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.detection import POSITION, QUATERNION, SIGMA, detections_bytes, values_of
-from cpcal.vision.files.video_file import VideoFrames
 from cpcal.vision.opencv import opencv
 from cpcal.vision.render import Scene
 from cpcal.vision.target import DELTALAB_TARGET
@@ -94,26 +93,6 @@ def test_pictures_show_what_was_found_and_why_not(folder, alone, tmp_path):
     assert again.measured == 1  # what cannot be read has no picture
 
 
-def test_frames_of_a_video_are_images(rendered, tmp_path):
-    cv2 = opencv()
-    film = tmp_path / "film.avi"
-    writer = cv2.VideoWriter(str(film), cv2.VideoWriter_fourcc(*"MJPG"), 5.0, (1024, 768), isColor=False)
-    for name in rendered.names[:5]:
-        writer.write(rendered.read(name))
-    writer.release()
-    source = VideoFrames(film, (1024, 768), every=2)
-    assert source.names == [f"film.avi/{k:06d}.png" for k in (0, 2, 4)]
-    found = detect(source, DELTALAB_TARGET, DELTALAB_CAMERA, workers=1)
-    away = values_of(found.rows)[:, POSITION] - rendered.poses.position[[0, 2, 4]]
-    assert np.linalg.norm(away, axis=1).max() < 0.05  # mm: the codec's noise is on it
-    assert (source.read(source.names[0]) == source.read(source.names[0])).all()  # also after a later one
-    with pytest.raises(InputError, match="has frames of 1024 x 768 pixels, the camera's images are 640 x 480"):
-        VideoFrames(film, (640, 480))
-    film.write_bytes(b"no video")
-    with pytest.raises(InputError, match="holds no video"):
-        VideoFrames(tmp_path / "other.avi", (1024, 768))
-
-
 def test_poses_are_right_and_bad_images_have_their_reasons(alone, rendered):
     reasons = {row.file: row.reason for row in alone.rows if not row.found}
     assert reasons.keys() == BAD.keys()
@@ -147,10 +126,10 @@ def test_a_restart_redoes_nothing(alone, folder, tmp_path):
 
     def stop(done, count):
         if done >= 8:
-            raise Enough
+            raise Enough("eight images")
 
     given = (ImageFolder(folder), DELTALAB_TARGET, DELTALAB_CAMERA)
-    with pytest.raises(Enough):
+    with pytest.raises(Enough, match="eight images"):
         detect(*given, workers=1, journal=journal, progress=stop)
     kept = journal.read_text().count("\n") - 1
     assert kept >= 8

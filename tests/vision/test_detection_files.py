@@ -12,11 +12,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cpcal.common.errors import InputError
-from cpcal.files.cells import unguarded
+from cpcal.files.tables import unguarded
 from cpcal.simulate import simulate_study
 from cpcal.vision.batch.study_images import study_table
-from cpcal.vision.files.detection import COLUMNS, NUMBERS, Detection, detections_bytes
-from cpcal.vision.files.leg_readings import load_readings, readings_bytes, readings_of
+from cpcal.vision.files.detection import (
+    COLUMNS,
+    NUMBERS,
+    Detection,
+    detections_bytes,
+    load_readings,
+    readings_bytes,
+    readings_of,
+)
 
 NAMES = st.lists(st.text(st.characters(exclude_categories=("Cs", "Cc")), min_size=1), unique=True, max_size=6)
 ROW = st.tuples(*[st.floats(-1e9, 1e9) for _ in NUMBERS])

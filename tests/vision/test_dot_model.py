@@ -9,7 +9,7 @@ from benchmarks.vision_scenes import facing_poses, one
 from cpcal.common.arrays import Floats
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.dot_model import centers_of, predict, predicted_centers
+from cpcal.vision.projection import centers_of, predict, predicted_centers
 from cpcal.vision.render import contours
 from cpcal.vision.target import DELTALAB_TARGET
 

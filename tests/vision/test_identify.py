@@ -9,13 +9,11 @@ from benchmarks.vision_accuracy import KINDS, identified, spoiled
 from benchmarks.vision_scenes import facing_poses, found_dots, one
 from cpcal.common.arrays import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.dot_model import centers_of, predicted_centers
 from cpcal.vision.identify import Identification, Unidentified, identify
-from cpcal.vision.identify.hypotheses import apart, followed, hypotheses, hypothesis_of
-from cpcal.vision.identify.identify import ACCIDENTS, MARGIN
+from cpcal.vision.identify.identify import ACCIDENTS, MARGIN, apart, followed, hypotheses, hypothesis_of
 from cpcal.vision.identify.runs import straightness
-from cpcal.vision.identify.symmetry import self_maps
-from cpcal.vision.identify.views import guesses, seen_by
+from cpcal.vision.identify.views import guesses, seen_by, self_maps
+from cpcal.vision.projection import centers_of, predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target, two_diagonals
 
 SMALL = two_diagonals(

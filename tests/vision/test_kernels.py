@@ -11,14 +11,11 @@ from cpcal.robot import quaternion_product
 from cpcal.robot.rotation import quaternion_from_rotation_vector
 from cpcal.solver.compiled import plain
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.dot_kernel import placed_centers
 from cpcal.vision.dots import observe_dots, segmentation
-from cpcal.vision.dots.grey import noise_level
-from cpcal.vision.dots.neighbours import gaps
-from cpcal.vision.dots.outlines import ellipses
-from cpcal.vision.identify.nearest import mutually_nearest, nearest_squares
-from cpcal.vision.pose_fit import Pixels, fit
-from cpcal.vision.pose_kernel import fit_pose, pose_distance
+from cpcal.vision.dots.segmentation import ellipses, gaps, noise_level
+from cpcal.vision.identify.views import mutually_nearest, nearest_squares
+from cpcal.vision.pose import Pixels, fit, fit_pose, pose_distance
+from cpcal.vision.projection import placed_centers
 from cpcal.vision.render import Scene, render
 from cpcal.vision.target import DELTALAB_TARGET
 

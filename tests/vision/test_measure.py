@@ -71,5 +71,5 @@ def test_a_wrong_camera_shows_in_the_residuals() -> None:
 
 
 def test_what_is_no_image_is_bad_input() -> None:
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="give an array"):
         measure_pose(np.zeros(5, dtype=np.uint8), DELTALAB_TARGET, DELTALAB_CAMERA)

@@ -13,7 +13,7 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 
 from threadpoolctl import threadpool_info
 
-from cpcal.vision.batch.parallel import in_parallel
+from cpcal.vision.batch.detect import in_parallel
 from cpcal.vision.opencv import opencv
 
 WAIT = 60.0  # seconds: only a failure takes as long
@@ -69,7 +69,7 @@ def test_a_worker_that_ends_does_not_set_the_others_free(free):
 
 
 def test_a_thread_that_enters_later_and_leaves_earlier_changes_nothing(free):
-    from cpcal.vision.batch.thread_limits import one_thread
+    from cpcal.vision.batch.detect import one_thread
 
     with one_thread():
         with one_thread():

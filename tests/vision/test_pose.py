@@ -13,9 +13,8 @@ from cpcal.common.arrays import Floats, Ints
 from cpcal.common.errors import InputError
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.dot_model import predicted_centers
-from cpcal.vision.pose import PoseEstimate, estimate_pose
-from cpcal.vision.pose_fit import NoPose
+from cpcal.vision.pose import NoPose, PoseEstimate, estimate_pose
+from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))

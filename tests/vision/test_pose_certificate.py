@@ -19,8 +19,8 @@ from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.pose_sets import CameraSet, PixelBoxes, PoseSet, TargetSet, enclose_pose
-from cpcal.vision.pose_sets.bias import center_bias
 from cpcal.vision.pose_sets.enclosed import exact
+from cpcal.vision.pose_sets.uncertain import center_bias
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 WIDTHS = np.array([0.3, 0.3, 0.2, 0.2, 2e-4, 2e-4, 2e-5, 2e-5, 1e-4])

@@ -20,9 +20,9 @@ from cpcal.robot import (
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.dot_model import predicted_centers
 from cpcal.vision.pose_sets import PixelBoxes, PoseSet, TargetSet, enclose_pose
-from cpcal.vision.pose_sets.pose_frames import Frames
+from cpcal.vision.pose_sets.enclosed import Frames
+from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 ALL = np.arange(len(DELTALAB_TARGET.dots))
@@ -169,15 +169,15 @@ def test_measured_centres_are_freed_of_their_bias() -> None:
 
 def test_bad_input_is_refused() -> None:
     pixels = shown()
-    for numbers, centers, half_width in (
-        ([1, 1], pixels[:2], 0.1),
-        ([1, 2], pixels[:3], 0.1),
-        ([1, 2], pixels[:2], -0.1),
-        ([1, 2], pixels[:2], np.nan),
-        ([1, 2], pixels[:2] * np.nan, 0.1),
-        ([1, 2], pixels[:2], [0.1, 0.1, 0.1]),
+    for numbers, centers, half_width, reason in (
+        ([1, 1], pixels[:2], 0.1, "name a dot twice"),
+        ([1, 2], pixels[:3], 0.1, "have shapes"),
+        ([1, 2], pixels[:2], -0.1, "half_width: is negative or NaN"),
+        ([1, 2], pixels[:2], np.nan, "half_width: is negative or NaN"),
+        ([1, 2], pixels[:2] * np.nan, 0.1, "pixel box 0: has no points"),
+        ([1, 2], pixels[:2], [0.1, 0.1, 0.1], r"half_width: is \(3,\)"),
     ):
-        with pytest.raises(InputError):
+        with pytest.raises(InputError, match=reason):
             PixelBoxes.around(numbers, centers, half_width)
     good = PixelBoxes.around(ALL, pixels, 0.1)
     small = Target("three", DELTALAB_TARGET.dots[:30], 6.0, ())

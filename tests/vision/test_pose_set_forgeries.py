@@ -22,7 +22,7 @@ from cpcal.checker.pose_claim import _Chain, check_pose_set, check_pose_sets
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.pose_sets import CameraSet, PixelBoxes, TargetSet, enclose_pose
-from cpcal.vision.pose_sets.claim_file import digest_of
+from cpcal.vision.pose_sets.pose_certificate import digest_of
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 WIDTHS = np.array([0.3, 0.3, 0.2, 0.2, 2e-4, 2e-4, 2e-5, 2e-5, 1e-4])

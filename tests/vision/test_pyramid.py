@@ -11,16 +11,10 @@ from cpcal.common.errors import InputError
 from cpcal.robot import Pose, normalised
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.pose_sets.enclosed import exact, half_vector, rotation
-from cpcal.vision.pose_sets.field_of_view import field_of_view
-from cpcal.vision.pose_sets.lens_bounds import curvatures, lens_bounds
-from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes
-from cpcal.vision.pose_sets.pose_box import NAMES, PoseBox
-from cpcal.vision.pose_sets.pose_frames import Frames
+from cpcal.vision.pose_sets.enclosed import NAMES, Frames, PoseBox, exact, half_vector, rotation
 from cpcal.vision.pose_sets.pose_rows import pose_rows
-from cpcal.vision.pose_sets.pyramid import Pyramids, pixels_of, pyramids
-from cpcal.vision.pose_sets.sight import Sight
-from cpcal.vision.pose_sets.uncertain import CameraSet, TargetSet
+from cpcal.vision.pose_sets.sight import PixelBoxes, Pyramids, Sight, pixels_of, pyramids
+from cpcal.vision.pose_sets.uncertain import CameraSet, TargetSet, curvatures, field_of_view, lens_bounds
 from cpcal.vision.target import Target
 
 MIDDLE = np.array([511.0, 380.0])

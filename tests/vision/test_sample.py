@@ -5,10 +5,10 @@ import pytest
 
 pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[vision]')")
 
-from cpcal.vision.batch.sample import MOST_PICTURES, look_again
+from cpcal.vision.batch.study_images import MOST_PICTURES, look_again
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.detection import NUMBERS, Detection
-from cpcal.vision.residual_map import Residuals, over_image, over_plate
+from cpcal.vision.measure import Residuals, over_image, over_plate
 
 SIGMA = 0.005  # pixels
 
@@ -67,10 +67,10 @@ def test_images_that_cannot_be_read_any_more_are_left_out():
 
 def test_pictures_are_few_whatever_the_images(monkeypatch):
     """Refused ones first, one a reason, then the worst doubtful ones."""
-    monkeypatch.setattr("cpcal.vision.batch.sample.refusal", lambda *given: b"x" * 1000)
-    monkeypatch.setattr("cpcal.vision.batch.sample.overlay", lambda *given: b"x" * 200_000)
-    monkeypatch.setattr("cpcal.vision.batch.sample.measure_pose", lambda *given: None)
-    monkeypatch.setattr("cpcal.vision.batch.sample.residuals_of", lambda *given: Residuals.joined([]))
+    monkeypatch.setattr("cpcal.vision.batch.study_images.refusal", lambda *given: b"x" * 1000)
+    monkeypatch.setattr("cpcal.vision.batch.study_images.overlay", lambda *given: b"x" * 200_000)
+    monkeypatch.setattr("cpcal.vision.batch.study_images.measure_pose", lambda *given: None)
+    monkeypatch.setattr("cpcal.vision.batch.study_images.residuals_of", lambda *given: Residuals.joined([]))
 
     class Grey:
         stage = "reading"
@@ -93,7 +93,7 @@ def test_pictures_are_few_whatever_the_images(monkeypatch):
     assert names == ["none0", "none1", "none2", "none3", "poor5", "poor4"]  # no room for a third of 200 kB
     assert sum(len(seen.jpeg) for seen in sample.pictures) <= 600_000
     assert sample.measured == 40
-    monkeypatch.setattr("cpcal.vision.batch.sample.overlay", lambda *given: b"x")
+    monkeypatch.setattr("cpcal.vision.batch.study_images.overlay", lambda *given: b"x")
     names = [seen.row.file for seen in look_again(rows, Grey(), Plate(), DELTALAB_CAMERA).pictures]
     assert len(names) == MOST_PICTURES
     assert names[4:8] == ["poor5", "poor4", "poor3", "poor2"]

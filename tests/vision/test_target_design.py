@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import cpcal.vision.target_design as module
+import cpcal.vision.target as module
 from cpcal.common.errors import InputError
-from cpcal.vision.target import DELTALAB_TARGET, two_diagonals
-from cpcal.vision.target_design import design_target, separation
+from cpcal.vision.target import DELTALAB_TARGET, design_target, separation, two_diagonals
 
 OLD = two_diagonals(
     "by hand",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.vision.files.target_file import load_target, save_target, target_bytes
+from cpcal.vision.files.plate_and_camera import load_target, save_target, target_bytes
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
 TOML = """\
@@ -146,10 +146,18 @@ def test_no_dots_are_a_problem(tmp_path):
     assert refused(tmp_path, head + "dots = []\n\n" + tail) == [(10, "dots is not a list of rows")]
 
 
-@pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[[[[", b"a.b = 1\n" * 3])
-def test_what_is_no_such_file_is_refused(tmp_path, content):
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "is empty"),
+        (b"\xff\xfe", "is not UTF-8 text"),
+        (b"[[[[", "is not TOML: Invalid"),
+        (b"a.b = 1\n" * 3, "is not TOML: Cannot overwrite"),
+    ],
+)
+def test_what_is_no_such_file_is_refused(tmp_path, content, reason):
     (tmp_path / "target.toml").write_bytes(content)
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=reason):
         load_target(tmp_path / "target.toml")
 
 

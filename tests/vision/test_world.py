@@ -13,10 +13,10 @@ from benchmarks.vision_world import World, photograph, true_centers
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.batch.detect import detection
 from cpcal.vision.camera import DELTALAB_CAMERA
-from cpcal.vision.dot_model import predicted_centers
-from cpcal.vision.files.camera_file import CameraRecord
 from cpcal.vision.files.detection import SCALE
+from cpcal.vision.files.plate_and_camera import CameraRecord
 from cpcal.vision.measure import measure_pose
+from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET
 
 TRUE = CameraRecord(DELTALAB_CAMERA)

@@ -17,8 +17,7 @@ from cpcal.common.atomic import write_file
 from cpcal.robot import DELTALAB, Study
 from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table
-from cpcal.vision.files.detection import detections_bytes
-from cpcal.vision.files.leg_readings import readings_of
+from cpcal.vision.files.detection import detections_bytes, readings_of
 
 SUBSET = {"runs": 2, "validation_runs": 1, "images": 2}
 WHOLE = {"runs": 11, "validation_runs": 10, "images": 11}  # the paper's 14,784 images

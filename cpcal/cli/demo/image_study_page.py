@@ -15,7 +15,7 @@ from cpcal.robot import PoseTable, quaternion_conjugate, quaternion_product, rot
 from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.files.detection import POSITION, QUATERNION, RMS, SIGMA, by_reason, values_of
 from cpcal.vision.measure import NotMeasured, measure_pose
-from cpcal.vision.overlay import overlay
+from cpcal.vision.render import overlay
 
 PAPER_PACE = 14_784 / (3 * 3600.0)  # images a second
 _PICTURES, _WIDTH = 6, 480

@@ -21,10 +21,10 @@ from cpcal.report.study_tables import TextTable
 from cpcal.results import Result
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
+from cpcal.vision.batch.detect import in_parallel
 from cpcal.vision.batch.enclose import stem_of
-from cpcal.vision.batch.parallel import in_parallel
 from cpcal.vision.batch.study_images import RenderedImages
-from cpcal.vision.files.leg_readings import readings_of
+from cpcal.vision.files.detection import readings_of
 from cpcal.vision.measure import measure_pose
 from cpcal.vision.pose_sets import PixelBoxes, PoseSet, campaign_of, enclose_pose
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from cpcal.calibration import CalibrationRecord, calibrate_study, recorded
-from cpcal.calibration.averaging import Of
+from cpcal.calibration.statistics import Of
 from cpcal.certify import certify
 from cpcal.certify.fits import certify_fits
 from cpcal.cli.calibrate import show_record, write_calibration

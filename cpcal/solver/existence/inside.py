@@ -18,14 +18,14 @@ class Inside:
     """
 
     def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
-        self._engine, self._domain = engine, network.domain
+        self._engine, self._domain, self._whole = engine, network.domain, network.whole
         self._plain = Tape(network, [e for c in network.constraints if not reads(c) for e in sides(c)])
         self._reading = [ReadingConstraint(network, c) for c in network.constraints if reads(c)]
 
     def __call__(self, box: Box) -> bool:
         """Whether every point of the box is proved to be a solution, in the domain."""
-        if box.is_empty or not box.subset(self._domain):
-            return False
+        if box.is_empty or not box.subset(self._domain) or (self._whole & (box.lo < box.hi)).any():
+            return False  # between two whole numbers no point is a solution
         values = IntervalArray(box.lo[None], box.hi[None])
         with np.errstate(all="ignore"):
             if not _hold(self._engine, self._plain, values):

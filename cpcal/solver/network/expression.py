@@ -133,8 +133,10 @@ class Expr:
     def __rmatmul__(self, other: Operand) -> Expr:
         return _matmul(as_expr(other), self)
 
-    def sum(self, axis: int = -1) -> Expr:
-        """Sum along one axis, which disappears."""
+    def sum(self, axis: int | None = None) -> Expr:
+        """Sum along one axis, which disappears; of all elements without one, as in numpy."""
+        if axis is None and self.shape:
+            return self.reshape(-1).sum(0)
         if not isinstance(axis, (int, np.integer)) or not -self.ndim <= axis < self.ndim:
             raise ModelError(f"{axis!r} is no axis of an expression of shape {self.shape}: give one of its integers")
         axis = int(axis) % self.ndim
@@ -255,7 +257,10 @@ class Constraint:
         return constraint_text(self)
 
     def __bool__(self) -> bool:
-        raise ModelError("a constraint has no truth value: write `expr.within((lo, hi))` for `lo <= expr <= hi`")
+        raise ModelError(
+            "a constraint has no truth value: write `expr.within((lo, hi))` for `lo <= expr <= hi`, and "
+            "`numpy.stack([x, y])` for `numpy.array([x, y])`, whose elements numpy compares one by one"
+        )
 
 
 def as_expr(value: Operand) -> Expr:
@@ -265,7 +270,13 @@ def as_expr(value: Operand) -> Expr:
     """
     if isinstance(value, Expr):
         return value
-    leaf = _constant(value)
+    try:
+        leaf = _constant(value)
+    except ModelError:
+        parts = value.flat if isinstance(value, np.ndarray) else value if isinstance(value, (list, tuple)) else ()
+        if not any(isinstance(part, Expr) for part in parts):
+            raise
+        raise ModelError("an array of expressions is numpy.stack([x, y]), no list and no numpy.array") from None
     assert isinstance(leaf.data, IntervalArray)
     if not isinstance(value, IntervalArray) and bool(np.any((leaf.data.lo == np.inf) | (leaf.data.hi == -np.inf))):
         raise ModelError("infinity is no real number: leave that constraint out, or write within((lower, numpy.inf))")

@@ -16,6 +16,7 @@ from cpcal.common.arrays import Floats
 from cpcal.execution.executors import Place
 from cpcal.execution.stopping import asked
 from cpcal.solver.accounts import ContractorUse, Found, total_use
+from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contractor, Strategy
 from cpcal.solver.interval import Arithmetic, Box
 from cpcal.solver.limits import Limits
@@ -102,18 +103,22 @@ def minimize(
 
     interrupted = False
     try:
-        if resume is None and best is None:
-            incumbent.propose(domain.mid if start is None else np.asarray(start, np.float64))
+        with compiling_until(clock.deadline):
+            if resume is None and best is None:
+                incumbent.propose(domain.mid if start is None else np.asarray(start, np.float64))
         while search.waiting and not clock.over(tally.nodes):
-            for event in search:  # of one round: a state between two of them can be gone on from
-                tally.add(event)
-                if observe is not None:
-                    observe(event)
-                if not search.within_round:
-                    break
+            with compiling_until(clock.deadline):
+                for event in search:  # of one round: a state between two of them can be gone on from
+                    tally.add(event)
+                    if observe is not None:
+                        observe(event)
+                    if not search.within_round:
+                        break
             if keep is not None:
                 keep(lambda: _saved(search, incumbent, tally, time.monotonic() - began))
             yield bracket()
+    except TimeUp:  # inside of a decision: no event is half stored
+        pass
     except KeyboardInterrupt:
         interrupted = True
     yield _minimum(search, incumbent, bracket(), tally, interrupted)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -40,7 +41,9 @@ def _proved(kept: Sequence[Box], prover: UniquenessProver, clock: Clock) -> tupl
     A zero on a face lies in several boxes, so that clusters are tried as a whole before their boxes one by one. A box
     inside a region of uniqueness holds no solution but that one.
     """
-    points = list({box.lo.tobytes(): box for box in kept if prover.holds_at(box)}.values())
+    points = list[Box]()
+    with suppress(KeyboardInterrupt):
+        points = list({box.lo.tobytes(): box for box in kept if prover.holds_at(box)}.values())
     kept = [box for box in kept if not any(box == point for point in points)]
     if not prover.applies:
         return points, list(kept)

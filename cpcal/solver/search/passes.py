@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from cpcal.solver.accounts import ContractorUse
-from cpcal.solver.contract import Contraction, Contractor, Step, Then, elements, followed, gives_weights
+from cpcal.solver.contract import Contraction, Contractor, Step, Then, contracted, elements, followed, gives_weights
 from cpcal.solver.interval import Box
 
 Record = tuple[str, dict[str, Any]]  # a contractor's name, and a step as a certificate says it
@@ -86,7 +86,7 @@ class Contracting:
             givers = [giver for giver in elements(contractor) if gives_weights(giver)]
             calls = steps = 0
             for giver in givers if not before.is_empty else []:
-                proposed = giver.contract(total.box)
+                proposed = contracted(giver, total.box)
                 proved = self._prover(total.box, proposed)
                 total = followed(total, replace(proposed, box=proved.box, steps=proved.steps))
                 calls, steps = calls + 1, steps + len(proposed.steps)
@@ -96,7 +96,7 @@ class Contracting:
                     break
             done = givers == [contractor] and (as_one or found == total.box)  # of both boxes at once, or caught up
             if not (found.is_empty or done):
-                further = contractor.contract(found)
+                further = contracted(contractor, found)
                 found, calls, steps = further.box, calls + 1, steps + len(further.steps)
                 point = total.point if further.point is None else further.point
                 total = replace(total, point=point, programs=total.programs + further.programs)
@@ -108,7 +108,7 @@ class Contracting:
         for name, contractor in self._named:
             use = ContractorUse(name)
             if not total.box.is_empty:
-                step = contractor.contract(total.box)
+                step = contracted(contractor, total.box)
                 total, use = followed(total, step), ContractorUse(name, 1, len(step.steps))
             uses.append(use)
         return Pass(total, total.box, tuple(uses))

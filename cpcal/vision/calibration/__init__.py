@@ -6,8 +6,8 @@ from cpcal.vision.calibration.calibrate_camera import (
     NotCalibratedError,
     TargetView,
     calibrate_camera,
+    calibrate_from_images,
 )
-from cpcal.vision.calibration.calibrate_images import calibrate_from_images
 
 __all__ = [
     "CalibratedView",

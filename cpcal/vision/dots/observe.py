@@ -14,16 +14,364 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
+from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.common.values import frozen_array
-from cpcal.vision.dots.edge import OUTSIDE, Edges
-from cpcal.vision.dots.grey import Grey, eight_bits, grey_levels, noise_level
-from cpcal.vision.dots.light import light_gradient
-from cpcal.vision.dots.neighbours import gaps
-from cpcal.vision.dots.own_light import fitted_under
-from cpcal.vision.dots.segmentation import Spots, halved, spots, surveys
-from cpcal.vision.median import median
-from cpcal.vision.two_by_two import eigenvalues
+from cpcal.solver.compiled import compiled
+from cpcal.vision.dots.edge import CUBIC, LINEAR, OUTSIDE, PLAIN, Edges, fitted_edges
+from cpcal.vision.dots.segmentation import (
+    Grey,
+    Spots,
+    eight_bits,
+    gaps,
+    grey_levels,
+    halved,
+    noise_level,
+    spots,
+    surveys,
+)
+from cpcal.vision.projection import eigenvalues, median
+
+# ------------------------------------------------------------------------------------------------------------------
+# How the light grows over the image, from the grey levels of dots or of the plate beside them.
+#
+# A dot under light that grows to one side seems to lie on that side: by some thousandths of a pixel. Estimated dot by
+# dot the light would cost half of the centre's accuracy; light is smooth, so that all dots together tell it well
+# enough.
+
+_MOST_DEGREE = 4
+_EACH = 6  # dots for each coefficient
+_BESIDE = 4.5  # pixels beyond the edge of a dark dot, at most
+_OUTLYING = 4.0  # robust standard deviations
+
+
+def light_gradient(grey: Grey, found: Spots, gap: Floats) -> Floats:
+    """By which share the light grows per pixel to the right and down, at each dot: (n, 2); nan with too few dots.
+    `gap` (n,) pixels lie between a dot and its neighbours.
+
+    A polynomial of the place is fitted to the levels, twice: the second time without outliers.
+    """
+    slope = _polynomial(grey, found, gap)
+    return np.full((len(found), 2), np.nan) if slope is None else slope[0]
+
+
+def light_misfit(grey: Grey, found: Spots, gap: Floats) -> float:
+    """The median of what that polynomial leaves of the grey levels at the dots; 0 with too few dots for one."""
+    slope = _polynomial(grey, found, gap)
+    return 0.0 if slope is None else slope[1]
+
+
+def _polynomial(grey: Grey, found: Spots, gap: Floats) -> tuple[Floats, float] | None:
+    """The growth of the fitted polynomial, relative to it, and the median of what it leaves; None with too few dots."""
+    degree = _MOST_DEGREE
+    while degree > 0 and len(found) < _EACH * (degree + 1) * (degree + 2) // 2:
+        degree -= 1
+    if degree == 0:
+        return None
+    level = _levels(grey, found, gap)
+    half = 0.5 * np.array(grey.shape[::-1])
+    values, to_right, to_bottom = _terms(found.center / half - 1.0, degree)
+    good = np.ones(len(level), dtype=bool)
+    coefficients: Floats = np.zeros(values.shape[1])
+    left = 0.0
+    for _ in range(2):
+        some = values[good]
+        normal = some.T @ some
+        normal += 1e-9 * len(some) * np.eye(len(normal))  # in case dots lie on few lines
+        coefficients = np.asarray(np.linalg.solve(normal, some.T @ level[good]), dtype=np.float64)
+        off = np.abs(level - values @ coefficients)
+        left = median(off)
+        good = off <= _OUTLYING * 1.4826 * left + 1e-12
+    slope = np.stack([to_right @ coefficients, to_bottom @ coefficients], axis=1)
+    return np.asarray(slope / (np.maximum(values @ coefficients, 1.0)[:, None] * half)), left
+
+
+def _levels(grey: Grey, found: Spots, gap: Floats) -> Floats:
+    """Grey levels (n,) of the bright surface: in the middle of bright dots, beside dark ones."""
+    out = np.empty(len(found))
+    if found.bright:
+        _middles(grey, found.center, out)
+    else:
+        _surroundings(grey, found.center, found.spread, np.clip(0.5 * gap, 1.5, _BESIDE), out)
+    return out
+
+
+@compiled
+def _middles(grey: Grey, center: Floats, out: Floats) -> None:
+    """The mean of the nine pixels about each centre."""
+    height, width = grey.shape
+    for i in range(len(center)):
+        total = 0.0
+        for k in range(9):
+            x, y = int(np.rint(center[i, 0] + k % 3 - 1)), int(np.rint(center[i, 1] + k // 3 - 1))
+            total += grey[min(max(y, 0), height - 1), min(max(x, 0), width - 1)]
+        out[i] = total / 9.0
+
+
+@compiled
+def _surroundings(grey: Grey, center: Floats, spread: Floats, beside: Floats, out: Floats) -> None:
+    """The mean of sixteen pixels round each ellipse, so many beyond its edge."""
+    height, width = grey.shape
+    for i in range(len(center)):
+        total = 0.0
+        xx, xy, yy = spread[i, 0, 0], spread[i, 0, 1], spread[i, 1, 1]
+        for k in range(16):
+            right, down = np.cos(np.pi / 8.0 * k), np.sin(np.pi / 8.0 * k)
+            square = (yy * right * right - 2.0 * xy * right * down + xx * down * down) / (xx * yy - xy * xy)
+            reach = 2.0 / np.sqrt(square) + beside[i]
+            x, y = int(np.rint(center[i, 0] + reach * right)), int(np.rint(center[i, 1] + reach * down))
+            total += grey[min(max(y, 0), height - 1), min(max(x, 0), width - 1)]
+        out[i] = total / 16.0
+
+
+def _terms(at: Floats, degree: int) -> tuple[Floats, Floats, Floats]:
+    """The monomials of x and y up to a degree and their derivatives, each (n, terms)."""
+    terms = (degree + 1) * (degree + 2) // 2
+    out = np.zeros((3, len(at), terms))
+    _monomials(at, degree, out)
+    return out[0], out[1], out[2]
+
+
+@compiled
+def _monomials(at: Floats, degree: int, out: Floats) -> None:
+    for n in range(len(at)):
+        term, by_x = 0, 1.0  # x^i
+        for i in range(degree + 1):
+            by_y = by_x
+            for j in range(degree + 1 - i):
+                out[0, n, term] = by_y
+                if i > 0:
+                    out[1, n, term] = i * at[n, 1] ** j * at[n, 0] ** (i - 1)
+                if j > 0:
+                    out[2, n, term] = j * by_x * at[n, 1] ** (j - 1)
+                by_y *= at[n, 1]
+                term += 1
+            by_x *= at[n, 0]
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What light that is not symmetric about a dot would make of it, compiled: see `cpcal.vision.dots.observe`.
+
+TERMS = 6  # of the light: its growth, and its cubic
+_HOPELESS = 9.0  # variance of such a move, relative to the centre's: the dot is too small to tell its light
+_WORTH = 0.004  # pixels: a smaller move is not worth the accuracy that light of a dot's own costs
+
+
+@compiled
+def term_values(odd: Floats, first: int, last: int, values: Floats, inverse: Floats) -> None:
+    """The values (n, last - first) of the terms from `first` to `last` had they been fitted, and their covariances
+    (n, last - first, last - first); 0 where nothing tells.
+
+    odd  (n, TERMS, TERMS + 3): inverse covariance of the terms, times that their values, how each moves the dot
+    """
+    size = last - first
+    information = np.empty((size, size))
+    for i in range(len(odd)):
+        for a in range(size):
+            for b in range(size):
+                information[a, b] = odd[i, first + a, first + b]
+        if not _inverted(information, inverse[i]):
+            inverse[i] = 0.0
+        for a in range(size):
+            values[i, a] = 0.0
+            for b in range(size):
+                values[i, a] += inverse[i, a, b] * odd[i, first + b, TERMS]
+
+
+@compiled
+def excesses(
+    odd: Floats,
+    values: Floats,
+    inverse: Floats,
+    sharpness: Floats,
+    variance: Floats,
+    common: Floats,
+    shapes: Floats,
+    moves: Floats,
+    worth: Bools,
+) -> None:
+    """The chi-squares (n,) of the last terms, `values` and `inverse` as `term_values` tells them, against those in
+    `common` (TERMS,), and of the moves of the centre that they make; zero where there is nothing to tell. And where
+    (n,) such a move is worth to be known.
+
+    sharpness  (n,) share of a dot's information that is believed; variance (n,) px^2 of its centre, of both axes
+    """
+    size = values.shape[1]
+    first = TERMS - size
+    for i in range(len(odd)):
+        shape, x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for a in range(size):
+            right, down = odd[i, first + a, TERMS + 1], odd[i, first + a, TERMS + 2]
+            value, by_x, by_y, off = values[i, a] - common[first + a], 0.0, 0.0, 0.0
+            for b in range(size):
+                off += odd[i, first + a, first + b] * (values[i, b] - common[first + b])
+                by_x += inverse[i, a, b] * odd[i, first + b, TERMS + 1]
+                by_y += inverse[i, a, b] * odd[i, first + b, TERMS + 2]
+            shape += sharpness[i] * off * value
+            x, y = x + value * right, y + value * down
+            xx, xy, yy = xx + right * by_x, xy + right * by_y, yy + down * by_y
+        shapes[i], moves[i], worth[i] = 0.0, 0.0, False
+        if not (inverse[i, 0, 0] > 0.0 and sharpness[i] > 0.0):
+            continue
+        xx, xy, yy = xx / sharpness[i], xy / sharpness[i], yy / sharpness[i]
+        worth[i] = xx + yy < _HOPELESS * variance[i] and x * x + y * y > _WORTH**2
+        more = 1e-9 * (xx + yy) + 1e-30
+        xx, yy = xx + more, yy + more
+        shapes[i], moves[i] = shape, (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+
+
+@compiled
+def _inverted(matrix: Floats, out: Floats) -> bool:
+    """The inverse of a matrix, a billionth of its trace added to its diagonal, by elimination."""
+    size, trace = len(matrix), 0.0
+    for a in range(size):
+        trace += matrix[a, a]
+    out[:] = 0.0
+    if not (trace > 0.0 and np.isfinite(trace)):
+        return False
+    for a in range(size):
+        matrix[a, a] += 1e-9 * trace
+        out[a, a] = 1.0
+    for k in range(size):  # positive definite: without pivoting
+        pivot = matrix[k, k]
+        if not pivot > 0.0:
+            return False
+        for b in range(size):
+            matrix[k, b] /= pivot
+            out[k, b] /= pivot
+        for a in range(size):
+            share = matrix[a, k]
+            if a != k:
+                for b in range(size):
+                    matrix[a, b] -= share * matrix[k, b]
+                    out[a, b] -= share * out[k, b]
+    return True
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Dots that the light of all does not explain, a shadow's edge or a smudge: under light of their own.
+#
+# What moves a dot's centre and no residual shows is light that is not symmetric about it. So each fit tells what
+# further
+# terms of the light (its growth, and its cubic) would be, had they been fitted, and with which covariance: where they
+# differ from the other dots' by more than the other dots differ among themselves, and move the centre, they are fitted
+# as well. A lens's asymmetry passes for light, too, and moves all dots alike; what it makes of a dot with light of its
+# own is taken off, so that this dot is moved as the others.
+
+_STRANGE = 1.5  # residuals, relative to the usual ones, that ask for light of the dot's own
+_BETTER = 0.95  # residuals with it relative to those without, then
+_RARE = {6: 22.5, 4: 18.5, 2: 13.8}  # chi-square by degrees of freedom: what one ordinary dot of a thousand exceeds
+_FREQUENT = {4: 9.5, 2: 6.0}  # one of twenty: where the light of all is wrong, more dots are doubted
+_MEDIAN = {6: 5.35, 4: 3.36, 2: 1.39}
+_ALL_WRONG = 6.0  # times what noise makes of the centres' moves: then the light of all is wrong, and of no use
+_BENT, _LEFT = (
+    2.5,
+    1.2,
+)  # so it is from this on where it leaves as much of the levels, as a share of the noise: usual is 0.3
+_IMPERFECT = (
+    0.006  # of the contrast: what the model of an edge leaves out, symmetric, and seems not to be by the pixels' places
+)
+_ENOUGH = 20  # dots that tell what is common to all
+
+
+def fitted_under(grey: Grey, found: Spots, room: Floats, light: Floats) -> Edges:
+    """The fits of spots under a light (n, 2), its growth per pixel, or under one of their own; `room` (n,) pixels
+    beyond its edge are a dot's own. Where `light` is nan, each has to tell it itself."""
+    if np.isnan(light).any():
+        return _all_alone(grey, found, room)
+    edges = fitted_edges(grey, found.center, found.spread, room, light)
+    fitted = ~np.isnan(edges.noise)
+    if not fitted.any():
+        return edges
+    excess = _excess(edges, 0)
+    moved = median(np.where(excess.worth, excess.moves, 0.0)[fitted]) / _MEDIAN[2]
+    bent = moved > _BENT and light_misfit(grey, found, 2.0 * room) > _LEFT * median(edges.noise[fitted])
+    if moved > _ALL_WRONG or bent:
+        return _all_alone(grey, found, room)
+    usual = np.maximum(median(edges.noise[fitted]), _IMPERFECT * np.abs(edges.contrast))
+    noisy = ~(edges.noise < _STRANGE * usual)
+    again = np.flatnonzero(_beyond(excess, 6) | noisy)
+    if not len(again):
+        return edges
+    common = _medians(edges, _told(edges, 0, LINEAR - PLAIN)[0], 0)
+    own = fitted_edges(grey, found.center[again], found.spread[again], room[again], light[again], LINEAR)
+    own.center[:] -= common @ edges.odd[again, :, TERMS + 1 :]
+    better = ~(noisy[again] & (own.noise > _BETTER * edges.noise[again]))
+    return _cubic(grey, found, room, light, edges.replaced(again[better], own.kept(better)), again[better])
+
+
+def _all_alone(grey: Grey, found: Spots, room: Floats) -> Edges:
+    flat = np.zeros((len(found), 2))
+    edges = fitted_edges(grey, found.center, found.spread, room, flat, LINEAR)
+    return _cubic(grey, found, room, flat, edges, np.arange(len(found)), _FREQUENT)
+
+
+def _cubic(
+    grey: Grey, found: Spots, room: Floats, light: Floats, edges: Edges, members: Ints, rare: dict[int, float] = _RARE
+) -> Edges:
+    """With the light's cubic for those members that ask for it and are explained by it. What it moves them by is in
+    doubt as a whole, either way: light that has a cubic has more."""
+    still = members[_beyond(_excess(edges, LINEAR - PLAIN), 4, rare)[members]]
+    if not len(still):
+        return edges
+    cubic = fitted_edges(grey, found.center[still], found.spread[still], room[still], light[still], CUBIC)
+    moved = cubic.center - edges.center[still]
+    doubt = moved[:, :, None] * moved[:, None, :]
+    usual = median(edges.noise[~np.isnan(edges.noise)])
+    explained = cubic.noise < _STRANGE * usual
+    cubic.covariance[:] += doubt
+    edges.covariance[still] += np.nan_to_num(doubt)
+    return edges.replaced(still[explained], cubic.kept(explained))
+
+
+@dataclass(frozen=True, eq=False)
+class _Excess:
+    """Chi-squares (n,) of terms of the light against those that dots have in common, and of the moves of the centre
+    that they would make, 0 where there is nothing to tell; whether such a move is worth to be known."""
+
+    shapes: Floats
+    moves: Floats
+    worth: Bools
+
+
+def _excess(edges: Edges, first: int) -> _Excess:
+    """Of the terms from `first` on."""
+    sharpness = edges.noise**2 / (edges.noise**2 + (_IMPERFECT * edges.contrast) ** 2)
+    variance = edges.covariance[:, 0, 0] + edges.covariance[:, 1, 1]
+    values, inverse = _told(edges, first, TERMS)
+    common, count = _medians(edges, values, first), len(variance)
+    out = _Excess(np.empty(count), np.empty(count), np.empty(count, dtype=bool))
+    excesses(edges.odd, values, inverse, sharpness, variance, common, out.shapes, out.moves, out.worth)
+    return out
+
+
+def _beyond(excess: _Excess, degrees: int, rare: dict[int, float] = _RARE) -> Bools:
+    """Which (n,) terms are no noise, and move the centre; where all dots differ by more than noise says (a lens's
+    asymmetry, a camera's processing) that is the measure. All dots, not those alone that light has moved: a wide
+    shadow's edge would be its own measure."""
+    out = excess.worth.copy()
+    for square, freedom in ((excess.shapes, degrees), (excess.moves, 2)):
+        told = square[square > 0.0]
+        usual = median(told) / _MEDIAN[freedom] if len(told) >= _ENOUGH else 1.0
+        out &= square > rare[freedom] * max(1.0, usual)
+    return out
+
+
+def _told(edges: Edges, first: int, last: int) -> tuple[Floats, Floats]:
+    """The terms (n, last - first) had they been fitted, and their covariances."""
+    count, size = len(edges.odd), last - first
+    values, inverse = np.empty((count, size)), np.empty((count, size, size))
+    term_values(edges.odd, first, last, values, inverse)
+    return values, inverse
+
+
+def _medians(edges: Edges, values: Floats, first: int) -> Floats:
+    """The medians (6,) over dots of their terms from `first` on, zero for the others."""
+    out = np.zeros(TERMS)
+    fitted = values[~np.isnan(edges.noise)]
+    if len(fitted) >= _ENOUGH:
+        out[first : first + values.shape[1]] = [median(column) for column in fitted.T]
+    return out
+
 
 FLOOR = 5e-4  # pixels: what the model of the edge leaves out, whatever the noise
 _QUALITY = 0.22  # at least: that of a square of 8 pixels behind an ordinary blur is 0.19

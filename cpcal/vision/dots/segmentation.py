@@ -14,12 +14,211 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
-from cpcal.vision.dots.grey import noise_level
-from cpcal.vision.dots.outlines import ellipses
-from cpcal.vision.median import median
+from cpcal.common.arrays import Bools, Floats, Ints
+from cpcal.common.errors import InputError, Problem
+from cpcal.solver.compiled import compiled
 from cpcal.vision.opencv import opencv
-from cpcal.vision.two_by_two import determinants
+from cpcal.vision.projection import determinants, median
+
+# ------------------------------------------------------------------------------------------------------------------
+# What counts as an image, and its grey levels.
+
+Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+_MEDIAN = 0.6745 * float(np.sqrt(6.0))  # of the second difference of pixels with a noise of 1
+_ROUNDING = float(np.sqrt(1.0 / 12.0))
+MOST_PIXELS = 150_000_000
+_REMEDY = "give an array (height, width) or (height, width, 1, 3 or 4) of uint8 or uint16, as cv2.imread makes it"
+
+
+def grey_levels(image: object) -> Grey:
+    """An image's grey levels (height, width) in its own 8 or 16 bits; colours are OpenCV's BGR or BGRA.
+
+    Raises InputError when it is no image, has no pixels or more than `MOST_PIXELS`.
+    """
+    problem = _problem(image)
+    if problem is not None:
+        raise InputError([Problem("image", problem, _REMEDY)])
+    assert isinstance(image, np.ndarray)
+    pixels: npt.NDArray[Any] = image.astype(image.dtype.newbyteorder("="), copy=False)
+    if pixels.ndim == 3:
+        cv2 = opencv()
+        pixels = pixels[..., 0] if pixels.shape[2] == 1 else pixels[..., :3]
+        pixels = np.ascontiguousarray(pixels)
+        if pixels.ndim == 3:
+            pixels = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
+    return np.ascontiguousarray(pixels)
+
+
+def _problem(image: object) -> str | None:
+    if image is None:
+        return "is None: the file was not there, or is no image"
+    if not isinstance(image, np.ndarray):
+        return f"is no array but a {type(image).__name__}"
+    if image.dtype.newbyteorder("=") not in (np.dtype(np.uint8), np.dtype(np.uint16)):
+        return f"has values of type {image.dtype}"
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+        return f"has the shape {image.shape}"
+    if image.size == 0:
+        return f"has no pixels, its shape is {image.shape}"
+    if image.shape[0] * image.shape[1] > MOST_PIXELS or max(image.shape[:2]) >= 2**15:
+        return f"is too large, {image.shape[1]} x {image.shape[0]}"
+    return None
+
+
+def eight_bits(grey: Grey) -> npt.NDArray[np.uint8]:
+    """The same with 8 bits: 16 bits are stretched so that the darkest and the brightest 0.05 % saturate."""
+    if isinstance(grey[0, 0], np.uint8):
+        return grey.astype(np.uint8, copy=False)
+    step = max(1, int(np.sqrt(grey.size / 50_000)))
+    low, high = np.quantile(grey[::step, ::step], [0.0005, 0.9995])
+    scale = 255.0 / max(float(high - low), 255.0)
+    lifted = np.maximum(grey, np.uint16(low))
+    out: npt.NDArray[np.uint8] = opencv().convertScaleAbs(lifted, alpha=scale, beta=-float(low) * scale)
+    return out
+
+
+def noise_level(image: Grey) -> float:
+    """The standard deviation of the pixels' noise (grey levels), from the median second difference along rows of
+    pixels spread over the image; at least that of rounding."""
+    return max(_median_second(image, max(1, int(np.sqrt(image.size / 10_000)))) / _MEDIAN, _ROUNDING)
+
+
+@compiled
+def _median_second(image: Grey, step: int) -> float:
+    """The median of absolute second differences along rows, of one row and of one column in so many. Between whole
+    numbers: those that are equal are spread evenly over one grey level."""
+    height, width = image.shape
+    counts, total = np.zeros(2 << (8 * image.itemsize), np.int64), 0
+    for row in range(0, height, step):
+        for column in range(0, width - 2, step):
+            second = int(image[row, column + 2]) - 2 * int(image[row, column + 1]) + int(image[row, column])
+            counts[abs(second)] += 1
+            total += 1
+    below = 0
+    for level in range(len(counts)):
+        if below + counts[level] > 0.5 * total:
+            middle: float = level - 0.5 + (0.5 * total - below) / counts[level]
+            return max(middle, 0.0)
+        below += counts[level]
+    return 0.0
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Outlines of regions as ellipses, compiled: area, centroid, second moments, and whether they look like dots.
+
+_SLIMMEST = 0.2  # ratio of the axes of a spot
+_ELLIPTIC = 0.85  # least ratio of a spot's area to that of the ellipse of the same second moments
+
+
+@compiled
+def ellipses(
+    points: npt.NDArray[np.int32],
+    ends: npt.NDArray[np.int64],
+    width: int,
+    height: int,
+    center: Floats,
+    spread: Floats,
+    keep: Bools,
+) -> None:
+    """Of outlines (n of them; the last begins where `ends` (n,) says the one before ended) in an image: the centres
+    (n, 2) pixels, the second moments (n, 2, 2) px^2 of the regions, and which are elliptic and clear of the border.
+
+    Moments are those of polygons by Green's formula; holes have negative areas, and are not kept.
+    """
+    first = 0
+    for i in range(len(ends)):
+        last = ends[i]
+        keep[i] = False
+        if last - first >= 4 and _clear(points, first, last, width, height):
+            keep[i] = _ellipse(points, first, last, center[i], spread[i])
+        first = last
+
+
+@compiled
+def _clear(points: npt.NDArray[np.int32], first: int, last: int, width: int, height: int) -> bool:
+    """Whether an outline does not touch the image's border."""
+    for k in range(first, last):
+        x, y = points[k, 0], points[k, 1]
+        if not (0 < x < width - 1 and 0 < y < height - 1):
+            return False
+    return True
+
+
+@compiled
+def _ellipse(points: npt.NDArray[np.int32], first: int, last: int, center: Floats, spread: Floats) -> bool:
+    area, sum_x, sum_y, sum_xx, sum_xy, sum_yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    x1, y1 = 0.0, 0.0  # from the outline's first point, and the way back
+    for k in range(last - 1, first - 1, -1):
+        x0, y0 = float(points[k, 0] - points[first, 0]), float(points[k, 1] - points[first, 1])
+        cross = x1 * y0 - x0 * y1  # OpenCV goes round a region with y/x turned this way
+        area += cross / 2.0
+        sum_x += cross * (x0 + x1) / 6.0
+        sum_y += cross * (y0 + y1) / 6.0
+        sum_xx += cross * (x0 * x0 + x0 * x1 + x1 * x1) / 12.0
+        sum_xy += cross * (2.0 * (x0 * y0 + x1 * y1) + x0 * y1 + x1 * y0) / 24.0
+        sum_yy += cross * (y0 * y0 + y0 * y1 + y1 * y1) / 12.0
+        x1, y1 = x0, y0
+    if not area > 0.0:
+        return False
+    x, y = sum_x / area, sum_y / area
+    xx, xy, yy = sum_xx / area - x * x, sum_xy / area - x * y, sum_yy / area - y * y
+    half, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    short, long = half - apart, half + apart
+    if not area > _ELLIPTIC * 4.0 * np.pi * np.sqrt(max(short * long, 0.0)):
+        return False
+    # an outline runs through the centres of pixels: the region reaches half a pixel farther, in every direction
+    short_growth = (0.25 + np.sqrt(max(short, 1e-4))) ** 2 - short
+    long_growth = (0.25 + np.sqrt(max(long, 1e-4))) ** 2 - long
+    growth = 0.5 * (short_growth + long_growth)
+    center[0], center[1] = points[first, 0] + x, points[first, 1] + y
+    spread[0, 0], spread[0, 1], spread[1, 0], spread[1, 1] = xx + growth, xy, xy, yy + growth
+    return bool(short + short_growth > _SLIMMEST**2 * (long + long_growth))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# How far dots lie from their neighbours, compiled.
+
+_NEIGHBOURS = 5  # the nearest by their centres: one of them is the nearest by its edge
+
+
+@compiled
+def gaps(center: Floats, long: Floats, rising: Ints, out: Floats) -> None:
+    """The pixels (n,) between a dot and its neighbours, whose longer semi-axes are `long` (n,); inf where none is.
+
+    center  (n, 2) pixels
+    rising  (n,) the dots' numbers in the order of x: a search to both sides ends where x alone is too far away
+    """
+    square, other = np.empty(_NEIGHBOURS), np.empty(_NEIGHBOURS, np.int64)
+    for place in range(len(rising)):
+        i = rising[place]
+        square[:] = np.inf
+        for way in (-1, 1):
+            k = place + way
+            while 0 <= k < len(rising):
+                j = rising[k]
+                dx, dy = center[j, 0] - center[i, 0], center[j, 1] - center[i, 1]
+                if dx * dx >= square[-1]:
+                    break
+                _kept(square, other, dx * dx + dy * dy, j)
+                k += way
+        out[i] = np.inf
+        for m in range(_NEIGHBOURS):
+            if square[m] < np.inf:
+                out[i] = min(out[i], np.sqrt(square[m]) - long[i] - long[other[m]])
+
+
+@compiled
+def _kept(square: Floats, other: Ints, value: float, number: int) -> None:
+    """Puts a number among the nearest, where it is one of them."""
+    m = len(square) - 1
+    if not value < square[m]:
+        return
+    while m > 0 and value < square[m - 1]:
+        square[m], other[m] = square[m - 1], other[m - 1]
+        m -= 1
+    square[m], other[m] = value, number
+
 
 Grey8 = npt.NDArray[np.uint8]
 

@@ -17,10 +17,8 @@ import yaml
 
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, Problems, shown
-from cpcal.files.documents import small_file
-from cpcal.vision.camera import BROWN, Camera
-from cpcal.vision.files.plausible_camera import PIXELS_MAX, implausible
-from cpcal.vision.lens_models import LENSES
+from cpcal.files.tables import small_file
+from cpcal.vision.camera import BROWN, LENSES, PIXELS_MAX, Camera, implausible
 
 STYLES = ("opencv", "ros")
 

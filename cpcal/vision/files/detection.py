@@ -6,11 +6,15 @@ import csv
 import io
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.files.cells import file_cell, guarded
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.files.tables import csv_table, file_cell, guarded, open_regular, read_table
+from cpcal.robot import PoseTable
 
 POSITION, QUATERNION, SIGMA, SHARED = slice(0, 3), slice(3, 7), slice(7, 13), slice(13, 19)
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -74,3 +78,41 @@ def by_reason(rows: Iterable[Detection]) -> dict[str, list[str]]:
         if not row.found:
             found.setdefault(row.reason, []).append(row.file)
     return dict(sorted(found.items(), key=lambda item: -len(item[1])))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Leg readings by pose and run, in a table of their own: what sensors say while a camera takes images.
+
+Readings = dict[tuple[str, str], Floats]
+
+
+def readings_of(table: PoseTable) -> Readings:
+    """The leg readings (n,) mm of a table by pose and run."""
+    return {(pose, run): row for pose, run, row in zip(table.pose, table.run, table.length, strict=True)}
+
+
+def readings_bytes(readings: Readings) -> bytes:
+    """The table pose,run,L1,...,Ln in mm; floats by repr, so that they are read back bit for bit."""
+    header = _columns(len(next(iter(readings.values()), ())))
+    return csv_table(header, ((key, row.tolist()) for key, row in readings.items()))
+
+
+def load_readings(path: Path) -> Readings:
+    """The table in a file. Raises InputError with every problem."""
+    problems = Problems()
+    try:
+        with open_regular(path) as file:
+            table = read_table(
+                file, str(path), None, problems, lambda _: None, required=_columns, optional=lambda _: []
+            )
+    except OSError as error:
+        what = f"cannot be read: {error.strerror or error}"
+        raise InputError([Problem(str(path), what, "give a table pose,run,L1,...,Ln in mm")]) from None
+    problems.raise_any()
+    values = np.stack([table.values[name] for name in table.values], axis=1)
+    order = [list(table.values).index(f"L{k}") for k in range(1, values.shape[1] + 1)]
+    return dict(zip(zip(table.pose, table.run, strict=True), values[:, order], strict=True))
+
+
+def _columns(legs: int) -> list[str]:
+    return ["pose", "run", *(f"L{k}" for k in range(1, max(legs, 1) + 1))]

@@ -12,15 +12,20 @@ the pose. So the hull of what the chains leave does.
 
 from __future__ import annotations
 
+import hashlib
 import itertools
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from cpcal.common.arrays import Floats, Indices
+from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, ModelError, Problem
 from cpcal.robot import Pose
 from cpcal.solver.certificate.exact_network import network_statement
@@ -31,13 +36,104 @@ from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.restrict import restricted
 from cpcal.solver.search import Contracting, Divide, LargestFirst, Search
-from cpcal.vision.pose_sets.claim_file import StageRow, digest_of, inputs_of, write_claim
-from cpcal.vision.pose_sets.motion_rows import SIDES, motion_rows, motions_of
-from cpcal.vision.pose_sets.pose_box import PoseBox, pose_box
-from cpcal.vision.pose_sets.pose_enclosure import Found, View, first_box
-from cpcal.vision.pose_sets.pose_frames import Motions
-from cpcal.vision.pose_sets.pose_rows import pose_rows
-from cpcal.vision.pose_sets.robust_pose_set import groups_of
+from cpcal.vision.pose_sets.enclosed import Motions, PoseBox, pose_box
+from cpcal.vision.pose_sets.pose_enclosure import Found, View, first_box, groups_of
+from cpcal.vision.pose_sets.pose_rows import SIDES, motion_rows, motions_of, pose_rows
+from cpcal.vision.pose_sets.sight import Sight
+from cpcal.vision.pose_sets.uncertain import field_of_view
+
+# ------------------------------------------------------------------------------------------------------------------
+# NAME.pose.json: what a pose set assumes and claims, in exact numbers (docs/certificate-format.md).
+
+POSE_SET_FORMAT = "cpcal-pose-set/2"
+SUFFIX = ".pose.json"
+
+
+class StageRow(NamedTuple):
+    """A row of a certificate: of which of the dots listed, on which side, about which ray."""
+
+    dot: int
+    side: int
+    x: float
+    y: float
+
+
+def inputs_of(sight: Sight, name: str, sources: Mapping[str, bytes]) -> dict[str, Any]:
+    """All that is assumed; `sources`: the bytes of the files that the numbers came from, by name."""
+    boxes, cameras, target = sight.boxes, sight.cameras, sight.targets.target
+    files = [{"name": key, "sha256": hashlib.sha256(content).hexdigest()} for key, content in sorted(sources.items())]
+    return {
+        "name": name,
+        "files": files,
+        "pixels": {
+            "of": "images" if boxes.of_images else "centers",
+            "numbers": boxes.numbers.tolist(),
+            "lo": _hex(boxes.lo),
+            "hi": _hex(boxes.hi),
+        },
+        "camera": {
+            "numbers": _hex(cameras.camera.numbers),
+            "spread": _hex(cameras.spread),
+            "ball": bool(cameras.ball),
+            "field": _hex(field_of_view(cameras).radius),
+        },
+        "target": {
+            "radius": _hex(target.radius),
+            "dots": _hex(sight.dots),
+            "half_widths": _hex(sight.widths),
+            "scale": _hex(sight.targets.scale),
+        },
+        "frames": {"camera": _motion(sight.frames.camera), "target": _motion(sight.frames.target)},
+    }
+
+
+def digest_of(inputs: dict[str, Any]) -> str:
+    """SHA-256 of the canonical JSON: keys sorted, no white space."""
+    text = json.dumps(inputs, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def write_claim(
+    stem: Path,
+    inputs: dict[str, Any],
+    outliers: int,
+    found: PoseBox | Pose,
+    refuted: bool,
+    chains: Sequence[Sequence[tuple[str, int, Sequence[StageRow]]]],
+) -> None:
+    """The claim beside its certificates; a pose is the centre of the proofs where all poses are refuted."""
+    radii = (found.position.mag, 2.0 * found.half_turn.mag) if isinstance(found, PoseBox) else (None, None)
+    center = found.center if isinstance(found, PoseBox) else found
+    claim = {
+        "format": POSE_SET_FORMAT,
+        "inputs": inputs,
+        "outliers": outliers,
+        "refuted": refuted,
+        "pose": _motion(center),
+        "position_radius": None if radii[0] is None else _hex(radii[0]),
+        "rotation_radius": None if radii[1] is None else _hex(radii[1]),
+        "chains": [
+            [
+                {"certificate": file, "power": power, "rows": [[r.dot, r.side, _hex(r.x), _hex(r.y)] for r in rows]}
+                for file, power, rows in one
+            ]
+            for one in chains
+        ],
+    }
+    write_file(stem.with_name(stem.name + SUFFIX), (json.dumps(claim, separators=(",", ":")) + "\n").encode("ascii"))
+
+
+def _motion(pose: Pose) -> Any:
+    return _hex(np.concatenate([pose.position, pose.quaternion]))
+
+
+def _hex(values: npt.ArrayLike) -> Any:
+    """Floats as texts, in lists as in the array."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0:
+        return float(array).hex()
+    return [_hex(part) for part in array]
+
 
 _PASSES = 6
 _PAYS = 0.95

@@ -20,31 +20,27 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from cpcal.common.arrays import Floats, Indices
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import frozen_array
-from cpcal.robot import Pose
+from cpcal.robot import Campaign, Pose, Robot
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import Camera
-from cpcal.vision.pose_sets.enclosed import exact, rotation
-from cpcal.vision.pose_sets.pixel_boxes import PixelBoxes
-from cpcal.vision.pose_sets.pose_box import PoseBox, pose_box
+from cpcal.vision.pose_sets.enclosed import Frames, Motions, PoseBox, exact, pose_box, rotation
 from cpcal.vision.pose_sets.pose_certificate import write_certificate
-from cpcal.vision.pose_sets.pose_enclosure import Found, View, contractor_of, enclosed
-from cpcal.vision.pose_sets.pose_frames import Frames, Motions
-from cpcal.vision.pose_sets.robust_pose_set import enclosed_but
-from cpcal.vision.pose_sets.sight import Sight
+from cpcal.vision.pose_sets.pose_enclosure import Found, View, contractor_of, enclosed, enclosed_but
+from cpcal.vision.pose_sets.sight import PixelBoxes, Sight
 from cpcal.vision.pose_sets.uncertain import CameraSet, TargetSet
 from cpcal.vision.target import Target
 
 __all__ = ["Frames", "PixelBoxes", "PoseSet", "enclose_pose"]
-
 
 CONTRACTORS = ("lifted",)
 
@@ -164,3 +160,55 @@ def _check(boxes: PixelBoxes, target: Target, outliers: int) -> None:
         problems.append(Problem("outliers", f"is {outliers}", "give a number of dots >= 0"))
     if problems:
         raise InputError(problems)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Campaigns whose reading sets come from pixels: a guaranteed pose set for every row instead of 3 sigma.
+
+# a page of such a campaign shows it among the campaign's provenance
+NOT_ON_THE_PAGE = "checked by `cpcal verify` of their folder, from pixels on; the check on this page begins after them"
+
+
+def campaign_of(
+    sets: Sequence[PoseSet],
+    lengths: npt.ArrayLike,
+    robot: Robot,
+    *,
+    length_radius: npt.ArrayLike = 0.0,
+    pose: Sequence[str] | None = None,
+    run: Sequence[str] | None = None,
+    provenance: Mapping[str, str] | None = None,
+) -> Campaign:
+    """The campaign of N pose sets of the mobile frame in the base frame, and leg readings (N, n) mm.
+
+    Row k states |P - P_k| <= p and |2 s| <= r with half-widths of its own, which hold the pose set of image k: what is
+    certified of the campaign is true of every robot whose poses show the dots in their pixel boxes and whose leg
+    readings are off by at most `length_radius` (broadcast to (N, n) mm). The frames were exact: what is not known of
+    them (hand-eye calibration) is not in the sets. What the campaign's certificates and pages check begins at these
+    boxes, not at the pixels; its `provenance` says so.
+
+    Raises InputError for sets that are not proved, for frames that differ, and for what makes no campaign.
+    """
+    problems = [
+        Problem(f"pose set {k}", one.status, "leave the image out, or give wider pixel boxes")
+        for k, one in enumerate(sets)
+        if one.pose is None
+    ]
+    if any(one.frames != sets[0].frames for one in sets):
+        problems.append(Problem("pose sets", "have different frames", "enclose all with the same Frames"))
+    if problems:
+        raise InputError(problems)
+    poses = [one.pose for one in sets if one.pose is not None]
+    return Campaign.of(
+        robot,
+        np.array([one.position for one in poses]),
+        np.array([one.quaternion for one in poses]),
+        lengths,
+        pose=pose,
+        run=run,
+        position_radius=np.array([one.position_radius for one in sets]),
+        rotation_radius=np.array([one.rotation_radius for one in sets]),
+        length_radius=length_radius,
+        exact=length_radius is None,
+        provenance={"pose sets": NOT_ON_THE_PAGE, **(provenance or {})},
+    )

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from cpcal.checker import Accepted, ExactCampaign, Refused, check
-from cpcal.files.campaign_json import NAME
+from cpcal.files.folders import NAME
 from tests.checker.valid.exact_legs import in_fractions
 
 TOTAL = int(os.environ.get("CPCAL_MUTATIONS", "2000"))

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from cpcal.checker import ExactCampaign, Refused
-from cpcal.files.campaign_json import NAME
+from cpcal.files.folders import NAME
 from cpcal.solver.certificate.readings import at_point, holding, stretching
 from tests.checker.valid.exact_legs import in_fractions
 
@@ -170,7 +170,7 @@ def test_another_campaign_with_its_own_digest(verdict: Any, exact_proof: Any, mo
     lines[1]["point"] = lines[1]["epsilon"]["hi"] = None
     lines[2]["bounds"] = [e for e in lines[2]["bounds"] if e[0] == 7]
     assert 0 in {lines[2]["rows"][n][1] for n, _ in lines[2]["bounds"][0][3]["rows"]}
-    with pytest.raises(Refused):
+    with pytest.raises(Refused, match="the weights prove less than the bound on unknown 7"):
         verdict(lines, moved_campaign)
 
 

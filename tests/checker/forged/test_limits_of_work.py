@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from cpcal.checker import Refused, Unusable, check
-from cpcal.files.campaign_json import NAME
+from cpcal.files.folders import NAME
 
 
 def test_no_campaign(verdict: Any, exact_proof: Any, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from cpcal.checker import ExactCampaign, Refused, Unusable, check
-from cpcal.files.campaign_json import NAME
+from cpcal.files.folders import NAME
 from tests.checker.valid.exact_legs import in_fractions
 
 Lines = list[dict[str, Any]]

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 import cpcal
-from cpcal.files.campaign_json import NAME
+from cpcal.files.folders import NAME
 
 SECONDS, BYTES = 10, 500 << 20
 ZERO, ONE = "0x0p+0", "0x1p+0"

@@ -173,3 +173,13 @@ def test_rows_are_not_positive_at_solutions(seed: int, root: bool) -> None:
         assert (failing(problem, point, 0) is not None) != good
         if good:
             assert all(value(problem.row(x, side, 0, ""), u) <= 0 for side in SIDES)
+
+
+def test_a_point_on_the_boundary_holds_and_is_not_proved_to_fail() -> None:
+    """x <= 1 at 1, above it and below it."""
+    item = Stated("x", False, (((0,), F(1)),), None, (((), F(1)),)).constraint()
+    problem = Problem(("x",), None, 1, (0,), lambda k, x, *_: item.on(x.images))
+    for value_, holds, fails in ((F(1), True, False), (F(1, 2), True, False), (1 + F(1, 1 << 60), False, True)):
+        x = Unknowns(Box((value_,), (value_,)), free)
+        assert problem.holds(x, 0, "") is holds
+        assert problem.fails(x, "upper", 0, "") is fails

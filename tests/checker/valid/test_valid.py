@@ -16,7 +16,7 @@ import pytest
 
 import cpcal
 from cpcal.checker import ExactCampaign, check
-from cpcal.files.campaign_json import NAME, save_campaign_json
+from cpcal.files.folders import NAME, save_campaign_json
 from cpcal.legs import leg_statement
 from cpcal.legs.leg_statement import exact_measurement
 from cpcal.results import save_result

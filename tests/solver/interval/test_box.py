@@ -75,36 +75,36 @@ def test_a_box_is_immutable_and_independent_of_its_source() -> None:
 
 
 @pytest.mark.parametrize(
-    "make",
+    ("make", "reason"),
     [
-        lambda: Box(["x", "y", "x"], [0, 0, 0], [1, 1, 1]),
-        lambda: Box("xy", [0, 0], [1, 1]),
-        lambda: Box([1, 2], [0, 0], [1, 1]),  # type: ignore[list-item]
-        lambda: Box(["x"], [0, 0], [1, 1]),
-        lambda: Box(["x"], [[0]], [[1]]),
-        lambda: Box(["x"], 0, 1),
-        lambda: Box(["x"], [2], [1]),
-        lambda: Box(["x"], [math.nan], [1]),
-        lambda: Box(["x"], [math.inf], [math.inf]),
-        lambda: Box.from_dict({"x": (2, 1)}),
-        lambda: Box.from_dict({"x": (1, 2, 3)}),  # type: ignore[dict-item]
-        lambda: Box.from_dict({"x": "ab"}),  # type: ignore[dict-item]
-        lambda: Box.empty([]),
-        lambda: unit()["q"],
-        lambda: unit().index("q"),
-        lambda: unit().replace("q", lo=0),
-        lambda: unit().with_bounds([0], [1]),
-        lambda: unit().with_bounds([0, 0, math.nan], [1, 1, 1]),
-        lambda: unit() & Box(["x"], [0], [1]),
-        lambda: unit() | Box(["y", "x", "z"], [0, 0, 0], [1, 1, 1]),
-        lambda: unit().subset(Box(["x"], [0], [1])),
-        lambda: {"x": 1} in unit(),
-        lambda: [1, 2] in unit(),
-        lambda: "x" in unit(),
+        (lambda: Box(["x", "y", "x"], [0, 0, 0], [1, 1, 1]), "repeated: x"),
+        (lambda: Box("xy", [0, 0], [1, 1]), "'xy' are not names"),
+        (lambda: Box([1, 2], [0, 0], [1, 1]), "1 is no name"),  # type: ignore[list-item]
+        (lambda: Box(["x"], [0, 0], [1, 1]), "1 names, but bounds|1 variables?, but bounds"),
+        (lambda: Box(["x"], [[0]], [[1]]), r"not \[\[0\]\]"),
+        (lambda: Box(["x"], 0, 1), "not 0"),
+        (lambda: Box(["x"], [2], [1]), r"\[2.0, 1.0\] is no interval"),
+        (lambda: Box(["x"], [math.nan], [1]), r"\[nan, 1.0\] is no interval"),
+        (lambda: Box(["x"], [math.inf], [math.inf]), r"\[inf, inf\] is no interval"),
+        (lambda: Box.from_dict({"x": (2, 1)}), r"\[2.0, 1.0\] is not an interval"),
+        (lambda: Box.from_dict({"x": (1, 2, 3)}), "too many values"),  # type: ignore[dict-item]
+        (lambda: Box.from_dict({"x": "ab"}), "'ab' is no real number"),  # type: ignore[dict-item]
+        (lambda: Box.empty([]), "a box without variables is never empty"),
+        (lambda: unit()["q"], "no variable 'q'"),
+        (lambda: unit().index("q"), "no variable 'q'"),
+        (lambda: unit().replace("q", lo=0), "no variable 'q'"),
+        (lambda: unit().with_bounds([0], [1]), "3 variables, but bounds"),
+        (lambda: unit().with_bounds([0, 0, math.nan], [1, 1, 1]), "one bound is NaN"),
+        (lambda: unit() & Box(["x"], [0], [1]), "boxes of different variables"),
+        (lambda: unit() | Box(["y", "x", "z"], [0, 0, 0], [1, 1, 1]), "boxes of different variables"),
+        (lambda: unit().subset(Box(["x"], [0], [1])), "boxes of different variables"),
+        (lambda: {"x": 1} in unit(), "no value for y, z"),
+        (lambda: [1, 2] in unit(), r"\[1, 2\] is no point of 3 variables"),
+        (lambda: "x" in unit(), "'x' is no point of 3 variables"),
     ],
 )
-def test_misuse_is_a_model_error(make: Callable[[], object]) -> None:
-    with pytest.raises(ModelError):
+def test_misuse_is_a_model_error(make: Callable[[], object], reason: str) -> None:
+    with pytest.raises(ModelError, match=reason):
         make()
 
 

@@ -38,18 +38,18 @@ def test_bounds_are_rounded_outward_from_ints_and_fractions() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lo", "hi"),
+    ("lo", "hi", "reason"),
     [
-        (2, 1),
-        (math.nan, 1),
-        (1, math.nan),
-        (math.nan, math.nan),
-        (math.inf, math.inf),
-        (-math.inf, -math.inf),
+        (2, 1, "is not an interval"),
+        (math.nan, 1, "is not an interval"),
+        (1, math.nan, "is not an interval"),
+        (math.nan, math.nan, "is not an interval"),
+        (math.inf, math.inf, "holds no real number"),
+        (-math.inf, -math.inf, "holds no real number"),
     ],
 )
-def test_bounds_without_a_meaning_are_refused(lo: float, hi: float) -> None:
-    with pytest.raises(ModelError):
+def test_bounds_without_a_meaning_are_refused(lo: float, hi: float, reason: str) -> None:
+    with pytest.raises(ModelError, match=reason):
         Interval(lo, hi)
 
 
@@ -146,15 +146,15 @@ def test_powers_roots_and_signs() -> None:
 
 def test_what_is_refused() -> None:
     x = Interval(0, 1)
-    for refused in (bool, lambda v: v + "1", lambda v: v**0.5, lambda v: v & 1, lambda v: v | 0.5):
-        with pytest.raises(TypeError):
-            refused(x)
     with pytest.raises(TypeError, match="is_empty"):
         bool(x)
+    for refused in (lambda v: v + "1", lambda v: v**0.5, lambda v: v & 1, lambda v: v | 0.5):
+        with pytest.raises(TypeError, match="unsupported operand"):
+            refused(x)
     for comparison in (operator.lt, operator.le, operator.gt, operator.ge):
-        with pytest.raises(TypeError):
+        with pytest.raises(TypeError, match="not supported between instances of 'Interval'"):
             comparison(x, x)
-    with pytest.raises(AttributeError):
+    with pytest.raises(AttributeError, match="cannot assign to field 'lo'"):
         x.lo = 3.0  # type: ignore[misc]
     assert x != "x"
     assert x != 0

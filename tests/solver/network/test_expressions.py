@@ -116,9 +116,9 @@ def test_truth_values_and_chained_comparisons_are_refused(net: ConstraintNetwork
         not x  # noqa: B018
     with pytest.raises(ModelError, match="closed"):
         x != 1  # noqa: B015
-    with pytest.raises(ModelError):
+    with pytest.raises(ModelError, match="takes constraints, not <Expr x"):
         net.add(x)  # type: ignore[arg-type]
-    with pytest.raises(ModelError):
+    with pytest.raises(ModelError, match="takes constraints, not True"):
         net.add(True)  # type: ignore[arg-type]
 
 
@@ -159,6 +159,16 @@ def test_shape_errors_are_model_errors(net: ConstraintNetwork) -> None:
             build()
             accepted.append(k)
     assert accepted == []
+
+
+def test_arrays_of_expressions_are_stacked_or_the_message_says_so(net: ConstraintNetwork) -> None:
+    x, y, matrix = net.variable("x"), net.variable("y"), np.eye(2)
+    net.add(matrix @ np.stack([x, y]) == np.ones(2))  # type: ignore[list-item]
+    with pytest.raises(ModelError, match=r"numpy\.stack\(\[x, y\]\)` for `numpy\.array"):
+        net.add(matrix @ np.array([x, y]) == np.ones(2))
+    for given in ([x, y], np.array([x, y])):
+        with pytest.raises(ModelError, match=r"an array of expressions is numpy\.stack"):
+            norm(given)
 
 
 INDICES = [0, -1, slice(1, None), slice(None, None, -1), [2, 0, 0], np.array([True, False, True]), None, ...]
@@ -210,7 +220,7 @@ def test_numpy_on_the_left_and_iteration(net: ConstraintNetwork) -> None:
     assert (1.0 / x).op == "div"
     assert len(x) == 3
     assert [e.shape for e in x] == [(), (), ()]
-    with pytest.raises(TypeError):
+    with pytest.raises(TypeError, match="has no length"):
         len(x[0])
 
 

@@ -131,6 +131,32 @@ def test_derivatives_by_variables_and_readings_equal_differences(name: str) -> N
     assert np.abs(expected).max() < 1e-9  # what a row does not reach does not change it
 
 
+ACROSS: dict[str, Callable[[Expr], Expr]] = {  # poles whose derivatives have one sign
+    "pole first": lambda x: x[:, 0] ** -1 + sqr(x[:, 1]),
+    "pole last": lambda x: 3.0 * x[:, 1] - sqr(x[:, 0]) ** 2 + x[:, 0] ** -3,
+    "pole inside": lambda x: sqr(x[:, 0] ** -1 + x[:, 1]) + x[:, 1],
+}
+
+
+@pytest.mark.parametrize("name", ACROSS)
+def test_derivatives_across_a_pole_hold_every_secant_whatever_stands_beside_it(name: str) -> None:
+    """Row by row: the first has a pole in its box, the second has none."""
+    rng = np.random.default_rng(7)
+    net = ConstraintNetwork()
+    x = net.variable("x", (2, 2), (np.array([[-1.0, -1.0], [0.5, -1.0]]), np.array([[1.0, 1.0], [2.0, 1.0]])))
+    form = CentredForm(net, ACROSS[name](x), ENGINE)
+    matrix = form.jacobian(net.domain)
+    assert np.isfinite(matrix.lo[1]).all()
+    for _ in range(20):
+        a, b = rng.uniform(net.domain.lo, net.domain.hi, (2, 4))
+        b = np.where(np.arange(4) % 2 == 0, b, a)  # only the poles' variables move
+        one, two = (form.natural(Box(net.names, p, p)).mid for p in (a, b))
+        secant = (two - one) / (b - a)[[0, 2]]
+        for row, column in ((0, 0), (1, 2)):
+            room = 1e-9 * abs(secant[row])
+            assert matrix.lo[row, column] - room <= secant[row] <= matrix.hi[row, column] + room
+
+
 def test_rows_that_only_see_their_own_measurement_cost_no_more_than_their_number() -> None:
     count = 20_000  # squared, 3 GB
     net = ConstraintNetwork()

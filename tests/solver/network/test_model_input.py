@@ -86,7 +86,7 @@ def test_operators_in_place_leave_what_was_there() -> None:
     x += 1
     assert same.digest == before != x.digest
     row = np.ones(2)
-    with pytest.raises((TypeError, CpcalError)):
+    with pytest.raises((TypeError, CpcalError), match="is no operation of expressions"):
         row += same
 
 

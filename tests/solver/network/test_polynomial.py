@@ -111,6 +111,26 @@ def test_no_row_excludes_a_solution_with_the_readings_that_decide(seed: int) -> 
         assert all(holds(polynomial_form(net, arithmetic, sets), point))
 
 
+@settings(max_examples=20, deadline=None)
+@given(seed=SEEDS)
+def test_a_reading_that_several_rows_share_is_not_fixed_for_one_of_them(seed: int) -> None:
+    """Readings that solve all rows still do when they are moved into the sets that are said to decide."""
+    rng, engine = np.random.default_rng(seed), get_arithmetic("float64")
+    net = ConstraintNetwork()
+    x = net.variable("x", (), (-4, 4))
+    shared, own = net.reading(0.0, 1.0), net.reading(np.zeros(4), 1.0)
+    factors, m, k = rng.choice([-2.0, -1.0, 1.0, 2.0], (2, 4)), *np.split(rng.integers(-8, 9, 5) / 8.0, [1])
+    bound = factors[0] * m + factors[1] * k + 0.5
+    net.add(factors[0] * shared + factors[1] * own + x <= bound)  # which (0.5, m, k) solves
+    sets = DecisiveReadings(net, engine).on(net.domain)[0]
+    moved = {
+        d: np.clip(value, sets[d].lo, sets[d].hi) for d, value in ((shared.digest, m), (own.digest, k)) if d in sets
+    }
+    assert own.digest in sets  # each enters one row
+    left = factors[0] * moved.get(shared.digest, m) + factors[1] * moved[own.digest] + 0.5
+    assert (left <= bound).all()
+
+
 Constrain = Callable[[Expr], list[object]]
 LEVELS = np.linspace(-2, 2, 9)
 KINKS: dict[str, tuple[Callable[[Expr, Expr], Expr], Callable[[Floats, Floats], Floats]]] = {
@@ -274,6 +294,27 @@ def test_taylor_models_contain_the_exact_value(engine: str, seed: int, slots: tu
     assert encloses(product(e, x, x, square=True), delta, a * a)
     assert encloses(coef.reciprocal(e, y), delta, 1 / b)
     assert encloses(coef.total(e, x), [], a)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@settings(max_examples=20, deadline=None)
+@given(seed=SEEDS, count=st.integers(2, 40))
+def test_sums_that_cancel_are_enclosed(engine: str, seed: int, count: int) -> None:
+    """Of elements of an array, and of products that belong to one monomial."""
+    rng, e = np.random.default_rng(seed), get_arithmetic(engine)
+    x, y = rng.normal(size=(2, 3, count)) * 10.0 ** rng.uniform(-9, 9, (2, 3, count))
+    y[:, 0] = 1.0
+    x[:, 0] = -x[:, 1:].sum(axis=1)
+    delta = [Fraction(v) for v in (1.0, *rng.uniform(-1, 1, 2))]
+    a, b = ([sum(Fraction(v) * d for v, d in zip(c, delta, strict=True)) for c in z.T] for z in (x, y))
+    total = coef.total_over(e, IntervalArray.point(x[:, None]), 1)[:, 0]
+    assert encloses(total[:, None], delta[1:], sum(a, Fraction(0)))
+    x[:, 0] = 0.0
+    x[0, 0] = -(x * y).sum()
+    a[0] = Fraction(x[0, 0])
+    pairs = np.array([(k, k, 0) for k in range(count)], np.intp)
+    products = coef.term_products(e, IntervalArray.point(x), IntervalArray.point(y), pairs, 1, False)[:, 0]
+    assert encloses(products[:, None], delta[1:], sum((v * w for v, w in zip(a, b, strict=True)), Fraction(0)))
 
 
 def test_taylor_models_are_exact_to_first_order() -> None:

@@ -210,11 +210,11 @@ def test_fit_starts_where_a_norm_has_no_derivative() -> None:
 def test_objectives_that_make_no_sense_are_refused() -> None:
     net = Network()
     x, y = net.variable("x", (), (0, 1)), net.variable("y")
-    for expression in (x + 1, net.constant(2.0), y[None]):
-        with pytest.raises(ModelError):
+    with pytest.raises(ModelError, match="not a scalar variable"):
+        net.minimize(y[None])
+    for expression in (x, x + 1, net.constant(2.0)):
+        with pytest.raises(ModelError, match="has none for y"):
             net.minimize(expression)
-    with pytest.raises(ModelError, match="bounded"):
-        net.minimize(x)
 
 
 def test_readings_bracket_includes_their_first_order_effect() -> None:

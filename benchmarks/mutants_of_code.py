@@ -1,0 +1,219 @@
+"""`python -m benchmarks.mutants_of_code`: do the tests notice small changes of the code that let out something false?
+
+    python -m benchmarks.mutants_of_code [--area AREA] [--only WORDS] [--processes 1] [--seconds 300] [--log FILE]
+
+`mutants_of_code.toml` lists the changes (mutants). Each names a folder, a pattern that occurs once below it, what
+takes its place, what false statement that lets out, and the tests that must fail: paths and a -k expression. A mutant
+whose pattern is gone, or is there twice, is an error that names it: it follows the code, or it leaves with the code.
+
+Everything happens in copies of the tree in a temporary folder, machine code of kernels included. Tests that are named
+must pass there without a change; with it they must fail (exit status 1 of pytest, or no end in time): a mutant that
+cannot be imported, or whose tests are not found, is an error. A mutant that no test notices may have a `reason` why
+that is right. Exit status 1 below a share of 95 % noticed, 2 for errors.
+
+Why not mutmut or cosmic-ray: both generate every change of their operators, of which most change no statement, and run
+one command for all. Neither keeps a list, says which tests must notice a change, or knows of kernels whose machine code
+is made from the text of several files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+HERE = Path(__file__).parents[1]
+LIST = Path(__file__).with_suffix(".toml")
+SHARE = 0.95  # of all mutants must be noticed
+_NOT_COPIED = shutil.ignore_patterns(".*", "build", "demo", "dist", "results*.json")
+_FAILED, _NO_END = 1, -1  # pytest's exit status where a test failed; ours where it was ended
+
+
+class MutantError(Exception):
+    """The list does not fit the code or the tests."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A change of the code below a folder, the false statement that it lets out, and the tests that must fail."""
+
+    area: str
+    below: str
+    pattern: str
+    replacement: str
+    false: str
+    tests: str
+    reason: str = field(default="", kw_only=True)
+
+    def file(self, root: Path) -> Path:
+        """The one file that holds the pattern, once. Raises MutantError."""
+        folder = root / self.below
+        files = sorted(folder.rglob("*.py")) if folder.is_dir() else [folder] if folder.is_file() else []
+        places = [(path, path.read_text(encoding="utf-8").count(self.pattern)) for path in files]
+        found = [(path, count) for path, count in places if count]
+        if sum(count for _, count in found) != 1:
+            where = ", ".join(f"{count} times in {path.relative_to(root)}" for path, count in found) or "nowhere"
+            raise MutantError(f"{self.area}: {self.false}: the pattern is {where} below {self.below}: {self.pattern!r}")
+        return found[0][0]
+
+    def apply(self, root: Path) -> None:
+        """Change the file below `root`, and leave no bytecode that could be taken for it."""
+        path = self.file(root)
+        changed = path.read_text(encoding="utf-8").replace(self.pattern, self.replacement)
+        path.unlink()
+        path.write_text(changed, encoding="utf-8")
+        for old in path.parent.glob(f"__pycache__/{path.stem}.*.pyc"):
+            old.unlink()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the tests said: the first that failed, "no end" where they were ended, "" where they passed."""
+
+    mutant: Mutant
+    noticed_by: str
+
+
+def read(path: Path = LIST) -> list[Mutant]:
+    """The list. Each table `[[area]]` of the file is a mutant of that area."""
+    tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    mutants = [Mutant(area=area, **entry) for area, entries in tables.items() for entry in entries]
+    names = [mutant.false for mutant in mutants]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise MutantError(f"two mutants say the same: {', '.join(sorted(twice))}")
+    return mutants
+
+
+def misplaced(mutants: Iterable[Mutant], root: Path = HERE) -> list[str]:
+    """What is wrong with the places that the mutants name."""
+    errors = []
+    for mutant in mutants:
+        try:
+            mutant.file(root)
+        except MutantError as error:
+            errors.append(str(error))
+        gone = [part for part in _paths(mutant.tests) if not (root / part.partition("::")[0]).exists()]
+        errors += [f"{mutant.area}: {mutant.false}: {part} is not there" for part in gone]
+    return errors
+
+
+def outcome(mutant: Mutant, original: Path, seconds: float) -> Outcome:
+    """Of the mutant's tests in a copy of `original`."""
+    with tempfile.TemporaryDirectory(prefix="mutant-") as folder:
+        root = copy_of(original, Path(folder) / "tree", linked=True)
+        mutant.apply(root)
+        status, printed = run_tests(mutant.tests, root, seconds)
+    if status == _NO_END:
+        return Outcome(mutant, "no end")
+    if status not in (0, _FAILED):
+        raise MutantError(f"{mutant.area}: {mutant.false}: pytest ended with {status}\n{printed[-2000:]}")
+    failed = [line for line in printed.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return Outcome(mutant, failed[0].split(" ")[1] if failed else "" if status == 0 else "a test")
+
+
+def run_tests(tests: str, root: Path, seconds: float) -> tuple[int, str]:
+    """Pytest's exit status for these tests of the tree at `root`, and what it printed; -1 where it was ended."""
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=line", "-p", "no:cacheprovider"]
+    environment = {**os.environ, "PYTHONPATH": str(root), "CPCAL_QUIET": "1"}
+    with subprocess.Popen(
+        [*command, *shlex.split(tests)],
+        cwd=root,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,  # so that processes which tests began end with them
+    ) as process:
+        try:
+            printed, _ = process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            return _NO_END, process.communicate()[0]
+        return process.returncode, printed
+
+
+def copy_of(original: Path, root: Path, *, linked: bool = False) -> Path:
+    """The tree, with its machine code. `linked`: files have two names; what is written anew has its own."""
+    shutil.copytree(original, root, ignore=_NOT_COPIED, copy_function=os.link if linked else shutil.copy2)
+    return root
+
+
+def unchanged_failures(mutants: Iterable[Mutant], original: Path, seconds: float) -> list[str]:
+    """Which of the named tests do not pass in the tree as it is: they would notice anything."""
+    errors = []
+    for tests in sorted({mutant.tests for mutant in mutants}):
+        status, printed = run_tests(tests, original, seconds)
+        if status:
+            errors.append(f"{tests}: pytest ends with {status} without a change\n{printed[-2000:]}")
+    return errors
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """By area: mutants, how many were noticed, and those that were not, each with its reason."""
+    lines = ["| area | mutants | noticed | not noticed |", "| --- | --- | --- | --- |"]
+    for area in dict.fromkeys(found.mutant.area for found in outcomes):
+        mine = [found for found in outcomes if found.mutant.area == area]
+        lost = [found.mutant for found in mine if not found.noticed_by]
+        said = "; ".join(f"{mutant.false} ({mutant.reason or 'NO REASON'})" for mutant in lost)
+        lines.append(f"| {area} | {len(mine)} | {len(mine) - len(lost)} | {said} |")
+    noticed = sum(bool(found.noticed_by) for found in outcomes)
+    lines.append(f"| all | {len(outcomes)} | {noticed} ({noticed / len(outcomes):.1%}) | |")
+    return "\n".join(lines)
+
+
+def _paths(tests: str) -> list[str]:
+    return [part for part in shlex.split(tests) if part.startswith(("tests/", "docs/"))]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.mutants_of_code", description=__doc__.split("\n")[0])
+    parser.add_argument("--area", help="mutants of this area alone")
+    parser.add_argument("--only", default="", help="mutants whose false statement holds these words")
+    parser.add_argument("--processes", type=int, default=1, help="mutants at a time")
+    parser.add_argument("--seconds", type=float, default=300.0, help="after which a mutant's tests are ended")
+    parser.add_argument("--log", type=Path, help="a file for lines of JSON: mutant and the test that noticed it")
+    asked = parser.parse_args(arguments)
+    mutants = [m for m in read() if asked.area in (None, m.area) and asked.only in m.false]
+    errors = misplaced(mutants)
+    outcomes: list[Outcome] = []
+    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        original = copy_of(HERE, Path(folder) / "tree")
+        errors += unchanged_failures(mutants, original, asked.seconds) if not errors else []
+        if errors or not mutants:
+            print("\n".join(errors) or "no mutant is called so", file=sys.stderr)
+            return 2
+        with ThreadPoolExecutor(asked.processes) as pool:
+            for mutant, job in [(m, pool.submit(outcome, m, original, asked.seconds)) for m in mutants]:
+                try:
+                    found = job.result()
+                except MutantError as error:
+                    errors.append(str(error))
+                    continue
+                outcomes.append(found)
+                print(
+                    f"{mutant.area}: {mutant.false}: {found.noticed_by or 'NOT NOTICED'}", file=sys.stderr, flush=True
+                )
+                if asked.log:
+                    with asked.log.open("a", encoding="utf-8") as log:
+                        log.write(json.dumps({"mutant": mutant.false, "noticed_by": found.noticed_by}) + "\n")
+    if outcomes:
+        print(table(outcomes))
+    print("\n".join(errors), file=sys.stderr)
+    noticed = sum(bool(found.noticed_by) for found in outcomes)
+    return 2 if errors else int(noticed < SHARE * len(outcomes))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

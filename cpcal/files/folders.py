@@ -1,0 +1,332 @@
+"""Campaigns from files (DESIGN section 8): all problems of both files at once, each with its line."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems
+from cpcal.files.settings import (
+    CALIBRATION_NAME,
+    CSV_NAME,
+    STUDY_NAME,
+    TOML_NAME,
+    VALIDATION_NAME,
+    Settings,
+    StudySettings,
+    csv_bytes,
+    read_settings,
+    read_study_settings,
+    toml_bytes,
+)
+from cpcal.files.tables import Table, open_regular, read_table, small_file, unreadable
+from cpcal.robot import Campaign, PoseTable, Robot, Study
+from cpcal.robot.columns import SHARED_COLUMNS, half_widths
+from cpcal.robot.model_choice import ModelChoice
+from cpcal.robot.uncertainty import Uncertainty
+
+_ABSENT = "a campaign is a folder with the two files campaign.toml and measurements.csv"
+
+
+def load_campaign(path: str | os.PathLike[str]) -> Campaign:
+    """The campaign in the folder `path`.
+
+    campaign.toml states the nominal robot and, in [uncertainty], half-widths: as `factor` times
+    `position_sigma` (3, mm), `rotation_sigma` (3, rad) and `length_sigma` (n, mm), or directly as
+    `position_half_width`, `rotation_half_width` and `length_half_width`; or it says `exact = true` there. [model]
+    may name the leg model that is asked for, and `half_widths` of its extra parameters. measurements.csv has the
+    columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and any of dx,dy,dz,drx,dry,drz,dL1..dLn, whose cells
+    replace those half-widths where they are not empty.
+
+    Raises one InputError that lists every problem of both files.
+    """
+    folder = Path(path)
+    problems = Problems()
+    if not folder.is_dir():
+        what = "is not a folder" if folder.exists() else "does not exist"
+        problems.add(Problem(str(folder), what, _ABSENT))
+        problems.raise_any(YOUR_DATA)
+    of_settings, of_table = hashlib.sha256(), hashlib.sha256()
+    settings = _settings(folder / TOML_NAME, problems, of_settings.update)
+    table = _table(folder / CSV_NAME, settings, problems, of_table.update)
+    problems.raise_any(YOUR_DATA)
+    campaign = _assembled(settings, table)
+    files = ((TOML_NAME, of_settings.hexdigest()), (CSV_NAME, of_table.hexdigest()))
+    object.__setattr__(campaign, "files", files)
+    return campaign
+
+
+def load_settings(path: str | os.PathLike[str]) -> Settings:
+    """What a campaign.toml, or that in a folder, says. Raises InputError with every problem of it."""
+    file = Path(path) / TOML_NAME if Path(path).is_dir() else Path(path)
+    problems = Problems()
+    settings = _settings(file, problems, lambda _: None)
+    problems.raise_any(YOUR_DATA)
+    return settings
+
+
+def _settings(path: Path, problems: Problems, saw: Callable[[bytes], object]) -> Settings:
+    content = small_file(path, problems, _ABSENT)
+    if content is None:
+        return Settings(None, None, None, {})
+    saw(content)
+    return read_settings(content, str(path), problems)
+
+
+def _table(path: Path, settings: Settings, problems: Problems, saw: Callable[[bytes], object]) -> Table:
+    try:
+        with open_regular(path) as file:
+            return read_table(file, str(path), settings.legs, problems, saw)
+    except OSError as error:
+        problems.add(unreadable(path, error, _ABSENT))
+        return Table()
+
+
+def _assembled(settings: Settings, table: Table) -> Campaign:
+    """The campaign of two files without problems."""
+    robot, values = settings.robot, table.values
+    assert robot is not None  # what keeps it from being read is a problem, and was raised
+    legs = robot.legs
+    stated = np.zeros(6 + legs) if settings.uncertainty is None else settings.uncertainty.half_widths
+    radii = half_widths(stated, values, legs, len(table.pose))
+
+    def columns(*names: str) -> npt.NDArray[np.float64]:
+        return np.stack([values[name] for name in names], axis=1)
+
+    return Campaign(
+        robot,
+        tuple(table.pose),
+        tuple(table.run),
+        columns("x", "y", "z"),
+        columns("qw", "qx", "qy", "qz"),
+        columns(*(f"L{i}" for i in range(1, legs + 1))),
+        radii[:, :3],
+        radii[:, 3:6],
+        radii[:, 6:],
+        settings.uncertainty,
+        settings.provenance,
+        settings.model,
+    )
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# A campaign in one file of exact numbers, `campaign.json`: what a run keeps, and what its certificates are tied to.
+#
+# docs/certificate-format.md has the format. A number is the float64 nearest to its decimal text, here as in
+# campaign.toml
+# and measurements.csv, so that reading the file gives the campaign back bit by bit.
+
+NAME = "campaign.json"
+JSON_FORMAT = "cpcal-campaign-exact/1"
+_LARGEST = 64 << 20  # bytes: the checker reads no more
+_ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
+_REMEDY = "certify the campaign again"
+
+
+def campaign_json(campaign: Campaign) -> bytes:
+    """The file's bytes: of equal campaigns from equal files, the same."""
+    uncertainty, model, robot = campaign.uncertainty, campaign.model, campaign.robot
+    head: dict[str, Any] = {
+        "format": JSON_FORMAT,
+        "files": [{"name": name, "sha256": digest} for name, digest in _files(campaign)],
+        "robot": {
+            "name": robot.name,
+            "base": _texts(robot.base),
+            "mobile": _texts(robot.mobile),
+            "offset": _texts(robot.offset),
+        },
+        "uncertainty": None
+        if uncertainty is None
+        else {
+            "factor": None if uncertainty.factor is None else repr(float(uncertainty.factor)),
+            "position": _texts(uncertainty.position),
+            "rotation": _texts(uncertainty.rotation),
+            "length": _texts(uncertainty.length),
+        },
+        "model": None
+        if model is None
+        else {"name": model.name, "half_widths": {k: repr(float(v)) for k, v in model.half_widths.items()}},
+        "provenance": dict(campaign.provenance),
+    }
+    numbers = _texts(np.concatenate([getattr(campaign, name) for name in _ARRAYS], axis=1))
+    rows = [[pose, run, *row] for pose, run, row in zip(campaign.pose, campaign.run, numbers, strict=True)]
+    lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
+    table = ",\n  ".join(json.dumps(row, separators=(",", ":")) for row in rows)
+    return ("{" + ",\n ".join([*lines, f'"measurements": [\n  {table}\n ]']) + "}\n").encode()
+
+
+def campaign_sha256(campaign: Campaign) -> str:
+    """SHA-256 of the bytes of campaign.json, in hex; computed once for each campaign."""
+    kept = vars(campaign)
+    if "_sha256" not in kept:
+        kept["_sha256"] = hashlib.sha256(campaign_json(campaign)).hexdigest()
+    return str(kept["_sha256"])
+
+
+def save_campaign_json(campaign: Campaign, folder: str | os.PathLike[str], name: str = NAME) -> Path:
+    """Write it into a folder, all or nothing; its path. Raises InputError, also where the checker could not read it."""
+    content, path = campaign_json(campaign), Path(folder) / name
+    if len(content) > _LARGEST:
+        what = f"takes {len(content):,} bytes as {NAME}, more than {_LARGEST:,}"
+        raise InputError([Problem("campaign", what, "certify parts of it, or without certificates")])
+    write_file(path, content)
+    return path
+
+
+def keep_beside(campaign: Campaign, certificate: str | os.PathLike[str]) -> Path:
+    """The campaign's file in the folder of a certificate; written where it is not there yet, beside another's."""
+    folder, content = Path(certificate).parent, campaign_json(campaign)
+    name = NAME
+    if (folder / NAME).exists() and (folder / NAME).read_bytes() != content:
+        name = f"{campaign_sha256(campaign)[:12]}.{NAME}"
+    path = folder / name
+    return path if path.exists() else save_campaign_json(campaign, folder, name)
+
+
+def load_campaign_json(path: str | os.PathLike[str]) -> Campaign:
+    """The campaign of a file, or of the `campaign.json` in a folder. Raises InputError."""
+    file = Path(path) / NAME if Path(path).is_dir() else Path(path)
+    try:
+        with file.open("rb") as stream:
+            content = stream.read(_LARGEST + 1)
+    except OSError as error:
+        what = f"cannot be read: {error.strerror or error}"
+        raise InputError([Problem(str(file), what, "name the folder of a run")]) from None
+    try:
+        if len(content) > _LARGEST:
+            raise ValueError(f"is larger than {_LARGEST:,} bytes")
+        data = json.loads(content.decode("utf-8"))
+        if not isinstance(data, dict) or data.get("format") != JSON_FORMAT:
+            raise ValueError(f"is not of format {JSON_FORMAT}")
+        campaign = _campaign(data)
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise InputError([Problem(str(file), f"cannot be used: {error!r}", _REMEDY)]) from None
+    if campaign_json(campaign) != content:
+        raise InputError([Problem(str(file), "is not as cpcal writes it", _REMEDY)])
+    return campaign
+
+
+def _campaign(data: dict[str, Any]) -> Campaign:
+    robot, stated, asked = data["robot"], data["uncertainty"], data["model"]
+    rows: list[list[str]] = data["measurements"]
+    legs = len(robot["offset"])
+    numbers = np.array([[float(v) for v in row[2:]] for row in rows], dtype=np.float64).reshape(len(rows), -1)
+    ends = np.cumsum([3, 4, legs, 3, 3])
+    arrays = dict(zip(_ARRAYS, np.split(numbers, ends, axis=1), strict=True))
+    campaign = Campaign(
+        robot=Robot(robot["name"], *(_floats(robot[key]) for key in ("base", "mobile", "offset"))),
+        pose=tuple(row[0] for row in rows),
+        run=tuple(row[1] for row in rows),
+        uncertainty=None if stated is None else _uncertainty(stated),
+        provenance=data["provenance"],
+        model=None if asked is None else _model(asked),
+        **arrays,
+    )
+    object.__setattr__(campaign, "files", tuple((file["name"], file["sha256"]) for file in data["files"]))
+    return campaign
+
+
+def _uncertainty(stated: dict[str, Any]) -> Uncertainty:
+    position, rotation, length = (_floats(stated[kind]) for kind in ("position", "rotation", "length"))
+    factor = stated["factor"]
+    return Uncertainty(position, rotation, length, None if factor is None else float(factor))
+
+
+def _model(asked: dict[str, Any]) -> ModelChoice:
+    return ModelChoice(asked["name"], {k: float(v) for k, v in asked["half_widths"].items()})
+
+
+def _files(campaign: Campaign) -> tuple[tuple[str, str], ...]:
+    """Names and digests of the files it was read from; of one made in memory, of those that `save_campaign` writes."""
+    if campaign.files:
+        return campaign.files
+    contents = (TOML_NAME, toml_bytes(campaign)), (CSV_NAME, csv_bytes(campaign))
+    return tuple((name, hashlib.sha256(content).hexdigest()) for name, content in contents)
+
+
+def _texts(values: Any) -> Any:
+    """Floats of an array, or of nested lists, by repr."""
+    plain = values.tolist() if isinstance(values, np.ndarray) else values
+    return [_texts(v) for v in plain] if isinstance(plain, list) else repr(plain)
+
+
+def _floats(values: Any) -> Any:
+    return np.array(values, dtype=str).astype(np.float64)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Studies from files (docs/study-format.md): all problems of the three files at once, each with its line.
+
+_NO_STUDY = "a study is a folder with the three files study.toml, calibration.csv and validation.csv"
+
+
+def load_study(path: str | os.PathLike[str]) -> Study:
+    """The study in the folder `path`.
+
+    study.toml states the nominal robot and, of a simulated study, the truth; calibration.csv and validation.csv have
+    the columns pose,run,x,y,z,qw,qx,qy,qz,L1..Ln in any order, and perhaps image and shared_sx..shared_srz:
+    the target frame in the camera frame (mm, unit quaternion), the readings (mm), and the deviations of shared errors.
+
+    Raises one InputError that lists every problem of the three files.
+    """
+    folder = Path(path)
+    problems = Problems()
+    if not folder.is_dir():
+        what = "is not a folder" if folder.exists() else "does not exist"
+        problems.add(Problem(str(folder), what, _NO_STUDY))
+        problems.raise_any()
+    content = small_file(folder / STUDY_NAME, problems, _NO_STUDY)
+    settings = StudySettings(None, None, None, {})
+    if content is not None:
+        settings = read_study_settings(content, str(folder / STUDY_NAME), problems)
+    tables = [_study_table(folder / name, settings.legs, problems) for name in (CALIBRATION_NAME, VALIDATION_NAME)]
+    problems.raise_any()
+    robot = settings.robot
+    assert robot is not None  # what keeps it from being read is a problem, and was raised
+    calibration, validation = (_pose_table(table, robot.legs) for table in tables)
+    return Study(robot, calibration, validation, settings.truth, settings.provenance)
+
+
+def _study_table(path: Path, legs: int | None, problems: Problems) -> Table:
+    try:
+        with open_regular(path) as file:
+            table = read_table(file, str(path), legs, problems, lambda _: None, optional=_optional)
+    except OSError as error:
+        problems.add(unreadable(path, error, _NO_STUDY))
+        return Table()
+    _all_or_none(table, path, problems)
+    return table
+
+
+def _optional(_: int) -> list[str]:
+    return ["image", *SHARED_COLUMNS]
+
+
+def _all_or_none(table: Table, path: Path, problems: Problems) -> None:
+    missing = [name for name in SHARED_COLUMNS if name not in table.values]
+    if table.values and 0 < len(missing) < len(SHARED_COLUMNS):
+        remedy = f"give all of {', '.join(SHARED_COLUMNS)}, or none"
+        problems.add(Problem(str(path), f"the column {missing[0]!r} is missing", remedy, 1))
+
+
+def _pose_table(table: Table, legs: int) -> PoseTable:
+    def columns(*names: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+        return np.stack([table.values[name] for name in names], axis=1)
+
+    return PoseTable(
+        tuple(table.pose),
+        tuple(table.run),
+        columns("x", "y", "z"),
+        columns("qw", "qx", "qy", "qz"),
+        columns(*(f"L{i}" for i in range(1, legs + 1))),
+        tuple(table.image) or None,
+        columns(*SHARED_COLUMNS) if SHARED_COLUMNS[0] in table.values else None,
+    )

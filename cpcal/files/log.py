@@ -1,0 +1,233 @@
+"""Logs of trackers, motion capture and robot controllers: tables of numbers as text, whatever their separators.
+
+    # comment lines
+    header lines of any kind
+    Frame;Tx;Ty;Tz;...          the names of the columns: the last line with as many cells as the rows have
+    1;0,5132;-0,0021;0,8771;...
+
+A separator is one of , ; tab and blanks; a decimal sign is a point or a comma. What is not stated is guessed: the pair
+with which most cells are numbers.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+from cpcal.common.arrays import Floats
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
+from cpcal.common.names import TEXT_MAX
+from cpcal.files.tables import small_file
+from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty
+from cpcal.robot.campaign_arrays import mapped, table_arguments, unit_factor
+from cpcal.robot.columns import ColumnSource, is_length
+from cpcal.robot.rotation_form import RotationForm
+from cpcal.robot.units import LENGTHS
+
+LOG_MAX = 2**27  # bytes
+SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
+_SIGNS = {"point": ".", "comma": ","}
+_COMMENT = re.compile(r"\s*(#|%|//|!)")
+_NUMBERS = {sign: re.compile(rf"[-+]?(\d+(\{sign}\d*)?|\{sign}\d+)([eE][-+]?\d+)?") for sign in ".,"}
+_UNITS = re.compile(r"[\[(]?(mm|cm|m|um|µm|in|rad|deg|°|s|ms|-|)[\])]?")
+_LEAST = 3  # numbers in a row of measurements
+_LOOKED_AT = 2_000  # lines, to guess from
+
+
+@dataclass(frozen=True)
+class Log:
+    """A table of text cells. `header` is empty where there is none; `lines` are those of the rows, from 1.
+
+    separator, decimal  as they were stated or guessed
+    """
+
+    where: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+    separator: str
+    decimal: str
+
+
+def read_log(path: Path, *, separator: str | None = None, decimal: str | None = None, header: int | None = None) -> Log:
+    """The table in a log.
+
+    separator  comma, semicolon, tab or blank; decimal: point or comma; header: the line, from 1, that names the columns
+
+    Raises InputError: every row below the first one that has another number of cells, and what cannot be a log.
+    """
+    _check_options(separator, decimal, header)
+    problems = Problems()
+    content = small_file(path, problems, "name the log", most=LOG_MAX)
+    problems.raise_any()
+    assert content is not None
+    lines = _text(content).splitlines()
+    first = header or 0
+    body = [(number, line) for number, line in enumerate(lines, 1) if number > first and not _COMMENT.match(line)]
+    body = [(number, line) for number, line in body if line.strip()]
+    mark, sign, width = _guessed(body[:_LOOKED_AT], separator, decimal, str(path))
+    rows = [(number, _cells(line, mark)) for number, line in body]
+    start = next(i for i, (_, cells) in enumerate(rows) if len(cells) == width and _numbers(cells, sign) >= _LEAST)
+    for number, cells in rows[start:]:
+        if len(cells) != width:
+            what = f"{len(cells)} cells, but the rows before have {width}"
+            problems.add(Problem(str(path), what, "mend the line, or make it a comment with #", number))
+    problems.raise_any()
+    names = _header(lines, rows[start][0] if header is None else header + 1, width, mark, sign)
+    kept = rows[start:]
+    return Log(str(path), names, tuple(tuple(c) for _, c in kept), tuple(n for n, _ in kept), mark, sign)
+
+
+def _check_options(separator: str | None, decimal: str | None, header: int | None) -> None:
+    problems = Problems()
+    for name, value, known in (("separator", separator, SEPARATORS), ("decimal", decimal, _SIGNS)):
+        if value is not None and value not in known:
+            problems.add(Problem(f"option {name}", f"has no meaning: {value!r:.40}", f"give {' or '.join(known)}"))
+    if header is not None and header < 1:
+        problems.add(Problem("option header", f"has no meaning: {header}", "give a line, counted from 1"))
+    problems.raise_any()
+
+
+def _text(content: bytes) -> str:
+    """As the bytes say: UTF-8, UTF-16 with a mark, else the western single-byte code, which has no wrong bytes."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return content.decode("utf-16", errors="replace")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    try:
+        cells = next(csv.reader((line,), delimiter=separator))
+    except csv.Error:
+        cells = line.split(separator)
+    return [cell.strip() for cell in cells]
+
+
+def _numbers(cells: list[str], sign: str) -> int:
+    return sum(_NUMBERS[sign].fullmatch(cell) is not None for cell in cells)
+
+
+def _guessed(
+    body: list[tuple[int, str]], separator: str | None, decimal: str | None, where: str
+) -> tuple[str, str, int]:
+    """Separator, decimal sign, and how many cells a row has: with which most cells are numbers."""
+    best = (0, "", "", 0)
+    for name, mark in SEPARATORS.items():
+        for label, sign in _SIGNS.items():
+            if mark == sign or separator not in (None, name) or decimal not in (None, label):
+                continue
+            counts = [(len(cells), _numbers(cells, sign)) for cells in (_cells(line, mark) for _, line in body)]
+            widths = Counter(width for width, numbers in counts if numbers >= _LEAST)
+            if not widths:
+                continue
+            width = widths.most_common(1)[0][0]
+            score = sum(numbers for wide, numbers in counts if wide == width and numbers >= _LEAST)
+            if score > best[0]:
+                best = (score, mark, sign, width)
+    if not best[0]:
+        remedy = f"give a table with at least {_LEAST} numbers in a row, or state --separator and --decimal"
+        raise InputError([Problem(where, "holds no rows of numbers", remedy)])
+    return best[1:]
+
+
+def _header(lines: list[str], before: int, width: int, mark: str, sign: str) -> tuple[str, ...]:
+    """The names of the columns: the last line above that has as many cells and no numbers; a row of units is none."""
+    for line in reversed(lines[: before - 1]):
+        cells = _cells(_COMMENT.sub("", line, count=1), mark)
+        units = all(_UNITS.fullmatch(cell) for cell in cells)
+        if len(cells) == width and not units and not _numbers(cells, sign):
+            return tuple(cells)
+    return ()
+
+
+def number_texts(log: Log, place: int, target: str, problems: Problems) -> Iterator[str]:
+    """The cells of a column with points as decimal signs; what is no number is a problem, and nan."""
+    pattern = _NUMBERS[log.decimal]
+    for line, row in zip(log.lines, log.rows, strict=True):
+        if pattern.fullmatch(row[place]):
+            yield row[place].replace(log.decimal, ".")
+            continue
+        what = f"{target}: {shown(row[place])} is not a number" if row[place] else f"{target} is empty"
+        problems.add(Problem(log.where, what, "mend the cell, or make the line a comment with #", line))
+        yield "nan"
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# From a log to a campaign: columns by a map, units and rotation form by name, what the log lacks from elsewhere.
+
+
+@dataclass(frozen=True)
+class LogSettings:
+    """What a log does not say. `uncertainty` None: readings are exact."""
+
+    robot: Robot
+    uncertainty: Uncertainty | None
+    columns: str | Mapping[str, str]
+    rotation: str
+    provenance: Mapping[str, str]
+    model: ModelChoice | None = None
+
+
+def campaign_of_log(log: Log, settings: LogSettings) -> Campaign:
+    """The campaign in a log. Lengths are converted in decimal, so that 0.1 m is the float nearest to 100 mm.
+
+    Poses are named p1, p2, ... in the order of the rows unless a column is mapped to `pose`. Raises InputError with
+    every cell that is no number, by its line.
+    """
+    form = RotationForm.named(settings.rotation)
+    header = log.header or tuple(f"#{i}" for i in range(1, len(log.rows[0]) + 1))
+    found = mapped(settings.columns, header, settings.robot.legs, form)
+    names: dict[str, list[str]] = {}
+    values: dict[str, Floats] = {}
+    problems = Problems()
+    for target, source in found.items():
+        place = source.place(header)
+        assert place is not None  # `mapped` raised otherwise
+        if target in ("pose", "run"):
+            names[target] = [row[place] for row in log.rows]
+        else:
+            values[target] = _column(log, place, target, source, form, problems)
+    problems.raise_any(YOUR_DATA)
+    try:
+        arguments = table_arguments(names, values, settings.robot, form, settings.uncertainty)
+    except InputError as error:
+        raise _by_line(error, log) from None
+    told = {"imported_from": Path(log.where).name, "rotation_form": form.name, "columns": _told(found)}
+    provenance = dict(settings.provenance) | told
+    return Campaign.of(**arguments, exact=settings.uncertainty is None, provenance=provenance, model=settings.model)
+
+
+def _column(log: Log, place: int, target: str, source: ColumnSource, form: RotationForm, problems: Problems) -> Floats:
+    texts = number_texts(log, place, target, problems)
+    if is_length(target):
+        size = LENGTHS[source.unit or "mm"]
+        return np.array([float(Decimal(text) * size) for text in texts])
+    return unit_factor(target, source, form) * np.array([float(text) for text in texts])
+
+
+def _told(found: Mapping[str, ColumnSource]) -> str:
+    entries = (f'{target}="{source.name}"[{source.unit or ""}]' for target, source in found.items())
+    return "".join(c for c in ", ".join(entries).replace("[]", "") if c.isprintable())[:TEXT_MAX]
+
+
+def _by_line(error: InputError, log: Log) -> InputError:
+    """The same problems, with the log's line instead of a row's number."""
+    problems = []
+    for problem in error.problems:
+        start, _, row = problem.where.rpartition(" ")
+        if start == "rotation of row":
+            problem = type(problem)(log.where, f"the rotation {problem.what}", problem.remedy, log.lines[int(row)])
+        problems.append(problem)
+    return InputError(problems, omitted=error.omitted)

@@ -1,0 +1,534 @@
+"""Tables as CSV, safe to open in a spreadsheet.
+
+A spreadsheet computes a text that begins with = + - or @, so such a name is written with an apostrophe before it, and
+read back without. A name that has apostrophes there of its own gets one more, so that every name comes back as it was.
+"""
+
+from __future__ import annotations
+
+import csv
+import errno
+import io
+import json
+import math
+import os
+import re
+import stat
+import tomllib
+import warnings
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, NoReturn
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.names import IDENTIFIER_REMEDY, is_identifier
+from cpcal.robot import Pose
+from cpcal.robot.campaign_problems import QUATERNION_TOLERANCE, quaternion_problem
+from cpcal.robot.columns import override_columns, reading_columns
+from cpcal.robot.robot import LARGEST
+
+_CALLS = re.compile("[(|\uff08\uff5c]")  # a formula without one of these calls nothing
+_RUNS = re.compile("'*[=+\\-@\uff1d\uff0b\uff0d\uff20]")  # also the wide forms, which some spreadsheets take for them
+
+
+def guarded(text: str) -> str:
+    """The text of a cell as it is written."""
+    return "'" + text if _RUNS.match(text) else text
+
+
+def unguarded(cell: str) -> str:
+    """The text that was written so."""
+    return cell[1:] if cell.startswith("'") and _RUNS.match(cell) else cell
+
+
+def file_cell(name: str) -> str:
+    """The name of a file: as it is, for tables are joined by it, but for one that a spreadsheet would run."""
+    return guarded(name) if _CALLS.search(name) else name
+
+
+def csv_table(header: Sequence[str], rows: Iterable[tuple[Sequence[str], Iterable[float | None]]]) -> bytes:
+    """A CSV file of rows of names and numbers; floats by repr, so that they are read back bit for bit; None: empty."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(header)
+    for names, numbers in rows:
+        writer.writerow([*map(guarded, names), *("" if value is None else repr(value) for value in numbers)])
+    return buffer.getvalue().encode()
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Files from outside: the bytes of regular files, and the TOML and JSON documents in them.
+#
+# Every reader goes through here, so that no file can hang the program, fill the memory or raise what nobody expects:
+# pipes and devices are refused before they are read, sizes and nesting are bounded.
+
+SETTINGS_MAX = 2**20  # bytes of a TOML file; a sensible one is hundreds of times smaller
+JSON_MAX = 2**27  # bytes of a JSON file
+DEPTH_MAX = 30  # of nested lists and tables
+
+_BREAKS = re.compile(r"""[][{}=,"']""")
+_DOTS_MAX = 1_000  # in a key: tomllib's time grows with its square
+_DIGITS_MAX = 300  # of a whole number in JSON: one that is a float, too
+_SURROGATE = re.compile(r"\\u[dD][89abABcdefCDEF]")
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """The file, open to be read. Raises OSError, also for a pipe, which would hang, or a device, which never ends.
+
+    The open file is checked, so that nothing can take its place between.
+    """
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "its name holds a NUL")
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(descriptor)
+        code = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
+        raise OSError(code, os.strerror(code) if code == errno.EISDIR else "it is no regular file")
+    return os.fdopen(descriptor, "rb")
+
+
+def small_file(path: Path, problems: Problems, absent: str, *, most: int = SETTINGS_MAX) -> bytes | None:
+    """The bytes of a file, or None and a problem; `absent` is the remedy when there is no such file."""
+    try:
+        with open_regular(path) as file:
+            content = file.read(most + 1)
+    except OSError as error:
+        problems.add(unreadable(path, error, absent))
+        return None
+    if len(content) > most:
+        problems.add(Problem(str(path), f"is larger than {most:,} bytes", "is this the right file?"))
+        return None
+    return content
+
+
+def unreadable(path: Path, error: OSError, absent: str) -> Problem:
+    """What to say of a file that could not be opened."""
+    if isinstance(error, FileNotFoundError):
+        return Problem(str(path), "does not exist", absent)
+    return Problem(str(path), f"cannot be read: {error.strerror or error}", "give a file that can be read")
+
+
+def toml_document(content: bytes, where: str, problems: Problems, start: str) -> dict[str, object] | None:
+    """The TOML document in the bytes of a file called `where`; None, with a problem added, if it is none.
+
+    `start` says what an empty file should begin with.
+    """
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        problems.add(Problem(where, "is not UTF-8 text", "save the file as UTF-8 text", line))
+        return None
+    if not text.strip():
+        problems.add(Problem(where, "is empty", f"write at least {start}", 1))
+        return None
+    for number, row in enumerate(text.split("\n"), start=1):
+        if max(part.count(".") for part in _BREAKS.split(row)) > _DOTS_MAX:
+            problems.add(Problem(where, "has a key of too many parts", "is this the right file?", number))
+            return None
+    try:
+        document = tomllib.loads(text)
+        if not _deep(document):
+            return document
+    except tomllib.TOMLDecodeError as error:
+        what, _, place = str(error).rpartition(" (at ")  # "(at line 3, column 5)" or "(at end of document)"
+        digits = place.removeprefix("line ").partition(",")[0]
+        line = int(digits) if digits.isdecimal() else text.rstrip().count("\n") + 1
+        problems.add(Problem(where, f"is not TOML: {what[:200]}", "correct the line", line))
+        return None
+    except (ValueError, RecursionError):  # integers of thousands of digits; brackets nested thousands deep
+        pass
+    problems.add(Problem(where, "is not a sensible TOML file", "write it as the documentation shows"))
+    return None
+
+
+def json_object(path: Path, absent: str, again: str) -> dict[str, Any]:
+    """The JSON object in a file: every key once, every number finite.
+
+    `absent` is the remedy when there is no such file, `again` when it holds something else. Raises InputError.
+    """
+    problems = Problems()
+    content = small_file(path, problems, absent, most=JSON_MAX)
+    problems.raise_any()
+    assert content is not None
+    try:
+        return parsed_object(content)
+    except ValueError as error:
+        line = error.lineno if isinstance(error, json.JSONDecodeError) else None
+        what = error.msg if isinstance(error, json.JSONDecodeError) else str(error)
+        raise InputError([Problem(str(path), f"is not JSON: {what}", again, line)]) from None
+
+
+def parsed_object(content: bytes | str) -> dict[str, Any]:
+    """The JSON object in a text. Raises ValueError, whatever the text is; see `json_object`."""
+    try:
+        text = content if isinstance(content, str) else content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError("it is not UTF-8 text") from None
+    try:
+        data = json.loads(
+            text, object_pairs_hook=_object, parse_constant=_no_number, parse_float=_number, parse_int=_whole
+        )
+        if _SURROGATE.search(text):
+            json.dumps(data, ensure_ascii=False).encode()
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    except UnicodeEncodeError:
+        raise ValueError("it holds half a character") from None
+    if not isinstance(data, dict):
+        raise ValueError("it is no object")
+    if _deep(data):
+        raise ValueError("it is nested too deeply")
+    return data
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        name, _ = Counter(name for name, _ in pairs).most_common(1)[0]
+        raise ValueError(f"{shown(name)} is there twice")
+    return table
+
+
+def _no_number(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no number")
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{shown(text)} is too large for a number")
+    return value
+
+
+def _whole(text: str) -> int:
+    if len(text) > _DIGITS_MAX:
+        raise ValueError(f"{shown(text)} is too large for a number")
+    return int(text)
+
+
+def _deep(document: object) -> bool:
+    """Whether lists and tables are nested deeper than any file of cpcal's."""
+    level = [document]
+    for _ in range(DEPTH_MAX):
+        level = [
+            part
+            for value in level
+            if isinstance(value, (dict, list))
+            for part in (value.values() if isinstance(value, dict) else value)
+        ]
+        if not level:
+            return False
+    return any(isinstance(value, (dict, list)) for value in level)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Reads measurements.csv as a stream: every bad cell with its line number, in bounded memory and time.
+
+BAD_ROWS_MAX = 1_000  # reading stops after so many
+LINE_MAX = 2**16  # bytes in a line
+ROWS_MAX = 1_000_000  # measurements in a table: some 60 s and 2 GB to read and check
+
+_IDENTIFIERS = ("pose", "run", "image", "point")
+_SPECIAL = re.compile('["\r\n\0]')  # what makes a line more than cells between commas
+_QUATERNION = ("qw", "qx", "qy", "qz")
+
+
+@dataclass
+class Table:
+    """The rows of a measurements.csv. `values[name]` is a column; an empty override cell is NaN.
+
+    `image` and `point` are empty where there is no such column, as in every campaign.
+    """
+
+    pose: list[str] = field(default_factory=list)
+    run: list[str] = field(default_factory=list)
+    image: list[str] = field(default_factory=list)
+    point: list[str] = field(default_factory=list)
+    values: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
+
+
+def read_table(
+    file: BinaryIO,
+    where: str,
+    legs: int | None,
+    problems: Problems,
+    saw: Callable[[bytes], object],
+    *,
+    required: Callable[[int], list[str]] = reading_columns,
+    optional: Callable[[int], list[str]] = override_columns,
+) -> Table:
+    """The table in an open file called `where`, for a robot of `legs` legs (None: not known).
+
+    `required` names the columns for n legs that must be there, `optional` those that may: those of half-widths, or
+    "image", which names a row together with pose and run.
+
+    Calls `saw` with every piece of the file that was read, for the digest; adds to `problems`.
+    """
+    before, last, count = len(problems), b"", 0
+
+    def noted(line: bytes) -> None:
+        nonlocal last, count
+        last, count = line, count + 1
+        saw(line)
+
+    lines = _lines(file, where, problems, noted)
+    for number, cells in lines:
+        if cells is None:
+            return Table()  # an unreadable header; what follows would make no sense
+        columns = _header(cells, number, where, legs, problems, required, optional)
+        table = _Rows(columns, where, problems).read(lines) if columns else Table()
+        if table.values and not last.endswith(b"\n"):
+            what = f"{where}:{count}: the last line has no line end; if the file was cut, so may be its last number"
+            cell = shown(last.decode().rpartition(",")[2])
+            warnings.warn(f"{what}, {cell} -> compare it with what was measured, and end the line", stacklevel=3)
+        return table
+    if len(problems) == before:
+        problems.add(Problem(where, "is empty", "write a header and one line for each measurement", 1))
+    return Table()
+
+
+def _lines(
+    file: BinaryIO, where: str, problems: Problems, saw: Callable[[bytes], object]
+) -> Iterator[tuple[int, list[str] | None]]:
+    """Line numbers and cells of the lines that are not blank; None for a line that cannot be read at all."""
+    number = 0
+    while raw := file.readline(LINE_MAX):
+        saw(raw)
+        number += 1
+        if number == 1:
+            raw = raw.removeprefix(b"\xef\xbb\xbf")
+        if len(raw) == LINE_MAX and not raw.endswith(b"\n"):
+            what = f"the line is longer than {LINE_MAX:,} bytes; the rest of the file was not read"
+            remedy = "is this a CSV file? end each measurement's line"
+            problems.add(Problem(where, what, remedy, number), always=True)
+            return
+        try:
+            text = raw.decode()
+            if not text or text.isspace():
+                continue
+            plain = text.removesuffix("\n").removesuffix("\r")
+            if _SPECIAL.search(plain):
+                yield number, next(csv.reader((text,), strict=True))
+            else:
+                yield number, plain.split(",")
+        except UnicodeDecodeError:
+            problems.add(Problem(where, "the line is not UTF-8 text", "save the file as UTF-8 text", number))
+            yield number, None
+        except csv.Error as error:
+            remedy = "one measurement a line, cells separated by commas, quotes and line ends in order"
+            what = f"the line is not CSV: {str(error).partition(' - ')[0]}"
+            problems.add(Problem(where, what, remedy, number))
+            yield number, None
+
+
+def _header(
+    cells: list[str],
+    line: int,
+    where: str,
+    legs: int | None,
+    problems: Problems,
+    required_for: Callable[[int], list[str]],
+    optional: Callable[[int], list[str]],
+) -> list[str | None] | None:
+    """The name of each column, None where it is unknown or a repetition; no list when none is known."""
+    names = [cell.strip() for cell in cells]
+    if legs is None:
+        legs = len({name for name in names if re.fullmatch(r"L[1-9][0-9]{0,3}", name)})
+    required = required_for(legs)
+    known = {*required, *optional(legs)}
+    if not known.intersection(names):
+        for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+            if len(cells) == 1 and known.intersection(part.strip() for part in cells[0].split(separator)):
+                remedy = "write commas, and points as decimal signs; or let `cpcal import` read the table"
+                problems.add(Problem(where, f"the cells are separated by {name}", remedy, line))
+                return None
+        remedy = "start with the line " + shorter(",".join(required))
+        problems.add(Problem(where, f"no header: {shown(','.join(names))}", remedy, line))
+        return None
+    columns: list[str | None] = []
+    given: set[str] = set()
+    for name in names:
+        if name in given:
+            problems.add(Problem(where, f"the column {name!r} is there twice", "take one of them out", line))
+        elif name not in known:
+            otherwise = f"take it out, or check that the robot has {legs} legs"
+            problems.add_unknown(where, f"unknown column {shown(name)}", name, known, otherwise, line)
+        columns.append(name if name in known and name not in given else None)
+        if name in known:
+            given.add(name)
+    for name in required:
+        if name not in given:
+            problems.add(Problem(where, f"the column {name!r} is missing", f"add a column {name}", line))
+    return columns
+
+
+def shorter(text: str) -> str:
+    """At most some 100 characters of a header."""
+    return text if len(text) <= 100 else text[:100] + "..."
+
+
+def _listed(names: Iterable[str]) -> str:
+    """ "image", "pose and run", "pose, run and image"."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+class _Rows:
+    """Checks and gathers the rows below a header."""
+
+    def __init__(self, columns: list[str | None], where: str, problems: Problems) -> None:
+        self.where, self.problems = where, problems
+        self.columns = columns
+        place = {name: index for index, name in enumerate(columns) if name is not None}
+        self.ids = {name: place[name] for name in _IDENTIFIERS if name in place}
+        self.names = [name for name in place if name not in _IDENTIFIERS]
+        self.places = [place[name] for name in self.names]
+        self.optional = [name.startswith("d") for name in self.names]  # half-widths
+        self.last: dict[str, tuple[str, str]] = {}  # name as it stood in the last row, and as it is
+        self.quaternion = [self.names.index(name) for name in _QUATERNION if name in place]
+        self.seen: dict[tuple[str, ...], int] = {}
+        self.numbers = array("d")
+
+    def read(self, lines: Iterator[tuple[int, list[str] | None]]) -> Table:
+        """The rows that are fit; stops after `BAD_ROWS_MAX` that are not."""
+        bad = 0
+        table = Table()
+        clean = not self.problems
+        line = 1
+        for line, cells in lines:
+            before = len(self.problems)
+            if cells is not None:
+                names = self.check(line, cells)
+                if clean:
+                    for name, text in names.items():
+                        getattr(table, name).append(text)
+            if cells is None or len(self.problems) > before:
+                clean = False
+                self.numbers = array("d")
+                bad += 1
+            if len(self.seen) > ROWS_MAX:
+                what = f"holds more than {ROWS_MAX:,} measurements: the rest of the file was not read"
+                self.problems.add(Problem(self.where, what, "divide it, or leave out what repeats", line), always=True)
+                break
+            if bad >= BAD_ROWS_MAX:
+                what = f"{bad:,} bad rows: the rest of the file was not read"
+                remedy = "mend these first, and check that this is the right file"
+                self.problems.add(Problem(self.where, what, remedy, line), always=True)
+                break
+        if not self.seen and not bad:
+            remedy = "add one line for each measurement"
+            self.problems.add(Problem(self.where, "holds no measurements", remedy, line))
+        if clean and self.seen and not self.problems:
+            grid = np.frombuffer(self.numbers, dtype=np.float64).reshape(-1, len(self.names))
+            table.values = {name: grid[:, index] for index, name in enumerate(self.names)}
+        return table
+
+    def wrong(self, line: int, what: str, remedy: str) -> None:
+        self.problems.add(Problem(self.where, what, remedy, line))
+
+    def check(self, line: int, cells: list[str]) -> dict[str, str]:
+        """Take note of what is wrong with a row, and keep its numbers. The row's names, by column."""
+        if len(cells) != len(self.columns):
+            what = f"{len(cells)} cells, but the header has {len(self.columns)}"
+            self.wrong(line, what, "give one cell for each column, separated by commas")
+            return {}
+        names = {column: self.name(line, cells[index], column) for column, index in self.ids.items()}
+        if len(names) > 1 or "image" in names:
+            first = self.seen.setdefault(tuple(names.values()), line)
+            if first != line:
+                which = " ".join(f"{column} {shown(text)}" for column, text in names.items())
+                self.wrong(line, f"{which} was given on line {first} already", f"give each {_listed(names)} once")
+        else:
+            self.seen[()] = line
+        row = self.row(line, [cells[index] for index in self.places])
+        self.numbers.extend(row)
+        if len(self.quaternion) == 4:
+            norm = math.hypot(*(row[index] for index in self.quaternion))
+            if abs(norm - 1.0) > QUATERNION_TOLERANCE:  # False for NaN, which was reported
+                self.wrong(line, *quaternion_problem(norm))
+        return names
+
+    def name(self, line: int, cell: str, column: str) -> str:
+        before, text = self.last.get(column, ("", ""))
+        if before == cell and text:
+            return text
+        text = unguarded(cell.strip())
+        if is_identifier(text):
+            self.last[column] = cell, text
+        else:
+            article = "an" if column == "image" else "a"
+            self.wrong(line, f"{shown(text)} cannot be the name of {article} {column}", IDENTIFIER_REMEDY)
+        return text
+
+    def row(self, line: int, cells: list[str]) -> list[float]:
+        """The numbers of a row, each looked at only where they are not all as they should be."""
+        try:
+            row = list(map(float, cells))
+            whole = math.isfinite(sum(row)) and max(row) <= LARGEST and min(row) >= -LARGEST
+            joined = "".join(cells)
+            if whole and joined.isascii() and "_" not in joined and not (any(self.optional) and min(row) < 0.0):
+                return row
+        except ValueError:
+            pass
+        each = zip(self.names, cells, self.optional, strict=True)
+        return [self.number(line, name, cell, optional) for name, cell, optional in each]
+
+    def number(self, line: int, name: str, cell: str, optional: bool) -> float:
+        """The number in a cell; NaN where it is left empty and may be, or where it was reported."""
+        try:
+            value = float(cell)
+        except ValueError:
+            if cell and not cell.isspace():
+                self.wrong(line, f"{name}: {shown(cell)} is not a number", "write a number like -12.5 or 1e-3")
+            elif not optional:
+                self.wrong(line, f"{name} is empty", "give a number, or take the line out")
+            return math.nan
+        if "_" in cell or not cell.isascii():
+            remedy = "take the underscore out" if "_" in cell else "write it with the digits 0 to 9"
+            self.wrong(line, f"{name}: {shown(cell)} is not a number", remedy)
+        elif not math.isfinite(value):
+            self.wrong(line, f"{name} is {shown(cell)}", "give a finite number, or take the line out")
+            return math.nan
+        elif abs(value) > LARGEST:
+            self.wrong(line, f"{name} is {shown(cell)}", f"give a number up to {LARGEST:g}, or take the line out")
+        elif optional and value < 0:
+            self.wrong(line, f"{name}: the half-width {shown(cell)} is negative", "give a number >= 0")
+        return value
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Poses to be reached, in a CSV table: pose,x,y,z,qw,qx,qy,qz.
+
+COLUMNS = ["pose", "x", "y", "z", "qw", "qx", "qy", "qz"]
+_REMEDY = f"give a CSV file with the columns {','.join(COLUMNS)}, in mm"
+
+
+def load_poses(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], Pose]:
+    """Names and poses (K) of a file; a column `run` may be there. Raises InputError with every problem."""
+    problems, file = Problems(), Path(path)
+    try:
+        with open_regular(file) as stream:
+            table = read_table(
+                stream,
+                str(file),
+                0,
+                problems,
+                lambda _: None,
+                required=lambda _: COLUMNS,
+                optional=lambda _: ["run"],
+            )
+    except OSError as error:
+        problems.add(unreadable(file, error, _REMEDY))
+    problems.raise_any()
+    if len(set(table.pose)) < len(table.pose):
+        raise InputError([Problem(str(file), "gives a pose twice", "name each pose once")])
+    columns = [table.values[name] for name in COLUMNS[1:]]
+    return tuple(table.pose), Pose(np.stack(columns[:3], axis=1), np.stack(columns[3:], axis=1))

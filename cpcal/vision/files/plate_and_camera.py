@@ -1,0 +1,263 @@
+"""How target.toml and camera.toml are opened: files of few sections, read with every problem and its line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from cpcal.common.arrays import Floats
+from cpcal.common.atomic import write_file
+from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.values import Value, frozen_array, frozen_mapping
+from cpcal.files.settings import Table, TomlReader, matrix, provenance_lines, quoted, vector
+from cpcal.files.tables import small_file
+from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible
+from cpcal.vision.opencv import MissingExtraError
+from cpcal.vision.target import Target, wrong_deviations
+
+__all__ = ["Table", "TomlReader", "opened"]
+
+
+def opened(
+    path: str | os.PathLike[str], format_: str, sections: tuple[str, ...], problems: Problems
+) -> TomlReader | None:
+    """A reader of the TOML file `path`, its format and the names of its sections looked at; None if it is none."""
+    file = Path(path)
+    content = small_file(file, problems, "write one as docs/vision-files.md shows")
+    if content is None:
+        return None
+    return TomlReader.of(content, str(file), format_, (*sections, "provenance"), problems)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# camera.toml (docs/vision-files.md): read with every problem and its line, written as canonical bytes.
+
+CAMERA_FORMAT = "cpcal-camera/1"
+YAML_SUFFIXES = (".yaml", ".yml")
+
+_KEYS = ("width", "height", "focal", "center", "distortion")
+_OPTIONAL = ("model",)
+_ONLY_BROWN = f"leave it out, or give a camera of the model {BROWN}"
+_NEGATIVE = 1e-9  # the least eigenvalue of a correlation matrix that rounding can make
+
+
+@dataclass(frozen=True, eq=False)
+class CameraRecord(Value):
+    """What camera.toml says.
+
+    covariance  (9, 9) of fx, fy, cx, cy (pixels), k1, k2, p1, p2, k3, or None
+    rms         of the calibration's residuals, pixels per axis, or None
+
+    Raises InputError for a camera that cannot be, a covariance that is none, or a negative RMS.
+    """
+
+    camera: Camera
+    covariance: Floats | None = None
+    rms: float | None = None
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "provenance", frozen_mapping(self.provenance))
+        problems = [Problem(f"camera {key}", what, remedy) for key, what, remedy in implausible(self.camera)]
+        if self.covariance is not None:
+            object.__setattr__(self, "covariance", frozen_array(self.covariance))
+            problems += [Problem("camera covariance", *wrong) for wrong in covariance_problems(self.covariance)]
+            if self.camera.model != BROWN:
+                what = f"goes with a lens of the model {self.camera.model}"
+                problems.append(Problem("camera covariance", what, _ONLY_BROWN))
+        if self.rms is not None and not 0.0 <= self.rms < np.inf:
+            problems.append(Problem("camera rms", f"is {self.rms}", "give pixels, from 0"))
+        if problems:
+            raise InputError(problems)
+
+
+def covariance_problems(matrix: Floats) -> list[tuple[str, str]]:
+    """What is wrong with a covariance of the camera's nine numbers, and the remedies."""
+    count = len(CAMERA_NUMBERS)
+    remedy = f"give the covariance of {', '.join(CAMERA_NUMBERS)}"
+    if matrix.shape != (count, count) or not np.isfinite(matrix).all():
+        return [(f"covariance is not {count} rows of {count} finite numbers", remedy)]
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    scale[scale == 0.0] = 1.0
+    correlation = matrix / scale[:, None] / scale
+    if not np.array_equal(matrix, matrix.T):
+        return [("covariance is not symmetric", remedy)]
+    if not np.linalg.eigvalsh(correlation)[0] >= -_NEGATIVE:
+        return [("covariance is of no random numbers: it is not positive semidefinite", remedy)]
+    return []
+
+
+def load_camera(path: str | os.PathLike[str]) -> CameraRecord:
+    """The camera in a camera.toml, or in a YAML file of OpenCV or ROS.
+
+    Raises one InputError that lists every problem, and MissingExtraError for YAML without PyYAML.
+    """
+    if Path(path).suffix.lower() in YAML_SUFFIXES:
+        return CameraRecord(camera_yaml().camera_from_yaml(Path(path)))
+    problems = Problems()
+    reader = opened(path, CAMERA_FORMAT, ("camera", "calibration"), problems)
+    record = None if reader is None else _record(reader)
+    problems.raise_any()
+    assert record is not None  # what keeps it from being read is a problem, and was raised
+    return record
+
+
+def camera_yaml() -> ModuleType:
+    """The module that reads and writes YAML. Raises MissingExtraError that says how to install what it needs."""
+    try:
+        from cpcal.vision.files import camera_yaml as module
+    except ImportError as error:
+        raise MissingExtraError(f"cameras in YAML need PyYAML: pip install 'cpcal[vision]' ({error})") from error
+    return module
+
+
+def save_camera(record: CameraRecord | Camera, path: str | os.PathLike[str]) -> None:
+    """Write the camera to the file `path`, complete or not at all. Raises InputError when it cannot be written."""
+    write_file(Path(path), camera_bytes(record))
+
+
+def camera_bytes(record: CameraRecord | Camera) -> bytes:
+    """The canonical camera.toml; floats by repr, so that they are read back bit for bit."""
+    if isinstance(record, Camera):
+        record = CameraRecord(record)
+    camera = record.camera
+    lines = [f"format = {quoted(CAMERA_FORMAT)}", "", "[camera]"]
+    lines += [f"width = {int(camera.width)}", f"height = {int(camera.height)}"]
+    lines += [f"{name} = {vector(getattr(camera, name))}" for name in ("focal", "center", "distortion")]
+    if camera.model != BROWN:
+        lines.append(f"model = {quoted(camera.model)}")
+    if record.rms is not None or record.covariance is not None:
+        lines += ["", "[calibration]"]
+    if record.rms is not None:
+        lines.append(f"rms = {float(record.rms)!r}")
+    if record.covariance is not None:
+        lines.append(f"covariance = {matrix(record.covariance)}")
+    return ("\n".join([*lines, *provenance_lines(record.provenance)]) + "\n").encode()
+
+
+def _record(reader: TomlReader) -> CameraRecord | None:
+    provenance = reader.provenance()
+    covariance, rms = _calibration(reader)
+    table = reader.required("camera", _KEYS, _OPTIONAL)
+    if table is None:
+        return None
+    sides = [reader.whole(("camera", key), table, 1, PIXELS_MAX) for key in ("width", "height")]
+    focal = reader.numbers(("camera", "focal"), table, 2, "fx and fy in pixels", signed=False)
+    center = reader.numbers(("camera", "center"), table, 2, "cx and cy in pixels", signed=True)
+    model = reader.text(("camera", "model"), {"model": BROWN, **table})
+    if model not in LENSES:
+        reader.wrong(("camera", "model"), f"model is {shown(model)}", f"give one of {', '.join(LENSES)}")
+        return None
+    names = LENSES[model].names
+    distortion = reader.numbers(("camera", "distortion"), table, len(names), ", ".join(names), signed=True)
+    if 0.0 in focal:
+        reader.wrong(("camera", "focal"), "focal holds 0", "give positive numbers of pixels")
+    if reader.problems.listed:
+        return None
+    camera = Camera(sides[0], sides[1], np.array(focal), np.array(center), np.array(distortion), model)
+    for key, what, remedy in implausible(camera):
+        reader.wrong(("camera", key), what, remedy)
+    if covariance is not None and model != BROWN:
+        what = f"covariance goes with a lens of the model {model}"
+        reader.wrong(("calibration", "covariance"), what, _ONLY_BROWN)
+    return None if reader.problems.listed else CameraRecord(camera, covariance, rms, provenance)
+
+
+def _calibration(reader: TomlReader) -> tuple[Floats | None, float | None]:
+    table = reader.section("calibration")
+    if table is None:
+        return None, None
+    path, before = ("calibration",), len(reader.problems)
+    reader.known(path, table, ("rms", "covariance"))
+    rms = reader.number((*path, "rms"), "rms", table["rms"], signed=False) if "rms" in table else None
+    rows = reader.rows((*path, "covariance"), table, len(CAMERA_NUMBERS), ", ".join(CAMERA_NUMBERS))
+    if len(reader.problems) > before or "covariance" not in table:
+        return None, rms
+    covariance = np.array(rows, dtype=np.float64)
+    for what, remedy in covariance_problems(covariance):
+        reader.wrong((*path, "covariance"), what, remedy)
+    return covariance, rms
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# target.toml (docs/vision-files.md): read with every problem and its line, written as canonical bytes.
+
+TARGET_FORMAT = "cpcal-target/1"
+
+_TARGET_KEYS = ("name", "bright", "radius", "lines", "dots")
+_MEASURED = ("scale", "scale_sigma", "dot_sigma")  # of the plate as it was printed
+
+
+def load_target(path: str | os.PathLike[str]) -> Target:
+    """The target in the file `path`. Raises one InputError that lists every problem of the file."""
+    problems = Problems()
+    reader = opened(path, TARGET_FORMAT, ("target",), problems)
+    target = None if reader is None else _target(reader)
+    problems.raise_any()
+    assert target is not None  # what keeps it from being read is a problem, and was raised
+    return target
+
+
+def save_target(target: Target, path: str | os.PathLike[str], provenance: dict[str, str] | None = None) -> None:
+    """Write the target to the file `path`, complete or not at all. Raises InputError when it cannot be written."""
+    write_file(Path(path), target_bytes(target, provenance))
+
+
+def target_bytes(target: Target, provenance: dict[str, str] | None = None) -> bytes:
+    """The canonical target.toml; floats by repr, so that they are read back bit for bit."""
+    lines = [f"format = {quoted(TARGET_FORMAT)}", "", "[target]", f"name = {quoted(target.name)}"]
+    lines += [f"bright = {str(target.bright).lower()}", f"radius = {float(target.radius)!r}"]
+    lines += [f"{key} = {value!r}" for key in _MEASURED[1:] if (value := float(getattr(target, key)))]
+    lines += ["lines = [", *(f"    {list(line)}," for line in target.lines), "]"]
+    lines += [f"dots = {matrix(target.dots)}", *provenance_lines(provenance or {})]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _target(reader: TomlReader) -> Target | None:
+    problems = reader.problems
+    reader.provenance()
+    table = reader.required("target", _TARGET_KEYS, _MEASURED)
+    if table is None:
+        return None
+    name, bright = reader.text(("target", "name"), table), reader.truth(("target", "bright"), table)
+    radius = reader.positive(("target", "radius"), table, "mm")
+    scale = reader.positive(("target", "scale"), table, "true millimetres by stated ones")
+    scale_sigma, dot_sigma = (
+        reader.number(("target", key), key, table[key], signed=False) if key in table else 0.0 for key in _MEASURED[1:]
+    )
+    before = len(problems)
+    dots = reader.rows(("target", "dots"), table, 2, "x and y in mm")
+    if "dots" not in table or len(problems) > before:
+        _lines(reader, table, None)
+        return None
+    lines = _lines(reader, table, len(dots))
+    if problems.listed:
+        return None
+    places, radius = scale * np.array(dots), scale * radius
+    wrong = Target.problems_of(places, radius, lines) or wrong_deviations(scale_sigma, dot_sigma, radius)
+    for problem in wrong:
+        key = problem.where.rpartition(" ")[2]  # radius, dots or lines
+        what = problem.what if problem.what.startswith(("(", "the")) else f"{key} {problem.what}"
+        reader.wrong(("target", key), what, problem.remedy)
+    return None if problems.listed else Target(name, places, radius, lines, bright, scale_sigma, dot_sigma)
+
+
+def _lines(reader: TomlReader, table: Table, dots: int | None) -> tuple[tuple[int, ...], ...]:
+    """Rows of whole numbers; `dots`: how many there are, where that is known."""
+    path, value = ("target", "lines"), table.get("lines", [])
+    if not isinstance(value, list) or not all(isinstance(row, list) for row in value):
+        reader.wrong(path, "lines is not a list of rows", "write lines = [[0, 1, 2, 3], ...], numbers of dots from 0")
+        return ()
+    for i, row in enumerate(value):
+        for number in row:
+            if isinstance(number, bool) or not isinstance(number, int):
+                reader.wrong(path, f"row {i} of lines holds {shown(number)}", "give whole numbers, dots from 0")
+            elif not (number >= 0 and (dots is None or number < dots)):
+                remedy = "number dots from 0" if dots is None else f"dots are numbered from 0 to {dots - 1}"
+                reader.wrong(path, f"row {i} of lines names the dot {shown(number)}, which is not there", remedy)
+    return tuple(tuple(row) for row in value)

@@ -1,0 +1,118 @@
+"""Words of verdicts: what is not proved is not said to be proved, and one leg's doubt is the robot's."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+import cpcal
+from cpcal.legs import PARAMETERS
+from cpcal.report.leg_section import _sides, _trial
+from cpcal.report.words import leg_sentence, overall
+from cpcal.results import Options, Uncertified, VerifiedPoint
+from cpcal.results.comparison import Entry
+from cpcal.results.leg_sentence import proved_sentence
+from cpcal.results.robust import MARGIN, RobustLeg
+from cpcal.solver.accounts import TimeoutAnswer, Trial, bracket_sentence
+from cpcal.solver.contract import Verdict
+from tests.report.made import made_leg, made_result
+
+BOX = cpcal.Box(PARAMETERS, [0.0] * 7, [1.0] * 7)
+
+
+@pytest.fixture(scope="module")
+def campaign() -> cpcal.Campaign:
+    return cpcal.simulate(seed=1, extremal=False, random_poses=9)
+
+
+def leg(number: int, lo: float, hi: float, **changes: object) -> cpcal.LegResult:
+    return made_leg(number, lo, hi, (0.5,) * 7, (0.5,) * 7, BOX, 0.0, (), 1, 1, 0.1, **changes)
+
+
+def test_a_robot_passes_if_every_leg_does_and_nothing_is_missing(campaign):
+    passing, failing, open_ = leg(1, 0.1, 0.2), leg(2, 0.7, 0.8), leg(3, 0.4, 0.6, verdict=Verdict.UNKNOWN)
+
+    def word(*legs: cpcal.LegResult, interrupted: bool = False) -> str:
+        return overall(made_result(campaign, *legs, tolerance=0.5, interrupted=interrupted)).word
+
+    assert word(passing, replace(passing, leg=2)) == "PASS"
+    assert word(passing, failing) == word(open_, failing, interrupted=True) == "FAIL"
+    assert word(passing, open_) == word(passing, interrupted=True) == "UNDECIDED"
+
+
+def test_a_leg_that_asked_for_a_certificate_and_has_none_says_so(campaign):
+    lost = leg(1, 0.1, 0.2, not_certified=Uncertified.INTERRUPTED)
+    assert f"Not certified: {Uncertified.INTERRUPTED}." in leg_sentence(made_result(campaign, lost), lost)
+
+
+@pytest.mark.parametrize(("lo", "hi"), [(0.1, 0.7), (-0.26, -0.13), (1 / 3, 2 / 3)])
+def test_a_range_is_printed_outward(lo, hi):
+    low, high, width = _sides(cpcal.Box(["x"], [lo], [hi]), 0, 1)
+    assert float(low) <= lo
+    assert hi <= float(high)
+    assert float(width) >= hi - lo
+
+
+def test_only_what_weights_prove_is_a_checked_answer_of_the_script():
+    for checked in (True, False):
+        trial = Trial(0.5, 1.0, TimeoutAnswer.INFEASIBLE, 0.5, 1.0, 1, 1, 0.1, checked)
+        assert ("unchecked" in _trial(leg(1, 0.5, 1.0), trial)[2]) is not checked
+
+
+@pytest.mark.parametrize(
+    ("verdict", "hi", "undecided", "said"),
+    [
+        (Verdict.PROVED, 0.2, 0, "the gap is closed"),
+        (Verdict.UNKNOWN, 0.2, 3, "Stopped at a limit with 3 undecided boxes; both bounds are proved, the gap is open"),
+        (Verdict.UNKNOWN, 0.2, 0, "the contractors cannot close the gap"),
+        (Verdict.UNKNOWN, math.inf, 0, "No point was proved"),
+        (Verdict.REFUTED, math.inf, 0, "No point of the domain satisfies the constraints: proved"),
+    ],
+)
+def test_a_bracket_is_closed_only_where_that_is_proved(verdict, hi, undecided, said):
+    assert said in bracket_sentence(verdict, 0.1, hi, floor=0.0, undecided=undecided)
+
+
+@pytest.mark.parametrize("verdict", Verdict)
+def test_at_one_eps_only_a_verdict_is_proved(verdict):
+    said = proved_sentence(Options(eps=0.5), leg(1, 0.0, 0.5, verdict=verdict))
+    assert said.endswith(": proved.") is (verdict is not Verdict.UNKNOWN)
+    assert said.startswith("No x") is (verdict is Verdict.REFUTED)
+
+
+@pytest.mark.parametrize(
+    ("holds", "fails", "verdict"),
+    [(5, 0, Verdict.PROVED), (4, 0, Verdict.UNKNOWN), (4, 1, Verdict.REFUTED), (0, 0, Verdict.UNKNOWN)],
+)
+def test_a_point_is_a_solution_if_it_holds_everywhere(holds, fails, verdict):
+    assert VerifiedPoint(0.1, holds, fails, 5).verdict is verdict
+
+
+@pytest.mark.parametrize(
+    ("lo", "hi", "verdict", "word"),
+    [
+        (0.1, 0.5, Verdict.PROVED, "not refuted, unchecked"),
+        (0.4, 0.6, Verdict.UNKNOWN, "undecided"),
+        (0.5, 0.6, Verdict.UNKNOWN, "undecided"),
+        (0.6, 0.7, Verdict.REFUTED, "refuted, unchecked"),
+    ],
+)
+def test_a_model_is_refuted_or_not_by_the_end_that_proves_it(lo, hi, verdict, word):
+    entry = Entry(subject="leg 1", model="plain", eps_lo=lo, eps_hi=hi, enclosure=BOX, certificate=None, seconds=0.1)
+    assert entry.verdict(0.5) is verdict
+    assert entry.word(0.5) == word
+    assert "unchecked" not in replace(entry, certificate="leg1.cert.jsonl").word(0.5)
+
+
+def test_a_robust_bracket_is_closed_where_its_ends_meet():
+    found = RobustLeg(
+        leg=1, outliers=1, eps_lo=0.5, eps_hi=0.5 * (1.0 + MARGIN), point=(0.0,) * 7, center=(0.0,) * 7, left_out=(),
+        proofs=(), point_certificate=None, searches=1, seconds=0.1,
+    )  # fmt: skip
+    assert found.complete
+    assert "the gap is closed" in found.sentence
+    for open_ in (replace(found, eps_hi=0.6), replace(found, eps_lo=0.0), replace(found, point=None)):
+        assert not open_.complete
+        assert "stopped at a limit" in open_.sentence
