@@ -30,7 +30,7 @@ settings.load_profile("cpcal")
 LONG = (
     *("benchmarks/test_mutations.py", "solver/test_planted.py", "vision/test_identify.py", "cli/test_images.py"),
     *("contractors/test_conformance.py", "checker/malformed/test_checker_hostile.py", "execution/test_places.py"),
-    *("vision/test_pose_set_forgeries.py", "handeye/test_wrong_images.py", "handeye/test_frames_proof.py"),
+    *("vision/test_pose_set_forgeries.py", "handeye/test_hand_eye_runs.py"),
     *("report/test_browser.py", "vision/test_pose_certificate.py", "benchmarks/test_runs.py", "test_commands.py"),
     *("handeye/test_uncertain_poses.py", "solver/test_paving_checkpoint.py", "solver/network/test_forms.py"),
     *("checker/forged/test_fuzz.py", "checker/valid/test_rule.py", "calibration/test_frames.py", "vision/test_dots.py"),

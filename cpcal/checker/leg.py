@@ -11,6 +11,8 @@ from typing import NamedTuple
 from .exact_polynomial import FIELD, READINGS, Polynomial, Remainder, constant, shortened, signed, unknown
 from .problem import ENDS, SIDES, Problem, Unknowns, beyond
 from .program import Column, Degree, Formula, Program, Traced, dyadics
+from .readers import shown
+from .refusal import Refused
 
 _AXES = (0, 1, 2)
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
@@ -19,6 +21,12 @@ _SURE = ("plain", "lateral")
 _KEPT = 4096  # measurements
 _BATCH, _HELD = 256, 1 << 20  # measurements at once; bytes, about, that what is formed for them takes meanwhile
 Quaternion = list[Traced]
+
+
+def check_model(name: str) -> None:
+    """A model's name is one of those that are known here, or an ASCII identifier that is none of them."""
+    if name not in EXTRA and not (name.isascii() and name.isidentifier() and name.lower() not in EXTRA):
+        raise Refused(f"names the model {shown(name)}: a name is an ASCII identifier, and none of cpcal's")
 
 
 class Measurement:

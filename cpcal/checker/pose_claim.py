@@ -112,21 +112,30 @@ def _checked(path: Path, name: str, work: int) -> PoseSetChecked:
     for _, left in boxes:
         if left is not None and refuted:
             raise Refused("a pose is not excluded")
-        if left is not None and not _holds(left, position, turn, chain):
-            raise Refused("its certificates prove a wider box than it states")
+    if not refuted:
+        _compare_radii([_radii(left, chain) for _, left in boxes if left is not None], (*position, *turn))
     files = tuple((file["name"], file["sha256"]) for file in inputs["files"])
     radii = None if refuted else (*position, *turn)
     named = tuple(file for stages in chains for file, *_ in stages)
     return PoseSetChecked(name, len(sight.dots), outliers, digest, files, pose, radii, named)
 
 
-def _holds(left: list[Bounds], position: tuple[F, ...], turn: tuple[F, ...], chain: _Chain) -> bool:
-    """Whether the poses of a box of (W, s) are in the box that is stated, those of larger and smaller plates too."""
+def _compare_radii(proved: list[Vector], stated: tuple[F, ...]) -> None:
+    """The stated radii are the widest that some chain proves, rounded up."""
+    for i, value in enumerate(stated):
+        widest, radius = max((radii[i].hi for radii in proved), default=0), between(value, value)
+        if widest > radius.lo:
+            raise Refused("its certificates prove a wider box than it states")
+        if radius.hi > widest + (widest >> 40) + 1:
+            raise Refused("it states a wider box than its certificates prove")
+
+
+def _radii(left: list[Bounds], chain: _Chain) -> Vector:
+    """Of the poses of a box of (W, s), those of larger and smaller plates too."""
     moved = [w.size / stretch(left[3:]).least for w in left[:3]]
     turned = [s.size.times(2) for s in left[3:]]
     moved = [m + more for m, more in zip(moved, chain.sight.by_scale(chain.pose, moved, turned), strict=True)]
-    stated = [between(v, v) for v in (*position, *turn)]
-    return all(a.hi <= b.lo for a, b in zip([*moved, *turned], stated, strict=True))
+    return [*moved, *turned]
 
 
 def stretch(s: Vector) -> Bounds:

@@ -15,11 +15,12 @@ from .claims import Accepted
 from .exact_campaign import NAME, ExactCampaign
 from .exact_polynomial import Spend
 from .files import ROBUST_NAME, WORK, Budget, content, parsed
+from .leg import check_model
 from .readers import finite, shown
 from .refusal import Refused, Unusable
-from .run import STRANGE, Certificates, Json, compare, exact, of_the_box, of_the_problem, reason_of
+from .run import STRANGE, Certificates, Json, compare, exact, nothing_beside, of_the_box, of_the_problem, reason_of
 
-ROBUST_FORMAT = "cpcal-robust/1"
+ROBUST_FORMAT = "cpcal-robust/2"
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,12 @@ def check_robust(folder: Path, *, work: int = WORK) -> list[RobustChecked]:
         result = parsed(text, lambda number: F(finite(number)))
         compare(_of_the_whole(result, campaign))
         certificates = Certificates(folder, campaign, work)
-        return [_checked(certificates, result, leg) for leg in result["legs"]]
+        found = [_checked(certificates, result, leg) for leg in result["legs"]]
+        named = {str(file) for leg in result["legs"] for file in (*leg["proofs"], leg["point_certificate"])}
+        unnamed = sorted({path.name for path in folder.glob("*.cert.jsonl")} - named)
+        if unnamed and not any(leg.refused for leg in found):
+            raise Refused(f"does not name the certificate {shown(unnamed[0])}, which lies beside it")
+        return found
     except (Refused, *STRANGE) as error:
         if isinstance(error, Refused) and error.code == "campaign":
             raise
@@ -57,10 +63,14 @@ def check_robust(folder: Path, *, work: int = WORK) -> list[RobustChecked]:
 
 def _of_the_whole(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, Any, Any]]:
     yield "format", result["format"], ROBUST_FORMAT
+    check_model(result["model"]["name"])
     yield "campaign SHA-256", result["campaign"]["sha256"], campaign.sha256
+    yield "name of the robot", result["campaign"]["robot"], campaign.robot
     yield "number of measurements", result["campaign"]["measurements"], len(campaign)
     numbers, outliers = [leg["leg"] for leg in result["legs"]], result["outliers"]
-    yield "list of legs", numbers, [n for n in range(1, campaign.legs + 1) if n in numbers]
+    every = list(range(1, campaign.legs + 1))
+    yield "list of legs", numbers, sorted(set(result["options"]["legs"] or every) & set(every))
+    yield "eps asked about", result["options"]["eps"], None
     yield "number of outliers", type(outliers) is int and 0 <= outliers < len(campaign), True
     yield "number of outliers", [leg["outliers"] for leg in result["legs"]], [outliers] * len(numbers)
 
@@ -76,26 +86,27 @@ def _checked(certificates: Certificates, result: Json, leg: Json) -> RobustCheck
         return found
 
     try:
-        left_out = {campaign.place.get(name, -1) for name in leg["left_out"]}
-        if -1 in left_out or len(leg["left_out"]) > min(outliers, len(left_out)):
-            raise Refused("leaves out a measurement that is none, one twice, or more than may be wrong")
         if len(set(leg["proofs"])) < len(leg["proofs"]):
             raise Refused("names a proof twice")
         lo = _lower(leg, [accepted(file) for file in leg["proofs"]], outliers, certificates.budget)
-        hi = None
-        if leg["point_certificate"] is not None:
-            point = accepted(leg["point_certificate"])
-            compare(_of_the_point(leg, point, [k for k in range(len(campaign)) if k not in left_out]))
-            hi = exact(leg["eps_hi"])
-        return RobustChecked(number, outliers, lo, hi, tuple(map(str, leg["left_out"])), len(leg["proofs"]))
+        if leg["point_certificate"] is None:
+            nothing_beside(leg, "eps_hi", "point", "left_out")
+            return RobustChecked(number, outliers, lo, proofs=len(leg["proofs"]))
+        left_out = {campaign.place.get(name, -1) for name in leg["left_out"]}
+        if -1 in left_out or len(leg["left_out"]) > min(outliers, len(left_out)):
+            raise Refused("leaves out a measurement that is none, one twice, or more than may be wrong")
+        point, names = accepted(leg["point_certificate"]), tuple(map(str, leg["left_out"]))
+        compare(_of_the_point(leg, point, [k for k in range(len(campaign)) if k not in left_out]))
+        return RobustChecked(number, outliers, lo, exact(leg["eps_hi"]), names, len(leg["proofs"]))
     except (Unusable, Refused, *STRANGE) as error:
         return RobustChecked(number, outliers, refused=reason_of(error))
 
 
 def _lower(leg: Json, proofs: list[Accepted], outliers: int, budget: Budget) -> F | None:
     """eps_lo, if the proofs bear it: whichever measurements are wrong, one of them does without these."""
-    if not proofs:  # nothing is certified, or the bound is 0, which holds of itself
-        return F(0) if leg["eps_lo"] == 0 else None
+    if not proofs:
+        nothing_beside(leg, "eps_lo")
+        return None
     if meeting([proof.used for proof in proofs], outliers, budget.spend):
         raise Refused("states a bound, but so many wrong measurements could spoil all of its proofs")
     bounds = [proof.claims.eps_lo for proof in proofs]

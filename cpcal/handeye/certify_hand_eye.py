@@ -21,7 +21,6 @@ from cpcal.common.numbers import at_most
 from cpcal.common.version import __version__
 from cpcal.handeye.classical_answer import ClassicalAnswer, classical_answer
 from cpcal.handeye.exact_errors import PlacedFrames, Reading, above, exact_errors, largest
-from cpcal.handeye.frame_equations import R_F, R_X, SIZE, T_F, T_X, UNKNOWNS, unknowns_of
 from cpcal.handeye.frames_chain import Chain, ChainProof, prove_chain
 from cpcal.handeye.hand_eye_result import (
     LOWER,
@@ -31,7 +30,7 @@ from cpcal.handeye.hand_eye_result import (
     FrameRanges,
     HandEyeResult,
     ImageVerdict,
-    unknown_range,
+    Information,
 )
 from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.handeye.lower_end import lower_end, support
@@ -39,7 +38,6 @@ from cpcal.handeye.minimax_fit import minimax_fit
 from cpcal.handeye.parameter_ranges import parameter_ranges
 from cpcal.handeye.pixel_model import PixelModel
 from cpcal.handeye.pose_readings import ReadFrames, ReadingModel
-from cpcal.solver.interval import Box
 
 REACH = 2000.0  # mm: the box around the classical positions
 GAP = 1e-6
@@ -69,16 +67,9 @@ class Within:
             raise InputError([Problem("option --within", f"is {text!r:.60}", remedy)])
         return Within(reach, angle)
 
-    def asked(self, center: PlacedFrames, x: Floats) -> AskedBox:
-        """The box about the unknowns x of the classical answer, rounded outward."""
-        lo, hi = x.copy(), x.copy()
-        turns, shifts = [*R_X, *R_F], [*T_X, *T_F]
-        # entries of rotations that differ by an angle differ by at most 2 sin(angle / 2)
-        span = 2.0 if self.angle is None else 2.0 * math.sin(math.radians(self.angle) / 2.0) * (1.0 + 1e-12) + 1e-12
-        lo[turns], hi[turns] = np.maximum(x[turns] - span, -1.0), np.minimum(x[turns] + span, 1.0)
-        lo[shifts] = np.nextafter(x[shifts] - self.reach, -np.inf)
-        hi[shifts] = np.nextafter(x[shifts] + self.reach, np.inf)
-        return AskedBox(center, self.reach, self.angle, tuple(lo.tolist()), tuple(hi.tolist()))
+    def about(self, center: PlacedFrames) -> AskedBox:
+        """The box about the classical answer. Raises InputError for a reach or an angle that is none."""
+        return AskedBox(center, self.reach, self.angle)
 
 
 def certify_hand_eye(
@@ -87,7 +78,6 @@ def certify_hand_eye(
     within: Within | None = None,
     tolerance: float | None = None,
     gap: float = GAP,
-    method: str = "shah",
     certificates: Path | None = None,
     time_limit: float = math.inf,
     tell: Tell = lambda text: None,
@@ -105,41 +95,50 @@ def certify_hand_eye(
     began = time.monotonic()
     if tolerance is not None and not 0.0 <= tolerance < math.inf:
         raise InputError([Problem("tolerance", f"is {tolerance}", "give pixels, from 0")])
-    classical = classical_answer(study, method=method)
+    classical = classical_answer(study)
     center = PlacedFrames.of(classical.frames)
-    asked = (within or Within()).asked(center, unknowns_of(classical.frames))
+    asked = (within or Within()).about(center)
     best = best_frames(study, classical)
     point, readings = PlacedFrames.of(best.frames), stated_readings(study, best.readings)
     worst = largest(exact_errors(study, point, readings))
     assert worst is not None  # the fit keeps all points in front of the camera
     eps_hi = above(worst)
-    domain = Box(UNKNOWNS, asked.lo, asked.hi)
-    if not domain_holds(domain, unknowns_of(best.frames)):
-        raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
+    domain = asked.box
+    check_inside(asked, point)
     tell(f"some frames explain every pixel to {at_most(eps_hi, 7)} px")
-    at = _BEYOND * eps_hi if tolerance is None else tolerance
+    at = ranges_tolerance(eps_hi, tolerance)
     about = about_study(study)
     wide = prove_chain(study, at, domain, center, about=about, time_limit=time_limit, tell=tell)
     eps_lo, lower = lower_end(study, wide, center, best, eps_hi, gap, about=about, time_limit=time_limit, tell=tell)
     return HandEyeResult(
-        version=__version__,
         setup=study.setup,
         images=len(study.images),
         points=len(study.image),
         asked=asked,
         eps_lo=eps_lo,
         eps_hi=eps_hi,
-        gap=gap,
         point=point,
         readings=readings,
         support=support(study, lower),
         lower=Chain((), (), ()) if lower is None else lower.written(LOWER, certificates),
         tolerance=tolerance,
         ranges=_ranges(wide, point, wide.written(RANGES, certificates)),
-        classical=_judged(study, classical, center, at),
-        programs=sum(proof.programs for proof in (wide, lower) if proof is not None),
-        seconds=time.monotonic() - began,
+        classical=judged(study, center, stated_readings(study, classical.readings), at),
+        information=Information(
+            version=__version__,
+            gap=gap,
+            rms=classical.rms,
+            sigma=tuple(np.sqrt(np.diagonal(classical.covariance)).tolist()),
+            remarks=classical.remarks,
+            programs=sum(proof.programs for proof in (wide, lower) if proof is not None),
+            seconds=time.monotonic() - began,
+        ),
     )
+
+
+def ranges_tolerance(eps_hi: float, tolerance: float | None) -> float:
+    """px: of the ranges, where a tolerance was asked for or none (None) was."""
+    return _BEYOND * eps_hi if tolerance is None else tolerance
 
 
 def best_frames(study: HandEyeStudy, classical: ClassicalAnswer) -> ReadFrames:
@@ -154,9 +153,10 @@ def stated_readings(study: HandEyeStudy, values: Floats) -> tuple[Reading, ...]:
     return tuple(map(tuple, values.tolist())) if study.pose_half_width.any() else ()
 
 
-def domain_holds(domain: Box, x: Floats) -> bool:
-    """Whether a point is in the box, for what float64 makes of a rotation."""
-    return bool(((domain.lo <= x + 1e-9) & (x - 1e-9 <= domain.hi)).all())
+def check_inside(asked: AskedBox, point: PlacedFrames) -> None:
+    """Raises InputError for frames outside of the box."""
+    if not asked.holds(point):
+        raise InputError([Problem("option --within", "leaves out the best frames found", "give a larger box")])
 
 
 def about_study(study: HandEyeStudy) -> str:
@@ -172,29 +172,20 @@ def about_study(study: HandEyeStudy) -> str:
 
 def _ranges(wide: ChainProof, point: PlacedFrames, chain: Chain) -> FrameRanges:
     if wide.refuted:
-        nothing = (0.0,) * SIZE
-        return FrameRanges(wide.eps, True, unknown_range(), unknown_range(), nothing, nothing, chain)
+        return FrameRanges(wide.eps, (), (), (), (), chain)
     lo, hi = tuple(wide.left.lo.tolist()), tuple(wide.left.hi.tolist())
     low, high = parameter_ranges(lo, hi, point)
-    return FrameRanges(wide.eps, False, low, high, lo, hi, chain)
+    return FrameRanges(wide.eps, low, high, lo, hi, chain)
 
 
-def _judged(study: HandEyeStudy, answer: ClassicalAnswer, placed: PlacedFrames, tolerance: float) -> Classical:
-    """Exactly, image by image."""
-    readings = stated_readings(study, answer.readings)
+def judged(study: HandEyeStudy, placed: PlacedFrames, readings: tuple[Reading, ...], tolerance: float) -> Classical:
+    """Frames, exactly, image by image. Raises InputError where they put a point behind the camera."""
     errors = exact_errors(study, placed, readings)
     verdicts = []
     for k, name in enumerate(study.images):
-        mine = largest([errors[n] for n in np.flatnonzero(study.image == k)])
-        worst = math.inf if mine is None else above(mine)
-        verdicts.append(ImageVerdict(name, worst, mine is not None and mine <= F(tolerance)))
-    everything = largest(errors)
-    return Classical(
-        placed=placed,
-        readings=readings,
-        rms=answer.rms,
-        largest=math.inf if everything is None else above(everything),
-        sigma=tuple(np.sqrt(np.diagonal(answer.covariance)).tolist()),
-        images=tuple(verdicts),
-        remarks=answer.remarks,
-    )
+        worst = largest([errors[n] for n in np.flatnonzero(study.image == k)])
+        if worst is None:
+            what = f"puts points of {name} behind the camera"
+            raise InputError([Problem("the least-squares answer", what, "check the setup, and the poses")])
+        verdicts.append(ImageVerdict(name, above(worst), worst <= F(tolerance)))
+    return Classical(readings, max((verdict.largest for verdict in verdicts), default=0.0), tuple(verdicts))

@@ -11,9 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 
+import numpy as np
+
 from cpcal.handeye.exact_rows import exact_poses
 from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
-from cpcal.robot import quaternion_from_matrix
+from cpcal.robot import normalised, quaternion_from_matrix, rotation_matrix
 from cpcal.robot.rotation import rotation_numerators
 
 Vector = list[F]
@@ -25,13 +27,38 @@ Reading = tuple[float, ...]  # of a pose: d in mm and w in rad, see `cpcal.hande
 class PlacedFrames:
     """The camera in the hand (eye in hand) or base frame, and the target in the base (eye in hand) or hand frame.
 
-    Positions in mm, quaternions scalar first; float64 numbers that are taken as exact.
+    Positions in mm, quaternions scalar first; float64 numbers that are taken as exact. Raises ValueError for frames
+    that are none.
     """
 
-    camera_position: tuple[float, ...]
-    camera_quaternion: tuple[float, ...]
-    target_position: tuple[float, ...]
-    target_quaternion: tuple[float, ...]
+    camera_position: tuple[float, float, float]
+    camera_quaternion: tuple[float, float, float, float]
+    target_position: tuple[float, float, float]
+    target_quaternion: tuple[float, float, float, float]
+
+    def __post_init__(self) -> None:
+        for quaternion in (self.camera_quaternion, self.target_quaternion):
+            if not 0.1 < math.hypot(*quaternion) < 10.0:  # nor NaN
+                raise ValueError("a quaternion is of no rotation")
+
+    @property
+    def frames(self) -> HandEyeFrames:
+        """E and F, in float64."""
+        turn = rotation_matrix(normalised(self.camera_quaternion)).T
+        target = rotation_matrix(normalised(self.target_quaternion))
+        return HandEyeFrames(turn, -turn @ np.array(self.camera_position), target, np.array(self.target_position))
+
+    @property
+    def unknowns(self) -> Vector:
+        """The 24 of `cpcal.handeye.frame_equations`, in rational numbers."""
+        found: Vector = []
+        for quaternion, position in (
+            (self.camera_quaternion, self.camera_position),
+            (self.target_quaternion, self.target_position),
+        ):
+            found += [value for row in exact_rotation(quaternion) for value in row]
+            found += [F(value) for value in position]
+        return found
 
     @staticmethod
     def of(frames: HandEyeFrames) -> PlacedFrames:

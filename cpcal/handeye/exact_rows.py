@@ -16,7 +16,6 @@ from cpcal.checker import FORMAT
 from cpcal.checker.problem import Constraint, Problem, Unknowns
 from cpcal.handeye.frame_equations import EQUATIONS, R_F, R_X, T_F, T_X, UNKNOWNS
 from cpcal.handeye.hand_eye_study import HandEyeStudy
-from cpcal.handeye.pose_slack import pose_slack
 from cpcal.handeye.quadratic_rows import Monomial
 from cpcal.robot import rotation_matrix
 from cpcal.solver.certificate.statement import Given, Stated, limits, number
@@ -37,11 +36,10 @@ def row_meaning(constraint: int, count: int) -> tuple[int, int, bool] | None:
 
 
 class ExactRows:
-    """The constraints of a study at a tolerance eps (px) for frames in `domain`, formed when they are asked for."""
+    """The constraints of a study of exact poses at a tolerance eps (px), formed when they are asked for."""
 
-    def __init__(self, study: HandEyeStudy, eps: float, domain: Box) -> None:
+    def __init__(self, study: HandEyeStudy, eps: float) -> None:
         self._study, self._eps = study, F(eps)
-        self._slack = pose_slack(study, eps, domain)
         self._rays = study.rays
         self._motions = exact_motions(study)
         self.count = len(study.image)
@@ -59,9 +57,8 @@ class ExactRows:
         point, axis, below = meaning
         study = self._study
         image, name = study.images[study.image[point]], study.names[point]
-        slack = F(float(self._slack[axis, point]))
         label = f"{image}/{name} {'uv'[axis]} {'below' if below else 'above'}"
-        return Stated(label, False, tuple(self._pixel(point, axis, below).items()), None, (((), slack),))
+        return Stated(label, False, tuple(self._pixel(point, axis, below).items()), None, (((), F(0)),))
 
     def _pixel(self, point: int, axis: int, below: bool) -> Exact:
         study, sign = self._study, F(-1 if below else 1)

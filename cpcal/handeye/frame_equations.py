@@ -49,8 +49,8 @@ def unknowns_of(frames: HandEyeFrames) -> Floats:
     return np.concatenate(parts)
 
 
-def pixel_rows(study: HandEyeStudy, eps: float, slack: Floats) -> Quadratics:
-    """The rows (4 N) in the order of `row_number`; `slack` (2, N): what each may exceed zero by."""
+def pixel_rows(study: HandEyeStudy, eps: float) -> Quadratics:
+    """The rows (4 N) in the order of `row_number`, for the robot's poses as stated."""
     turn, shift = study.motions
     turn, shift = turn[study.image], shift[study.image]
     count = len(turn)
@@ -71,7 +71,7 @@ def pixel_rows(study: HandEyeStudy, eps: float, slack: Floats) -> Quadratics:
             focal, third = sign * study.camera.focal[a], (-sign * off[:, a] - width)[:, None]
             lin.append(focal * linear[a] + third * linear[2])
             pro.append(focal * products[a] + third * products[2])
-    return Quadratics(FRAMES, -np.repeat(slack, 2, axis=0).ravel(), np.concatenate(lin), np.concatenate(pro))
+    return Quadratics(FRAMES, np.zeros(4 * count), np.concatenate(lin), np.concatenate(pro))
 
 
 def rotation_equations(part: Sequence[int]) -> list[Terms]:

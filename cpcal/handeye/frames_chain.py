@@ -3,7 +3,7 @@
 1. Certified poses of the target in single images (`image_pose_sets`): no frames, no robot pose.
 2. Rows that tie these together by the robot's motions (`pose_links`): from any frames to a small box, in turns, for
    what uncertain poses move depends on the box.
-3. The pixels of all images (`frames_proof`), where the robot's poses are exact or too few images have a pose.
+3. The pixels of all images (`frames_proof`), where the robot's poses are exact.
 
 Each link begins with the box that the one before left. An image without a pose, or an empty box, refutes all.
 """
@@ -20,7 +20,7 @@ import numpy as np
 from cpcal.common.arrays import Floats
 from cpcal.handeye.box_contraction import FramesProof, Tell
 from cpcal.handeye.exact_errors import PlacedFrames
-from cpcal.handeye.frames_proof import prove_in_turns
+from cpcal.handeye.frames_proof import prove
 from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.handeye.image_pose_sets import ImagePoseSet, NominalPose, nominal_poses, pose_domain, prove_pose
 from cpcal.handeye.link_cuts import useful_cuts
@@ -125,9 +125,6 @@ def prove_chain(
     uncertain = bool(study.pose_half_width.any())
     nominal = nominal_poses(study)
     chosen = spread(study, sorted(nominal), _UNCERTAIN if uncertain else _SPREAD)
-    if len(chosen) < _FEWEST:
-        pixels = prove_in_turns(study, eps, domain, about=about, time_limit=time_limit, tell=tell)
-        return ChainProof(eps, domain, pixels[-1].left, (), (), pixels)
     images: list[tuple[str, NominalPose, FramesProof]] = []
     sets: list[ImagePoseSet] = []
     for k in chosen:
@@ -144,8 +141,8 @@ def prove_chain(
     if left.is_empty or uncertain:
         return ChainProof(eps, domain, left, tuple(images), links, ())
     rest = max(end - time.monotonic(), 0.0)
-    pixels = prove_in_turns(study, eps, left, about=about, time_limit=rest, tell=tell)
-    return ChainProof(eps, domain, pixels[-1].left, tuple(images), links, pixels)
+    pixels = prove(study, eps, left, about=about, time_limit=rest, tell=tell)
+    return ChainProof(eps, domain, pixels.left, tuple(images), links, (pixels,))
 
 
 def nominal_turn(center: PlacedFrames) -> tuple[float, ...]:
@@ -175,7 +172,8 @@ def _linked(
         # while the box is wide, what lies beyond first order is all that matters
         cuts = useful_cuts(links) if turn and study.pose_half_width.any() else ()
         proof = prove_links(links, cuts, eps, about=about, tell=tell)
-        found.append((proof, cuts))
+        first = len(proof.statement.rows) - len(cuts)
+        found.append((proof, tuple(cut for k, cut in enumerate(cuts, first) if k in proof.used)))
         left = proof.left
         if left.is_empty or (turn > 0 and not (left.width < _WORTH * box.width).any()) or time.monotonic() > end:
             break

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from cpcal.common.arrays import Floats, Indices
+from cpcal.common.arrays import Indices
 from cpcal.handeye.box_contraction import ConstraintRows, FramesProof, Tell, contracted
 from cpcal.handeye.exact_rows import ExactRows, HandEyeStatement
-from cpcal.handeye.frame_equations import EQUATIONS, R_F, R_X, UNKNOWNS, pixel_rows, rotation_rows
+from cpcal.handeye.frame_equations import EQUATIONS, R_F, R_X, pixel_rows, rotation_rows
 from cpcal.handeye.hand_eye_study import HandEyeStudy
-from cpcal.handeye.pose_slack import point_motion, pose_slack
 from cpcal.handeye.quadratic_rows import Quadratics
 from cpcal.solver.interval import Box
 
 _NEGLIGIBLE = 0.01
-_TURNS = 4
-_NEARER = 0.9  # share of what poses move points by, below which constraints are stated anew
 
 
 def prove(
@@ -29,9 +24,9 @@ def prove(
     time_limit: float = np.inf,
     tell: Tell = lambda text: None,
 ) -> FramesProof:
-    """Contract a box of frames until it is empty or gets no smaller, at a tolerance of `eps` px."""
-    statement = HandEyeStatement(ExactRows(study, eps, domain), about)
-    rows, places = frame_rows(study, eps, pose_slack(study, eps, domain))
+    """Contract a box of frames until it is empty or gets no smaller, at a tolerance of `eps` px; poses are exact."""
+    statement = HandEyeStatement(ExactRows(study, eps), about)
+    rows, places = frame_rows(study, eps)
     start, count = 2 * len(EQUATIONS), len(study.image)
 
     def negligible(box: Box) -> bool:
@@ -46,39 +41,10 @@ def prove(
     return contracted(asked, eps, domain, time_limit=time_limit, tell=tell)
 
 
-def frame_rows(study: HandEyeStudy, eps: float, slack: Floats) -> tuple[Quadratics, Indices]:
+def frame_rows(study: HandEyeStudy, eps: float) -> tuple[Quadratics, Indices]:
     """ConstraintRows of the rotations and of all pixels, and constraint and part of each."""
     equations, pixels = len(EQUATIONS), 4 * len(study.image)
     both, own = np.tile(np.arange(equations), 2), equations + np.arange(pixels)
     part = np.repeat([0, 1, 0], [equations, equations, pixels])
-    rows = Quadratics.joined([rotation_rows(), pixel_rows(study, eps, slack)])
+    rows = Quadratics.joined([rotation_rows(), pixel_rows(study, eps)])
     return rows, np.stack([np.concatenate([both, own]), part], axis=1)
-
-
-def prove_in_turns(
-    study: HandEyeStudy,
-    eps: float,
-    domain: Box,
-    *,
-    about: str,
-    time_limit: float = np.inf,
-    tell: Tell = lambda text: None,
-) -> tuple[FramesProof, ...]:
-    """Proofs of which each begins where the one before ended, as long as that says more of uncertain robot poses.
-
-    How far a reading of a pose can move a point depends on where the target is, so the constraints are stated anew for
-    the smaller box. With exact poses there is one proof.
-    """
-    found = [prove(study, eps, domain, about=about, time_limit=time_limit, tell=tell)]
-    while not found[-1].refuted and len(found) < _TURNS:
-        last = found[-1]
-        before, after = point_motion(study, last.domain), point_motion(study, last.left)
-        if not (after < _NEARER * before).any():
-            break
-        found.append(prove(study, eps, last.left, about=about, time_limit=time_limit, tell=tell))
-    return tuple(found)
-
-
-def box_of(lo: Any, hi: Any) -> Box:
-    """Of all unknowns."""
-    return Box(UNKNOWNS, lo, hi)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -66,9 +67,12 @@ def _of_exact(
         if not eps > _HOPELESS * most:
             break
         tell(f"is there anything below {at_least(eps, 7)} px?")
+        began = time.monotonic()
         proof = prove(study, eps, domain, about=about, time_limit=time_limit, tell=tell)
         if proof.refuted:
             return eps, ChainProof(eps, domain, proof.left, (), (), (proof,))
+        if not proof.steps and time.monotonic() > began + time_limit:  # there was no time for one
+            break
         eps = promised(study, proof.left, eps) * (1.0 - 1e-6)
     return 0.0, None
 
@@ -78,7 +82,7 @@ def promised(study: HandEyeStudy, box: Box, eps: float) -> float:
     low, high = 0.0, eps
     for _ in range(12):
         middle = 0.5 * (low + high)
-        rows, places = frame_rows(study, middle, np.zeros((2, len(study.image))))
+        rows, places = frame_rows(study, middle)
         programs = FramePrograms(rows, places, box, np.ones(rows.products.shape[1], dtype=np.bool_))
         if programs.minimize(None, 1.0).status is LinearStatus.INFEASIBLE:
             low = middle

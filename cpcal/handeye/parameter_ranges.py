@@ -30,7 +30,7 @@ def parameter_ranges(
 
 
 def turns(box: list[list[Interval]], center: Matrix) -> list[tuple[float, float]]:
-    """Rotation vectors w, in degrees, of all rotations exp([w]) C in a box of matrices; infinite beyond 60 degrees.
+    """Rotation vectors w, in degrees, of all rotations exp([w]) C in a box of matrices; +-180 beyond 60 degrees.
 
     M = R C^T lies in a box. Its skew part is sin(theta) times the axis, and ||M - I||^2 = 8 sin^2(theta / 2), so with
     k = sin(theta / 2) <= 1/2, w is the skew part times theta / sin(theta), which lies between 1 and
@@ -44,7 +44,7 @@ def turns(box: list[list[Interval]], center: Matrix) -> list[tuple[float, float]
             square += max(low * low, high * high)
     k2 = square / 8
     if k2 > F(1, 4):
-        return [(-math.inf, math.inf)] * 3
+        return [(-180.0, 180.0)] * 3
     factor = 1 / (1 - 4 * k2 / (1 - k2) / 6)
     found = []
     for p, q in ((2, 1), (0, 2), (1, 0)):

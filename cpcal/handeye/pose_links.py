@@ -50,6 +50,11 @@ class Cut:
     image: str
     weights: tuple[float, ...]
 
+    @property
+    def name(self) -> str:
+        """Of its row; weights have few digits, see `link_cuts`."""
+        return f"{self.image} cut {' '.join(f'{weight:g}' for weight in self.weights)}"
+
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
@@ -96,7 +101,7 @@ class Links:
             for words, axes, limits in (("along", bounds.u0, bounds.along), ("base", np.eye(3), bounds.base)):
                 for i in range(3):
                     found.append(_within(f"{image} {words} {i + 1}", *self._shift(image, axes, i), limits[i]))
-        return (*found, *(self._cut(k, cut) for k, cut in enumerate(cuts)))
+        return (*found, *map(self._cut, cuts))
 
     def _sides(self, image: str) -> tuple[Exact, Exact, Exact]:
         """L, K and P as exact numbers."""
@@ -140,7 +145,7 @@ class Links:
             found.append(({m: (one.get(m, F(0)) - other.get(m, F(0))) / 2 for m in {**one, **other}}, F(0)))
         return found + [self._shift(image, self.bounds[image].u0, i) for i in range(3)]
 
-    def _cut(self, k: int, cut: Cut) -> Stated:
+    def _cut(self, cut: Cut) -> Stated:
         bounds, y = self.bounds[cut.image], np.array(cut.weights)
         whole: Body = {}
         constant = F(0)
@@ -149,7 +154,7 @@ class Links:
             for monomial, value in body.items():
                 whole[monomial] = whole.get(monomial, F(0)) + weight * value
         limit = np.abs(y @ bounds.spans).sum() + np.abs(y) @ bounds.rest
-        return _within(f"{cut.image} cut {k + 1}", whole, constant, float(_rounded(np.array([limit]))[0]))
+        return _within(cut.name, whole, constant, float(_rounded(np.array([limit]))[0]))
 
 
 def prove_links(

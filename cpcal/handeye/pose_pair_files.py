@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.files.tables import small_file
 from cpcal.handeye.hand_eye_study import Setup
@@ -30,6 +31,8 @@ _REMEDY = "give samples of MoveIt, OpenCV's four lists, or ROS transforms: see d
 _HAND = ("robot", "hand", "effector", "hand_world", "effector_wrt_world")
 _SEEN = ("tracking", "optical", "camera_marker", "object", "object_wrt_sensor")
 _MATRIX = 1e-3  # how far from a rotation a matrix may be
+_FARTHEST = 1e9  # of a number, in the file's units: beyond it is no length, and squares of it overflow
+_SHORTEST = 1e-6  # of a quaternion
 
 
 def read_pose_pairs(path: Path, *, setup: Setup = "eye-in-hand", metres: bool = True) -> tuple[Pose, Pose]:
@@ -39,32 +42,32 @@ def read_pose_pairs(path: Path, *, setup: Setup = "eye-in-hand", metres: bool = 
     problems.raise_any()
     assert content is not None
     document = camera_yaml().yaml_document(content, path)
+    base_in_hand = False
     try:
-        lists = isinstance(document, dict) and "R_gripper2base" in document
-        hand, seen = _opencv(document) if lists else _listed(document)
+        if isinstance(document, dict) and "R_gripper2base" in document:
+            hand, seen = _opencv(document)
+        else:
+            samples = _samples(document)
+            hand, seen = ([_pose(sample[_key(sample, names)]) for sample in samples] for names in (_HAND, _SEEN))
+            base_in_hand = setup == "eye-to-hand" and all({"robot", "tracking"} <= set(one) for one in samples)
+    except OverflowError:  # of a whole number that no float holds, too
+        raise InputError([Problem(str(path), "holds a number that is not finite, or too large", _REMEDY)]) from None
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError([Problem(str(path), f"holds no pairs of poses: {error!s:.80}", _REMEDY)]) from None
     scale = 1000.0 if metres else 1.0
     stated = _scaled(hand, scale)
-    if setup == "eye-to-hand" and not lists and _of_easy_handeye(document):
-        stated = inverse(stated)
-    return stated, _scaled(seen, scale)
+    return inverse(stated) if base_in_hand else stated, _scaled(seen, scale)
 
 
 def _scaled(poses: list[tuple[Any, Any]], scale: float) -> Pose:
     return Pose(np.array([p for p, _ in poses]) * scale, np.array([q for _, q in poses]))
 
 
-def _of_easy_handeye(document: Any) -> bool:
-    return isinstance(document, dict) and all({"robot", "tracking"} <= set(sample) for sample in document["samples"])
-
-
-def _listed(document: Any) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+def _samples(document: Any) -> list[Any]:
     samples = document.get("samples", document.get("transforms")) if isinstance(document, dict) else document
     if not isinstance(samples, list) or not samples:
         raise ValueError("no list of samples")
-    hand = [_pose(sample[_key(sample, _HAND)]) for sample in samples]
-    return hand, [_pose(sample[_key(sample, _SEEN)]) for sample in samples]
+    return samples
 
 
 def _key(sample: Any, names: Iterable[str]) -> str:
@@ -78,9 +81,11 @@ def _pose(value: Any) -> tuple[Any, Any]:
     if isinstance(value, dict):
         value = value.get("transform", value)
         t, q = value["translation"], value["rotation"]
-        position = np.array([float(t[a]) for a in "xyz"])
-        return position, normalised(_finite(np.array([float(q[a]) for a in "wxyz"])))
-    matrix = _finite(np.array(value, dtype=np.float64).reshape(4, 4))
+        turn = _numbers([float(q[a]) for a in "wxyz"], 4)
+        if not np.linalg.norm(turn) > _SHORTEST:
+            raise ValueError("a rotation is all zeros")
+        return _numbers([float(t[a]) for a in "xyz"], 3), normalised(turn)
+    matrix = _numbers(value, 4, 4)
     return matrix[:3, 3], _rotation(matrix[:3, :3])
 
 
@@ -89,23 +94,23 @@ def _opencv(document: dict[str, Any]) -> tuple[list[tuple[Any, Any]], list[tuple
         turns, shifts = document[f"R_{name}"], document[f"t_{name}"]
         if len(turns) != len(shifts):
             raise ValueError(f"R_{name} and t_{name} have other lengths")
-        both = zip(turns, shifts, strict=True)
-        return [(_finite(_numbers(t).reshape(3)), _rotation(_numbers(r).reshape(3, 3))) for r, t in both]
+        return [(_of_list(t, 3), _rotation(_of_list(r, 3, 3))) for r, t in zip(turns, shifts, strict=True)]
 
     return pairs("gripper2base"), pairs("target2cam")
 
 
-def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.array(value["data"] if isinstance(value, dict) else value, dtype=np.float64)
+def _of_list(value: Any, *shape: int) -> Floats:
+    return _numbers(value["data"] if isinstance(value, dict) else value, *shape)
 
 
-def _rotation(matrix: Any) -> Any:
+def _numbers(values: Any, *shape: int) -> Floats:
+    found = np.array(values, dtype=np.float64).reshape(shape)
+    if not (np.abs(found) < _FARTHEST).all():  # NaN is not
+        raise OverflowError
+    return found
+
+
+def _rotation(matrix: Floats) -> Floats:
     if not np.abs(matrix @ matrix.T - np.eye(3)).max() < _MATRIX or not np.linalg.det(matrix) > 0.0:
         raise ValueError("a matrix is no rotation")
     return quaternion_from_matrix(matrix)
-
-
-def _finite(values: Any) -> Any:
-    if not np.isfinite(values).all() or not np.abs(values).sum() > 0.0:
-        raise ValueError("a number is not finite, or a pose is all zeros")
-    return values

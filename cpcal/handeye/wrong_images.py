@@ -23,19 +23,18 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most
 from cpcal.common.version import __version__
 from cpcal.files.codec import load, save
-from cpcal.handeye.certify_hand_eye import Within, about_study, best_frames, stated_readings
+from cpcal.handeye.certify_hand_eye import Within, about_study, best_frames, check_inside, stated_readings
 from cpcal.handeye.classical_answer import classical_answer
 from cpcal.handeye.exact_errors import PlacedFrames, Reading, above, exact_errors, largest
-from cpcal.handeye.frame_equations import UNKNOWNS, unknowns_of
 from cpcal.handeye.frames_chain import Chain, prove_chain
-from cpcal.handeye.hand_eye_result import AskedBox
+from cpcal.handeye.hand_eye_result import AskedBox, check_finite
 from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
 from cpcal.handeye.minimax_fit import excess
 from cpcal.handeye.pixel_model import PixelModel
 from cpcal.handeye.pose_readings import ReadingModel
 from cpcal.solver.interval import Box
 
-WRONG_FORMAT = "cpcal-handeye-wrong/2"
+WRONG_FORMAT = "cpcal-handeye-wrong/3"
 WRONG_NAME = "handeye-wrong.json"
 _LEAST = 4  # images of a group
 _TRIALS = 30  # of random images that the fit starts from
@@ -55,15 +54,25 @@ class RefutedGroup:
 
 
 @dataclass(frozen=True)
+class WrongInformation:
+    """What nothing proves, and `cpcal verify` does not compare. `tolerance`: px, at which images were to be blamed."""
+
+    version: str
+    tolerance: float
+    seconds: float
+
+
+@dataclass(frozen=True)
 class WrongImages:
     """When at most `outliers` images may be wrong.
 
     PROVED: whichever so many are left out, no frames in the box explain all others to within `eps_lo` px (`groups`);
-    `point` explains all but `left_out` to within `eps_hi`, at the `readings` of uncertain poses. At `tolerance` px each
-    image of `blamed` is wrong, for reasons that stand beside it; the others of `left_out` may be right.
+    `point` explains all but `left_out` to within `eps_hi`, at the `readings` of uncertain poses. Each image of `blamed`
+    is wrong if right ones fit to the eps of its reasons, which stand beside it; the others of `left_out` may be right.
+    The box is about the least-squares answer of all images but those left out. Raises ValueError for numbers that are
+    not finite.
     """
 
-    version: str
     outliers: int
     asked: AskedBox
     eps_lo: float
@@ -72,9 +81,16 @@ class WrongImages:
     readings: tuple[Reading, ...]
     left_out: tuple[str, ...]
     groups: tuple[RefutedGroup, ...]
-    tolerance: float
     blamed: tuple[tuple[str, tuple[RefutedGroup, ...]], ...]
-    seconds: float
+    information: WrongInformation
+
+    def __post_init__(self) -> None:
+        check_finite(self)
+
+    @property
+    def tolerance(self) -> float:
+        """px: to which right images fit, where some are blamed; else that at which they were to be."""
+        return min((one.eps for _, reasons in self.blamed for one in reasons), default=self.information.tolerance)
 
 
 def save_wrong_images(found: WrongImages, folder: str | os.PathLike[str]) -> Path:
@@ -109,18 +125,20 @@ def find_wrong_images(
         what = f"is {outliers} of {len(study.images)} images"
         remedy = f"these images do for at most {most}: each further one takes {_LEAST} images more"
         raise InputError([Problem("outliers", what, remedy)])
-    frames, left = trimmed_fit(study, outliers, np.random.default_rng(seed))
+    left = trimmed_fit(study, outliers, np.random.default_rng(seed))
     good = [k for k in range(len(study.images)) if k not in left]
     part = study.part(np.array(good))
-    best = best_frames(part, classical_answer(part))
+    classical = classical_answer(part)
+    best = best_frames(part, classical)
     point, readings = PlacedFrames.of(best.frames), stated_readings(part, best.readings)
     worst = largest(exact_errors(part, point, readings))
     assert worst is not None  # the fit keeps all points in front of the camera
     eps_hi = above(worst)
     tell(f"all but {', '.join(study.images[k] for k in left)} are explained to {at_most(eps_hi)} px")
-    center = PlacedFrames.of(frames)
-    asked = (within or Within()).asked(center, unknowns_of(frames))
-    prover = _Groups(study, Box(UNKNOWNS, asked.lo, asked.hi), center, folder, tell)
+    center = PlacedFrames.of(classical.frames)
+    asked = (within or Within()).about(center)
+    check_inside(asked, point)
+    prover = _Groups(study, asked.box, center, folder, tell)
     eps_lo, groups = prover.lower(_parted(list(range(len(study.images))), outliers + 1))
     at = _BEYOND * eps_hi if tolerance is None else tolerance
     blamed = []
@@ -130,7 +148,6 @@ def find_wrong_images(
         if len(proved) == len(reasons):
             blamed.append((study.images[k], proved))
     return WrongImages(
-        version=__version__,
         outliers=outliers,
         asked=asked,
         eps_lo=eps_lo,
@@ -139,9 +156,8 @@ def find_wrong_images(
         readings=readings,
         left_out=tuple(study.images[k] for k in left),
         groups=groups,
-        tolerance=at,
         blamed=tuple(blamed),
-        seconds=time.monotonic() - began,
+        information=WrongInformation(__version__, at, time.monotonic() - began),
     )
 
 
@@ -190,13 +206,13 @@ class _Groups:
         return RefutedGroup(part.images, eps, proof.written(f"wrong-{self.count}", self.folder))
 
 
-def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator) -> tuple[HandEyeFrames, list[int]]:
-    """Least squares over all but the `outliers` images that fit worst, and these: the best of fits from random images.
+def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator) -> list[int]:
+    """The `outliers` images that least squares over all others fits worst, in the best of fits from random images.
 
     Each fit is repeated with the images that fit best, until they stay the same.
     """
     count = len(study.images)
-    best: tuple[float, HandEyeFrames, list[int]] | None = None
+    best: tuple[float, list[int]] | None = None
     for trial in range(_TRIALS):
         chosen = np.arange(count) if not trial else np.sort(random.choice(count, _LEAST, replace=False))
         for _ in range(10):
@@ -209,13 +225,13 @@ def trimmed_fit(study: HandEyeStudy, outliers: int, random: np.random.Generator)
             kept = np.sort(order[: count - outliers])
             value = float(squares[kept].sum())
             if math.isfinite(value) and (best is None or value < best[0] * (1.0 - 1e-9)):
-                best = value, frames, sorted(order[count - outliers :].tolist())
+                best = value, sorted(order[count - outliers :].tolist())
             if np.array_equal(kept, chosen):
                 break
             chosen = kept
     if best is None:
         raise InputError([Problem("study", "has no images that determine the frames", "check poses and points")])
-    return best[1], best[2]
+    return best[1]
 
 
 def _by_image(study: HandEyeStudy, frames: HandEyeFrames) -> Floats:

@@ -30,7 +30,7 @@ def write_hand_eye(found: HandEyeResult, folder: str | os.PathLike[str]) -> Path
 def _context(found: HandEyeResult) -> dict[str, Any]:
     first, *rest = sentences(found)
     camera, target = frames_of(found.setup)
-    point, classical = found.point, found.classical.placed
+    point, classical = found.point, found.asked.center
     ranges = found.ranges
     return {
         "setup": found.setup,
@@ -55,12 +55,12 @@ def _context(found: HandEyeResult) -> dict[str, Any]:
             (target, _position(classical.target_position), _quaternion(classical.target_quaternion)),
         ],
         "support": _support(found),
-        "remarks": found.classical.remarks,
+        "remarks": found.information.remarks,
         "uncertain": found.uncertain,
         "certificates": len(found.lower.certificates) + len(ranges.chain.certificates),
-        "programs": f"{found.programs:,}",
-        "seconds": about(found.seconds),
-        "version": found.version,
+        "programs": f"{found.information.programs:,}",
+        "seconds": about(found.information.seconds),
+        "version": found.information.version,
         "versions": versions(),
     }
 
@@ -94,7 +94,7 @@ def _positions(found: HandEyeResult) -> str:
     places = [0, 1, 2, 6, 7, 8]
     names = names_of(found.setup)
     point = np.array([*found.point.camera_position, *found.point.target_position])
-    classical = found.classical.placed
+    classical = found.asked.center
     data = Enclosure(
         tuple(names[k][0] for k in places),
         point,

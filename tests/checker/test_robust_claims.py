@@ -14,6 +14,7 @@ from cpcal.checker import Refused, check
 from cpcal.checker.files import Budget
 from cpcal.checker.robust_claim import check_robust, meeting
 from cpcal.files import load_campaign_json
+from cpcal.results.robust import load_robust
 from cpcal.simulate import simulate
 
 
@@ -65,11 +66,11 @@ def _set(**values):
         (lambda v, leg: leg.update(left_out=["nobody"]), "a measurement that is none"),
         (lambda v, leg: leg["center"].__setitem__(0, leg["center"][0] + 1.0), "range of unknown 0"),
         (lambda v, leg: v["options"].update(delta=6.0), "range of unknown 0"),
-        (lambda v, leg: leg.update(leg=2), "leg"),
         (lambda v, leg: v["model"].update(name="gain"), "model"),
         (lambda v, leg: leg["proofs"].append(leg["point_certificate"]), "eps_lo"),
         (lambda v, leg: leg["proofs"].append("../leg1.point.cert.jsonl"), "names no certificate"),
         (lambda v, leg: leg.pop("point"), "lacks the key"),
+        (lambda v, leg: leg.update(center=None), "wrong kind"),
     ],
 )
 def test_whatever_says_more_is_refused(copy, change, said):
@@ -91,12 +92,29 @@ def test_proofs_for_one_outlier_prove_nothing_for_two(copy):
         (lambda v, leg: v.update(outliers=True), "another number of outliers"),
         (lambda v, leg: v.update(outliers=0), "another number of outliers"),
         (lambda v, leg: v["legs"].append(leg), "another list of legs"),
-        (lambda v, leg: v.update(format="cpcal-robust/2"), "another format"),
+        (lambda v, leg: v.update(format="cpcal-robust/1"), "another format"),
+        (lambda v, leg: v["campaign"].update(robot="another"), "another name of the robot"),
+        (lambda v, leg: v["options"].update(legs=[1, 2]), "another list of legs"),
+        (lambda v, leg: v["options"].update(eps=0.1), "another eps asked about"),
+        (lambda v, leg: v["model"].update(name="pl\u0430in"), "ASCII identifier"),
+        (lambda v, leg: leg.update(leg=2), "another list of legs"),
     ],
 )
 def test_a_claim_that_is_not_of_this_campaign_is_refused_as_a_whole(copy, change, said):
     with pytest.raises(Refused, match=rf"robust\.json .*{said}"):
         changed(copy, change)
+
+
+@pytest.mark.parametrize(
+    ("proof", "numbers"), [("proofs", {"eps_lo": 50.0}), ("point_certificate", {"eps_hi": 1e-9, "left_out": []})]
+)
+def test_a_number_without_its_proof_is_refused(copy, proof, numbers):
+    for path in copy.glob("leg1.0*.cert.jsonl" if proof == "proofs" else "leg1.point.cert.jsonl"):
+        path.unlink()
+    (leg,) = changed(copy, lambda v, leg: leg.update({**numbers, proof: [] if proof == "proofs" else None}))
+    assert f"states {next(iter(numbers))} without a proof" in leg.refused
+    with pytest.raises(cpcal.InputError, match="without a proof"):
+        load_robust(copy)
 
 
 def test_a_damaged_certificate_is_refused_with_its_line(copy):

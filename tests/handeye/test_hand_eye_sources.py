@@ -101,20 +101,50 @@ def test_samples_of_easy_handeye_are_read_as_it_stores_them(tmp_path, setup):
         np.testing.assert_allclose(read.rotation, given.rotation, atol=1e-12)
 
 
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_a_list_called_transforms_is_read_as_one_called_samples(tmp_path, setup):
+    hand, seen, _ = pairs(setup)
+    path = tmp_path / "samples.yaml"
+    path.write_text(json.dumps({"transforms": ros(hand, seen)["samples"]}))
+    for given, read in zip((hand, seen), read_pose_pairs(path, setup=setup), strict=True):
+        np.testing.assert_allclose(read.position, given.position, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("[]", "holds no pairs of poses"),
+        ("[]", "no list of samples"),
         ("{samples: [{robot: 1}]}", "holds no pairs of poses"),
-        ("[{effector_wrt_world: [1, 2]}]", "holds no pairs of poses"),
-        ("a: [", "is no YAML"),
+        ("{transforms: 3}", "no list of samples"),
+        ("[{effector_wrt_world: [1, 2]}]", "cannot reshape"),
+        ("a: [", "YAML"),
     ],
 )
-def test_files_of_other_things_are_refused(tmp_path, text, reason):
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_files_of_other_things_are_refused(tmp_path, text, reason, setup):
     path = tmp_path / "samples.yaml"
     path.write_text(text)
-    with pytest.raises(InputError, match=reason):
-        read_pose_pairs(path)
+    with pytest.raises(InputError, match=f"samples.yaml.*{reason}.* -> "):
+        read_pose_pairs(path, setup=setup)
+
+
+@pytest.mark.parametrize("number", [".nan", ".inf", "-.inf", "1e999", "9" * 401, "1e300"])
+@pytest.mark.parametrize("part", ["translation", "rotation"])
+def test_a_number_that_is_no_length_and_no_rotation_is_refused(tmp_path, part, number):
+    hand, seen, _ = pairs("eye-in-hand")
+    for form in (moveit, opencv, ros):
+        document = form(hand, seen)
+        if form is ros:
+            document["samples"][3]["hand"][part]["x"] = "HERE"
+        elif form is opencv:
+            where = document["t_target2cam"][3] if part == "translation" else document["R_target2cam"][3][1]
+            where[0] = "HERE"
+        else:
+            document[3]["object_wrt_sensor"][3 if part == "translation" else 0] = "HERE"
+        path = tmp_path / "samples.yaml"
+        path.write_text(json.dumps(document).replace('"HERE"', number))
+        with pytest.raises(InputError, match=r"samples.yaml.* a number that is not finite, or too large -> give"):
+            read_pose_pairs(path)
 
 
 @pytest.mark.parametrize(

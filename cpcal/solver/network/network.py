@@ -123,12 +123,15 @@ class ConstraintNetwork:
 
     def add(self, constraint: Constraint | Iterable[Constraint]) -> None:
         """Require a constraint (or several). Raises ModelError, and adds none, if one is of another network."""
+        from cpcal.solver.network.forms import check_powers  # it needs this module
+
         listed = isinstance(constraint, Iterable) and not isinstance(constraint, (Expr, str))
         items: list[Any] = list(constraint) if listed else [constraint]  # type: ignore[arg-type]
         for item in items:
             if not isinstance(item, Constraint):
                 raise ModelError(f"add() takes constraints, not {item!r}: use ==, <=, >= or .within()")
             self.check_owner(item.body, item.lower, item.upper)
+            check_powers(self, (item.body, item.lower, item.upper))
         self._constraints += [one for item in items for one in for_all(item, self._for_all)]
 
     def owns(self, leaf: Expr) -> bool:

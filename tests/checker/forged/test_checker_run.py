@@ -71,6 +71,12 @@ def of_certificate(line: int, *path: Any, to: Any) -> Callable[[Data, Path], Non
     return change
 
 
+def uncertified(leg: Data) -> None:
+    """A leg as it is written without a certificate: nothing stands outside of the information that needs one."""
+    leg["information"] |= {key: leg.pop(key) for key in ("status", "eps_lo", "eps_hi", "point", "center", "enclosure")}
+    leg["certificate"] = None
+
+
 def swapped(data: Data, run: Path) -> None:
     (run / "leg1.cert.jsonl").rename(run / "x")
     (run / "leg2.cert.jsonl").rename(run / "leg1.cert.jsonl")
@@ -121,12 +127,14 @@ TAMPERED: dict[str, Callable[[Data, Path], object]] = {
     "a leg left out": changed("legs", to=lambda legs: legs[:1]),
     "no legs": changed("legs", to=[]),
     "legs that are none": changed("legs", to=[1]),
-    "support of nobody": changed(*LEG, "support", to=["p99/1"]),
-    "support of one twice": changed(*LEG, "support", to=lambda v: [v[0], v[0]]),
-    "not certified, with a certificate": changed(*LEG, "certified", to=False),
-    "certified without a certificate": changed(*LEG, "certificate", to=None),
-    "certified by 1": changed(*LEG, "certified", to=1),
-    "certified left out": lambda data, run: data["legs"][0].pop("certified"),
+    "support of nobody": changed(*LEG, "information", "support", to=["p99/1"]),
+    "support of one twice": changed(*LEG, "information", "support", to=lambda v: [v[0], v[0]]),
+    "not certified, with a certificate": lambda data, run: uncertified(data["legs"][0]),
+    "numbers without a certificate": changed(*LEG, "certificate", to=None),
+    "certified by 1": changed(*LEG, "certificate", to=1),
+    "certificate left out": lambda data, run: data["legs"][0].pop("certificate"),
+    "a model of other letters": changed("model", "name", to="pl\u0430in"),
+    "a model nearly of ours": changed("model", "name", to="Plain"),
     "the other leg's certificate": changed(*LEG, "certificate", to="leg2.cert.jsonl"),
     "a certificate elsewhere": changed(*LEG, "certificate", to="../leg1.cert.jsonl"),
     "another model": changed("model", "name", to="lateral"),
@@ -173,8 +181,8 @@ def test_tampering_is_refused(name: str, run: Path) -> None:
     assert main([str(run)]) == REFUSED
 
 
-CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/5"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
-            b'{"format": "cpcal-result/5", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
+CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/6"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
+            b'{"format": "cpcal-result/6", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
 
 
 @pytest.mark.parametrize("content", CONTENTS, ids=range(len(CONTENTS)))
@@ -218,7 +226,7 @@ def test_a_leg_is_refuted_at_any_eps_only_above_its_shortest_length(honest: Path
 def test_a_leg_that_says_so_is_not_certified(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It is neither proved nor refused; with no leg proved there is nothing to check."""
     data = json.loads((run / "result.json").read_text())
-    data["legs"][1].update(certified=False, certificate=None)
+    uncertified(data["legs"][1])
     (run / "result.json").write_text(json.dumps(data))
     (run / "leg2.cert.jsonl").unlink()
     one, two = check_run(run)
@@ -226,7 +234,7 @@ def test_a_leg_that_says_so_is_not_certified(run: Path, capsys: pytest.CaptureFi
     assert (two.accepted, two.refused) == (None, None)
     assert main([str(run)]) == PROVED
     assert "leg 2: not certified" in capsys.readouterr().out
-    data["legs"][0].update(certified=False, certificate=None)
+    uncertified(data["legs"][0])
     (run / "result.json").write_text(json.dumps(data))
     (run / "leg1.cert.jsonl").unlink()
     assert main([str(run)]) == UNUSABLE

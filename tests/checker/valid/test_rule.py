@@ -53,10 +53,7 @@ def unsettled(one: LegConstraint, side: str) -> Polynomial:
         for places, (p, q) in zip(formula.places, formula.degrees, strict=True)
     )
     mask = signed(len(one.x), one.signs)
-    if not others:
-        return row
-    low, factor = others
-    return row - constant(beyond(low, factor, mask), free)
+    return row - constant(beyond(others[0], others[1], mask), free) if others else row
 
 
 @pytest.mark.parametrize("side", SIDES)
