@@ -21,7 +21,7 @@ from cpcal.common.errors import InputError
 from cpcal.common.errors import Problem as Trouble
 from cpcal.solver.interval import Box
 
-_WORK_A_BYTE = 100  # of the steps; up to 90 were seen, with the leg model "linear" and uncertain readings
+_WORK_A_BYTE = 250  # of the steps; up to 200 were seen, with the leg model "linear" and uncertain readings
 _SAMPLE = 4  # measurements
 _NEAR = 2  # an estimate within this factor of the limit is not trusted
 
