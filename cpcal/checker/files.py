@@ -157,7 +157,8 @@ class Budget:
     def spend(self, work: int) -> None:
         self.left -= work
         if self.left < 0:
-            raise Refused(f"the check takes more work than the {self.most} that it may cost", "limit")
+            what = f"the check takes more work than the {self.most} that it may cost"
+            raise Refused(f"{what}: `python -m cpcal.checker --work` spends more", "limit")
 
 
 class Lines:

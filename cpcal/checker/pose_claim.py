@@ -65,7 +65,7 @@ class PoseSetChecked:
 def check_pose_sets(folder: Path, *, work: int = WORK) -> list[PoseSetChecked]:
     """What is proved of every image of a folder. Raises Unusable where there is nothing to check.
 
-    `work`: what the check of each image may cost.
+    `work`: what the check of each image may cost, and as much for each wrong dot, up to three.
     """
     claims = sorted(folder.glob("*" + POSE_SET_SUFFIX))
     if not claims:
@@ -103,7 +103,9 @@ def _checked(path: Path, name: str, work: int) -> PoseSetChecked:
         raise Refused("radii are stated of what is refuted, or are missing")
     if len(chains) > _MOST_CHAINS or any(len(stages) > _MOST_STAGES for stages in chains):
         raise Refused(f"it has more than {_MOST_CHAINS} chains, or one of more than {_MOST_STAGES}", "limit")
-    chain = _Chain(path.parent, f"cpcal pose set {digest}", sight, [number(v) for v in pose], work)
+    chain = _Chain(
+        path.parent, f"cpcal pose set {digest}", sight, [number(v) for v in pose], work * min(1 + outliers, 4)
+    )
     boxes = [chain.left(stages) for stages in chains]
     if not chains or meeting([used for used, _ in boxes], outliers, chain.budget.spend):
         raise Refused("so many wrong dots could spoil all of its chains of certificates")

@@ -34,8 +34,12 @@ class Rule:
         self._held = 0
 
     def form(self, numbers: Iterable[int]) -> None:
-        """Rows, by their numbers, that are not formed yet."""
-        new = [n for n in dict.fromkeys(numbers) if n not in self.row]
+        """Rows, by their numbers, that are not formed yet; others are forgotten where there are many."""
+        needed = dict.fromkeys(numbers)
+        new = [n for n in needed if n not in self.row]
+        if new and self._held > MOST_HELD // 2:
+            self.row = {n: row for n, row in self.row.items() if n in needed}
+            self._held = sum(row.size for row in self.row.values())
         for place, row in self._problem.rows(self.x, [self._table[n] for n in new]):
             self.row[new[place]] = row
             self._held += row.size

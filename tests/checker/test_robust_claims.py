@@ -10,7 +10,8 @@ import pytest
 
 import cpcal
 from cpcal.certify.certify_robust import certify_robust
-from cpcal.checker import Refused
+from cpcal.checker import Refused, check
+from cpcal.checker.files import Budget
 from cpcal.checker.robust_claim import check_robust, meeting
 from cpcal.files import load_campaign_json
 from cpcal.results.robust import load_robust
@@ -157,6 +158,35 @@ def test_measurements_that_share_a_name_are_refused_by_every_reader(copy, names,
         else "'b/c' cannot be the name of a run",
     ):
         cpcal.load_campaign(tmp_path / "campaign")
+
+
+def test_proofs_that_take_long_to_meet_are_refused_within_the_budget():
+    """Four hundred sets of forty numbers, of which any twelve may be wrong, took a minute at a limit of tries."""
+    rng, budget = np.random.default_rng(1), Budget(2_000_000)
+    family = [frozenset(rng.choice(400, 40, replace=False).tolist()) for _ in range(400)]
+    with pytest.raises(Refused, match="more work than the 2000000") as caught:
+        meeting(family, 12, budget.spend)
+    assert caught.value.code == "limit"
+
+
+def test_all_certificates_of_a_claim_have_one_budget(good):
+    """What suffices for all but the last unit of work refuses the claim, and names no other reason."""
+    spent = []
+
+    def refused(work):
+        (leg,) = check_robust(good, work=work)
+        spent.append(leg.refused)
+        return leg.refused is not None
+
+    low, high = 0, 1 << 24
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if refused(middle) else (low, middle)
+    assert not refused(high)
+    refused(high - 1)
+    assert f"the check takes more work than the {high - 1} that it may cost" in spent[-1]
+    for path in good.glob("*.cert.jsonl"):  # each by itself takes less
+        check(path, work=high - 1)
 
 
 def test_what_meets_all_proofs_is_found_exactly():

@@ -6,14 +6,17 @@ import json
 import math
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import cpcal
-from cpcal.checker import Refused, Unusable, check_run
+from cpcal.checker import ExactCampaign, Refused, Unusable, check_run
 from cpcal.checker.command import PROVED, REFUSED, UNUSABLE, main
+from cpcal.checker.run import _lowest
 from cpcal.results import save_result
 
 Data = dict[str, Any]
@@ -200,6 +203,24 @@ def test_a_missing_file_is_nothing_to_check(name: str, run: Path) -> None:
 
 def test_a_folder_that_there_is_not(tmp_path: Path) -> None:
     assert main([str(tmp_path / "nowhere")]) == UNUSABLE
+
+
+def test_a_leg_is_refuted_at_any_eps_only_above_its_shortest_length(honest: Path) -> None:
+    """No leg is longer than eps from min(L - lambda) + the upper end of l on; a cap just below excludes less."""
+    campaign, accepted = ExactCampaign(honest / "campaign.json"), check_run(honest)[0].accepted
+    assert accepted is not None
+    rows = json.loads((honest / "campaign.json").read_text())["measurements"]
+    shortest, offset = min(F(float(row[9])) - F(float(row[21])) for row in rows), accepted.hi[6]
+    assert accepted.lo[6] < offset
+    for cap, refuted in (
+        (shortest + offset, True),
+        (shortest + offset - F(1, 2**60), False),
+        (shortest + accepted.lo[6], False),
+        (shortest, shortest >= shortest + offset),
+    ):
+        claims = replace(accepted.claims, cap=cap, infeasible=True, point=None)
+        found = _lowest(campaign, 1, replace(accepted, claims=claims), None, None)
+        assert found == (refuted, "inf" if refuted else accepted.claims.eps_lo)
 
 
 def test_a_leg_that_says_so_is_not_certified(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
