@@ -7,8 +7,8 @@ takes its place, what false statement that lets out, and the tests that must fai
 whose pattern is gone, or is there twice, is an error that names it: it follows the code, or it leaves with the code.
 
 Everything happens in copies of the tree in a temporary folder, machine code of kernels included. Tests that are named
-must pass there without a change; with it they must fail (exit status 1 of pytest, or no end in time): a mutant that
-cannot be imported, or whose tests are not found, is an error. A mutant that no test notices may have a `reason` why
+must pass there without a change; with it they must fail (exit status 1 of pytest): a mutant that cannot be imported,
+whose tests are not found, or do not end in time, is an error. A mutant that no test notices may have a `reason` why
 that is right. Exit status 1 below a share of 95 % noticed, 2 for errors.
 
 Why not mutmut or cosmic-ray: both generate every change of their operators, of which most change no statement, and run
@@ -79,7 +79,7 @@ class Mutant:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the tests said: the first that failed, "no end" where they were ended, "" where they passed."""
+    """What the tests said: the first that failed, "" where they passed."""
 
     mutant: Mutant
     noticed_by: str
@@ -115,10 +115,9 @@ def outcome(mutant: Mutant, original: Path, seconds: float) -> Outcome:
         root = copy_of(original, Path(folder) / "tree", linked=True)
         mutant.apply(root)
         status, printed = run_tests(mutant.tests, root, seconds)
-    if status == _NO_END:
-        return Outcome(mutant, "no end")
     if status not in (0, _FAILED):
-        raise MutantError(f"{mutant.area}: {mutant.false}: pytest ended with {status}\n{printed[-2000:]}")
+        said = f"no end in {seconds:g} s" if status == _NO_END else f"pytest ended with {status}\n{printed[-2000:]}"
+        raise MutantError(f"{mutant.area}: {mutant.false}: {said}")
     failed = [line for line in printed.splitlines() if line.startswith(("FAILED", "ERROR"))]
     return Outcome(mutant, failed[0].split(" ")[1] if failed else "" if status == 0 else "a test")
 

@@ -19,6 +19,7 @@ from cpcal.solver.network.term_operations import Monomial
 
 _UNIT = 2.0**-53
 _UNDERFLOW = 1e-290  # more than all that products lose that are too small
+_ETA = 5e-324  # the least number
 
 
 class Shift:
@@ -40,6 +41,7 @@ class Shift:
         self.alpha = np.array([key[1] for key, _ in terms], dtype=np.intp)
         self._factors = np.array([key[2] for key, _ in terms], dtype=np.intp).reshape(len(terms), degree)
         self._count = np.array([count for _, count in terms], dtype=np.float64)
+        self._least = _UNDERFLOW ** (1.0 / max(degree, 1))  # of factors whose product is no number too small
 
     def values(self, engine: Arithmetic, center: Floats, radius: Floats) -> IntervalArray:
         """Every term, for exact float64 `center` and `radius`."""
@@ -63,7 +65,13 @@ class Shift:
     def rounded(self, center: Floats, radius: Floats) -> Floats:
         """Every term, each wrong by at most `degree` roundings."""
         vector = np.concatenate([[1.0], center, radius])
-        return np.asarray(self._count * vector[self._factors].prod(axis=1))
+        sizes = [abs(v) for v in vector.tolist() if v]
+        if self._least < min(sizes) and max(sizes) < 1.0 / self._least:
+            return np.asarray(self._count * vector[self._factors].prod(axis=1))
+        mantissa, exponent = np.frexp(vector)  # a product in the middle may be too small, or too large
+        product = self._count * mantissa[self._factors].prod(axis=1)
+        with np.errstate(all="ignore"):
+            return np.asarray(np.ldexp(product, exponent[self._factors].sum(axis=1)))
 
 
 class CentredRows:
@@ -149,7 +157,8 @@ def _split(lo: Floats, hi: Floats, gamma: float) -> tuple[Floats, Floats, Bools]
                 middle = 0.5 * lo[j, m, k] + 0.5 * hi[j, m, k]
                 radius = max(hi[j, m, k] - middle, middle - lo[j, m, k]) * up
                 mid[j, m, k] = middle
-                errors[m, k] += (gamma * abs(middle) + radius) * up
+                least = _ETA if middle != 0.0 else 0.0  # where the product with gamma is too small
+                errors[m, k] += (gamma * abs(middle) + radius) * up + least
                 if j == 0 and abs(middle) > radius:
                     matters[m] = True
     return mid, errors, matters

@@ -264,6 +264,6 @@ class _Programs:
         least, largest = self._relaxation.value(variable, sign * lowest)
         new = least if side == "lo" else largest
         old = self._box.lo[variable] if side == "lo" else self._box.hi[variable]
-        if sign * (new - old) <= 0.0:
+        if not sign * (new - old) > 0.0:
             return None
         return Step("lifted", self._box.names[variable], side, new, *self._carriers(solution))

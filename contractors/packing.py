@@ -33,7 +33,7 @@ def scaled(rows: Floats, rhs: Floats) -> tuple[Indices, Floats]:
         for k in range(count):
             value = rows[m, k] * largest[k]
             small = abs(value) < _SMALLEST
-            paid[k] += _SMALLEST if small and value != 0.0 else 0.0
+            paid[k] += _SMALLEST if small and rows[m, k] != 0.0 else 0.0
             rows[m, k] = 0.0 if small else value
             highest[m] = max(highest[m], abs(value))
     for k in range(count):
@@ -63,7 +63,7 @@ def reach(rows: Floats, rhs: Floats, has_column: Bools, lower: Floats, upper: Fl
     up = 1.0 + 4.0 * (size + 4) * _UNIT
     matters = np.zeros(count, np.bool_)
     for k in range(count):
-        if beside[k] > 0.0:
+        if beside[k] != 0.0:  # NaN goes to the right side, which then says nothing
             more = beside[k] * up
             rhs[k] += more + 4.0 * _UNIT * (abs(rhs[k]) + more)
         matters[k] = np.isfinite(highest[k]) and np.isfinite(rhs[k]) and highest[k] > rhs[k]

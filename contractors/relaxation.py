@@ -167,6 +167,7 @@ class Relaxation:
             return widening
         rows, error = structure.guards.on(self._engine, self.center, self.radius)
         lowest = _down(rows[0] - _up(np.abs(rows[1:]).sum(axis=0) + error, len(rows)))
+        lowest = np.where(np.isfinite(lowest), lowest, -np.inf)  # a sum that overflowed on its way may be anything
         out = widening.copy()
         out[structure.system.guarded] += _up(np.minimum(lowest, 0.0) ** 2, 1)
         return out

@@ -3,11 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import wraps
 from hashlib import sha256
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
-from cpcal.checker import Accepted, ExactCampaign
+import pytest
+
+from cpcal.checker import Accepted, ExactCampaign, check, check_run
+from cpcal.cli import checked
+
+
+def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For `cpcal verify`, many times: a certificate that was accepted is not checked again, and nothing is forked."""
+    known: dict[tuple[bytes, ...], Accepted] = {}
+
+    def once(path: Path, *given: Any, **options: Any) -> Accepted:
+        of = path.with_name("campaign.json")
+        key = path.read_bytes(), of.read_bytes() if of.exists() else b""
+        if key not in known:
+            known[key] = check(path, *given, **options)
+        return known[key]
+
+    for module in (check_run.__module__, checked.__name__):
+        monkeypatch.setattr(import_module(module), "check", once)
+    monkeypatch.setattr(checked, "side_by_side", lambda checks: nullcontext(lambda: [one() for one in checks]))
 
 
 def remembered(check: Callable[..., Accepted]) -> Callable[..., Accepted]:
@@ -18,7 +40,7 @@ def remembered(check: Callable[..., Accepted]) -> Callable[..., Accepted]:
     known: dict[object, Accepted] = {}
 
     @wraps(check)
-    def judged(certificate: Path, campaign: ExactCampaign | None = None, **options: int) -> Accepted:
+    def judged(certificate: Path, campaign: ExactCampaign | None = None, **options: Any) -> Accepted:
         of = None if campaign is None else campaign.sha256
         key = sha256(certificate.read_bytes()).hexdigest(), of, tuple(sorted(options.items()))
         if key not in known:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from cpcal.files.codec import load, save
+from cpcal.files.codec import INFORMED, checked, load, save
 from cpcal.results import CampaignNote
 
-FORMAT = "cpcal-accuracy/3"
+FORMAT = "cpcal-accuracy/4"
 ACCURACY_NAME = "accuracy.json"
 
 
@@ -40,11 +40,11 @@ class CertifiedBox:
     """PROVED, by the `certificate` where there is one: all parameters (a, b, l) of the leg with a model error up to
     `eps` lie from `lo` to `hi`, mm; both are empty where there are none."""
 
-    leg: int
-    eps: float
-    lo: tuple[float, ...]
-    hi: tuple[float, ...]
-    certificate: str | None
+    leg: int = field(metadata=checked("the certificate: each leg once", "certificate"))
+    eps: float = field(metadata=checked("the cap of the certificate", "certificate"))
+    lo: tuple[float, ...] = field(metadata=checked("the enclosure of the certificate", "certificate"))
+    hi: tuple[float, ...] = field(metadata=checked("the enclosure of the certificate", "certificate"))
+    certificate: str | None = field(metadata=checked("a file of the folder, which is accepted"))
 
 
 @dataclass(frozen=True)
@@ -147,18 +147,19 @@ class Accuracy:
     The parameters that are spoken of lie within `delta` mm of the center of the run."""
 
     campaign: CampaignNote
-    version: str
-    controller: str
-    parameters: tuple[tuple[float, ...], ...]
-    delta: float
-    assumed: tuple[AssumedError, ...]
+    version: str = field(metadata=INFORMED)
+    controller: str = field(metadata=INFORMED)
+    parameters: tuple[tuple[float, ...], ...] = field(metadata=INFORMED)
+    delta: float = field(metadata=checked("the box of each certificate"))
+    assumed: tuple[AssumedError, ...] = field(metadata=INFORMED)
     boxes: tuple[CertifiedBox, ...]  # around the sets of parameters; none where no certificates were asked for
-    refuted: tuple[int, ...]  # legs for which the campaign refutes what is assumed: nothing else is said then
-    poses: tuple[PoseAccuracy, ...]
-    workspace: WorkspaceAccuracy | None
-    next_poses: tuple[NextPose, ...]
-    truth_known: bool
-    seconds: float
+    # legs for which the campaign refutes what is assumed: nothing else is said then
+    refuted: tuple[int, ...] = field(metadata=INFORMED)
+    poses: tuple[PoseAccuracy, ...] = field(metadata=INFORMED)
+    workspace: WorkspaceAccuracy | None = field(metadata=INFORMED)
+    next_poses: tuple[NextPose, ...] = field(metadata=INFORMED)
+    truth_known: bool = field(metadata=INFORMED)
+    seconds: float = field(metadata=INFORMED)
 
     @property
     def proved_poses(self) -> tuple[PoseAccuracy, ...]:

@@ -169,7 +169,7 @@ def answered(question: Question, place: Place = HERE) -> Result:
     return Result(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         options=question.options,
-        model=ModelNote(model.name, model.summary, model.extra),
+        model=ModelNote(model.name, model.extra),
         version=__version__,
         interrupted=interrupted or len(done) < len(numbers),
         legs=tuple(done[leg] for leg in numbers if leg in done),
@@ -201,5 +201,5 @@ def with_certificates(question: Question, files: Mapping[str, bytes], leg: LegRe
             if leg.ranges is not None and name == leg.ranges.certificate != leg.certificate:
                 leg = replace(leg, ranges=replace(leg.ranges, certificate=None))
             else:
-                leg = replace(leg, certified=False, certificate=None, not_certified=Uncertified.UNWRITTEN)
+                leg = replace(leg, certificate=None, not_certified=Uncertified.UNWRITTEN)
     return leg

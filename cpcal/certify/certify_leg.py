@@ -116,7 +116,6 @@ def _leg_result(prepared: PreparedLeg, answer: Answered, few: tuple[int, ...]) -
         nodes=found.nodes,
         programs=found.programs,
         seconds=found.seconds,
-        certified=answer.certificate is not None,
         certificate=answer.certificate,
         not_certified=_not_certified(question, leg, answer),
         verified=VerifiedPoint(eps, len(good), len(bad), len(question.campaign)),

@@ -88,7 +88,7 @@ def _answered(question: Question, outliers: int, tell: Told | None, place: Place
     return RobustResult(
         campaign=CampaignNote(campaign_sha256(campaign), campaign.robot.name, len(campaign)),
         options=question.options,
-        model=ModelNote(model.name, model.summary, model.extra),
+        model=ModelNote(model.name, model.extra),
         outliers=outliers,
         version=__version__,
         legs=tuple(legs[leg] for leg in numbers),

@@ -20,7 +20,7 @@ from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
 from cpcal.legs import LegModel
-from cpcal.results import Comparison, Entry, LegResult, Result
+from cpcal.results import Comparison, Entry, LegResult, ModelNote, Result
 from cpcal.robot import Campaign
 
 COMPARED = ("plain", "gain", "linear")
@@ -125,7 +125,7 @@ def compared(
     return Comparison(
         title=campaign.robot.name,
         tolerance=options.tolerance,
-        models={model.name: model.summary for model in models},
+        models={model.name: ModelNote(model.name).summary for model in models},
         entries=tuple(entries),
         campaign_sha256=campaign_sha256(campaign),
         options=options,

@@ -63,7 +63,7 @@ def _compared(
     for subject, model, (net, eps) in ((s, m, case) for s, models in cases.items() for m, case in models.items()):
         path = None if folder is None else folder / f"{subject}-{model}.cert.jsonl"
         try:
-            found = ask(net, eps, certificate=path)
+            found = ask(net, eps, certificate=path, about=f"{subject}, model {model}")
         except NotStated:
             path = None
             found = ask(net, eps)
@@ -96,8 +96,10 @@ def _entry(subject: str, model: str, found: Minimum, objective: str, path: Path 
 def _check(cases: Mapping[str, Mapping[str, Model]], tolerance: float | None) -> None:
     wrong = [] if any(cases.values()) else [Problem("models", "there are none to compare", "give some networks")]
     for name in dict.fromkeys([*cases, *(m for models in cases.values() for m in models)]):
-        if not re.fullmatch(r"\w[\w.-]*", name):
-            wrong.append(Problem("models", f"{name!r} cannot begin a file's name", "use letters, digits, - and _"))
+        if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
+            wrong.append(
+                Problem("models", f"{name!r} cannot begin a file's name", "use letters of ASCII, digits, - and _")
+            )
     if tolerance is not None and not (np.isfinite(tolerance) and tolerance >= 0.0):
         wrong.append(Problem("tolerance", f"{tolerance} is no tolerance", "give a number, 0 or more"))
     if wrong:

@@ -4,37 +4,38 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from cpcal.calibration import CalibrationRecord
 from cpcal.certify.point import certify_point
 from cpcal.common.errors import InputError, Problem
 from cpcal.files import campaign_sha256
-from cpcal.files.codec import load, save
+from cpcal.files.codec import checked, load, save
 from cpcal.files.run_folder import FITTED, answers_into
 from cpcal.legs import PLAIN
 from cpcal.results import VerifiedPoint
 from cpcal.robot import Campaign
 
-FORMAT = "cpcal-fits/2"
+FORMAT = "cpcal-fits/3"
 FITS_NAME = "fits.json"
 
 
 @dataclass(frozen=True)
 class VerifiedFit:
-    """One leg of a fit at eps = 0, and the file that certifies it (in the folder of `fits.json`)."""
+    """The point of one leg of a fit at eps = 0, and the file that certifies it (in the folder of `fits.json`)."""
 
-    leg: int
-    verified: VerifiedPoint
-    certificate: str
+    leg: int = field(metadata=checked("the certificate: each leg once"))
+    point: tuple[float, ...] = field(metadata=checked("the claim of the certificate"))
+    verified: VerifiedPoint = field(metadata=checked("the claim of the certificate, and how many measurements it has"))
+    certificate: str = field(metadata=checked("a file of the folder, which is accepted"))
 
 
 @dataclass(frozen=True)
 class CertifiedFits:
     """Both fits of a campaign, legs in ascending order."""
 
-    campaign_sha256: str
+    campaign_sha256: str = field(metadata=checked("campaign.json, and each certificate"))
     x_c: tuple[VerifiedFit, ...]
     x_c_sigma: tuple[VerifiedFit, ...]
 
@@ -75,7 +76,7 @@ def _verified(
     for leg in legs or range(1, campaign.legs + 1):
         file = f"{name}.leg{leg}.cert.jsonl"
         found = certify_point(campaign, leg, values[leg - 1], certificate=folder / file, model=PLAIN.name)
-        out.append(VerifiedFit(leg, found.verified, file))
+        out.append(VerifiedFit(leg, found.point, found.verified, file))
     return tuple(out)
 
 

@@ -97,7 +97,8 @@ def _result(search: _Search, state: _Progress, outliers: int, target: float, sec
     lo = min((one.lo for one in state.supports), default=0.0) if settled else 0.0
     witness = None if state.best is None else state.best.witness
     certificate = search.point_certificate(state)
-    proofs = all_or_none(search.question, [one.certificate for one in state.supports]) if settled else ()
+    # a family that some choice meets proves nothing, and leaves no files
+    proofs = all_or_none(search.question, [*(one.certificate for one in state.supports), *(() if settled else (None,))])
     return RobustLeg(
         leg=search.leg,
         outliers=outliers,

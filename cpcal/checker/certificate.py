@@ -13,7 +13,7 @@ from typing import Any
 from .claims import Accepted, Claims, Point
 from .exact_campaign import ExactCampaign
 from .exact_polynomial import READINGS
-from .files import WORK, Lines, opened
+from .files import WORK, Budget, Lines, opened
 from .header import problem_of
 from .problem import Box, Problem, Unknowns
 from .readers import Reader, anything, ascending, choice, dyadic, entry, many, maybe, record, signs, whole
@@ -24,13 +24,13 @@ _MOST_OPEN = 100_000  # boxes
 _MOST_BOUNDS = 2_000_000  # of all open boxes
 
 
-def check(certificate: Path, campaign: Path | ExactCampaign | None = None, *, work: int = WORK) -> Accepted:
+def check(certificate: Path, campaign: Path | ExactCampaign | None = None, *, work: int | Budget = WORK) -> Accepted:
     """Check a certificate, one about a leg against the campaign.json (default: the one beside it).
 
-    Raises Refused, or Unusable where a file cannot be read. `work`: what it may cost, in multiplications.
+    Raises Refused, or Unusable where a file cannot be read. `work`: what it may cost, or what is left for a run.
     """
     with opened(certificate) as stream:
-        lines = Lines(stream, work)
+        lines = Lines(stream, work if isinstance(work, Budget) else Budget(work))
         return check_lines(lines, lambda header: problem_of(header, lines, certificate, campaign))
 
 
@@ -128,9 +128,9 @@ class _Check:
             readings = ("0" * (READINGS if p.model else 0),) * len(good)
         if len(readings) != len(good) or not self.chosen.issuperset((*good, *bad)):
             raise Refused("readings are those of the measurements in holds, none of which is left out")
-        for k, given in zip(good, readings, strict=True):
-            if not p.holds(x, k, given):
-                raise Refused(f"it is not proved that the point satisfies measurement {k}", "proof")
+        k = p.unproved(x, list(zip(good, readings, strict=True)))
+        if k is not None:
+            raise Refused(f"it is not proved that the point satisfies measurement {k}", "proof")
         for row in fails:
             if not p.fails(x, *row):
                 raise Refused(f"it is not proved that the point fails at measurement {row[1]}", "proof")
@@ -172,20 +172,23 @@ class _Check:
 
     def _proved(self, box: Box | None, rows: tuple[Row, ...], proofs: list[tuple[Any, ...]]) -> Box | None:
         """What is left of the box with the bounds that are proved; an exclusion is a proof without a bound."""
-        self.used.update(k for _, k, _ in rows)
-        if not self.used <= self.chosen:
+        spoken = [k for _, k, _ in rows]
+        if not self.chosen.issuperset(spoken):
             raise Refused("a measurement that is left out has a weight")
         if any(n >= len(rows) for *_, weights in proofs for n, _ in weights.rows):
             raise Refused("a weight is on a row that the step has not")
+        self.used.update(spoken)
         if box is None:
             return None
         rule, lo, hi = Rule(self.problem, box, rows, self.lines.spend), list(box.lo), list(box.hi)
+        rule.form(n for *_, weights in proofs for n, weight in weights.rows if weight)
         for *bound, weights in proofs:
             if not bound:
                 if rule.excludes(weights):
                     return None
                 raise Refused("the weights do not exclude the box", "proof")
             i, side, value = bound
+            self.lines.spend(100)
             proved = rule.bound(i, side, weights)
             if proved < value if side == "lo" else proved > value:
                 raise Refused(f"the weights prove less than the bound on unknown {i}", "proof")

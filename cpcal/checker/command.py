@@ -23,7 +23,9 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser("checker", description="Check the certificates of a run in exact arithmetic.")
     parser.add_argument("target", type=Path, help="the folder of a run, or a certificate (*.cert.jsonl)")
     parser.add_argument("--campaign", type=Path, help="the campaign.json that a certificate speaks of")
-    parser.add_argument("--work", type=int, default=WORK, help="multiplications that a certificate may cost")
+    parser.add_argument(
+        "--work", type=int, default=WORK, help="what the check may cost, in tenths of a microsecond, about"
+    )
     given = parser.parse_args(arguments)
     try:
         if given.target.name.endswith(POSE_SET_SUFFIX) or any(given.target.glob("*" + POSE_SET_SUFFIX)):

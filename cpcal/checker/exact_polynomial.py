@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction as F
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import itemgetter, or_
 
 from .refusal import Refused
@@ -16,8 +16,8 @@ from .refusal import Refused
 FIELD = 6
 READINGS = 7
 _MOST_TERMS = 100_000  # of one polynomial
-_MOST_SUMMED = 500_000  # of all polynomials that one sum holds in memory
-_MOST_KEPT = 100_000  # terms of all that are remembered of one kind
+MOST_HELD = 500_000  # terms of all polynomials that one sum, or the rows of a step, hold: each for every 512 bits of it
+_MOST_KEPT = 100_000  # of all that are remembered of one kind
 _LONG = 1024  # bits behind the point
 _MOST_BITS = 4096  # of a coefficient over the common power of two
 Spend = Callable[[int], None]
@@ -29,12 +29,28 @@ def unknown(i: int) -> int:
 
 
 class Polynomial:
-    """`sum c * monomial`, times 2 ** `exponent`; `spend` is told what a product is going to cost."""
+    """`sum c * monomial`, times 2 ** `exponent`; `spend` is told what an operation is going to cost.
 
-    __slots__ = ("exponent", "spend", "terms")
+    That is what it takes in tenths of a microsecond, about; coefficients of a and b bits are multiplied in a b / 2^16.
+    """
+
+    __slots__ = ("_bits", "exponent", "spend", "terms")
 
     def __init__(self, terms: dict[int, int], exponent: int, spend: Spend) -> None:
         self.terms, self.exponent, self.spend = terms, exponent, spend
+        self._bits: int | None = None
+
+    @property
+    def bits(self) -> int:
+        """Of the longest coefficient."""
+        if self._bits is None:
+            self._bits = max(map(int.bit_length, self.terms.values()), default=0)
+        return self._bits
+
+    @property
+    def size(self) -> int:
+        """What it takes of memory: its terms, each once more for every 512 bits."""
+        return len(self.terms) * (1 + (self.bits >> 9))
 
     def __add__(self, other: Polynomial) -> Polynomial:
         return combined(((1, self), (1, other)), self.spend)
@@ -44,23 +60,24 @@ class Polynomial:
 
     def __mul__(self, other: Polynomial) -> Polynomial:
         a, b = self.terms, other.terms
-        bits, others = (max(map(int.bit_length, t.values()), default=0) for t in (a, b))
-        if bits + others > _MOST_BITS:
-            raise _too_many(_MOST_BITS, "bits of a coefficient")
-        self.spend(10 + len(a) * len(b) * (1 + (bits * others >> 20)))
+        if self.bits + other.bits > _MOST_BITS:
+            raise too_many(_MOST_BITS, "bits of a coefficient")
+        self.spend(50 + len(a) * len(b) * (3 + (self.bits * other.bits >> 16)))
         out: dict[int, int] = {}
         known = out.get
         for m, c in a.items():
             for n, d in b.items():
                 out[m + n] = known(m + n, 0) + c * d
             if len(out) > _MOST_TERMS:
-                raise _too_many(_MOST_TERMS, "terms of a polynomial")
+                raise too_many(_MOST_TERMS, "terms of a polynomial")
         return Polynomial(out, self.exponent + other.exponent, self.spend)
 
     def times(self, factor: int, power: int = 0) -> Polynomial:
         """factor * 2 ** power times it."""
-        terms = self.terms if factor == 1 else {m: factor * c for m, c in self.terms.items()}
-        return Polynomial(terms, self.exponent + power, self.spend)
+        if factor == 1:
+            return Polynomial(self.terms, self.exponent + power, self.spend)
+        self.spend(len(self.terms))
+        return Polynomial({m: factor * c for m, c in self.terms.items()}, self.exponent + power, self.spend)
 
     @property
     def constant(self) -> F:
@@ -70,26 +87,28 @@ class Polynomial:
 
 def combined(parts: Iterable[tuple[int, Polynomial]], spend: Spend) -> Polynomial:
     """The sum of whole multiples."""
-    held, terms = [], 0
+    held, size = [], 0
     for factor, p in parts:
-        terms += len(p.terms)
-        if terms > _MOST_SUMMED:
-            raise _too_many(_MOST_SUMMED, "terms in a sum")
+        spend(50)
+        size += p.size
+        if size > MOST_HELD:
+            raise too_many(MOST_HELD, "terms in a sum")
         if p.terms:
             held.append((factor, p))
-    spend(5 * len(held) + terms // 4)
     lowest = min((p.exponent for _, p in held), default=0)
     out: dict[int, int] = {}
     known = out.get
     for factor, p in held:
         shift = p.exponent - lowest
-        if factor.bit_length() + shift > _MOST_BITS:
-            raise _too_many(_MOST_BITS, "bits of a coefficient")
+        bits = factor.bit_length() + shift
+        if bits + p.bits > _MOST_BITS:
+            raise too_many(_MOST_BITS, "bits of a coefficient")
+        spend(len(p.terms) * (3 + (bits * p.bits >> 16)))
         multiple = factor << shift
         for m, c in p.terms.items():
             out[m] = known(m, 0) + multiple * c
         if len(out) > _MOST_TERMS:
-            raise _too_many(_MOST_TERMS, "terms of a polynomial")
+            raise too_many(_MOST_TERMS, "terms of a polynomial")
     return Polynomial({m: c for m, c in out.items() if c}, lowest, spend)
 
 
@@ -112,34 +131,22 @@ def shortened(terms: dict[int, int], exponent: int, spend: Spend) -> Polynomial:
 class Kept(dict[int, Polynomial]):
     """Polynomials that are formed when first used, and forgotten when they are too many."""
 
-    def __init__(self, form: Callable[[int], Polynomial]) -> None:
-        self._form, self._terms = form, 0
+    _size = 0
+
+    def form(self, key: int) -> Polynomial:
+        raise NotImplementedError
 
     def __missing__(self, key: int) -> Polynomial:
-        found = self._form(key)
-        self._terms += len(found.terms)
-        if self._terms > _MOST_KEPT:
+        found = self.form(key)
+        self._size += found.size
+        if self._size > _MOST_KEPT:
             self.clear()
-            self._terms = len(found.terms)
+            self._size = found.size
         self[key] = found
         return found
 
 
-def products(variable: Callable[[int], Polynomial], spend: Spend) -> Kept:
-    """By monomial, the product of what `variable` puts for the variable of each field."""
-
-    def form(monomial: int) -> Polynomial:
-        field = ((monomial & -monomial).bit_length() - 1) // FIELD
-        if not monomial:
-            return constant(F(1), spend)
-        one = 1 << FIELD * field
-        return variable(field) if monomial == one else kept[monomial - one] * kept[one]
-
-    kept = Kept(form)
-    return kept
-
-
-def _too_many(most: int, what: str) -> Refused:
+def too_many(most: int, what: str) -> Refused:
     return Refused(f"the check takes more than {most} {what}", "limit")
 
 
@@ -147,6 +154,7 @@ def _dyadic(mantissa: int, exponent: int) -> F:
     return F(mantissa << exponent) if exponent >= 0 else F(mantissa, 1 << -exponent)
 
 
+@lru_cache(maxsize=512)
 def signed(unknowns: int, signs: str = "") -> int:
     """The variables that may be negative, as a mask of the lowest bit of each field: all but readings at an end."""
     every = sum(1 << FIELD * i for i in range(READINGS + unknowns))
@@ -201,12 +209,6 @@ class Remainder:
             penalty += min(low, 0)
         left[0] = left.get(0, 0) + penalty
         return left
-
-
-def settled(p: Polynomial, signs: str, mask: int) -> Polynomial:
-    """`p` without its readings: see `Remainder`."""
-    p.spend(len(p.terms) // 4)
-    return Polynomial(Remainder(list(p.terms), signs, mask).of(list(p.terms.values())), p.exponent, p.spend)
 
 
 def _picked(places: list[int]) -> Callable[[Sequence[int]], Sequence[int]]:

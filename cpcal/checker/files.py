@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
+import hashlib
 import json
+import re
 import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,9 +14,9 @@ from typing import Any, BinaryIO
 from .readers import shown
 from .refusal import Refused, Unusable
 
-WORK = 10_000_000  # see docs/certificate-format.md, "Limits"
+WORK = 100_000_000  # of a whole run: see docs/certificate-format.md, "Limits"
 ROBUST_NAME, POSE_SET_SUFFIX = "robust.json", ".pose.json"  # files of claims other than those of a run
-LONGEST_LINE, LARGEST_FILE = 4 << 20, 16 << 20  # bytes
+LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
 
 
 def opened(path: Path) -> BinaryIO:
@@ -39,17 +42,6 @@ def no_float(text: str) -> Any:
     raise ValueError(f"{text[:40]} is no number here")
 
 
-def parsed(text: bytes, floats: Callable[[str], Any] = no_float) -> dict[str, Any]:
-    """The object of a JSON text: UTF-8, no key twice; `floats` makes its numbers with a point or an exponent."""
-    try:
-        found = json.loads(text.decode("utf-8"), object_pairs_hook=_unique, parse_constant=no_float, parse_float=floats)
-    except (ValueError, RecursionError, MemoryError) as error:
-        raise Refused(f"is not JSON of this format: {shown(error)}") from None
-    if not isinstance(found, dict):
-        raise Refused("is not an object")
-    return found
-
-
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
@@ -57,23 +49,130 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def work_of(measurements: int) -> int:
-    """What certificates about so many measurements may cost more: each of them is looked at once, for a point."""
-    return 300 * min(measurements, 200_000)
+_STRICT: dict[str, Any] = {"object_pairs_hook": _unique, "parse_constant": no_float}
+_NO_JSON = (ValueError, RecursionError, MemoryError)
+
+
+def parsed(text: bytes, floats: Callable[[str], Any] = no_float) -> dict[str, Any]:
+    """The object of a JSON text: UTF-8, no key twice; `floats` makes its numbers with a point or an exponent."""
+    try:
+        found = json.loads(text.decode("utf-8"), parse_float=floats, **_STRICT)
+    except _NO_JSON as error:
+        raise Refused(f"is not JSON of this format: {shown(error)}") from None
+    if not isinstance(found, dict):
+        raise Refused("is not an object")
+    return found
+
+
+class Members:
+    """A JSON object that is read as it comes: iteration gives its keys, none twice; then `value` or `elements` has what
+    stands there. No more than twice LONGEST_LINE of the file is held, which no value and no element may exceed."""
+
+    _decode = json.JSONDecoder(parse_float=no_float, **_STRICT).raw_decode
+    _space = re.compile(r"[ \t\n\r]*")
+
+    def __init__(self, stream: BinaryIO, most: int) -> None:
+        self.digest = hashlib.sha256()
+        self._stream, self._left, self._ended = stream, most, False
+        self._utf8 = codecs.getincrementaldecoder("utf-8")()
+        self._text, self._at = "", 0
+
+    def __iter__(self) -> Iterator[str]:
+        self._take("{")
+        known = set[str]()
+        while True:
+            key = self.value()
+            if not isinstance(key, str) or key in known:
+                raise Refused("a key is no text, or stands twice")
+            known.add(key)
+            self._take(":")
+            yield key
+            if self._take(",}") == "}":
+                break
+        if self._next():
+            raise Refused("something follows the object")
+
+    def elements(self) -> Iterator[Any]:
+        """Of the list that stands here."""
+        self._take("[")
+        if self._next() == "]":
+            self._take("]")
+            return
+        yield self.value()
+        while self._take(",]") == ",":
+            yield self.value()
+
+    def value(self) -> Any:
+        self._next()
+        self._fill(LONGEST_LINE)
+        try:
+            found, end = self._decode(self._text, self._at)
+        except _NO_JSON as error:
+            long = "" if self._ended else f", or a value takes more than {LONGEST_LINE} bytes"
+            raise Refused(f"is not JSON of this format: {shown(error)}{long}") from None
+        if end - self._at > LONGEST_LINE or (end == len(self._text) and not self._ended):
+            raise Refused(f"a value takes more than {LONGEST_LINE} bytes", "limit")
+        self._at = end
+        return found
+
+    def _take(self, signs: str) -> str:
+        """The next sign, one of these."""
+        sign = self._next()
+        if not sign or sign not in signs:
+            raise Refused(f"is not JSON of this format: one of {signs} is needed where {shown(sign)} stands")
+        self._at += 1
+        return sign
+
+    def _next(self) -> str:
+        """The next sign that is no white space, which is passed over; "" at the end."""
+        while True:
+            space = self._space.match(self._text, self._at)
+            self._at = self._at if space is None else space.end()
+            if self._at < len(self._text) or self._ended:
+                return self._text[self._at : self._at + 1]
+            self._fill(1)
+
+    def _fill(self, ahead: int) -> None:
+        """More than so many characters ahead, or all that there are."""
+        while len(self._text) - self._at <= ahead and not self._ended:
+            chunk = self._stream.read(LONGEST_LINE)
+            self._left -= len(chunk)
+            if self._left < 0:
+                raise Refused("the file is too large", "limit")
+            self.digest.update(chunk)
+            self._ended = not chunk
+            try:
+                self._text = self._text[self._at :] + self._utf8.decode(chunk, self._ended)
+            except UnicodeDecodeError as error:
+                raise Refused(f"is not UTF-8: {shown(error)}") from None
+            self._at = 0
+
+
+class Budget:
+    """Work that the check of a whole run may cost, in tenths of a microsecond, about."""
+
+    def __init__(self, most: int) -> None:
+        self.most = self.left = most
+
+    def spend(self, work: int) -> None:
+        self.left -= work
+        if self.left < 0:
+            what = f"the check takes more work than the {self.most} that it may cost"
+            raise Refused(f"{what}: `python -m cpcal.checker --work` spends more", "limit")
 
 
 class Lines:
-    """The objects of a certificate, line by line; `spend` counts the work that its check may cost."""
+    """The objects of a certificate, line by line; `spend` counts the work that its check costs."""
 
-    def __init__(self, stream: BinaryIO, work: int = WORK) -> None:
-        self._stream, self._left, self._most, self.line = stream, work, work, 0
+    def __init__(self, stream: BinaryIO, budget: Budget) -> None:
+        self._stream, self._budget, self.line = stream, budget, 0
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         while line := self._stream.readline(LONGEST_LINE + 1):
             self.line += 1
             if len(line) > LONGEST_LINE:
                 raise Refused("the line is longer than 4 MiB", "limit")
-            self.spend(20 + len(line) // 8)
+            self.spend(200 + 2 * len(line))
             yield parsed(line)
 
     def following(self, what: str) -> dict[str, Any]:
@@ -82,12 +181,5 @@ class Lines:
         self.line += 1
         raise Refused(f"the file ends before {what}, or it is empty")
 
-    def allow(self, measurements: int) -> None:
-        """More work for a campaign of so many."""
-        more = work_of(measurements)
-        self._left, self._most = self._left + more, self._most + more
-
     def spend(self, work: int) -> None:
-        self._left -= work
-        if self._left < 0:
-            raise Refused(f"the check takes more work than the {self._most} that it may cost", "limit")
+        self._budget.spend(work)

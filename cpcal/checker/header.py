@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 from .exact_campaign import ExactCampaign, beside
 from .exact_polynomial import Polynomial, Spend, constant, unknown
 from .files import Lines
-from .leg import EXTRA, leg_problem
+from .leg import EXTRA, check_model, leg_problem
 from .problem import Box, Constraint, Problem
 from .readers import anything, ascending, choice, dyadic, entry, many, maybe, record, text, whole
 from .refusal import Refused
@@ -21,6 +22,7 @@ _MOST_TERMS = 400_000  # of all constraints
 _MOST_FIELDS = 100_000_000  # of these terms, each of so many unknowns
 _HIGHEST = 8  # degree
 
+_OF_A_LEG = re.compile("leg [0-9]+, model (.*), campaign [0-9a-f]{64}")  # what the certificates of a run say
 _BOX = {"lo": many(dyadic), "hi": many(dyadic)}
 _LEG = record(
     {
@@ -67,7 +69,6 @@ def _leg(
         raise Refused(f"the campaign has {campaign.legs} legs and {len(campaign)} measurements")
     if only == ():
         raise Refused("a certificate of no measurements says nothing")
-    lines.allow(count)
     problem = leg_problem(lambda k: campaign.measurement(k, leg), count, model, only)
     root = _box(lo, hi, len(problem.unknowns))
     if root.lo[-1] < 0:
@@ -84,8 +85,11 @@ def stated_problem(header: dict[str, Any], lines: Lines) -> tuple[Problem, Box, 
     """The problem of the lines that follow, its box, and its constraints."""
     if header.get("format") != FORMAT:
         raise Refused(f"the format is not {FORMAT}: certify again with this version of cpcal")
-    _, _, names, objective, count, lo, hi = _STATED(header)
-    n = len(names)
+    _, about, names, objective, count, lo, hi = _STATED(header)
+    of_a_leg, n = _OF_A_LEG.fullmatch(about), len(names)
+    if of_a_leg is not None and of_a_leg[1] in EXTRA:
+        raise Refused(f"it states constraints of its own for the model {of_a_leg[1]}, which is one of cpcal's")
+    check_model("x" if of_a_leg is None else of_a_leg[1])
     if not 0 < n <= _MOST_UNKNOWNS or len(set(names)) < n or (objective or 0) >= n:
         raise Refused(f"there must be from 1 to {_MOST_UNKNOWNS} unknowns, with names of their own; objective is one")
     root, items, terms = _box(lo, hi, n), [], 0

@@ -2,51 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import lru_cache
 from typing import NamedTuple
 
-from .exact_polynomial import FIELD, READINGS, Polynomial, Remainder, constant, settled, shortened, unknown
+from .exact_polynomial import FIELD, READINGS, Polynomial, Remainder, constant, shortened, signed, unknown
 from .problem import ENDS, SIDES, Problem, Unknowns, beyond
-from .program import Degree, Formula, Numbers, Program, Traced, dyadics
+from .program import Column, Degree, Formula, Program, Traced, dyadics
+from .readers import shown
+from .refusal import Refused
 
 _AXES = (0, 1, 2)
 PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 EXTRA = {"plain": (), "gain": ("s",), "linear": ("s", "cx", "cy", "cz", "tx", "ty", "tz"), "lateral": ("h",)}
 _SURE = ("plain", "lateral")
 _KEPT = 4096  # measurements
+_BATCH, _HELD = 256, 1 << 20  # measurements at once; bytes, about, that what is formed for them takes meanwhile
 Quaternion = list[Traced]
 
 
-class Measurement:
-    """One row of a campaign for one leg, as programs take it: quaternion; position, length and the shortest one, mm;
-    the half-widths of its reading (d, 2 s, e)."""
+def check_model(name: str) -> None:
+    """A model's name is one of those that are known here, or an ASCII identifier that is none of them."""
+    if name not in EXTRA and not (name.isascii() and name.isidentifier() and name.lower() not in EXTRA):
+        raise Refused(f"names the model {shown(name)}: a name is an ASCII identifier, and none of cpcal's")
 
-    def __init__(self, quaternion: Iterable[float], position: Iterable[float], length: float, widths: Iterable[float]):
-        self.quaternion = dyadics(quaternion)
-        reach = dyadics(widths)
-        self.radii = tuple(reach.values)
-        self.reach = Numbers([m if 3 <= j < 6 else 2 * m for j, m in enumerate(self.radii)], reach.power + 1)
-        at = dyadics((*position, length))
-        power = max(at.power, reach.power)
-        values = at.over(power)
-        self.fixed = Numbers([*values, values[-1] - (self.radii[-1] << power - reach.power)], power)
+
+class Measurement:
+    """One row of a campaign for one leg: quaternion; position, length; the half-widths of its reading (d, 2 s, e)."""
+
+    def __init__(self, quaternion: Sequence[float], position: Sequence[float], length: float, widths: Sequence[float]):
+        self.given, self.radii = (*quaternion, *position, length), tuple(widths)
         self.uncertain = any(self.radii)
 
     @property
     def shortest(self) -> F:
         """Of the lengths that the reading may stand for."""
-        return F(self.fixed.values[-1], 1 << self.fixed.power)
-
-    def reading(self, signs: str, way: int) -> Numbers:
-        """Its components, or with `way` 0 what they are made of: see `ENDS`."""
-        values = self.reach.values
-        found = [(way or 1) * ENDS[sign][0] * m for sign, m in zip(signs, values, strict=True)]
-        if not way:
-            found += [ENDS[sign][1] * m for sign, m in zip(signs, values, strict=True)]
-        return Numbers(found, self.reach.power)
+        return F(self.given[-1]) - F(self.radii[-1])
 
 
 def leg_problem(rows: Callable[[int], Measurement], count: int, model: str, only: tuple[int, ...] | None) -> Problem:
@@ -56,13 +49,14 @@ def leg_problem(rows: Callable[[int], Measurement], count: int, model: str, only
     return Problem(
         names, len(names) - 1, count, chosen,
         lambda k, x, signs, way: LegConstraint(known(k), model, x, signs, way), lambda k: known(k).radii,
-        (*SIDES, "length"), (*SIDES, "length", "eps"), model,
+        (*SIDES, "length"), (*SIDES, "length", "eps"), model, settled_legs, held_legs,
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LegConstraint:
-    """The constraint of a measurement on a box."""
+    """The constraint of a measurement on a box. Readings with `way` 0 are sets, else the ends that `signs` name, or
+    with -1 the opposite ones."""
 
     m: Measurement
     model: str
@@ -70,47 +64,9 @@ class LegConstraint:
     signs: str
     way: int
 
-    def holds(self, sides: tuple[str, ...]) -> bool:
-        """Each is at most zero; "lower" holds as well where at_least is."""
-        names = sides if self.sure else (*sides, "at_least")
-        formed, values, _ = self._run(names)
-        found = iter(values)
-        at = {name: next(found) if places else 0 for name, places in zip(names, formed.places, strict=True)}
-        return all(at[side] <= 0 or (side == "lower" and at.get("at_least", 1) <= 0) for side in sides)
-
-    def row(self, side: str, mask: int) -> Polynomial:
-        """At most zero at every solution, in u and y."""
-        if side != "lower" or self.sure:
-            return self._parts(side)[0]
-        row, low, factor = self._parts("lower", "at_least", "factor")
-        return row - constant(beyond(low, factor, mask), self.x.spend)
-
-    def settled(self, side: str, signs: str, mask: int) -> Polynomial:
-        """A row at the reference reading, less the penalties."""
-        if side == "lower" and not self.sure:
-            return settled(self.row(side, mask), signs, mask)
-        formed, values, units = self._run((side,))
-        self.x.spend(len(formed.places[0]) // 4)
-        ((p, q),) = formed.degrees
-        terms = formed.remainder(signs, mask).of(values)
-        return shortened(terms, -(units[0] * p + units[1] * q), self.x.spend)
-
-    def _parts(self, *names: str) -> list[Polynomial]:
-        """Rows by their sides, or what they are made of by its name in `_Constraint`, in u and y."""
-        formed, values, units = self._run(names)
-        found, out = iter(values), []
-        for places, (p, q) in zip(formed.places, formed.degrees, strict=True):
-            terms = dict(zip(places, found))  # noqa: B905 - the others are of the parts that follow
-            out.append(shortened(terms, -(units[0] * p + units[1] * q), self.x.spend))
-        return out
-
-    def _run(self, names: tuple[str, ...]) -> tuple[LegFormula, list[int], Degree]:
-        """The coefficients of some parts, and the units that they are in."""
-        formed = leg_formula(self.model, self.x.moves, self._reads, names)
-        return formed, *formed.formula.run(self.m.quaternion, self.numbers(), self.x.spend)
-
     @property
-    def _reads(self) -> int:
+    def reads(self) -> int:
+        """How its program takes a reading: see `leg_formula`."""
         return self.m.uncertain * (1 if self.way else 2)
 
     @property
@@ -118,14 +74,84 @@ class LegConstraint:
         """Whether at_least is not negative at any solution."""
         return self.model in _SURE
 
-    def numbers(self) -> list[Numbers]:
-        """What its program takes beside the quaternion."""
-        reading = [self.m.reading(self.signs, self.way)] if self._reads else []
-        return [self.m.fixed, self.x.numbers, *reading]
+
+def taken(legs: Sequence[LegConstraint]) -> tuple[list[Column], Degree]:
+    """What the program takes of legs that have one: whole numbers, and the powers of two that they are divided by."""
+    x, reads = legs[0].x.numbers, legs[0].reads
+    given = dyadics([v for leg in legs for v in leg.m.given[:4]])
+    at = dyadics([v for leg in legs for v in leg.m.given[4:]])
+    reach = dyadics([v for leg in legs for v in leg.m.radii] if reads else [])
+    unit = max(at.power, reach.power + 1, x.power)
+    places = at.over(unit)
+    columns: list[Column] = [given.values[j::4] for j in range(4)]
+    columns += [places[j::4] for j in range(4)]
+    if reads:
+        widths = reach.over(unit)
+        columns.append([length - width for length, width in zip(places[3::4], widths[6::7], strict=True)])
+    else:
+        columns.append(columns[-1])
+    columns += x.over(unit)
+    for part in range(reads):
+        for j in range(READINGS if reads else 0):
+            signs = [(leg.way or 1) * ENDS[leg.signs[j]][0] if not part else ENDS[leg.signs[j]][1] for leg in legs]
+            own = zip(signs, widths[j::7], strict=True)
+            columns.append([sign * width >> 1 if 3 <= j < 6 else sign * width for sign, width in own])
+    return columns, (given.power, unit)
+
+
+def formed(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> Iterator[tuple[Sequence[int], Degree]]:
+    """For each of legs that have one program the coefficients of some parts, and the units that they are in."""
+    formula = _formula(legs, names).formula
+    for start in range(0, len(legs), _BATCH):
+        batch = legs[start : start + _BATCH]
+        columns, units = taken(batch)
+        bits = formula.bits(columns, units)
+        batch[0].x.spend(3 * formula.notes + len(batch) * (60 + formula.notes * (1 + (bits * bits >> 18))))
+        step = max(1, _HELD // (formula.notes * (64 + bits // 8) + 1))
+        for k in range(0, len(batch), step):
+            some = [column if isinstance(column, int) else column[k : k + step] for column in columns]
+            found = formula.run(some, units)
+            yield from ((values, units) for _, *values in zip(batch[k : k + step], *found))  # noqa: B905 - endless ones
+
+
+def settled_legs(x: Unknowns, legs: Sequence[LegConstraint], side: str) -> Iterator[Polynomial]:
+    """Their rows at the reference readings, less the penalties, in order; legs have one program."""
+    bounded = side == "lower" and not legs[0].sure
+    names = (side, "at_least", "factor") if bounded else (side,)
+    formula = _formula(legs, names)
+    ends = [sum(map(len, formula.places[:k])) for k in range(len(names) + 1)]
+    for leg, (values, units) in zip(legs, formed(legs, names), strict=True):
+        x.spend(2 * len(values))
+        mask = signed(len(x), leg.signs)
+        exponents = [-(units[0] * p + units[1] * q) for p, q in formula.degrees]
+        row = shortened(formula.remainder(leg.signs, mask).of(values[: ends[1]]), exponents[0], x.spend)
+        if bounded:
+            low, factor = (
+                shortened(
+                    dict(zip(formula.places[k], values[ends[k] : ends[k + 1]], strict=True)), exponents[k], x.spend
+                )
+                for k in (1, 2)
+            )
+            row = row - constant(beyond(low, factor, mask), x.spend)
+        yield row
+
+
+def held_legs(legs: Sequence[LegConstraint], sides: tuple[str, ...]) -> Iterator[bool]:
+    """Whether each holds at its reading and the point: all sides are at most zero; "lower" holds as well where at_least
+    is. Legs have one program."""
+    names = sides if legs[0].sure else (*sides, "at_least")
+    filled = [name for name, places in zip(names, _formula(legs, names).places, strict=True) if places]
+    for values, _ in formed(legs, names):
+        at = dict(zip(filled, values, strict=True))
+        yield all(at.get(side, 0) <= 0 or (side == "lower" and at.get("at_least", 1) <= 0) for side in sides)
+
+
+def _formula(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> LegFormula:
+    return leg_formula(legs[0].model, legs[0].x.moves, legs[0].reads, names)
 
 
 class LegFormula(NamedTuple):
-    """A program, the places of the coefficients of some parts by monomial, their degrees, and all of it as code."""
+    """A program, the places of the coefficients of some parts by monomial, their degrees, and what computes them."""
 
     program: Program
     places: list[dict[int, int]]
@@ -134,7 +160,7 @@ class LegFormula(NamedTuple):
     remainders: dict[tuple[str, int], Remainder]
 
     def remainder(self, signs: str, mask: int) -> Remainder:
-        """Of the only part, for readings with these signs."""
+        """Of the first part, for readings with these signs."""
         key = "".join("0" if sign == "0" else "+" for sign in signs), mask
         if key not in self.remainders:
             self.remainders[key] = Remainder(list(self.places[0]), *key)
@@ -145,7 +171,9 @@ class LegFormula(NamedTuple):
 def leg_formula(model: str, moves: bool, reads: int, names: tuple[str, ...]) -> LegFormula:
     """Of polynomials in u if the box `moves`, that is, has a width; `reads`: 0 exactly, 1 one reading, 2 sets, in y."""
     n = 8 + len(EXTRA[model])
-    program = Program([0] * 4 + [1] * (5 + n * (1 + moves) + READINGS * reads))
+    box = n * (1 + moves)
+    shared = [False] * 9 + [True] * box + [False] * (READINGS * reads)
+    program = Program([0] * 4 + [1] * (5 + box + READINGS * reads), shared)
     given = iter(program.given())
     quaternion, position, (length, shortest), centers = ([next(given) for _ in range(k)] for k in (4, 3, 2, n))
     x = [c + next(given).moved(unknown(i)) for i, c in enumerate(centers)] if moves else centers
@@ -157,7 +185,7 @@ def leg_formula(model: str, moves: bool, reads: int, names: tuple[str, ...]) -> 
     parts = [found.part(name) for name in names]
     program.highest = max(p.degree[0] for p in parts), max(p.degree[1] for p in parts)
     places = [part.places() for part in parts]
-    formula = program.formula([k for part in places for k in part.values()])
+    formula = Formula(program, [k for part in places for k in part.values()])
     return LegFormula(program, places, [part.degree for part in parts], formula, {})
 
 

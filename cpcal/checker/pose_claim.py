@@ -15,7 +15,7 @@ from typing import Any
 from .bounds import Bounds, Vector, between, half_turn, minus, number, product, rotation, total, transposed
 from .certificate import check_lines
 from .claims import Accepted
-from .files import POSE_SET_SUFFIX, WORK, Lines, content, opened, parsed
+from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, opened, parsed
 from .header import stated_problem
 from .lens import View
 from .pose_rows import Stated, fixed_constraints, motion_row, pose_row
@@ -29,7 +29,7 @@ POSE_SET_FORMAT = "cpcal-pose-set/2"
 _MOST_DOTS = 10_000
 _MOST_CHAINS = 64
 _MOST_STAGES = 16  # of a chain
-_ROW_WORK, _CAMERA_WORK = 2_600, 1_200  # of a row: multiplications that take as long, and more for each number of t
+_ROW_WORK, _CAMERA_WORK = 26_000, 12_000  # of a row, and more for each number of t
 
 _ROW = entry(whole(_MOST_DOTS), whole(5), dyadic, dyadic)
 _STAGE = record({"certificate": text, "power": whole(1000, -1000), "rows": many(_ROW)})
@@ -65,7 +65,7 @@ class PoseSetChecked:
 def check_pose_sets(folder: Path, *, work: int = WORK) -> list[PoseSetChecked]:
     """What is proved of every image of a folder. Raises Unusable where there is nothing to check.
 
-    `work`: multiplications that each certificate may cost.
+    `work`: what the check of each image may cost, and as much for each wrong dot, up to three.
     """
     claims = sorted(folder.glob("*" + POSE_SET_SUFFIX))
     if not claims:
@@ -103,28 +103,39 @@ def _checked(path: Path, name: str, work: int) -> PoseSetChecked:
         raise Refused("radii are stated of what is refuted, or are missing")
     if len(chains) > _MOST_CHAINS or any(len(stages) > _MOST_STAGES for stages in chains):
         raise Refused(f"it has more than {_MOST_CHAINS} chains, or one of more than {_MOST_STAGES}", "limit")
-    chain = _Chain(path.parent, f"cpcal pose set {digest}", sight, [number(v) for v in pose], work)
+    chain = _Chain(
+        path.parent, f"cpcal pose set {digest}", sight, [number(v) for v in pose], work * min(1 + outliers, 4)
+    )
     boxes = [chain.left(stages) for stages in chains]
-    if not chains or meeting([used for used, _ in boxes], outliers):
+    if not chains or meeting([used for used, _ in boxes], outliers, chain.budget.spend):
         raise Refused("so many wrong dots could spoil all of its chains of certificates")
     for _, left in boxes:
         if left is not None and refuted:
             raise Refused("a pose is not excluded")
-        if left is not None and not _holds(left, position, turn, chain):
-            raise Refused("its certificates prove a wider box than it states")
+    if not refuted:
+        _compare_radii([_radii(left, chain) for _, left in boxes if left is not None], (*position, *turn))
     files = tuple((file["name"], file["sha256"]) for file in inputs["files"])
     radii = None if refuted else (*position, *turn)
     named = tuple(file for stages in chains for file, *_ in stages)
     return PoseSetChecked(name, len(sight.dots), outliers, digest, files, pose, radii, named)
 
 
-def _holds(left: list[Bounds], position: tuple[F, ...], turn: tuple[F, ...], chain: _Chain) -> bool:
-    """Whether the poses of a box of (W, s) are in the box that is stated, those of larger and smaller plates too."""
+def _compare_radii(proved: list[Vector], stated: tuple[F, ...]) -> None:
+    """The stated radii are the widest that some chain proves, rounded up."""
+    for i, value in enumerate(stated):
+        widest, radius = max((radii[i].hi for radii in proved), default=0), between(value, value)
+        if widest > radius.lo:
+            raise Refused("its certificates prove a wider box than it states")
+        if radius.hi > widest + (widest >> 40) + 1:
+            raise Refused("it states a wider box than its certificates prove")
+
+
+def _radii(left: list[Bounds], chain: _Chain) -> Vector:
+    """Of the poses of a box of (W, s), those of larger and smaller plates too."""
     moved = [w.size / stretch(left[3:]).least for w in left[:3]]
     turned = [s.size.times(2) for s in left[3:]]
     moved = [m + more for m, more in zip(moved, chain.sight.by_scale(chain.pose, moved, turned), strict=True)]
-    stated = [between(v, v) for v in (*position, *turn)]
-    return all(a.hi <= b.lo for a, b in zip([*moved, *turned], stated, strict=True))
+    return [*moved, *turned]
 
 
 def stretch(s: Vector) -> Bounds:
@@ -136,7 +147,8 @@ class _Chain:
     """Checks chains of certificates about one pose."""
 
     def __init__(self, folder: Path, about: str, sight: Sight, pose: list[Bounds], work: int) -> None:
-        self.folder, self.about, self.sight, self.pose, self.work = folder, about, sight, pose, work
+        self.folder, self.about, self.sight, self.pose = folder, about, sight, pose
+        self.budget, self._named = Budget(work), set[str]()
 
     def left(self, stages: tuple[Any, ...]) -> tuple[frozenset[int], list[Bounds] | None]:
         """The dots that a chain needs, and what it leaves of (W, s); None: nothing."""
@@ -155,6 +167,9 @@ class _Chain:
         """One that is accepted, and speaks of what is assumed. `before`: (W, s) that it must begin with."""
         if "/" in file or "\\" in file or file.startswith("."):
             raise Refused(f"names no certificate of its folder: {shown(file)}")
+        if file in self._named:
+            raise Refused(f"names the certificate {shown(file)} twice")
+        self._named.add(file)
         kept: list[Constraint] = []
 
         def formed(header: dict[str, Any]) -> tuple[Problem, Box]:
@@ -166,7 +181,7 @@ class _Chain:
 
         try:
             with opened(self.folder / file) as stream:
-                lines = Lines(stream, self.work)
+                lines = Lines(stream, self.budget)
                 accepted = check_lines(lines, formed)
             lines.spend(len(rows) * (_ROW_WORK + _CAMERA_WORK * self.sight.cameras.size))
             self._follows(Stated(accepted, kept), power, rows, before)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import cached_property
-from typing import Protocol
+from typing import Any
 
 from .exact_polynomial import (
     FIELD,
@@ -16,13 +16,13 @@ from .exact_polynomial import (
     Spend,
     constant,
     least,
-    products,
     signed,
     substituted,
 )
 from .program import Numbers, dyadics
 
 SIDES = ("upper", "lower", "sign", "body")
+_SIDE_BY_SIDE = 1024  # measurements
 
 
 @dataclass(frozen=True)
@@ -76,23 +76,24 @@ class Unknowns:
     @cached_property
     def images(self) -> Kept:
         """What is put for each monomial in x."""
-
-        def image(field: int) -> Polynomial:
-            return self.variable(field, self.center(field - READINGS), self.radius(field - READINGS))
-
-        return products(image, self.spend)
+        return _Images(self.box, self.spend)
 
 
-class OnBox(Protocol):
-    """A constraint in the coordinates of a box, and of its readings."""
+class _Images(Kept):
+    """By monomial in x, the product of the variables of its fields in the coordinates of a box."""
 
-    def holds(self, sides: tuple[str, ...]) -> bool:
-        """Whether it is proved of these sides at a point, a box of width zero, and one reading."""
-        ...
+    def __init__(self, box: Box, spend: Spend) -> None:
+        self._box, self._spend = box, spend
 
-    def settled(self, side: str, signs: str, mask: int) -> Polynomial:
-        """A row at the reference reading, less the penalties."""
-        ...
+    def form(self, monomial: int) -> Polynomial:
+        if not monomial:
+            return constant(F(1), self._spend)
+        field = ((monomial & -monomial).bit_length() - 1) // FIELD
+        one = 1 << FIELD * field
+        if monomial != one:
+            return self[monomial - one] * self[one]
+        x, i = Unknowns(self._box, self._spend), field - READINGS
+        return x.variable(field, x.center(i), x.radius(i))
 
 
 @dataclass(frozen=True)
@@ -112,10 +113,8 @@ class Constraint:
         low, high = (None if p is None else substituted(p, images) for p in (self.at_least, self.at_most))
         return Constraint(substituted(self.body, images), low, high, self.factor)
 
-    def holds(self, sides: tuple[str, ...]) -> bool:
-        return all(self.settled(side, "", 0).constant <= 0 for side in sides)
-
-    def settled(self, side: str, signs: str, mask: int) -> Polynomial:
+    def row(self, side: str, mask: int) -> Polynomial:
+        """At most zero at every solution."""
         body, low, high, factor = self.body, self.at_least, self.at_most, self.factor
         if side == "upper" and high is not None:
             return body - (high if factor is None else factor * (high * high))
@@ -126,6 +125,16 @@ class Constraint:
         if side == "sign" and high is not None and factor is not None:
             return high.times(-1)
         return body.times(-1) if side == "body" and factor is not None else body.times(0)
+
+
+def settled_constraints(x: Unknowns, items: Sequence[Constraint], side: str) -> Iterator[Polynomial]:
+    """Their rows."""
+    return (item.row(side, signed(len(x))) for item in items)
+
+
+def held_constraints(items: Sequence[Constraint], sides: tuple[str, ...]) -> Iterator[bool]:
+    """Whether each holds, at a point."""
+    return (all(item.row(side, 0).constant <= 0 for side in sides) for item in items)
 
 
 def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
@@ -139,7 +148,7 @@ def beyond(at_least: Polynomial, factor: Polynomial, mask: int) -> F:
 ENDS = {"-": (-1, 2), "0": (0, 1), "+": (1, -2)}
 
 
-def _exact(k: int) -> tuple[int, ...]:
+def _exact(k: int) -> tuple[float, ...]:
     """Of constraints without readings."""
     return ()
 
@@ -152,20 +161,45 @@ class Problem:
     objective: int | None
     count: int
     chosen: tuple[int, ...]
-    constraint: Callable[[int, Unknowns, str, int], OnBox]  # k on a box with signs of a reading, and its `way`
-    radii: Callable[[int], tuple[int, ...]] = _exact  # of the readings of k: 0 where they are exact
+    constraint: Callable[[int, Unknowns, str, int], Any]  # k on a box with signs of a reading, and its `way`
+    radii: Callable[[int], tuple[float, ...]] = _exact  # of the readings of k: 0 where they are exact
     sides: tuple[str, ...] = SIDES
     conditions: tuple[str, ...] = SIDES  # sides that are at most zero at a solution
     model: str | None = None  # of a leg; None: the certificate states the constraints
+    settled: Callable[[Unknowns, Sequence[Any], str], Iterator[Polynomial]] = settled_constraints
+    held: Callable[[Sequence[Any], tuple[str, ...]], Iterator[bool]] = held_constraints
 
     def row(self, x: Unknowns, side: str, k: int, signs: str) -> Polynomial:
         """In u, at most zero at every solution in the box: at the reference reading, less the penalties."""
-        return self.constraint(k, x, signs, 0).settled(side, signs, signed(len(x), signs))
+        return next(self.rows(x, [(side, k, signs)]))[1]
+
+    def rows(self, x: Unknowns, table: Sequence[tuple[str, int, str]]) -> Iterator[tuple[int, Polynomial]]:
+        """`row` of several, each with its place in the table."""
+        groups: dict[tuple[str, bool], list[int]] = {}
+        for n, (side, k, _) in enumerate(table):
+            groups.setdefault((side, any(self.radii(k))), []).append(n)
+        for (side, _), places in groups.items():
+            items = [self.constraint(k, x, signs, 0) for _, k, signs in map(table.__getitem__, places)]
+            yield from zip(places, self.settled(x, items, side), strict=True)
 
     def holds(self, x: Unknowns, k: int, signs: str) -> bool:
         """Whether it is proved that the point, a box of width zero, satisfies k for some reading between two ends."""
-        ends = ((1, self.below), (-1, self.above)) if any(self.radii(k)) else ((1, self.conditions),)
-        return all(self.constraint(k, x, signs, way).holds(sides) for way, sides in ends)
+        return self.unproved(x, [(k, signs)]) is None
+
+    def unproved(self, x: Unknowns, points: Sequence[tuple[int, str]]) -> int | None:
+        """The first of these numbers, with the ends of its reading, that `holds` is not proved of."""
+        for start in range(0, len(points), _SIDE_BY_SIDE):
+            some = points[start : start + _SIDE_BY_SIDE]
+            good = [True] * len(some)
+            for uncertain in (True, False):
+                places = [n for n, (k, _) in enumerate(some) if any(self.radii(k)) is uncertain]
+                for way, sides in ((1, self.below), (-1, self.above)) if uncertain else ((1, self.conditions),):
+                    items = [self.constraint(k, x, signs, way) for k, signs in map(some.__getitem__, places)]
+                    for n, held in zip(places, self.held(items, sides) if items else (), strict=True):
+                        good[n] &= held
+            if not all(good):
+                return some[good.index(False)][0]
+        return None
 
     @cached_property
     def above(self) -> tuple[str, ...]:

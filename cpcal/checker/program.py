@@ -2,8 +2,8 @@
 
 The rows of a leg have the same monomials for every measurement on every box; only their coefficients differ. So the
 formula runs once on `Traced` polynomials, which look like `Polynomial` but know places instead of coefficients and note
-what becomes of these: `v[k] += v[i] * v[j]`. Whoever runs the notes gets the coefficients, and looks up no monomial. As
-Python code with a line for each number they take a third of the time of a loop over them.
+what becomes of these: `v[k] += v[i] * v[j]`. Whoever runs the notes gets the coefficients, and looks up no monomial.
+They are run for many measurements side by side: each v is a column, so that the loop over notes costs little.
 
 Each number is whole over a power of two, 2 ** units[kind] for a number of that kind; a coefficient that is a product of
 d_0 numbers of kind 0 and d_1 of kind 1 is whole over 2 ** (d_0 units[0] + d_1 units[1]): d is its degree.
@@ -11,13 +11,14 @@ d_0 numbers of kind 0 and d_1 of kind 1 is whole over 2 ** (d_0 units[0] + d_1 u
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from fractions import Fraction as F
+from itertools import repeat
+from operator import add, mul
 from typing import NamedTuple, TypeVar
 
-from .exact_polynomial import Spend
-
 Degree = tuple[int, int]
+Column = int | list[int]  # of all measurements the same, or one for each
 Parts = list[tuple[int, int, int]]
 T = TypeVar("T")
 
@@ -42,10 +43,11 @@ def dyadics(values: Iterable[float | F]) -> Numbers:
 
 
 class Program:
-    """Notes (k, i, j): v[k] += v[i] * v[j]. `kinds`, ascending: of the numbers that it is given, which come first."""
+    """Notes (k, i, j): v[k] += v[i] * v[j]. `kinds`, ascending: of the numbers that it is given, which come first.
+    `shared`: whether these are the same for all measurements."""
 
-    def __init__(self, kinds: Sequence[int]) -> None:
-        self.kinds = tuple(kinds)
+    def __init__(self, kinds: Sequence[int], shared: Sequence[bool]) -> None:
+        self.kinds, self.shared = tuple(kinds), tuple(shared)
         self.notes: list[tuple[int, int, int]] = []
         self.whole: dict[int, int] = {}  # fixed numbers by their places
         self.ones: dict[int, Degree] = {}  # places of the number one in some degree
@@ -96,54 +98,61 @@ class Program:
         self.size += 1
         return self.size - 1
 
-    def formula(self, places: Sequence[int]) -> Formula:
-        """What it gives at these places."""
-        return Formula(self, places)
-
 
 class Formula:
-    """Numbers of a program, computed by one Python function that is made of its notes.
-
-    The function's source holds names v0, v1, ... and whole numbers of the formula, which is one of cpcal's own models:
-    nothing that was read from a file enters it.
-    """
+    """Numbers of a program, computed for many measurements side by side."""
 
     def __init__(self, program: Program, places: Sequence[int]) -> None:
-        self._count = len(program.kinds)
-        self._highest, self._cost = program.highest, len(program.notes) // 2
-        self._ones = list(program.ones.items())
-        scope: dict[str, Callable[[list[int]], list[int]]] = {}
-        exec(_source(program, places), scope)
-        self._numbers = scope["numbers"]
+        self._program, self._places = program, list(places)
+        sums: dict[int, list[tuple[int, int]]] = {}
+        for k, i, j in program.notes:
+            sums.setdefault(k, []).append((i, j))
+        needed = set(places)
+        for k in reversed(list(sums)):
+            if k in needed:
+                needed.update(i for pair in sums[k] for i in pair)
+        self.notes = sum(len(pairs) for k, pairs in sums.items() if k in needed)
+        own = {k for k, shared in enumerate(program.shared) if not shared}  # differ from measurement to measurement
+        self._shared: list[tuple[int, list[tuple[int, int]]]] = []
+        self._columns: list[tuple[int, tuple[int, int], list[tuple[int, int]]]] = []
+        for k, pairs in sums.items():
+            if k not in needed:
+                continue
+            if own.isdisjoint(i for pair in pairs for i in pair):
+                self._shared.append((k, pairs))
+            else:
+                own.add(k)
+                pairs.sort(key=own.isdisjoint)  # the first of them is a column
+                self._columns.append((k, pairs[0], pairs[1:]))
 
-    def run(self, first: Numbers, others: Sequence[Numbers], spend: Spend) -> tuple[list[int], Degree]:
-        """The numbers at the places, and the units, for what the program is given of kind 0 and of kind 1."""
-        v, a, b = first.values, first.power, max(part.power for part in others)
-        w = [value for part in others for value in part.over(b)]
-        bits = [max(unit, *map(int.bit_length, part)) for unit, part in ((a, v), (b, w))]
-        longest = sum(d * size for d, size in zip(self._highest, bits, strict=True))
-        spend(self._count + self._cost * (1 + (longest >> 10) ** 2))
-        return self._numbers([*v, *w, *(1 << p * a + q * b for _, (p, q) in self._ones)]), (a, b)
+    def bits(self, given: Sequence[Column], units: Degree) -> int:
+        """Of the longest number that may come up."""
+        longest = list(units)
+        for kind, column in zip(self._program.kinds, given, strict=True):
+            one = column.bit_length() if isinstance(column, int) else max(map(int.bit_length, column))
+            longest[kind] = max(longest[kind], one)
+        return sum(d * size for d, size in zip(self._program.highest, longest, strict=True))
 
-
-def _source(program: Program, places: Sequence[int]) -> str:
-    """A function of the given numbers and of one in each degree, without what the places do not need."""
-    sums: dict[int, list[tuple[int, int]]] = {}
-    for k, i, j in program.notes:
-        sums.setdefault(k, []).append((i, j))
-    needed = set(places)
-    for k in reversed(list(sums)):
-        if k in needed:
-            needed.update(i for pair in sums[k] for i in pair)
-
-    def name(i: int) -> str:
-        return f"({program.whole[i]})" if i in program.whole else f"v{i}"
-
-    lines = [f" {''.join(f'v{k},' for k in (*range(len(program.kinds)), *program.ones))}=given"]
-    for k, pairs in sums.items():
-        if k in needed:
-            lines.append(f" v{k}={'+'.join(f'{name(i)}*{name(j)}' for i, j in pairs)}")
-    return "\n".join(["def numbers(given):", *lines, f" return [{','.join(map(name, places))}]"])
+    def run(self, given: Sequence[Column], units: Degree) -> list[Iterable[int]]:
+        """The numbers at the places for what the program is given, in these units; shared ones without end."""
+        program, first = self._program, len(given)
+        v = [*(column if isinstance(column, int) else 0 for column in given), *[0] * (program.size - first)]
+        for k, value in program.whole.items():
+            v[k] = value
+        for k, (p, q) in program.ones.items():
+            v[k] = 1 << p * units[0] + q * units[1]
+        for k, pairs in self._shared:
+            v[k] = sum([v[i] * v[j] for i, j in pairs])
+        w: list[Iterable[int]] = list(map(repeat, v))
+        for k, column in enumerate(given):
+            if not isinstance(column, int):
+                w[k] = column
+        for k, (i, j), others in self._columns:
+            found = map(mul, w[i], w[j])
+            for i, j in others:
+                found = map(add, found, map(mul, w[i], w[j]))
+            w[k] = list(found)
+        return [w[k] for k in self._places]
 
 
 class Traced:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction as F
 from itertools import chain
 from typing import NamedTuple
 
-from .exact_polynomial import READINGS, Kept, Polynomial, Spend, combined, least, signed, unknown
+from .exact_polynomial import MOST_HELD, READINGS, Polynomial, Spend, combined, least, signed, too_many, unknown
 from .problem import Box, Problem, Unknowns
 
 Row = tuple[str, int, str]  # side, measurement, signs of the reference reading
@@ -29,8 +29,22 @@ class Rule:
     """Applies weights on one box; the rows that they speak of are formed once."""
 
     def __init__(self, problem: Problem, box: Box, rows: Sequence[Row], spend: Spend) -> None:
-        x = self.x = Unknowns(box, spend)
-        self.row = Kept(lambda n: problem.row(x, *rows[n]))  # without self: in a circle it would stay for long
+        self.x, self._problem, self._table = Unknowns(box, spend), problem, rows
+        self.row: dict[int, Polynomial] = {}
+        self._held = 0
+
+    def form(self, numbers: Iterable[int]) -> None:
+        """Rows, by their numbers, that are not formed yet; others are forgotten where there are many."""
+        needed = dict.fromkeys(numbers)
+        new = [n for n in needed if n not in self.row]
+        if new and self._held > MOST_HELD // 2:
+            self.row = {n: row for n, row in self.row.items() if n in needed}
+            self._held = sum(row.size for row in self.row.values())
+        for place, row in self._problem.rows(self.x, [self._table[n] for n in new]):
+            self.row[new[place]] = row
+            self._held += row.size
+            if self._held > MOST_HELD:
+                raise too_many(MOST_HELD, "terms of rows in a step")
 
     def aggregate(self, weights: Weights) -> Polynomial:
         """At most zero at every solution in the box: weighted rows, less weighted products and squares."""
@@ -41,6 +55,7 @@ class Rule:
             for monomial, c in ((0, 1), (one, p), (two, q), (one + two, p * q)):
                 terms[monomial] = terms.get(monomial, 0) - weight * c
         products = Polynomial(terms, of_products, self.x.spend)
+        self.form(n for n, weight in weights.rows if weight)
         rows = ((weight, self.row[n].times(1, of_rows)) for n, weight in weights.rows if weight)
         roots = ((self.x.variable(READINGS + i, -t, F(1)), weight) for i, t, weight in weights.tangents)
         squares = ((-weight, (u * u).times(1, of_tangents)) for u, weight in roots)
@@ -48,10 +63,14 @@ class Rule:
 
     def excludes(self, weights: Weights) -> bool:
         """Whether no solution lies in the box: the aggregate is positive on it."""
-        return least(self.aggregate(weights), signed(len(self.x))) > 0
+        return self._least(self.aggregate(weights)) > 0
 
     def bound(self, i: int, side: str, weights: Weights) -> F:
         """Every solution in the box has x_i at least ("lo") or at most ("hi") this, as aggregate <= 0 there."""
         sign = 1 if side == "lo" else -1
         u = Polynomial({unknown(i): sign}, 0, self.x.spend)
-        return self.x.center(i) + sign * self.x.radius(i) * least(self.aggregate(weights) + u, signed(len(self.x)))
+        return self.x.center(i) + sign * self.x.radius(i) * self._least(self.aggregate(weights) + u)
+
+    def _least(self, p: Polynomial) -> F:
+        self.x.spend(100 + 2 * p.size)
+        return least(p, signed(len(self.x)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from functools import partial
 from pathlib import Path
@@ -12,13 +12,13 @@ from typing import Any
 from .certificate import check
 from .claims import Accepted
 from .exact_campaign import NAME, ExactCampaign
-from .files import WORK, content, parsed
-from .leg import EXTRA, PARAMETERS
+from .files import WORK, Budget, content, parsed
+from .leg import EXTRA, PARAMETERS, check_model
 from .readers import finite, shown
 from .refusal import Refused, Unusable
 
-RESULT_NAME = "result.json"
-RESULT_FORMAT = "cpcal-result/5"
+RESULT_NAME, INFORMATION = "result.json", "information"
+RESULT_FORMAT = "cpcal-result/6"
 _CLOSED = F(1, 10**9)  # a bracket this narrow is closed, whatever the relative gap
 _NETWORK = ("a[0]", "a[1]", "a[2]", "b[0]", "b[1]", "b[2]", "l")  # in a certificate that states its constraints
 STRANGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError, OverflowError, MemoryError)
@@ -41,7 +41,7 @@ def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
     """What is proved of every leg of the run.
 
     Raises Unusable where there is nothing to check, Refused where the run as a whole is not what it says.
-    `work`: multiplications that each certificate may cost.
+    `work`: what the check may cost; each leg has the same part of it, so that no leg depends on another.
     """
     return [check_leg() for check_leg in leg_checks(folder, work=work)]
 
@@ -62,7 +62,8 @@ def leg_checks(folder: Path, *, work: int = WORK) -> list[Callable[[], LegChecke
         for path in sorted(folder.glob("*.cert.jsonl")):
             if path.name not in named:
                 raise Refused(f"does not name the certificate {shown(path.name)}, which lies beside it")
-        return [partial(_checked, folder, result, campaign, leg, work) for leg in legs]
+        certificates = Certificates(folder, campaign, work // max(len(legs), 1))
+        return [partial(_checked, replace(certificates), result, leg) for leg in legs]
     except (Refused, *STRANGE) as error:
         if isinstance(error, Refused) and error.code == "campaign":
             raise
@@ -72,41 +73,62 @@ def leg_checks(folder: Path, *, work: int = WORK) -> list[Callable[[], LegChecke
 def _of_the_run(result: Json, campaign: ExactCampaign) -> Iterator[tuple[str, Any, Any]]:
     """What is stated of the run as a whole, and what it must be."""
     stated, numbers = result["campaign"], [leg["leg"] for leg in result["legs"]]
+    check_model(result["model"]["name"])
     yield "campaign SHA-256", stated["sha256"], campaign.sha256
     yield "number of measurements", stated["measurements"], len(campaign)
     yield "name of the robot", stated["robot"], campaign.robot
     every = list(range(1, campaign.legs + 1))
     asked = result["options"]["legs"] or every
-    partly = result["interrupted"] is True
+    partly = result[INFORMATION]["interrupted"] is True
     yield "list of legs", numbers, [n for n in asked if n in every and (n in numbers or not partly)]
     yield "list of legs", [type(n) for n in numbers], [int] * len(set(numbers))
 
 
-def _checked(folder: Path, result: Json, campaign: ExactCampaign, leg: Json, work: int) -> LegChecked:
+@dataclass
+class Certificates:
+    """Those of a folder: each is checked once, and all together cost no more than `work`."""
+
+    folder: Path
+    campaign: ExactCampaign
+    work: int
+
+    def __post_init__(self) -> None:
+        self.budget = Budget(self.work)
+        self._names = {path.name for path in self.folder.glob("*.cert.jsonl")}
+        self._known: dict[str, Accepted] = {}
+
+    def accepted(self, file: Any) -> Accepted:
+        if file not in self._names:
+            raise Refused(f"names no certificate of its folder: {shown(file)}")
+        if file not in self._known:
+            self._known[file] = check(self.folder / file, self.campaign, work=self.budget)
+        return self._known[file]
+
+
+def _checked(certificates: Certificates, result: Json, leg: Json) -> LegChecked:
+    campaign = certificates.campaign
     number, name, every = leg["leg"], leg["certificate"], list(range(len(campaign)))
 
     def accepted(file: Any, chosen: list[int]) -> Accepted:
-        if file not in {path.name for path in folder.glob("*.cert.jsonl")}:
-            raise Refused(f"names no certificate of its folder: {shown(file)}")
-        found = check(folder / file, campaign, work=work)
+        found = certificates.accepted(file)
         compare(of_the_problem(result, leg, campaign, found, chosen))
         return found
 
     try:
-        same("support", sorted(leg["support"]), sorted(set(leg["support"]) & set(campaign.ids)))
+        support = [campaign.place.get(name, -1) for name in leg[INFORMATION]["support"]]
+        same("support", len(set(support) - {-1}), len(support))
         stated, proof, ranges, few, found = leg["ranges"], leg["support_proof"], None, None, None
         if stated is not None and stated["certificate"] is not None:
             ranges = accepted(stated["certificate"], every)
             compare(_of_the_ranges(result, leg, stated, ranges))
-        if type(leg["certified"]) is not bool or leg["certified"] != (name is not None):
-            raise Refused("is neither certified by a file of the run nor said to be not certified")
-        if name is not None:
+        if name is None:
+            nothing_beside(leg, "status", "eps_lo", "eps_hi", "point", "center", "enclosure")
+        else:
             found = accepted(name, every)
             compare(of_the_box(result, leg, found, result["options"]["eps"]))
             compare(_of_the_leg(result, leg, campaign, found))
         if proof is not None:
-            chosen = [k for k, text in enumerate(campaign.ids) if text in leg["support"]]
-            few = accepted(proof["certificate"], chosen)
+            few = accepted(proof["certificate"], sorted(support))
             compare(_of_the_support(result, leg, proof, campaign, few))
         return LegChecked(number, name, found, support=few, ranges=ranges)
     except (Unusable, Refused, *STRANGE) as error:
@@ -130,12 +152,13 @@ def of_the_problem(
 def of_the_box(result: Json, leg: Json, accepted: Accepted, asked: Any) -> Iterator[tuple[str, Any, Any]]:
     """The certificate's box is the one that the result states, rounded outward."""
     delta = exact(result["options"]["delta"])
-    sides = [(exact(c), delta) for c in leg["center"][:7]]
+    center = leg["center"] if "center" in leg else leg[INFORMATION]["center"]
+    sides = [(exact(c), delta) for c in center[:7]]
     sides += [(F(0), exact(p["half_width"])) for p in result["model"]["parameters"]]
-    yield "size of the center", len(leg["center"]), len(sides)
+    yield "size of the center", len(center), len(sides)
     yield "number of parameters", len(sides), len(accepted.lo) - 1
-    for i, (center, half) in enumerate(sides):
-        low, high = center - half, center + half
+    for i, (middle, half) in enumerate(sides):
+        low, high = middle - half, middle + half
         slack, lo, hi = (abs(low) + abs(high)) / 2**50, accepted.lo[i], accepted.hi[i]
         yield f"range of unknown {i}", low - slack <= lo <= low and high <= hi <= high + slack, True
     yield "eps asked about", 0 if asked is None else exact(asked), accepted.lo[-1]
@@ -148,13 +171,14 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
     ends = zip(accepted.lo[:-1], at or (), accepted.hi, strict=False)
     if at is not None and (any(not a <= v <= b for a, v, b in ends) or (asked is not None and at[-1] != claims.cap)):
         at = None
-    if result["options"]["method"] == "timeout":  # which encloses nothing: the verdict judges no widths then
+    informed = result["options"][INFORMATION]
+    if informed["method"] == "timeout":  # which encloses nothing: the verdict judges no widths then
         yield "method", None, claims.enclosure
     refuted, lo = _lowest(campaign, leg["leg"], accepted, asked, at)
     if asked is not None:  # only that one is spoken of
         yield "cap", exact(asked), claims.cap
     elif claims.enclosure is not None:  # it holds all up to eps_hi, and up to any eps where none is known
-        holds = _all_of_it(campaign, leg["leg"], accepted) if at is None else claims.cap == at[-1]
+        holds = all_of_it(campaign, leg["leg"], accepted) if at is None else claims.cap == at[-1]
         yield "eps up to which the enclosure holds", True, holds
     elif at is not None and claims.infeasible:
         yield "eps up to which there is no solution", lo, claims.cap
@@ -164,7 +188,7 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
     yield from _of_the_hull(result, leg["enclosure"], accepted, empty=refuted)
     narrow, slack = at is not None, F(0)
     if at is not None and asked is None:
-        asked_gap = max(exact(result["options"]["gap"]) * at[-1], _CLOSED)
+        asked_gap = max(exact(informed["gap"]) * at[-1], _CLOSED)
         slack = asked_gap / 2**20 * (1 if leg["status"] == "proved" else -1)  # how a float64 may see it
         narrow = at[-1] - lo <= asked_gap + slack
     yield "status", leg["status"], "refuted" if refuted else "proved" if narrow else "unknown"
@@ -173,7 +197,7 @@ def _of_the_leg(result: Json, leg: Json, campaign: ExactCampaign, accepted: Acce
 def _lowest(campaign: ExactCampaign, leg: int, accepted: Accepted, asked: Any, at: Any) -> tuple[bool, Any]:
     """Whether it is refuted that there is a solution, and the lower bound that the claims make."""
     claims = accepted.claims
-    refuted = claims.infeasible and at is None and (asked is not None or _all_of_it(campaign, leg, accepted))
+    refuted = claims.infeasible and at is None and (asked is not None or all_of_it(campaign, leg, accepted))
     if asked is not None:
         return refuted, claims.cap if refuted else 0
     return refuted, "inf" if refuted else claims.eps_lo or 0
@@ -207,10 +231,17 @@ def _of_the_hull(result: Json, box: Json, accepted: Accepted, *, empty: bool) ->
     yield "enclosure", sides, [side and list(side[:-1]) for side in found or (None, None)]
 
 
-def _all_of_it(campaign: ExactCampaign, leg: int, accepted: Accepted) -> bool:
+def all_of_it(campaign: ExactCampaign, leg: int, accepted: Accepted) -> bool:
     """Whether the cap is above every eps for which legs can be longer than eps."""
     cap, shortest = accepted.claims.cap, min(campaign.measurement(k, leg).shortest for k in range(len(campaign)))
     return cap is not None and cap >= shortest + accepted.hi[6]
+
+
+def nothing_beside(of: Json, *proved: str) -> None:
+    """What is not proved stands under `information`."""
+    for key in proved:
+        if key in of:
+            raise Refused(f"states {key} without a proof")
 
 
 def compare(stated: Iterator[tuple[str, Any, Any]]) -> None:

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from cpcal.certify.recomputed import stated_otherwise
-from cpcal.cli.checked import checked_legs, result_of
+from cpcal.certify.fits import load_fits
+from cpcal.cli.checked import checked_certificate, checked_legs, result_of
 from cpcal.cli.folders import FITS, PIXEL_RUN, RUN, check_writable, output_path
-from cpcal.cli.other_statements import other_fits
 from cpcal.cli.status import Status
 from cpcal.cli.study_page import holds_study, study_found
 from cpcal.cli.terminal import terminal
+from cpcal.cli.verified_folders import other_fits, stated_otherwise
 from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
@@ -105,5 +105,9 @@ def _study(folder: Path, campaign: Path | None, *, checker: bool) -> str:
     for run in (folder / RUN, folder / PIXEL_RUN):
         if run.is_dir():
             _stop(run, [*_refused(run), *stated_otherwise(load_campaign_json(run), load_result(run))])
-    _stop(folder / FITS, [f"{name} states other numbers than are proved" for name in other_fits(folder / FITS)])
+    claimed = {path.name: checked_certificate(path) for path in sorted((folder / FITS).glob("*.cert.jsonl"))}
+    proved = {name: found for name, found in claimed.items() if not isinstance(found, str)}
+    wrong = [f"{name}: {reason}" for name, reason in claimed.items() if isinstance(reason, str)]
+    stated = load_fits(folder / FITS)
+    _stop(folder / FITS, wrong or [f"{key} is not what is proved" for key in other_fits(folder / FITS, stated, proved)])
     return render_study(study_found(folder)[1], folder / RUN if checker else None)

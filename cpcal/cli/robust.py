@@ -11,8 +11,6 @@ from rich.console import Console
 from rich.table import Table
 
 from cpcal.certify.certify_robust import certify_robust
-from cpcal.checker import ROBUST_NAME, Refused, Unusable
-from cpcal.checker.robust_claim import check_robust
 from cpcal.cli.certify import Center, numbers_of
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
@@ -20,8 +18,7 @@ from cpcal.cli.running import Where
 from cpcal.cli.status import Status
 from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, record, talking
-from cpcal.common.errors import InputError, Problem
-from cpcal.common.numbers import at_least, at_most, bracket_text
+from cpcal.common.numbers import bracket_text
 from cpcal.files.run_folder import ROBUST
 from cpcal.results.robust import RobustResult
 
@@ -94,28 +91,3 @@ def _show(console: Console, found: RobustResult) -> None:
         console.print(f"Leg {leg.leg}: {leg.sentence}", soft_wrap=not console.is_terminal)
     said = f"Whichever {found.outliers} measurements of a leg are wrong, no parameters in the box explain the others"
     console.print(f"{said} better than eps_lo; some explain all but those left out to within eps_hi.", soft_wrap=True)
-
-
-def robust_verified(folder: Path, talk: Talk) -> bool:
-    """Check the folder and say what is proved. Raises InputError where there is nothing to check."""
-    try:
-        legs = check_robust(folder)
-    except Unusable as reason:
-        raise InputError([Problem(str(folder), str(reason), "name a folder that cpcal robust wrote")]) from None
-    except Refused as reason:
-        talk.say(f"{ROBUST_NAME}: REFUSED, {reason}")
-        return False
-    for leg in legs:
-        if leg.refused is not None:
-            said = f"REFUSED, {leg.refused}"
-        else:
-            said = (
-                "NOT CERTIFIED"
-                if leg.lo is None
-                else f"PROVED, eps >= {at_least(leg.lo, 7)} mm by {leg.proofs} certificates"
-            )
-            if leg.hi is not None:
-                without = ", ".join(leg.left_out) or "none"
-                said += f"; eps <= {at_most(leg.hi, 7)} mm, leaving out {without}"
-        talk.say(f"leg {leg.leg}, at most {leg.outliers} wrong: {said}")
-    return all(leg.refused is None for leg in legs)

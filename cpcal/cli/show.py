@@ -10,7 +10,7 @@ from rich.text import Text
 from cpcal.common.errors import printable
 from cpcal.common.numbers import bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.legs import LegModel
-from cpcal.report import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs, result_table
+from cpcal.report import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices, result_table
 from cpcal.report.advice import advise
 from cpcal.report.fitted import fitted
 from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified_legs
@@ -23,6 +23,7 @@ STYLES = {  # by the kind of a verdict
     "bounded": "bold cyan",
     "undecided": "bold yellow",
     "undetermined": "bold magenta",
+    "uncompared": "bold yellow",
 }
 _MOST_LEGS = 6  # of which each has a line
 _DECIMALS = 4  # of parameters, mm
@@ -42,7 +43,7 @@ def show_result(
         _everything(console, campaign, result)
     else:
         _lines(console, campaign, result, model)
-    missing = missing_legs(result, campaign.legs)
+    missing = notices(result, campaign.legs)
     if missing:
         console.print(Text(missing, style="bold yellow"))
     uncertified = uncertified_legs(result)

@@ -87,7 +87,7 @@ def solve(
         raise found.uncertified
     if reason is not None and found.verdict is Verdict.UNKNOWN:
         raise typer.Exit(Status(reason))
-    if found.verdict is Verdict.UNKNOWN:
+    if found.verdict in (Verdict.UNKNOWN, Verdict.NOT_CERTIFIED):
         raise typer.Exit(Status.UNKNOWN)
 
 

@@ -29,8 +29,9 @@ HAND_EYE_STATUS_HELP = (
 )
 
 SOLVE_STATUS_HELP = (
-    "Exit status: **0** complete (that there is no solution is an answer too), **1** a limit came first, **2** "
-    "unusable input, **3** an internal error, **130** interrupted, **143** terminated."
+    "Exit status: **0** complete (that there is no solution is an answer too), **1** a limit came first, or the "
+    "certificate does not hold all of the answer, **2** unusable input, **3** an internal error, **130** interrupted, "
+    "**143** terminated."
 )
 
 VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."

@@ -8,12 +8,14 @@ from typing import Annotated
 
 import typer
 
-from cpcal.checker import POSE_SET_SUFFIX, RESULT_NAME, ROBUST_NAME
+from cpcal.checker import POSE_SET_SUFFIX, RESULT_NAME, Accepted
 from cpcal.cli.checked import checked_certificate, legs_beside
 from cpcal.cli.claims import tell
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
-from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, unfinished
+from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, ROBUST, RUN, unfinished
+
+KINDS = (RUN, ROBUST, COMPARED, FITTED, ACCURACY, HANDEYE, HANDEYE_WRONG)  # of folders with certificates
 
 
 @talking
@@ -45,34 +47,41 @@ def verify(
 
         accepted = verify_pose_sets(target, source or [], talk)
     else:
-        accepted = _verified(target, talk) if target.is_dir() else _certificate(target, talk)
+        accepted = _verified(target, talk) if target.is_dir() else _certificate(target, talk) is not None
     record("verified", target=str(target), accepted=bool(accepted and same))
     raise typer.Exit(0 if accepted and same else 1)
 
 
 def _verified(folder: Path, talk: Talk) -> bool:
     """A folder, by what it holds; what other verbs write is loaded where it is found."""
-    if (folder / HANDEYE.head).exists():
+    heads = [kind.head for kind in KINDS if (folder / kind.head).exists()]
+    if len(heads) > 1:
+        talk.say(
+            f"{folder.name}: REFUSED, {' and '.join(heads)} are the answers of two commands, which share no folder"
+        )
+        return False
+    if heads == [HANDEYE.head]:
         from cpcal.handeye.verify_hand_eye import verify_hand_eye
 
         return _all_accepted(verify_hand_eye(folder), talk)
-    if (folder / HANDEYE_WRONG.head).exists():
+    if heads == [HANDEYE_WRONG.head]:
         from cpcal.handeye.verify_hand_eye import verify_wrong_images
 
         return _all_accepted(verify_wrong_images(folder), talk)
-    if (folder / ROBUST_NAME).exists():
-        from cpcal.cli.robust import robust_verified
-
-        return robust_verified(folder, talk)
-    if (folder / RESULT_NAME).exists():
+    if heads == [RUN.head]:
         with legs_beside(folder) as legs:
-            from cpcal.cli.verify_run import run_verified  # while the legs are being checked
+            from cpcal.cli.verified_folders import run_verified  # while the legs are being checked
 
             return run_verified(folder, legs, talk)
-    from cpcal.cli.other_statements import as_stated
+    from cpcal.cli import verified_folders
 
-    found = [_certificate(path, talk) for path in _certificates(folder)]
-    return all(found) and as_stated(folder, talk)
+    if heads == [ROBUST.head]:
+        return verified_folders.robust_verified(folder, talk)
+    if not heads and any(folder.glob(f"*/{RUN.head}")):
+        return verified_folders.campaigns_verified(folder, lambda run: _verified(run, talk), talk)
+    claimed = {path.name: _certificate(path, talk) for path in _certificates(folder, heads)}
+    proved = {name: accepted for name, accepted in claimed.items() if accepted is not None}
+    return verified_folders.others_verified(folder, proved, talk) and len(proved) == len(claimed)
 
 
 def _same_campaign(target: Path, campaign: Path, talk: Talk) -> bool:
@@ -93,27 +102,27 @@ def _same_campaign(target: Path, campaign: Path, talk: Talk) -> bool:
     return False
 
 
-def _certificates(folder: Path) -> list[Path]:
-    """Those of a folder without result.json. Raises InputError where there are none."""
+def _certificates(folder: Path, heads: list[str]) -> list[Path]:
+    """Those of a folder without result.json. Raises InputError where there is nothing to check."""
     found = sorted(folder.glob("*.cert.jsonl"))
     if unfinished(folder):
         what = f"holds no {RESULT_NAME}: a run into it is at work, or was killed"
         raise InputError([Problem(str(folder), what, "wait for it, or run certify again")])
-    if not found:
+    if not found and not heads:
         what = f"holds neither {RESULT_NAME} nor a certificate (*.cert.jsonl)"
         raise InputError([Problem(str(folder), what, "name the folder of a run, or a certificate in it")])
     return found
 
 
-def _certificate(path: Path, talk: Talk) -> bool:
-    """One certificate by itself. Raises InputError where it cannot be read."""
+def _certificate(path: Path, talk: Talk) -> Accepted | None:
+    """What one certificate proves by itself; None where it is refused. Raises InputError where it cannot be read."""
     began = time.monotonic()
     accepted = checked_certificate(path)
     if isinstance(accepted, str):
         talk.say(f"{path.name}: REFUSED, {accepted}")
-        return False
+        return None
     tell(talk, path.name, accepted, time.monotonic() - began)
-    return True
+    return accepted
 
 
 def _all_accepted(found: list[tuple[bool, str]], talk: Talk) -> bool:

@@ -4,6 +4,10 @@ What is read is checked: every field there, none besides, each of its type; what
 its `__post_init__` by ValueError or InputError. A field's name in the file is its own, or `metadata["json"]`.
 JSON has no NaN and no infinities: they are the strings "nan", "inf" and "-inf". A box is {"names", "lo", "hi"}, an
 empty one has null for its bounds.
+
+A field of a file that `cpcal verify` reads says in its `metadata` how it is checked: `checked(...)`, or `INFORMED`, and
+then it stands under the key "information" of its object. What is checked by a certificate or other proofs stands there
+too where these are missing: a number beside them, and without them, is refused. `keys_of` is the table of all this.
 """
 
 from __future__ import annotations
@@ -11,8 +15,8 @@ from __future__ import annotations
 import json
 import math
 import types
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -25,7 +29,19 @@ from cpcal.solver.interval import Box
 
 T = TypeVar("T")
 
+INFORMATION = "information"  # the key, and how it is checked: not at all
+INFORMED: Mapping[str, Any] = {"checked": INFORMATION}
 _NUMBERS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
+
+
+def checked(how: str, *by: str, json: str | None = None) -> dict[str, Any]:
+    """The metadata of a field: `how` it is checked, and `by` which other fields, that hold proofs; `json`: its key."""
+    return {"checked": how, "by": by} | ({} if json is None else {"json": json})
+
+
+def informed(json: str) -> dict[str, Any]:
+    """The metadata of a field that is checked by nothing, and has another key."""
+    return {**INFORMED, "json": json}
 
 
 def text_of(value: Any, format: str) -> str:
@@ -55,7 +71,12 @@ def encoded(value: Any) -> Any:
     if type(value) is str or type(value) is int:  # most are plain
         return value
     if is_dataclass(value) and not isinstance(value, type):
-        return {key: encoded(getattr(value, name)) for name, (key, _) in _layout(type(value)).items()}
+        layout = _layout(type(value))
+        proved = _proofs(value, layout)
+        parts = [(part, encoded(getattr(value, part.name))) for part in layout]
+        beside = {part.key: found for part, found in parts if part.is_beside(proved)}
+        others = {part.key: found for part, found in parts if not part.is_beside(proved)}
+        return beside | ({INFORMATION: others} if any(part.may_inform for part in layout) else {})
     if isinstance(value, Box):
         lo, hi = (None if value.is_empty else encoded(side.tolist()) for side in (value.lo, value.hi))
         return {"names": list(value.names), "lo": lo, "hi": hi}
@@ -94,23 +115,103 @@ def decoded(kind: Any, value: Any, where: str = "it") -> Any:
     return _plain(kind, value, where)
 
 
+@dataclass(frozen=True)
+class _Field:
+    """A field of a dataclass: its key, its type, how it is checked, and the keys of what proves it."""
+
+    name: str
+    key: str
+    kind: Any
+    how: str
+    by: tuple[str, ...]
+
+    @property
+    def may_inform(self) -> bool:
+        return self.how == INFORMATION or bool(self.by)
+
+    def is_beside(self, proved: set[str]) -> bool:
+        """Whether it stands outside of the information, where these keys hold something."""
+        return self.how != INFORMATION and (not self.by or not proved.isdisjoint(self.by))
+
+
 @cache
-def _layout(kind: type) -> dict[str, tuple[str, Any]]:
-    """For each field its name in the file and its type."""
+def _layout(kind: type) -> tuple[_Field, ...]:
     hints = get_type_hints(kind)
-    return {field.name: (field.metadata.get("json", field.name), hints[field.name]) for field in fields(kind)}
+    keys = {field.name: field.metadata.get("json", field.name) for field in fields(kind)}
+    return tuple(
+        _Field(
+            field.name,
+            keys[field.name],
+            hints[field.name],
+            field.metadata.get("checked", ""),
+            tuple(keys[name] for name in field.metadata.get("by", ())),
+        )
+        for field in fields(kind)
+    )
+
+
+def _proofs(value: Any, layout: tuple[_Field, ...]) -> set[str]:
+    """The keys of those proofs of a dataclass that are there."""
+    named = {key for part in layout for key in part.by}
+    return {part.key for part in layout if part.key in named and getattr(value, part.name)}
+
+
+def keys_of(kind: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Every key of the file of a dataclass, and how it is checked. Raises TypeError for one that does not say it."""
+    for part in _layout(kind):
+        if part.how == INFORMATION:
+            yield f"{prefix}{INFORMATION}.{part.key}", INFORMATION
+            continue
+        inner, key = part.kind, prefix + part.key
+        while not is_dataclass(inner) and get_args(inner):
+            key += "[]" if get_origin(inner) is tuple else ""
+            inner = next(of for of in get_args(inner) if of is not type(None))
+        if part.how:
+            without = f"; without {' and '.join(part.by)} under {INFORMATION}" if part.by else ""
+            yield key, part.how + without
+        elif is_dataclass(inner):
+            yield from keys_of(inner, f"{key}.")
+        else:
+            raise TypeError(f"{key} does not say how it is checked")
+
+
+def differing(stated: Any, proved: Any, where: str = "") -> Iterator[str]:
+    """The keys at which two values of a dataclass differ, but for the information."""
+    layout = _layout(stated.__class__)
+    proofs = _proofs(stated, layout)
+    for part in (part for part in layout if part.is_beside(proofs)):
+        key, one, other = where + part.key, getattr(stated, part.name), getattr(proved, part.name)
+        if not part.how and is_dataclass(one) and type(one) is type(other):
+            yield from differing(one, other, f"{key}.")
+        elif not part.how and isinstance(one, tuple) and len(one) == len(other):
+            for k, pair in enumerate(zip(one, other, strict=True)):
+                yield from differing(*pair, f"{key}[{k}].")
+        elif encoded(one) != encoded(other):
+            yield key
 
 
 def _dataclass(kind: Any, value: Any, where: str) -> Any:
-    layout, found = _layout(kind), _object(value, where)
-    keys = {key for key, _ in layout.values()}
-    if found.keys() != keys:
-        missing, unknown = sorted(keys - found.keys()), sorted(map(shown, found.keys() - keys))
-        said = [f"lacks {', '.join(missing)}"] if missing else []
-        said += [f"has {', '.join(unknown[:5])}, which mean nothing"] if unknown else []
-        raise ValueError(f"{where} {' and '.join(said)}")
-    inner = "" if where == "it" else f"{where}."
-    return kind(**{name: decoded(of, found[key], f"{inner}{key}") for name, (key, of) in layout.items()})
+    layout, found = _layout(kind), dict(_object(value, where))
+    proved = {key for key, part in found.items() if part}
+    places = [(found, where, [part for part in layout if part.is_beside(proved)])]
+    if any(part.may_inform for part in layout):
+        others = [part for part in layout if not part.is_beside(proved)]
+        alone = [part.key for part in others if part.by and part.key in found]
+        if alone:
+            raise ValueError(f"{where} states {', '.join(alone)} without a proof")
+        under = INFORMATION if where == "it" else f"{where}.{INFORMATION}"
+        places.append((_object(found.pop(INFORMATION, None), under), under, others))
+    values: dict[str, Any] = {}
+    for given, at, parts in places:
+        keys = {part.key for part in parts}
+        if given.keys() != keys:
+            missing, unknown = sorted(keys - given.keys()), sorted(map(shown, given.keys() - keys))
+            said = [f"lacks {', '.join(missing)}"] if missing else []
+            said += [f"has {', '.join(unknown[:5])}, which mean nothing"] if unknown else []
+            raise ValueError(f"{at} {' and '.join(said)}")
+        inner = "" if at == "it" else f"{at}."
+        values |= {part.name: decoded(part.kind, given[part.key], f"{inner}{part.key}") for part in parts}
+    return kind(**values)
 
 
 def _tuple(parts: tuple[Any, ...], value: Any, where: str) -> tuple[Any, ...]:

@@ -22,6 +22,7 @@ from .model_fit import (
     reading_sensitivities,
 )
 from .models import (
+    BUILT_IN,
     PARAMETERS,
     PLAIN,
     Drawn,
@@ -30,9 +31,11 @@ from .models import (
     Parameter,
     built_in,
     half_width_problems,
+    model_name_problem,
 )
 
 __all__ = [
+    "BUILT_IN",
     "PARAMETERS",
     "PLAIN",
     "Drawn",
@@ -50,6 +53,7 @@ __all__ = [
     "leg_network",
     "leg_statement",
     "model_jacobian",
+    "model_name_problem",
     "model_residuals",
     "model_statement",
     "reading_sensitivities",

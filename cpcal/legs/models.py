@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, ModelError, Problem
+from cpcal.files.codec import INFORMED, checked
 from cpcal.solver.network import Expr, norm, sqr, sqrt
 from cpcal.solver.network.expression import as_expr
 
@@ -29,9 +30,9 @@ PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 class Parameter:
     """An extra parameter of a leg model; it is looked for within `half_width` (in `unit`) of 0."""
 
-    name: str
-    unit: str
-    half_width: float
+    name: str = field(metadata=checked("the unknown of the certificates"))
+    unit: str = field(metadata=INFORMED)
+    half_width: float = field(metadata=checked("the box of each certificate"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,22 +185,29 @@ def built_in(model: LegModel) -> bool:
     )
 
 
+def model_name_problem(name: str) -> str:
+    """Why a user-defined model cannot have this name, which stands for it in files and pages; empty where it can."""
+    if not (name.isascii() and name.isidentifier()):
+        return f"{name!a:.60} is no ASCII identifier, as names of models are"
+    return f"{name!r} is the name of a model of cpcal" if name.lower() in (m.name for m in BUILT_IN) else ""
+
+
 def model_problems(model: LegModel) -> list[Problem]:
     """What is wrong with a user-defined model: its name, its parameters' names or half-widths, or that it corrects
     nothing."""
     problems: list[Problem] = []
     names = [p.name for p in model.extra]
-    if not model.name.isidentifier() or model.name in (m.name for m in BUILT_IN):
-        problems.append(
-            Problem("model", f"{model.name!r} is no identifier, or a model of cpcal", "choose another name")
-        )
+    wrong = model_name_problem(model.name)
+    if wrong:
+        problems.append(Problem("model", wrong, "choose another name"))
     if not names or (model.term is None and model.square is None):
         problems.append(
             Problem(f"model {model.name!r}", "corrects nothing", "give extra parameters, and term or square")
         )
     taken = {"a", "b", "l", "eps"}
     for name in names:
-        if not name.isidentifier() or name in taken:
-            problems.append(Problem(f"model {model.name!r}", f"{name!r} is no identifier, or taken", "choose another"))
+        if not (name.isascii() and name.isidentifier()) or name in taken:
+            what = f"{name!a} is no ASCII identifier, or taken"
+            problems.append(Problem(f"model {model.name!r}", what, "choose another"))
         taken.add(name)
     return problems + half_width_problems(model, {p.name: p.half_width for p in model.extra})

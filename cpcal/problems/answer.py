@@ -22,7 +22,7 @@ from cpcal.solver.optimize import Bracket, Minimum
 from cpcal.solver.search import Event
 
 FORMAT = "cpcal-solution/1"
-_WORDS = {Verdict.PROVED: "proved", Verdict.REFUTED: "infeasible", Verdict.UNKNOWN: "unknown"}
+_WORDS = {verdict: verdict.value for verdict in Verdict} | {Verdict.REFUTED: "infeasible"}
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Answer:
     """paving   all solutions, where there is no objective
     best     lo, hi: the objective's best value lies between; point: where the value nearer to us is attained, or None
     verdict  PROVED: complete, or the bracket closed to the gap; REFUTED: there is no solution; UNKNOWN: a limit came
-             first
+             first; NOT_CERTIFIED: as PROVED, but the certificate that was asked for does not hold all of it
     pending  boxes that were left
     uncertified  why a certificate that was asked for could not be written
     """
@@ -148,7 +148,7 @@ def answer(
 
 def _sentence(problem: StatedProblem, best: Minimum) -> str:
     """The solver's, where what was asked for is the smallest value; of the largest one of its own."""
-    if not problem.maximize or best.verdict is Verdict.REFUTED:
+    if not problem.maximize or best.verdict in (Verdict.REFUTED, Verdict.NOT_CERTIFIED):
         return best.status
     lo, hi = -best.hi, -best.lo
     if best.verdict is Verdict.PROVED:

@@ -165,14 +165,14 @@ def _is_system(model: Any) -> bool:
 
 def _translated(found: Answer, results: Results, config: CpcalConfig, model: Any, variables: Sequence[Any]) -> None:
     results.extra_info.sentence, results.extra_info.nodes = found.status, found.nodes
-    results.extra_info.certificate = config.certificate
+    results.extra_info.certificate, results.extra_info.verdict = config.certificate, found.verdict.value
     if found.verdict is Verdict.REFUTED:
         results.termination_condition = TerminationCondition.provenInfeasible
         return
     points = _points(found, len(variables))
     results.termination_condition = (
         TerminationCondition.convergenceCriteriaSatisfied
-        if found.verdict is Verdict.PROVED
+        if found.verdict is not Verdict.UNKNOWN
         else TerminationCondition.maxTimeLimit
         if config.time_limit is not None
         else TerminationCondition.iterationLimit
@@ -186,7 +186,7 @@ def _translated(found: Answer, results: Results, config: CpcalConfig, model: Any
         results.incumbent_objective = attained if math.isfinite(attained) else None
     if points:
         results.solution_loader = PooledSolutions(model, variables, points)
-        proved = found.verdict is Verdict.PROVED
+        proved = found.verdict is not Verdict.UNKNOWN
         system = found.best is None
         feasible = not system or _first_is_proved(found)
         results.solution_status = SolutionStatus.unknown

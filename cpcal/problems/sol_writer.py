@@ -5,17 +5,22 @@ from __future__ import annotations
 from cpcal.problems.answer import Answer
 from cpcal.solver.contract import Verdict
 
-SOLVED, INFEASIBLE, LIMIT = 0, 200, 400  # of the solve_result codes
+SOLVED, UNCERTAIN, INFEASIBLE, LIMIT = 0, 100, 200, 400  # of the solve_result codes
+_CODES = {
+    Verdict.PROVED: SOLVED,
+    Verdict.NOT_CERTIFIED: UNCERTAIN,
+    Verdict.REFUTED: INFEASIBLE,
+    Verdict.UNKNOWN: LIMIT,
+}
 
 
 def sol_bytes(answer: Answer, rows: int) -> bytes:
     """The text; the point is the best proved one, or the middle of the first box. `rows`: constraints of the .nl."""
     values = _point(answer)
-    code = {Verdict.PROVED: SOLVED, Verdict.REFUTED: INFEASIBLE, Verdict.UNKNOWN: LIMIT}[answer.verdict]
     lines = [f"cpcal: {answer.status}".replace("\n", " "), "", "Options", "3", "1", "1", "0"]
     lines += [str(rows), "0", str(len(answer.problem.network.names)), str(len(values))]
     lines += [repr(value) for value in values]
-    return ("\n".join([*lines, f"objno 0 {code}"]) + "\n").encode()
+    return ("\n".join([*lines, f"objno 0 {_CODES[answer.verdict]}"]) + "\n").encode()
 
 
 def _point(answer: Answer) -> list[float]:

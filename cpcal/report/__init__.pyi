@@ -1,7 +1,7 @@
 from .page import write_page, write_report
 from .result_table import ResultTable, result_table
 from .sensitivity import reading_sensitivity
-from .words import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, missing_legs
+from .words import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices
 
 __all__ = [
     "FRAME",
@@ -10,7 +10,7 @@ __all__ = [
     "ResultTable",
     "center_sentence",
     "leg_sentence",
-    "missing_legs",
+    "notices",
     "reading_sensitivity",
     "result_table",
     "write_page",

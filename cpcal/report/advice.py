@@ -18,7 +18,17 @@ from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about
 from cpcal.legs import PLAIN, LegModel, ModelResiduals, fit_model, leg_model
 from cpcal.report.fitted import Fitted
-from cpcal.results import Bounded, Explained, LegResult, LegVerdict, Result, Undecided, Undetermined, verdict_of
+from cpcal.results import (
+    Bounded,
+    Explained,
+    LegResult,
+    LegVerdict,
+    Result,
+    Uncompared,
+    Undecided,
+    Undetermined,
+    verdict_of,
+)
 from cpcal.robot import Campaign, rotation_matrix, small_rotation
 
 FIRST = 3  # measurements to look at
@@ -41,6 +51,7 @@ class NextStep(StrEnum):
     TOLERANCE = "state a tolerance"
     WAIT = "give it more time"
     MECHANICS = "look at the leg"
+    COMPARE = "compare the constraints"
 
 
 @dataclass(frozen=True)
@@ -56,6 +67,9 @@ class Advice:
 def advise(campaign: Campaign, result: Result, leg: LegResult, model: LegModel | None, found: Fitted | None) -> Advice:
     """`model`: the result's, and its fit, None where it is not known here: then no residuals can be looked at."""
     verdict = verdict_of(result, leg)
+    if isinstance(verdict, Uncompared) and verdict.fits:
+        return Advice(*_by_verdict(verdict), first=_of_support(campaign, leg))
+    verdict = verdict.found if isinstance(verdict, Uncompared) else verdict
     if model is None or found is None:
         return Advice(*_by_verdict(verdict), first=_of_support(campaign, leg))
     first = _first(found, _of_support(campaign, leg, FEW))
@@ -119,6 +133,9 @@ def _of_support(campaign: Campaign, leg: LegResult, most: int = FIRST) -> tuple[
 
 
 def _by_verdict(verdict: LegVerdict) -> tuple[NextStep, str, str]:
+    if isinstance(verdict, Uncompared):
+        what = "Compare the constraints that the certificates state with the model: no program has."
+        return NextStep.COMPARE, "compare the constraints", what
     if isinstance(verdict, Explained):
         return NextStep.ACCEPT, "accept", "Accept the parameters."
     if isinstance(verdict, Undetermined):

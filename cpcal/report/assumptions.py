@@ -50,6 +50,8 @@ def _model(result: Result) -> str:
         f"{result.model.name}: with v = P + R b − a, the vector from a leg's base joint centre a to its mobile one b, "
         f"the length ‖v‖ is {result.model.summary}."
     )
+    if not result.model.is_ours:  # no formula is known to be its own
+        return f"{result.model.not_compared} Its error eps is how far they are from being met, in mm. {LONGER}"
     said = plain if result.model.name == PLAIN.name else corrected
     return f"{said} Its error eps is the largest difference of the two sides, in mm. {LONGER}"
 

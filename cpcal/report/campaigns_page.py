@@ -56,7 +56,7 @@ def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing:
     Raises InputError.
     """
     ordered = sorted(rows, key=lambda row: (-row.worst.eps_lo, row.name))
-    write_file(folder / SUMMARY_TABLE, _table(ordered))
+    write_file(folder / SUMMARY_TABLE, summary_table(ordered))
     context = {
         "rows": [_cells(row) for row in ordered],
         "failed": list(failed),
@@ -108,7 +108,7 @@ def _eps(leg: LegResult) -> str:
     return f"{lo} to {hi}"
 
 
-def _table(rows: Sequence[CampaignRow]) -> str:
+def summary_table(rows: Sequence[CampaignRow]) -> str:
     """A row a leg; campaigns in their order, the worst leg of each first. Numbers are those of result.json."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")

@@ -27,6 +27,7 @@ _WORDS = {  # of a model at a tolerance, by the kind of the verdict
     "bounded": "",
     "undecided": "undecided",
     "undetermined": "undetermined",
+    "uncompared": "not compared",
 }
 
 
@@ -87,7 +88,7 @@ def comparison_sentences(comparison: Comparison) -> list[str]:
             text = f"{model} is refuted at {at} for none of {len(entries)}."
         if open_ones:
             text += f" Not known for {', '.join(e.subject for e in open_ones)}."
-        poor = [e for e in entries if isinstance(e.leg_verdict(tolerance, comparison.options), Undetermined)]
+        poor = [e for e in entries if e.leg_verdict(tolerance, comparison.options).kind == Undetermined.kind]
         if poor:
             text += f" Undetermined for {', '.join(e.subject for e in poor)}: the measurements leave parameters open."
         out.append(text)

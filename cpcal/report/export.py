@@ -44,6 +44,7 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
         format=FORMAT,
         robot=result.robot,
         model=result.model.name,
+        not_compared=result.model.not_compared or None,
         frame=FRAME if frames is None else drawing_frames.FRAME,
         tolerance=result.options.tolerance,
         verdict=None if verdict is None else verdict.word.lower() if certified else NOT_CERTIFIED,

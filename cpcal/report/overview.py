@@ -16,6 +16,7 @@ from cpcal.results import LegResult, Result, verdict_of
 from cpcal.robot import Campaign, rotation_matrix
 
 COLOURS = {"explained": "good", "unexplained": "bad", "bounded": "known", "undecided": "open", "undetermined": "poor"}
+COLOURS |= {"uncompared": "open"}
 _WIDTH, _ROW, _LEFT, _TOP, _BELOW = 330.0, 18.0, 40.0, 18.0, 32.0  # points, of the figure of errors
 _PADDING = 20.0  # of the platform's drawing
 _TURN, _TILT = math.radians(-30.0), math.radians(18.0)  # from where the platform is seen

@@ -23,7 +23,7 @@ from cpcal.report.origin import command, versions
 from cpcal.report.overview import errors_svg, forcing_numbers, platform_svg
 from cpcal.report.result_table import result_table
 from cpcal.report.template import rendered
-from cpcal.report.words import FRAME, LONGER, QUANTIFIER, missing_legs, overall, summary
+from cpcal.report.words import FRAME, LONGER, QUANTIFIER, notices, overall, summary
 from cpcal.results import INFORMATION, Result, model_of
 from cpcal.robot import Campaign
 from cpcal.robot.suspicions import suspicions
@@ -96,7 +96,7 @@ def _context(
         "tolerance": None if result.options.tolerance is None else stated(result.options.tolerance),
         "summary": summary(result),
         "asked": None if result.options.eps is None else stated(result.options.eps),
-        "missing": missing_legs(result, campaign.legs),
+        "missing": notices(result, campaign.legs),
         "table": table,
         "legs": legs,
         "overall": overall(result),

@@ -56,15 +56,17 @@ def write_study_page(
 
 def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -> str:
     """The page as text; the same parts give the same text. `run`: the folder whose certificates the page checks."""
-    expected = campaign_sha256(found.campaign)
+    expected, remedy = campaign_sha256(found.campaign), "give the parts of one study"
     for name, sha256 in (
         ("calibration record", found.record.campaign_sha256),
         ("certified fits", found.fits.campaign_sha256),
         ("result of the timeout method", found.timeout.campaign_sha256),
     ):
         if sha256 != expected:
-            remedy = "give the parts of one study"
             raise InputError([Problem(name, "is of another campaign", remedy)])
+    for name, fits in found.fits.both:
+        if any(fit.point != tuple(getattr(found.record, name).values[fit.leg - 1]) for fit in fits):
+            raise InputError([Problem("certified fits", f"{name} is not the calibration record's", remedy)])
     return render(found.campaign, found.result, _context(found), run=run)
 
 

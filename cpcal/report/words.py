@@ -13,12 +13,14 @@ from cpcal.results import (
     LegVerdict,
     Result,
     Uncertified,
+    Uncompared,
     Undecided,
     Undetermined,
     Unexplained,
     proved_sentence,
     verdict_of,
 )
+from cpcal.results.result import not_compared
 
 QUANTIFIER = (
     "To explain the data, or satisfy the equations, to within eps means: for every measurement there exists a reading "
@@ -45,7 +47,7 @@ def overall(result: Result) -> Overall | None:
     if result.options.tolerance is None or not result.legs:
         return None
     verdicts = [verdict_of(result, leg) for leg in result.legs]
-    if any(isinstance(verdict, Unexplained) for verdict in verdicts):
+    if any(verdict.kind == Unexplained.kind for verdict in verdicts):
         return Overall(Unexplained.kind, "FAIL")
     if all(isinstance(verdict, Explained) for verdict in verdicts) and not result.interrupted:
         return Overall(Explained.kind, "PASS")
@@ -56,7 +58,7 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
     """The answer for one leg, without its number: the verdict, what was proved, and whether that can be checked."""
     verdict = verdict_of(result, leg)
     said = [verdict.sentence]
-    if not isinstance(verdict, Undetermined):
+    if verdict.kind != Undetermined.kind:
         said.append(proved_sentence(result.options, leg))
     if leg.not_certified:
         said.append(f"Not certified: {leg.not_certified}.")
@@ -66,6 +68,8 @@ def leg_sentence(result: Result, leg: LegResult) -> str:
 def fit_sentence(verdict: LegVerdict) -> str:
     """The verdict as a calibration engineer would say it: how well the measurements fit, and what is allowed."""
     bracket = verdict.bracket
+    if isinstance(verdict, Uncompared):
+        return f"{fit_sentence(verdict.found)} {not_compared(verdict.model)}"
     if isinstance(verdict, Undetermined):
         return f"Cannot be judged: {_lowered(verdict.reason)}"
     if isinstance(verdict, Explained):
@@ -85,6 +89,8 @@ def fit_sentence(verdict: LegVerdict) -> str:
 def short_fit(verdict: LegVerdict) -> str:
     """The same in a few words, for a line of a terminal."""
     bracket = verdict.bracket
+    if isinstance(verdict, Uncompared):
+        return f"not compared, {bracket.range}" if verdict.fits else short_fit(verdict.found)
     if isinstance(verdict, Undetermined):
         return f"undetermined: {', '.join(verdict.names)}" if verdict.names else "undetermined: too few measurements"
     if isinstance(verdict, Undecided):
@@ -126,11 +132,12 @@ def center_sentence(result: Result, leg: LegResult) -> str | None:
     return None if leg.verified is None else leg.verified.sentence(name)
 
 
-def missing_legs(result: Result, legs: int) -> str | None:
-    """Sentences on an interrupted run, and on legs of so many that nothing was asked of; None where all are there."""
+def notices(result: Result, legs: int) -> str | None:
+    """What stands above all answers: sentences on a user-defined model, on an interrupted run, and on legs of so many
+    that nothing was asked of; None where there is nothing to say."""
     done, every = {leg.leg for leg in result.legs}, range(1, legs + 1)
     asked = result.options.legs or every
-    said = []
+    said = [] if result.model.is_ours else [result.model.not_compared]
     if result.interrupted:
         said.append("Interrupted: what is shown was proved until then.")
         missing = ", ".join(str(leg) for leg in asked if leg not in done)

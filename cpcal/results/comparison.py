@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from cpcal.files.codec import load, save, text_of
+from cpcal.files.codec import INFORMED, checked, load, save, text_of
 from cpcal.results.determination import Determination, wide
-from cpcal.results.leg_verdict import EpsBracket, LegVerdict, Undecided, Undetermined, Unexplained, verdict_on
+from cpcal.results.leg_verdict import EpsBracket, LegVerdict, compared, verdict_on
 from cpcal.results.options import Options
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 
-FORMAT = "cpcal-comparison/3"
+FORMAT = "cpcal-comparison/4"
 COMPARISON_NAME = "compare.json"
 _CLOSED = 1e-9  # mm: a bracket this narrow is closed, whatever the relative gap
 
@@ -29,15 +29,15 @@ class Entry:
     unchecked.
     """
 
-    subject: str
-    model: str
-    eps_lo: float
-    eps_hi: float
-    enclosure: Box
-    certificate: str | None
-    seconds: float
-    determination: Determination | None = None
-    not_certified: str = ""  # why there is no certificate
+    subject: str = field(metadata=checked("what the certificate is about", "certificate"))
+    model: str = field(metadata=checked("what the certificate is about", "certificate"))
+    eps_lo: float = field(metadata=checked("the claim of the certificate", "certificate"))
+    eps_hi: float = field(metadata=checked("the claim of the certificate", "certificate"))
+    enclosure: Box = field(metadata=checked("the claim of the certificate", "certificate"))
+    certificate: str | None = field(metadata=checked("a file of the folder, which is accepted"))
+    seconds: float = field(metadata=INFORMED)
+    determination: Determination | None = field(default=None, metadata=INFORMED)
+    not_certified: str = field(default="", metadata=INFORMED)  # why there is no certificate
 
     def __post_init__(self) -> None:
         """Raises ValueError for a bracket that is none."""
@@ -58,16 +58,17 @@ class Entry:
         closed = options is not None and self.eps_hi - self.eps_lo <= max(options.gap * self.eps_hi, _CLOSED)
         ranges = wide(self.enclosure, options.delta) if options is not None and closed else None
         bracket = EpsBracket(self.eps_lo, self.eps_hi)
-        return verdict_on(bracket, tolerance, determination=self.determination, ranges=ranges)
+        verdict = verdict_on(bracket, tolerance, determination=self.determination, ranges=ranges)
+        return verdict if options is None else compared(verdict, self.model)
 
     def word(self, tolerance: float | None, options: Options | None = None) -> str:
         """The same for a table."""
         if tolerance is None:
             return "—"
         verdict = self.leg_verdict(tolerance, options)
-        if isinstance(verdict, Undecided | Undetermined):
+        if verdict.kind in ("undecided", "undetermined", "uncompared"):
             return verdict.word
-        word = "refuted" if isinstance(verdict, Unexplained) else "not refuted"
+        word = "refuted" if verdict.kind == "unexplained" else "not refuted"
         return word + (", unchecked" if self.certificate is None else "")
 
 
@@ -79,13 +80,13 @@ class Comparison:
     `interrupted`: entries that had not begun are missing. Raises ValueError for entries of models that are not listed.
     """
 
-    title: str
-    tolerance: float | None
-    models: Mapping[str, str]
+    title: str = field(metadata=INFORMED)
+    tolerance: float | None = field(metadata=INFORMED)
+    models: Mapping[str, str] = field(metadata=checked("the text that cpcal has for them"))
     entries: tuple[Entry, ...]
-    campaign_sha256: str | None = None
+    campaign_sha256: str | None = field(default=None, metadata=checked("campaign.json, and each certificate"))
     options: Options | None = None
-    interrupted: bool = False
+    interrupted: bool = field(default=False, metadata=INFORMED)
 
     def __post_init__(self) -> None:
         unknown = {entry.model for entry in self.entries} - set(self.models)

@@ -8,6 +8,7 @@ each measurement a reading in its set. Both sides of a verdict are proved; what 
     Bounded         no tolerance was given; the smallest error is known from both sides
     Undecided       a limit came first
     Undetermined    the parameters fit, but the data are too poor to say that the model does
+    Uncompared      a fit, but of constraints that the certificates of a user-defined model state themselves: no pass
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from typing import ClassVar
 from cpcal.common.numbers import bracket_text, short, stated
 from cpcal.results.determination import NOTHING_WIDE, Determination, Wide, wide
 from cpcal.results.options import Options
-from cpcal.results.result import LegResult, Result
+from cpcal.results.result import LegResult, ModelNote, Result, not_compared
 from cpcal.solver.contract import Verdict
 
 
@@ -160,11 +161,49 @@ class Undetermined:
         return tuple(dict.fromkeys((*rank, *self.wide.names)))
 
 
-LegVerdict = Explained | Unexplained | Bounded | Undecided | Undetermined
+@dataclass(frozen=True)
+class Uncompared:
+    """Whatever was found with a user-defined `model`: nobody compared its constraints with the campaign. No pass."""
+
+    found: Explained | Unexplained | Bounded | Undecided | Undetermined
+    model: str
+
+    @property
+    def bracket(self) -> EpsBracket:
+        return self.found.bracket
+
+    @property
+    def fits(self) -> bool:
+        """Whether it would be a pass, or a fit, of a model of cpcal."""
+        return isinstance(self.found, Explained | Bounded)
+
+    @property
+    def kind(self) -> str:
+        return "uncompared" if self.fits else self.found.kind
+
+    @property
+    def word(self) -> str:
+        return "not compared" if self.fits else self.found.word
+
+    @property
+    def sentence(self) -> str:
+        return f"{self.found.sentence} {not_compared(self.model)}"
+
+
+LegVerdict = Explained | Unexplained | Bounded | Undecided | Undetermined | Uncompared
 
 
 def verdict_of(result: Result, leg: LegResult, tolerance: float | None = None) -> LegVerdict:
     """The verdict on a leg of a result; `tolerance` in mm (default: the one that the result was asked with)."""
+    return compared(_verdict(result, leg, tolerance), result.model.name)
+
+
+def compared(verdict: LegVerdict, model: str) -> LegVerdict:
+    """The verdict; of a user-defined model as one on constraints that were not compared with the campaign."""
+    return verdict if ModelNote(model).is_ours or isinstance(verdict, Uncompared) else Uncompared(verdict, model)
+
+
+def _verdict(result: Result, leg: LegResult, tolerance: float | None) -> LegVerdict:
     at = result.options.tolerance if tolerance is None else tolerance
     eps = result.options.eps
     if eps is not None:
@@ -197,7 +236,7 @@ def _verdict_at(options: Options, eps: float, leg: LegResult, tolerance: float |
     bracket = EpsBracket(0.0, eps if leg.verdict is Verdict.PROVED else math.inf)
     at = eps if tolerance is None else tolerance
     found = verdict_on(bracket, at, determination=leg.determination, ranges=_wide(options, leg))
-    return found if isinstance(found, Unexplained | Bounded) else replace(found, tolerance=tolerance)
+    return replace(found, tolerance=tolerance) if isinstance(found, Explained | Undecided | Undetermined) else found
 
 
 def verdict_on(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cpcal.common.errors import InputError, Problem
+from cpcal.files.codec import INFORMED, checked
 
 CENTERS = ("fit", "nominal", "plain")
 SUPPORTS = ("few", "irreducible", "none")
@@ -24,20 +25,20 @@ class Options:
     Raises InputError with every problem that shows without the campaign.
     """
 
-    legs: tuple[int, ...] | None = None
-    delta: float = 100.0
-    center: str = "fit"
-    gap: float = 1e-6
-    time_limit: float | None = None
-    node_limit: int | None = None
-    contractors: tuple[str, ...] = ("lifted",)
-    arithmetic: str = "float64"
-    eps: float | None = None
-    tolerance: float | None = None
-    support: str = "few"
-    method: str = "bound"
-    model: str | None = None
-    half_widths: Mapping[str, float] = field(default_factory=dict)
+    legs: tuple[int, ...] | None = field(default=None, metadata=checked("the legs that are there"))
+    delta: float = field(default=100.0, metadata=checked("the box of each certificate"))
+    center: str = field(default="fit", metadata=INFORMED)
+    gap: float = field(default=1e-6, metadata=INFORMED)
+    time_limit: float | None = field(default=None, metadata=INFORMED)
+    node_limit: int | None = field(default=None, metadata=INFORMED)
+    contractors: tuple[str, ...] = field(default=("lifted",), metadata=INFORMED)
+    arithmetic: str = field(default="float64", metadata=INFORMED)
+    eps: float | None = field(default=None, metadata=checked("the box and the cap of each certificate"))
+    tolerance: float | None = field(default=None, metadata=INFORMED)
+    support: str = field(default="few", metadata=INFORMED)
+    method: str = field(default="bound", metadata=INFORMED)
+    model: str | None = field(default=None, metadata=INFORMED)
+    half_widths: Mapping[str, float] = field(default_factory=dict, metadata=INFORMED)
 
     def __post_init__(self) -> None:
         problems = [*self._normalised(), *self._problems()]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from cpcal.files.codec import checked
 from cpcal.solver.interval import Box
 
 
@@ -17,9 +18,9 @@ class Ranges:
     is no tolerance, and for a box that holds nothing.
     """
 
-    eps: float
-    box: Box
-    certificate: str | None = None
+    eps: float = field(metadata=checked("the cap of the certificate", "certificate"))
+    box: Box = field(metadata=checked("the enclosure of the certificate", "certificate"))
+    certificate: str | None = field(default=None, metadata=checked("a file of the run, which is accepted"))
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.eps < math.inf:

@@ -10,11 +10,11 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cpcal.common.errors import InputError, Problem
-from cpcal.files.codec import load, save, text_of
+from cpcal.common.errors import InputError, Problem, printable
+from cpcal.files.codec import INFORMED, checked, informed, load, save, text_of
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.folders import campaign_sha256, save_campaign_json
-from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
+from cpcal.legs import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
 from cpcal.results.determination import Determination
 from cpcal.results.options import Options
 from cpcal.results.projection import Projections
@@ -31,17 +31,36 @@ if TYPE_CHECKING:
 
     from cpcal.robot import Campaign
 
-FORMAT = "cpcal-result/5"
+FORMAT = "cpcal-result/6"
 RESULT_NAME = "result.json"
 
 
 @dataclass(frozen=True)
 class ModelNote:
-    """The leg model of a result: its name, what it takes a leg's length to be, its parameters beyond (a, b, l)."""
+    """The leg model of a result: its name, and its parameters beyond (a, b, l). Raises ValueError for no such name."""
 
-    name: str = PLAIN.name
-    summary: str = PLAIN.summary
+    name: str = field(default=PLAIN.name, metadata=checked("the model of each certificate"))
     extra: tuple[Parameter, ...] = field(default=(), metadata={"json": "parameters"})
+
+    def __post_init__(self) -> None:
+        if not self.is_ours and (problem := model_name_problem(self.name)):
+            raise ValueError(problem)
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether it comes with cpcal: of others the certificates state the constraints themselves."""
+        return any(self.name == model.name for model in BUILT_IN)
+
+    @property
+    def summary(self) -> str:
+        """What a leg's length is, for a model that comes with cpcal; of others nothing is known but their name."""
+        ours = (model.summary for model in BUILT_IN if model.name == self.name)
+        return next(ours, "what the constraints say that its certificates state")
+
+    @property
+    def not_compared(self) -> str:
+        """What must be said beside every answer; empty for a model that comes with cpcal."""
+        return "" if self.is_ours else not_compared(self.name)
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -49,6 +68,14 @@ class ModelNote:
 
     def unit(self, name: str) -> str:
         return next((p.unit for p in self.extra if p.name == name), "mm")
+
+
+def not_compared(model: str) -> str:
+    """A sentence on the certificates of a model that the checker does not know."""
+    return (
+        f"The checker does not know the model {printable(model)}: its certificates state the constraints themselves, "
+        "which were not compared with the campaign."
+    )
 
 
 def model_of(result: Result, model: LegModel | None = None) -> LegModel:
@@ -91,42 +118,44 @@ class LegResult:
     bracket cannot close. `support`: ids of measurements that by themselves prove eps_lo up to the gap or, where no few
     were found to, of all with a weight in some step.
 
-    `certified`: the file `certificate` claims exactly these eps_lo, eps_hi, point and enclosure. Where it is False,
+    `certificate`: the file that claims exactly these eps_lo, eps_hi, point and enclosure. Where there is none,
     `not_certified` says why: the numbers were found by the same proofs, but nobody can check them again.
     Raises ValueError for fields that contradict each other.
     """
 
-    leg: int
-    verdict: Verdict = field(metadata={"json": "status"})
-    eps_lo: float
-    eps_hi: float
-    point: tuple[float, ...] | None
-    center: tuple[float, ...]
-    enclosure: Box
-    floor: float
-    support: tuple[str, ...]
-    nodes: int
-    programs: int = field(metadata={"json": "lps"})
-    seconds: float
-    certified: bool = False
-    certificate: str | None = None
-    not_certified: Uncertified = Uncertified.NOTHING
+    leg: int = field(metadata=checked("the list of legs, and the certificate"))
+    verdict: Verdict = field(metadata=checked("follows from the bounds and the gap", "certificate", json="status"))
+    eps_lo: float = field(metadata=checked("the claim of the certificate", "certificate"))
+    eps_hi: float = field(metadata=checked("the claim of the certificate", "certificate"))
+    point: tuple[float, ...] | None = field(metadata=checked("the claim of the certificate", "certificate"))
+    center: tuple[float, ...] = field(metadata=checked("the box of the certificate", "certificate"))
+    enclosure: Box = field(metadata=checked("the claim of the certificate", "certificate"))
+    floor: float = field(metadata=INFORMED)
+    support: tuple[str, ...] = field(metadata=INFORMED)
+    nodes: int = field(metadata=INFORMED)
+    programs: int = field(metadata=informed("lps"))
+    seconds: float = field(metadata=INFORMED)
+    certificate: str | None = field(default=None, metadata=checked("a file of the run, which is accepted"))
+    not_certified: Uncertified = field(default=Uncertified.NOTHING, metadata=INFORMED)
     support_proof: SupportProof | None = None  # that the support by itself proves a bound
     ranges: Ranges | None = None  # of the parameters at a tolerance; see cpcal.certify.certified_ranges
-    projections: Projections | None = None  # what the report draws; see cpcal.certify.projections
+    # what the report draws; see cpcal.certify.projections
+    projections: Projections | None = field(default=None, metadata=INFORMED)
     # the center of the box, as a solution at eps = 0 (or the eps asked about)
-    verified: VerifiedPoint | None = field(default=None, metadata={"json": "center_verified"})
-    determination: Determination | None = None  # None: nothing is to be determined, or it was not asked
-    trials: tuple[Trial, ...] = ()  # calls of the solver, with method "timeout"
-    contractors_used: tuple[ContractorUse, ...] = ()  # those asked for: how often each ran, its part in the certificate
+    verified: VerifiedPoint | None = field(default=None, metadata=informed("center_verified"))
+    # None: nothing is to be determined, or it was not asked
+    determination: Determination | None = field(default=None, metadata=INFORMED)
+    trials: tuple[Trial, ...] = field(default=(), metadata=INFORMED)  # calls of the solver, with method "timeout"
+    # those asked for: how often each ran, its part in the certificate
+    contractors_used: tuple[ContractorUse, ...] = field(default=(), metadata=INFORMED)
     # what all contractors together found, where the certificate proves less: nobody can check it
-    found_lo: float | None = None
-    found_enclosure: Box | None = None
-    pending: int = 0  # boxes that were left at a limit
+    found_lo: float | None = field(default=None, metadata=INFORMED)
+    found_enclosure: Box | None = field(default=None, metadata=INFORMED)
+    pending: int = field(default=0, metadata=INFORMED)  # boxes that were left at a limit
 
     def __post_init__(self) -> None:
-        if self.certified != (self.certificate is not None) or (self.certified and self.not_certified):
-            raise ValueError("a leg is certified by its certificate, and by nothing else")
+        if self.certified and self.not_certified:
+            raise ValueError("a leg with a certificate is certified")
         size = len(self.center)
         if (self.point is not None and len(self.point) != size) or len(self.enclosure.names) != size:
             raise ValueError("center, point and enclosure have not the same parameters")
@@ -136,6 +165,10 @@ class LegResult:
             raise ValueError("eps_lo, eps_hi, floor or seconds is no number that it can be")
         if min(self.nodes, self.programs, self.pending) < 0 or self.leg < 1:
             raise ValueError("a count or the leg's number is negative")
+
+    @property
+    def certified(self) -> bool:
+        return self.certificate is not None
 
     @property
     def not_refuted(self) -> bool:
@@ -167,9 +200,9 @@ class LegResult:
 class CampaignNote:
     """Which campaign a result is of: SHA-256 of its campaign.json, the robot's name, the number of measurements."""
 
-    sha256: str
-    robot: str
-    measurements: int
+    sha256: str = field(metadata=checked("campaign.json"))
+    robot: str = field(metadata=checked("campaign.json"))
+    measurements: int = field(metadata=checked("campaign.json"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,8 +216,8 @@ class Result:
     campaign: CampaignNote
     options: Options
     model: ModelNote = ModelNote()
-    version: str
-    interrupted: bool = False
+    version: str = field(metadata=INFORMED)
+    interrupted: bool = field(default=False, metadata=INFORMED)
     legs: tuple[LegResult, ...]
 
     def __post_init__(self) -> None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from cpcal.files.codec import load, save
+from cpcal.files.codec import INFORMED, checked, load, save
 from cpcal.results.options import Options
 from cpcal.results.result import CampaignNote, ModelNote
 
-FORMAT = "cpcal-robust/1"
+FORMAT = "cpcal-robust/2"
 ROBUST_NAME = "robust.json"
 MARGIN = 1e-5  # relative, below eps_hi: what is proved of every choice of outliers
 SMALLEST = 1e-9  # mm, likewise
@@ -28,17 +28,17 @@ class RobustLeg:
     `searches`: how many sets of measurements were looked at.
     """
 
-    leg: int
-    outliers: int
-    eps_lo: float
-    eps_hi: float
-    point: tuple[float, ...] | None
-    center: tuple[float, ...]
-    left_out: tuple[str, ...]
-    proofs: tuple[str, ...]
-    point_certificate: str | None
-    searches: int
-    seconds: float
+    leg: int = field(metadata=checked("the list of legs, and each certificate"))
+    outliers: int = field(metadata=checked("that of the whole"))
+    eps_lo: float = field(metadata=checked("the least bound of the proofs, which no choice spoils", "proofs"))
+    eps_hi: float = field(metadata=checked("the claim of the certificate of the point", "point_certificate"))
+    point: tuple[float, ...] | None = field(metadata=checked("the claim of its certificate", "point_certificate"))
+    center: tuple[float, ...] = field(metadata=checked("the box of each certificate", "proofs", "point_certificate"))
+    left_out: tuple[str, ...] = field(metadata=checked("the measurements of the certificate", "point_certificate"))
+    proofs: tuple[str, ...] = field(metadata=checked("files of the run, which are accepted"))
+    point_certificate: str | None = field(metadata=checked("a file of the run, which is accepted"))
+    searches: int = field(metadata=INFORMED)
+    seconds: float = field(metadata=INFORMED)
 
     @property
     def complete(self) -> bool:
@@ -60,8 +60,8 @@ class RobustResult:
     campaign: CampaignNote
     options: Options
     model: ModelNote
-    outliers: int
-    version: str
+    outliers: int = field(metadata=checked("what the proofs bear"))
+    version: str = field(metadata=INFORMED)
     legs: tuple[RobustLeg, ...]
 
 

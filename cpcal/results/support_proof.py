@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from cpcal.files.codec import checked
 
 
 @dataclass(frozen=True)
@@ -14,8 +16,8 @@ class SupportProof:
     Raises ValueError for a bound that says nothing.
     """
 
-    eps_lo: float
-    certificate: str
+    eps_lo: float = field(metadata=checked("the bound of the certificate, by the support alone"))
+    certificate: str = field(metadata=checked("a file of the run, which is accepted"))
 
     def __post_init__(self) -> None:
         if math.isnan(self.eps_lo) or self.eps_lo < 0.0:

@@ -29,11 +29,15 @@ ROUNDING = 1e-9  # by which monotone contractors may differ, relative to the box
 
 
 class Verdict(Enum):
-    """What is known of a statement. `UNKNOWN` is never reported as a proof."""
+    """What is known of a statement. `UNKNOWN` is never reported as a proof.
+
+    `NOT_CERTIFIED`: found with proof, but the certificate that was asked for does not hold it.
+    """
 
     PROVED = "proved"
     REFUTED = "refuted"
     UNKNOWN = "unknown"
+    NOT_CERTIFIED = "not certified"
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from cpcal.execution.stopping import heard
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import network_statement
-from cpcal.solver.certificate.recording import Recording, claims_of
+from cpcal.solver.certificate.recording import Recording
 from cpcal.solver.certificate.search_keeper import SearchKeeper
 from cpcal.solver.certificate.uncertified import certified
 from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
@@ -43,7 +43,6 @@ from cpcal.solver.existence import Inside, UniquenessProver
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.limits import Limits
 from cpcal.solver.network import ConstraintNetwork, Expr
-from cpcal.solver.network.checkpoint_of import checkpoint_of
 from cpcal.solver.network.divisions import with_products
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
 from cpcal.solver.questions import (
@@ -72,7 +71,7 @@ from cpcal.solver.search import (
     conclusion,
     spread_over,
 )
-from cpcal.solver.search.paving_checkpoint import PavingCheckpoint, raced
+from cpcal.solver.search.paving_checkpoint import PavingCheckpoint, checkpoint_of, raced
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -261,6 +260,7 @@ class Network(ConstraintNetwork):
         progress: Callable[[Bracket], None] | None = None,
         relax: float = 0.0,
         certificate: str | os.PathLike[str] | None = None,
+        about: str = "",
         workers: int | None = None,
         scheduler: str | None = None,
         executor: Executor | Client | None = None,
@@ -279,12 +279,14 @@ class Network(ConstraintNetwork):
         about the relaxed problem, whose lower bound is one of the problem itself too. 0 asks for exact equations: their
         solutions are proved to exist.
 
-        `certificate` names a file for the proof, which states the constraints exactly. The answer is then what the
+        `certificate` names a file for the proof, which states the constraints exactly, and `about` in words what they
+        are. The answer is then what the
         certificate proves, by the steps of contractors that give weights (lifted); what all contractors prove beyond
-        it is in `found`. `workers`, `scheduler`, `executor`, `checkpoint` and `resume` are as in `solve`; certificates
-        are the same, byte for byte. Constraints with readings or without polynomial form raise ModelError. Where it
-        cannot be written, or the checker would refuse it for its size, UncertifiedError is raised, whose `answer` is
-        what was found.
+        it is in `found`. It is checked before it is written. Where equations hold at no float64 point, it proves the
+        lower bound alone: the verdict is NOT_CERTIFIED then. `workers`, `scheduler`, `executor`, `checkpoint` and
+        `resume` are as in `solve`; certificates are the same, byte for byte. Constraints with readings or without
+        polynomial form raise ModelError. Where it cannot be written, or the checker would refuse it, UncertifiedError
+        is raised, whose `answer` is what was found.
         A contractor given as an object states the constraints of the network that it was built for: whoever passes it
         says that they hold here.
         """
@@ -301,7 +303,7 @@ class Network(ConstraintNetwork):
         first = None if start is None else start_point(network, start, len(self.names))
         options = (list(contractors), arithmetic, limit.gap, limit.gap_absolute, first, relax, exact)
         of = {} if checkpoint is None else checkpoint_of(network, options)
-        recorded = Recording(network_statement(stated, name), network.domain) if exact else nullcontext()
+        recorded = Recording(network_statement(stated, name, about), network.domain) if exact else nullcontext()
         with heard(), recorded as recording:
             keeper = SearchKeeper(None if checkpoint is None else Path(checkpoint), of, recording, resume=resume)
             before = keeper.resumed()
@@ -326,7 +328,7 @@ class Network(ConstraintNetwork):
             used = row_use(network, named[: len(contractors)], origin)
             found = replace(found, status=status, relax=float(relax), names=network.names, method=method, row_use=used)
             if certificate is not None and recording is not None:
-                found = certified(recording, certificate, claims_of(found, network.domain, name), found)
+                found = certified(recording, certificate, found, network.domain, name)
             keeper.done(found)
             return found
 

@@ -23,6 +23,7 @@ from cpcal.solver.interval.number import float_bounds
 from cpcal.solver.limits import Clock, Limits
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate
 from cpcal.solver.network.expression import as_expr
+from cpcal.solver.network.forms import check_powers
 from cpcal.solver.search import ORDERS, STRATEGIES, Contracting, Priority, WholeNumbers
 
 FINE_WIDTH = 1e-6  # of the boxes about single points
@@ -53,6 +54,7 @@ def with_objective(network: N, objective: Expr) -> tuple[N, str]:
     if not isinstance(objective, Expr) or objective.shape != () or objective.op in ("variable", "index"):
         return network, network.component(objective)
     network.check_owner(objective)
+    check_powers(network, [objective])
     bounds = evaluate(network, objective, network.domain)
     name = "objective"
     while any(leaf.name == name for leaf in network.variables):

@@ -42,9 +42,10 @@ def test_a_mutant_is_noticed_by_the_test_that_it_names_and_by_no_other(tree: Pat
     assert "x <= 1" in (tree / "room" / "ends.py").read_text()  # what was changed is a copy
 
 
-def test_what_never_ends_is_ended_and_noticed(tree: Path) -> None:
+def test_what_does_not_end_in_time_is_an_error_and_nothing_that_was_noticed(tree: Path) -> None:
     endless = replace(SMALLER, pattern="x > 9", replacement="x > -9 or True")
-    assert outcome(endless, tree, 5.0).noticed_by == "no end"
+    with pytest.raises(MutantError, match="an end is not compared: no end in 5 s"):
+        outcome(endless, tree, 5.0)
 
 
 @pytest.mark.parametrize(

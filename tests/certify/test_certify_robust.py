@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from itertools import combinations
+from itertools import combinations, count
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import cpcal
+from cpcal.certify import robust_leg
 from cpcal.certify.certify_robust import certify_robust
+from cpcal.checker import check
 from cpcal.checker.robust_claim import check_robust
 from cpcal.common.errors import InputError
 from cpcal.results.robust import load_robust
@@ -17,8 +20,8 @@ from cpcal.simulate import simulate
 from cpcal.solver.optimize.hitting import hitting_set
 
 
-def campaign(count, wrong, seed=1, error=3.0):
-    good = simulate(seed=seed, extremal=False, random_poses=count, factor=0.0, noise=0.02, joint_error=0.05)
+def campaign(measurements, wrong, seed=1, error=3.0):
+    good = simulate(seed=seed, extremal=False, random_poses=measurements, factor=0.0, noise=0.02, joint_error=0.05)
     length = good.length.copy()
     length[list(wrong), 0] += error * np.where(np.arange(len(wrong)) % 2, -1.0, 1.0)
     return cpcal.Campaign.of(good.robot, good.position, good.quaternion, length, pose=good.pose, exact=True)
@@ -37,6 +40,34 @@ def test_wrong_measurements_are_found_and_proved_with_certificates(wrong, tmp_pa
     assert checked.refused is None
     assert float(checked.lo) == leg.eps_lo
     assert float(checked.hi) == leg.eps_hi
+
+
+def asked_of(folder, **options):
+    """One leg of twelve measurements, the fourth of which is wrong."""
+    given = {"outliers": 1, "legs": (1,), "delta": 8.0, "center": "nominal", "certificates": folder}
+    (leg,) = certify_robust(campaign(12, (3,), error=0.3), **(given | options)).legs
+    return leg
+
+
+def test_the_weakest_of_the_proofs_is_the_bound(tmp_path, monkeypatch):
+    """A bad first guess is refuted at large errors too; the bound is what holds whichever measurement is wrong."""
+    usual = asked_of(tmp_path / "usual")
+    monkeypatch.setattr(robust_leg._Search, "guessed", lambda search, outliers: frozenset({0}))
+    leg = asked_of(tmp_path / "other")
+    levels = [check(tmp_path / "other" / name).claims.eps_lo for name in leg.proofs]
+    assert max(levels) > leg.eps_hi > leg.eps_lo == float(min(levels))
+    assert leg.eps_lo == pytest.approx(usual.eps_lo, rel=1e-4)
+
+
+def test_a_search_that_time_ended_states_no_bound_and_leaves_no_proofs(tmp_path, monkeypatch):
+    """Two searches at a second each, where three do not settle it."""
+    monkeypatch.setattr(robust_leg, "time", SimpleNamespace(monotonic=count(0.0).__next__))
+    leg = asked_of(tmp_path, time_limit=2.5)
+    assert leg.searches == 3
+    assert (leg.eps_lo, leg.proofs, leg.complete) == (0.0, (), False)
+    assert [path.name for path in tmp_path.glob("*.cert.jsonl")] == [leg.point_certificate]
+    (checked,) = check_robust(tmp_path)
+    assert (checked.refused, checked.lo, float(checked.hi)) == (None, None, leg.eps_hi)
 
 
 def test_the_bracket_is_that_of_the_best_choice_among_all():

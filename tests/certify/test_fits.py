@@ -31,7 +31,7 @@ def test_both_fits_are_judged_with_certificates(study, found, tmp_path):
         for leg in verified:
             assert leg.certificate == f"{name}.leg{leg.leg}.cert.jsonl"
             alone = cpcal.certify_point(found.campaign, leg.leg, fit.parameters[leg.leg - 1])
-            assert leg.verified == alone.verified
+            assert (leg.verified, leg.point) == (alone.verified, alone.point)
             assert leg.verified.verdict is cpcal.Verdict.REFUTED
             point = check(tmp_path / "fits" / leg.certificate).claims.point
             assert (len(point.holds), len(point.fails)) == (leg.verified.holds, leg.verified.fails)
@@ -42,9 +42,7 @@ def test_another_campaign_is_refused(study, found, tmp_path):
         certify_fits(cpcal.simulate(seed=2), recorded(study, found, factor=3.0), tmp_path)
 
 
-@pytest.mark.parametrize(
-    "data", [[], {}, {"format": "cpcal-fits/1"}, {"format": "cpcal-fits/2"}, {"format": "cpcal-fits/3"}]
-)
+@pytest.mark.parametrize("data", [[], {}, {"format": "cpcal-fits/2"}, {"format": "cpcal-fits/3"}])
 def test_a_garbled_file_is_refused(tmp_path, data):
     (tmp_path / "fits.json").write_text(json.dumps(data))
     with pytest.raises(cpcal.InputError, match=r"is not JSON|is not of format|lacks"):

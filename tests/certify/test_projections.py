@@ -92,7 +92,7 @@ def test_a_file_keeps_them_or_says_that_there_are_none(exact, tmp_path):
     cpcal.save_result(result, tmp_path, exact[0])
     assert cpcal.load_result(tmp_path).legs == result.legs
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
-    data["legs"][0]["projections"] = None
+    data["legs"][0]["information"]["projections"] = None
     (tmp_path / "result.json").write_text(json.dumps(data), encoding="utf-8")
     assert cpcal.load_result(tmp_path).legs[0].projections is None
 

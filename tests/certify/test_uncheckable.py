@@ -7,7 +7,7 @@ import cpcal
 from cpcal.certify.certified_ranges import with_ranges
 from cpcal.certify.certify_robust import certify_robust
 from cpcal.checker import certificate, check, check_run
-from cpcal.checker.files import Lines, work_of
+from cpcal.checker.files import Lines
 from cpcal.checker.robust_claim import check_robust
 from cpcal.cli import app
 from cpcal.common.errors import InputError
@@ -24,9 +24,8 @@ def campaign(request):
     return cpcal.simulate(seed=1, joint_error=1.0, factor=request.param, extremal=False, random_poses=12)
 
 
-def limited(monkeypatch, work, measurements=12):
-    """So much in all, what the measurements allow included."""
-    monkeypatch.setattr(affordable, "WORK", work - work_of(measurements))
+def limited(monkeypatch, work):
+    monkeypatch.setattr(affordable, "WORK", work)
 
 
 @pytest.mark.parametrize("method", ["bound", "timeout"])
@@ -104,7 +103,7 @@ def test_a_robust_bound_without_one_of_its_proofs_is_not_certified(campaign, tmp
 
 
 def test_of_a_network_it_is_an_error_that_says_what_to_do(tmp_path, monkeypatch):
-    limited(monkeypatch, 10, measurements=0)
+    limited(monkeypatch, 10)
     network = cpcal.Network("small")
     x = network.variable("x", domain=(-1, 2))
     network.add(x * x >= 1)

@@ -10,8 +10,11 @@ import pytest
 
 import cpcal
 from cpcal.certify.certify_robust import certify_robust
-from cpcal.checker import Refused
+from cpcal.checker import Refused, check
+from cpcal.checker.files import Budget
 from cpcal.checker.robust_claim import check_robust, meeting
+from cpcal.files import load_campaign_json
+from cpcal.results.robust import load_robust
 from cpcal.simulate import simulate
 
 
@@ -56,18 +59,18 @@ def _set(**values):
         (lambda v, leg: leg.update(eps_lo=leg["eps_lo"] * 1.001), "eps_lo"),
         (lambda v, leg: leg.update(eps_hi=leg["eps_hi"] * 0.999), "eps_hi"),
         (lambda v, leg: leg["proofs"].pop(), "could spoil all of its proofs"),
-        (lambda v, leg: leg.update(proofs=[leg["proofs"][0]] * 3), "could spoil all of its proofs"),
+        (lambda v, leg: leg.update(proofs=[leg["proofs"][0]] * 1000), "names a proof twice"),
         (lambda v, leg: leg["point"].__setitem__(0, leg["point"][0] + 1e-9), "point"),
         (lambda v, leg: leg.update(left_out=["r000/1"]), "measurements of the point"),
-        (lambda v, leg: leg.update(left_out=[*leg["left_out"], "r000/1"]), "measurements of the point"),
-        (lambda v, leg: leg.update(left_out=["nobody"]), "measurement left out"),
+        (lambda v, leg: leg.update(left_out=[*leg["left_out"], "r000/1"]), "more than may be wrong"),
+        (lambda v, leg: leg.update(left_out=["nobody"]), "a measurement that is none"),
         (lambda v, leg: leg["center"].__setitem__(0, leg["center"][0] + 1.0), "range of unknown 0"),
         (lambda v, leg: v["options"].update(delta=6.0), "range of unknown 0"),
-        (lambda v, leg: leg.update(leg=2), "leg"),
         (lambda v, leg: v["model"].update(name="gain"), "model"),
         (lambda v, leg: leg["proofs"].append(leg["point_certificate"]), "eps_lo"),
         (lambda v, leg: leg["proofs"].append("../leg1.point.cert.jsonl"), "names no certificate"),
         (lambda v, leg: leg.pop("point"), "lacks the key"),
+        (lambda v, leg: leg.update(center=None), "wrong kind"),
     ],
 )
 def test_whatever_says_more_is_refused(copy, change, said):
@@ -76,43 +79,118 @@ def test_whatever_says_more_is_refused(copy, change, said):
     assert said in leg.refused
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda v, leg: (v.update(outliers=2), leg.update(outliers=2)),  # the proofs are for one
-        lambda v, leg: leg.update(proofs=[]),  # the bound stands, and nothing is certified
-    ],
-)
-def test_proofs_for_fewer_outliers_prove_nothing_for_more(copy, change):
-    (leg,) = changed(copy, change)
-    assert leg.refused is not None or leg.lo is None
+def test_proofs_for_one_outlier_prove_nothing_for_two(copy):
+    (leg,) = changed(copy, lambda v, leg: (v.update(outliers=2), leg.update(outliers=2)))
+    assert leg.refused == "states a bound, but so many wrong measurements could spoil all of its proofs"
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "said"),
     [
-        lambda v, leg: v["campaign"].update(sha256="0" * 64),
-        lambda v, leg: v["campaign"].update(measurements=15),
-        lambda v, leg: v.update(outliers=True),
-        lambda v, leg: v.update(outliers=0),
-        lambda v, leg: v["legs"].append(leg),
-        lambda v, leg: v.update(format="cpcal-robust/2"),
+        (lambda v, leg: v["campaign"].update(sha256="0" * 64), "another campaign SHA-256"),
+        (lambda v, leg: v["campaign"].update(measurements=15), "another number of measurements"),
+        (lambda v, leg: v.update(outliers=True), "another number of outliers"),
+        (lambda v, leg: v.update(outliers=0), "another number of outliers"),
+        (lambda v, leg: v["legs"].append(leg), "another list of legs"),
+        (lambda v, leg: v.update(format="cpcal-robust/1"), "another format"),
+        (lambda v, leg: v["campaign"].update(robot="another"), "another name of the robot"),
+        (lambda v, leg: v["options"].update(legs=[1, 2]), "another list of legs"),
+        (lambda v, leg: v["options"].update(eps=0.1), "another eps asked about"),
+        (lambda v, leg: v["model"].update(name="pl\u0430in"), "ASCII identifier"),
+        (lambda v, leg: leg.update(leg=2), "another list of legs"),
     ],
 )
-def test_a_claim_that_is_not_of_this_campaign_is_refused_as_a_whole(copy, change):
-    with pytest.raises(Refused):
+def test_a_claim_that_is_not_of_this_campaign_is_refused_as_a_whole(copy, change, said):
+    with pytest.raises(Refused, match=rf"robust\.json .*{said}"):
         changed(copy, change)
 
 
-def test_a_damaged_certificate_is_refused(copy):
+@pytest.mark.parametrize(
+    ("proof", "numbers"), [("proofs", {"eps_lo": 50.0}), ("point_certificate", {"eps_hi": 1e-9, "left_out": []})]
+)
+def test_a_number_without_its_proof_is_refused(copy, proof, numbers):
+    for path in copy.glob("leg1.0*.cert.jsonl" if proof == "proofs" else "leg1.point.cert.jsonl"):
+        path.unlink()
+    (leg,) = changed(copy, lambda v, leg: leg.update({**numbers, proof: [] if proof == "proofs" else None}))
+    assert f"states {next(iter(numbers))} without a proof" in leg.refused
+    with pytest.raises(cpcal.InputError, match="without a proof"):
+        load_robust(copy)
+
+
+def test_a_damaged_certificate_is_refused_with_its_line(copy):
     path = next(copy.glob("leg1.0*.cert.jsonl"))
-    path.write_text(path.read_text()[:-200])
+    text = path.read_text()
+    path.write_text(text[:-200])
     (leg,) = check_robust(copy)
-    assert leg.refused is not None
+    assert leg.refused.startswith(f"line {text.count(chr(10))}: is not JSON of this format")
+
+
+@pytest.mark.parametrize(
+    "names", [[("bad", "1")] * 10, [("a", "b/c"), ("a/b", "c")]], ids=["ten times", "by its sign /"]
+)
+def test_measurements_that_share_a_name_are_refused_by_every_reader(copy, names, tmp_path):
+    """Ten wrong readings with one name were once left out as one."""
+    path = copy / "campaign.json"
+    value = json.loads(path.read_text())
+    for row, name in zip(value["measurements"], names):  # noqa: B905 - the others keep theirs
+        row[:2] = name
+    path.write_text(json.dumps(value))
+    shared = "/".join(names[0])
+    with pytest.raises(Refused, match=f"two measurements have the name '{shared}'") as caught:
+        check_robust(copy)
+    assert (caught.value.code, caught.value.line) == ("campaign", 0)
+    said = "is given 10 times" if len(names) > 2 else "'b/c' cannot be a name"
+    with pytest.raises(cpcal.InputError, match=said):
+        load_campaign_json(path)
+    made = simulate(seed=1, extremal=False, random_poses=14)
+    pose, run = (tuple(row[side] for row in value["measurements"]) for side in (0, 1))
+    with pytest.raises(cpcal.InputError, match=said):
+        cpcal.Campaign.of(made.robot, made.position, made.quaternion, made.length, pose=pose, run=run, exact=True)
+    cpcal.save_campaign(made, tmp_path / "campaign")
+    table = tmp_path / "campaign" / "measurements.csv"
+    head, *rows = table.read_text().splitlines()
+    rows = [",".join([*name, *row.split(",")[2:]]) for name, row in zip(zip(pose, run, strict=True), rows, strict=True)]
+    table.write_text("\n".join([head, *rows]) + "\n")
+    with pytest.raises(
+        cpcal.InputError,
+        match="pose 'bad' run '1' was given on line 2 already"
+        if len(names) > 2
+        else "'b/c' cannot be the name of a run",
+    ):
+        cpcal.load_campaign(tmp_path / "campaign")
+
+
+def test_proofs_that_take_long_to_meet_are_refused_within_the_budget():
+    """Four hundred sets of forty numbers, of which any twelve may be wrong, took a minute at a limit of tries."""
+    rng, budget = np.random.default_rng(1), Budget(2_000_000)
+    family = [frozenset(rng.choice(400, 40, replace=False).tolist()) for _ in range(400)]
+    with pytest.raises(Refused, match="more work than the 2000000") as caught:
+        meeting(family, 12, budget.spend)
+    assert caught.value.code == "limit"
+
+
+def test_all_certificates_of_a_claim_have_one_budget(good):
+    """What suffices for all but the last unit of work refuses the claim, and names no other reason."""
+    spent = []
+
+    def refused(work):
+        (leg,) = check_robust(good, work=work)
+        spent.append(leg.refused)
+        return leg.refused is not None
+
+    low, high = 0, 1 << 24
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if refused(middle) else (low, middle)
+    assert not refused(high)
+    refused(high - 1)
+    assert f"the check takes more work than the {high - 1} that it may cost" in spent[-1]
+    for path in good.glob("*.cert.jsonl"):  # each by itself takes less
+        check(path, work=high - 1)
 
 
 def test_what_meets_all_proofs_is_found_exactly():
-    rng = np.random.default_rng(3)
+    rng, spent = np.random.default_rng(3), []
     for _ in range(200):
         family = [
             frozenset(rng.choice(7, rng.integers(1, 4), replace=False).tolist()) for _ in range(rng.integers(1, 6))
@@ -123,4 +201,4 @@ def test_what_meets_all_proofs_is_found_exactly():
             expected = any(
                 all(set(c) & one for one in family) for n in range(most + 1) for c in combinations(range(7), n)
             )
-            assert meeting(family, most) == expected
+            assert meeting(family, most, spent.append) == expected

@@ -52,8 +52,13 @@ TAMPERED = {
     ),
     "a larger box": lambda data: data["options"].update(delta=100.0),
     "another text of a model": lambda data: data["models"].update(plain="proved to be right"),
-    "nothing said of what is determined": entries(lambda e: e[0].update(determination=None)),
-    "a parameter called undetermined": entries(lambda e: e[0]["determination"].update(undetermined=["l"])),
+    "nothing said of what is determined": entries(lambda e: e[0]["information"].update(determination=None)),
+    "a parameter called undetermined": entries(
+        lambda e: e[0]["information"]["determination"].update(undetermined=["l"])
+    ),
+    "an entry left out": entries(list.pop),
+    "an entry that is there twice": entries(lambda e: e.append(e[0])),
+    "numbers without a certificate": entries(lambda e: e[0].update(certificate=None)),
 }
 
 

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
+from tests.checker.forged.test_checker_run import uncertified
 
 SMALL = {"joint_error": 10.0, "factor": 0.0, "extremal": False, "random_poses": 12}
 Tamper = Callable[[Path], None]
@@ -65,6 +66,11 @@ def leg(**changes: Any) -> Tamper:
             first[name] = value(first[name]) if callable(value) else value
 
     return stated(change)
+
+
+def told(**changes: Any) -> Tamper:
+    """The same of the information on the first leg."""
+    return leg(information=lambda old: old | {k: v(old[k]) if callable(v) else v for k, v in changes.items()})
 
 
 def text(name: str, change: Callable[[str], str]) -> Tamper:
@@ -146,17 +152,15 @@ TAMPERED: dict[str, Tamper] = {
     "the enclosure is empty": leg(enclosure=lambda box: box | {"lo": None, "hi": None}),
     "the enclosure's parameters trade places": leg(enclosure=lambda box: box | {"names": box["names"][::-1]}),
     "the verdict is refuted": leg(status="refuted"),
-    "the support has an unknown measurement": leg(support=lambda ids: [*ids, "none/1"]),
-    "the support names one twice": leg(support=lambda ids: [*ids, ids[0]]),
+    "the support has an unknown measurement": told(support=lambda ids: [*ids, "none/1"]),
+    "the support names one twice": told(support=lambda ids: [*ids, ids[0]]),
     "the certificate is called otherwise": leg(certificate="leg3.cert.jsonl"),
     "the certificate is that of the other leg": leg(certificate="leg2.cert.jsonl"),
     "the certificate is outside": leg(certificate="../run/leg1.cert.jsonl"),
     "the certificate is called nothing": leg(certificate=None),
-    "certified without a certificate": leg(certificate=None, certified=True),
-    "not certified, with a certificate beside it": leg(
-        certificate=None, certified=False, not_certified="the search was interrupted"
-    ),
-    "not certified, but named": leg(certified=False),
+    "numbers without a certificate": lambda run: leg(certificate=None)(run) or (run / FIRST).unlink(),
+    "not certified, with a certificate beside it": stated(lambda data: uncertified(data["legs"][0])),
+    "certified, but with a reason not to be": told(not_certified="the search was interrupted"),
     "the leg is the third": leg(leg=3),
     "the leg is the second": leg(leg=2),
     "a leg is left out": stated(lambda data: data["legs"].pop()),
@@ -164,11 +168,13 @@ TAMPERED: dict[str, Tamper] = {
     "no legs at all": stated(lambda data: data["legs"].clear()),
     "the box was larger": stated(lambda data: data["options"].update(delta=4.0)),
     "the box was a little larger": stated(lambda data: data["options"].update(delta=2.001)),
-    "the center is called nominal": stated(lambda data: data["options"].update(center="nominal")),
+    "the center is called nominal": stated(lambda data: data["options"]["information"].update(center="nominal")),
     "an eps was asked for": stated(lambda data: data["options"].update(eps=0.1)),
     "all legs were asked for": stated(lambda data: data["options"].update(legs=None)),
-    "the method was the paper's": stated(lambda data: data["options"].update(method="timeout", time_limit=60.0)),
-    "the gap is narrower than the bracket": stated(lambda data: data["options"].update(gap=0.0)),
+    "the method was the paper's": stated(
+        lambda data: data["options"]["information"].update(method="timeout", time_limit=60.0)
+    ),
+    "the gap is narrower than the bracket": stated(lambda data: data["options"]["information"].update(gap=0.0)),
     "another campaign's digest": stated(lambda data: data["campaign"].update(sha256="0" * 64)),
     "another robot": stated(lambda data: data["campaign"].update(robot="R2")),
     "more measurements": stated(lambda data: data["campaign"].update(measurements=13)),
@@ -176,13 +182,14 @@ TAMPERED: dict[str, Tamper] = {
     "a parameter more": stated(
         lambda data: data["model"]["parameters"].append({"name": "s", "unit": "", "half_width": 1.0})
     ),
-    "another text of the model": stated(lambda data: data["model"].update(summary="proved to be right")),
-    "a parameter is called undetermined": leg(determination=lambda old: old | {"rank": 6, "undetermined": ["l"]}),
-    "nothing is said of what is determined": leg(determination=None),
+    "a text of the model": stated(lambda data: data["model"].update(summary="proved to be right")),
+    "a model of other letters": stated(lambda data: data["model"].update(name="pl\u0430in")),
+    "a parameter is called undetermined": told(determination=lambda old: old | {"rank": 6, "undetermined": ["l"]}),
+    "nothing is said of what is determined": told(determination=None),
     "a sentence of one's own": leg(sentence="Both bounds are proved by somebody else."),
-    "a reason of one's own": leg(not_certified="because it is proved otherwise"),
+    "a reason of one's own": told(not_certified="because it is proved otherwise"),
     "the second-order effect is called large": lambda run: (
-        stated(lambda data: data["options"].update(gap=0.0))(run) or leg(floor=1e9)(run)
+        stated(lambda data: data["options"]["information"].update(gap=0.0))(run) or told(floor=1e9)(run)
     ),
     "a certificate is gone": lambda run: (run / FIRST).unlink(),
     "all certificates are gone": emptied,
@@ -256,7 +263,8 @@ def test_what_is_missing_is_unusable_not_refused(run: Path, missing: str) -> Non
 
 
 def test_a_leg_that_is_not_certified_is_named(run: Path) -> None:
-    leg(certificate=None, certified=False, not_certified="the search was interrupted")(run)
+    stated(lambda data: uncertified(data["legs"][0]))(run)
+    told(not_certified="the search was interrupted")(run)
     (run / FIRST).unlink()
     done = verify(run)
     assert done.exit_code == 0

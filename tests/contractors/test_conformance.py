@@ -231,6 +231,7 @@ BROKEN = {
     "rename": (spoilt(rename), "never_widens"),
     "fill": (spoilt(fill), "keeps_empty"),
     "prefer small": (spoilt(prefer_small), "is_monotone"),
+    "lose parts": (spoilt(halve_smaller, monotone_tolerance=np.inf), "is_monotone"),
     "promise": (HC4, "is_idempotent_if_promised"),
     "no promise": (spoilt(lambda box, result: result, idempotent=None), "is_idempotent_if_promised"),
     "waver": (spoilt(waver), "is_deterministic"),

@@ -38,9 +38,11 @@ def test_sampled_solutions_are_enclosed(method: str, engine: str, seed: int) -> 
     right = np.einsum("kij,kj->ki", samples, x)
     room = 1e-12 * (1 + np.abs(right).max())  # of the product above
     enclosure = METHODS[method](matrix, IntervalArray(right.min(0) - room, right.max(0) + room), get_arithmetic(engine))
-    if enclosure is not None:
-        assert (enclosure.lo <= x).all()
-        assert (x <= enclosure.hi).all()
+    if enclosure is None:  # honest only where the matrices may come near a singular one
+        assert size * m * n * np.linalg.norm(np.linalg.pinv(center), 2) > 0.1
+        return
+    assert (enclosure.lo <= x).all()
+    assert (x <= enclosure.hi).all()
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from cpcal.solver.contract import Verdict
 
@@ -15,6 +17,7 @@ results_: Any = pytest.importorskip("pyomo.contrib.solver.common.results")
 errors_: Any = pytest.importorskip("pyomo.common.errors")
 
 from cpcal.checker.certificate import check  # noqa: E402
+from cpcal.cli.app import app  # noqa: E402
 from cpcal.problems import pyomo_solver  # noqa: E402
 
 
@@ -118,3 +121,53 @@ def test_variables_stand_in_exponents_too() -> None:
     least = float((x + (np.log(4) / np.log(x)) ** 1.5).min())
     assert results.objective_bound <= least
     assert results.incumbent_objective <= least * (1 + 2e-3)
+
+
+def test_rows_that_overflow_prove_nothing(tmp_path: Path) -> None:
+    """By the command line, too: exp(x) >= 1e300 and x^2 <= 1 have no solution in (0, 2000)."""
+    m = pyo.ConcreteModel()
+    m.x = pyo.Var(bounds=(0, 2000))
+    m.rows = pyo.ConstraintList()
+    m.rows.add(pyo.exp(m.x) >= 1e300)
+    m.rows.add(m.x**2 <= 1)
+    m.goal = pyo.Objective(expr=m.x)
+    found = solver().solve(m, raise_exception_on_nonoptimal_result=False, load_solutions=False)
+    assert found.termination_condition is results_.TerminationCondition.provenInfeasible
+    text = "Variables\nx in [0, 2000];\nMinimize\nx;\nConstraints\nexp(x) >= 1e300;\nx^2 <= 1;\nend\n"
+    (tmp_path / "p.bch").write_text(text)
+    run = CliRunner().invoke(app, ["solve", str(tmp_path / "p.bch"), "-o", str(tmp_path / "p.json")])
+    assert run.exit_code == 0, run.output
+    assert json.loads((tmp_path / "p.json").read_text())["verdict"] == "infeasible"
+
+
+def test_an_optimum_of_equations_with_a_certificate_is_not_certified(tmp_path: Path) -> None:
+    m = pyo.ConcreteModel()
+    m.x, m.y = pyo.Var(bounds=(-3, 3)), pyo.Var(bounds=(-3, 3))
+    m.circle = pyo.Constraint(expr=m.x**2 + m.y**2 == 4)
+    m.goal = pyo.Objective(expr=m.x + 2 * m.y)
+    results = solver(certificate=str(tmp_path / "m")).solve(m)
+    assert results.extra_info.verdict == "not certified"
+    assert "not certified" in results.extra_info.sentence
+    assert results.incumbent_objective == pytest.approx(-(20**0.5), abs=1e-4)
+    text = "Variables\nx in [-3, 3];\ny in [-3, 3];\nMinimize\nx + 2*y;\nConstraints\nx^2 + y^2 = 4;\nend\n"
+    (tmp_path / "p.bch").write_text(text)
+    files = ["-o", str(tmp_path / "p.sol"), "--certificate", str(tmp_path / "c.jsonl")]
+    run = CliRunner().invoke(app, ["solve", str(tmp_path / "p.bch"), *files])
+    assert run.exit_code == 1, run.output
+    assert "not certified" in run.output
+    assert (tmp_path / "p.sol").read_text().endswith("objno 0 100\n")
+    for file in ("m", "c.jsonl"):
+        assert check(tmp_path / file).claims.eps_hi is None
+
+
+def test_an_exponent_that_is_an_interval_of_one_number_is_that_number(tmp_path: Path) -> None:
+    text = "Variables\nx in [-3, -1];\nConstraints\nx^[{}] = 4;\nend\n"
+    (tmp_path / "two.bch").write_text(text.format("2, 2"))
+    (tmp_path / "some.bch").write_text(text.format("1.5, 2.5"))
+    runs = [
+        CliRunner().invoke(app, ["solve", str(tmp_path / f"{name}.bch"), "-o", str(tmp_path / "out.json")])
+        for name in ("two", "some")
+    ]
+    assert "1 box holds exactly one solution" in runs[0].output
+    assert runs[1].exit_code == 2
+    assert "may be a whole power of a negative number" in " ".join(runs[1].output.split())

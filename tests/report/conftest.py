@@ -140,8 +140,10 @@ def study():
 
     def verified(name, solutions):
         legs = [(k, (64, 0) if k in solutions else (12, 51)) for k in range(1, 7)]
+        values = getattr(record, name).values
         return tuple(
-            VerifiedFit(k, cpcal.VerifiedPoint(0.0, *counts, 64), f"{name}.leg{k}.cert.jsonl") for k, counts in legs
+            VerifiedFit(k, tuple(values[k - 1]), cpcal.VerifiedPoint(0.0, *counts, 64), f"{name}.leg{k}.cert.jsonl")
+            for k, counts in legs
         )
 
     fits = CertifiedFits(campaign_sha256(campaign), verified("x_c", ()), verified("x_c_sigma", (6,)))

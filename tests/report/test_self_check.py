@@ -5,6 +5,7 @@ import hashlib
 import json
 import re
 import zlib
+from dataclasses import replace
 from decimal import Decimal
 from html.parser import HTMLParser
 from importlib.resources import files
@@ -13,9 +14,11 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
+from cpcal.checker import Refused, check
 from cpcal.cli import app
 from cpcal.common.numbers import plain_gap
 from cpcal.files import save_campaign_json
+from cpcal.report import leg_sentence
 from cpcal.report.page import render
 
 mini_racer = pytest.importorskip("py_mini_racer", reason="mini-racer is not installed (pip install 'cpcal[test]')")
@@ -24,7 +27,7 @@ DRIVER = """
 const bytesOf = text => Uint8Array.from(text, c => c.charCodeAt(0));
 function told(campaign, certificates, shown) {
   const found = judged(bytesOf(campaign), certificates.map(c => ({...c, bytes: bytesOf(c.content)})), shown);
-  return {faults: found.faults, refused: found.proofs.map(p => p.refused)};
+  return {faults: found.faults, refused: found.proofs.map(p => p.refused), marks: found.marks, own: found.own};
 }
 """
 FREE = ("box", "count")  # need no certificate: half-width as printed, measurements of the campaign in the page
@@ -119,6 +122,52 @@ def test_an_untouched_page_agrees_with_its_certificates(engine, runs, campaign, 
     assert [(n, f) for n, f in zip(page.shown, found["faults"], strict=True) if f != ""] == []
     assert set(found["refused"]) == {""}
     assert len(page.shown) > (40 if name == "mid" else 5)
+
+
+OWN = cpcal.LegModel("own", "proved to be right", (cpcal.Parameter("k", "1", 0.05),), lambda m, x: m.length * x["k"])
+
+
+@pytest.mark.parametrize("tolerance", [None, 5.0, 0.01])
+def test_nothing_of_a_model_that_the_checker_does_not_know_is_green(engine, campaign, tmp_path, tolerance):
+    found = cpcal.certify(campaign, legs=[1], delta=4.0, certificates=tmp_path, model=OWN, tolerance=tolerance)
+    cpcal.save_result(found, tmp_path)
+    done = CliRunner().invoke(app, ["verify", str(tmp_path)])
+    assert (done.exit_code, "which were not compared with the campaign" in done.output) == (0, True), done.output
+    assert CliRunner().invoke(app, ["report", str(tmp_path)]).exit_code == 0
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert text.count("which were not compared with the campaign") >= 3  # above all, of the model, and of the leg
+    assert not re.search('class="verdict[^"]*(explained|bounded)"', text.replace("unexplained", ""))
+    assert "proved to be right" not in text  # a formula that nobody compared
+    assert "‖P + R b − a‖ =" not in text
+    assert "not compared with the campaign" in leg_sentence(found, found.legs[0])
+    page = Page(text)
+    told, words = judged(engine, page), {number["text"] for number in texts(page, "verdict")}
+    assert {None: "not compared", 5.0: "not compared", 0.01: "fail"}[tolerance] in words
+    assert told["own"] == ["1"]
+    assert not any(told["faults"])
+    good = {number["claim"] for number, mark in zip(page.shown, told["marks"], strict=True) if mark == "good"}
+    assert good <= {"campaign", "count", "box", "tolerance"}
+    assert "own" in told["marks"]
+
+
+def test_a_model_that_looks_like_one_of_ours_is_refused_wherever_its_name_comes_in(engine, campaign, tmp_path):
+    """One letter of it is Cyrillic, or large; its one constraint is invented."""
+    found = cpcal.certify(campaign, legs=[1], delta=4.0, certificates=tmp_path, model=OWN)
+    cpcal.save_result(found, tmp_path)
+    page, path = Page(render(campaign, found, run=tmp_path)), tmp_path / "leg1.cert.jsonl"
+    files = {file: file.read_text(encoding="utf-8") for file in (path, tmp_path / "result.json")}
+    for name, reason in (("pl\u0430in", "ASCII identifier"), ("Plain", "none of cpcal's"), ("gain", "one of cpcal's")):
+        with pytest.raises(cpcal.InputError, match=r"is no ASCII identifier|is the name of a model of cpcal"):
+            cpcal.certify(campaign, legs=[1], model=replace(OWN, name=name))
+        for file, text in files.items():
+            file.write_text(text.replace("model own", f"model {name}").replace('"own"', f'"{name}"'), encoding="utf-8")
+        done = CliRunner().invoke(app, ["verify", str(tmp_path)])
+        assert done.exit_code == 1
+        assert "REFUSED" in done.output
+        with pytest.raises(Refused, match=reason):
+            check(path)
+        certificate = {"leg": 1, "kind": "bracket", "name": path.name, "content": path.read_bytes().decode("latin-1")}
+        assert "is of another leg or campaign" in judged(engine, page, certificates=[certificate])["refused"][0]
 
 
 def test_every_number_edited_is_found(engine, runs, campaign):

@@ -174,8 +174,9 @@ def test_an_error_that_was_asked_about_says_nothing_of_smaller_ones():
 def test_every_kind_has_a_word_and_a_colour_of_its_own():
     kinds = [kind.kind for kind in (Explained, Unexplained, Bounded, Undecided, Undetermined)]
     assert len(set(kinds)) == 5
-    assert set(STYLES) == set(kinds)
-    assert len(set(STYLES.values())) == 5
+    assert set(STYLES) == {*kinds, "uncompared"}
+    assert len({STYLES[kind] for kind in kinds}) == 5
+    assert STYLES["uncompared"] != STYLES["explained"]
     found = [
         judged(0.0, 1.0, tolerance=2.0),
         judged(3.0, 4.0, tolerance=2.0),

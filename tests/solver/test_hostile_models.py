@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import math
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
 import cpcal
+from cpcal.checker import check
 from cpcal.common.errors import ModelError
+from cpcal.solver.certificate import uncertified
+from cpcal.solver.certificate.recording import claims_of
 from cpcal.solver.contract import Verdict
-from cpcal.solver.interval import Interval, get_arithmetic
+from cpcal.solver.existence import Inside, highest, upper_ends
+from cpcal.solver.interval import Box, Interval, IntervalArray, get_arithmetic
 from cpcal.solver.limits import Limits
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize.equations import Equations
 from cpcal.solver.optimize.local_search import LocalSearch
+from cpcal.solver.optimize.witness import WitnessProver
 
 
 def test_points_of_whole_numbers_that_solve_nothing_are_not_kept() -> None:
@@ -124,3 +135,156 @@ def test_reductions_are_those_of_numpy() -> None:
             found = cpcal.evaluate(net, function(v, axis=axis), point)
             assert np.allclose(found.lo, function(at, axis=axis), rtol=1e-12)
             assert (found.lo <= found.hi).all()
+
+
+# numbers that overflow --------------------------------------------------------------------------------------
+
+
+def overflowing() -> tuple[cpcal.Network, cpcal.Network]:
+    """Without a solution; at the points that fits propose a row is inf - inf."""
+    one, two = cpcal.Network(), cpcal.Network()
+    x, y = one.variable("x", domain=(0, 1e200)), two.variable("x", domain=(0, 2000))
+    one.add([x * x >= 1, x <= 2, x >= 3])
+    two.add([cpcal.exp(y) >= 1e300, y * y <= 1])
+    return one, two
+
+
+@pytest.mark.parametrize("arithmetic", ["float64", "arb"])
+def test_a_row_that_overflows_accepts_no_other_row(arithmetic: str) -> None:
+    for net in overflowing():
+        best = net.minimize(net.variables[0], arithmetic=arithmetic)
+        assert best.verdict is Verdict.REFUTED
+        assert best.witness is None
+        for x in (0.0, 2.0, 1000.0, 5e199):
+            prover = WitnessProver(net, 0, get_arithmetic(arithmetic))
+            assert prover.prove(np.array([min(x, net.domain.hi[0])])) is None
+            assert not Inside(net, get_arithmetic(arithmetic))(Box(net.names, [min(x, 2000.0)], [min(x, 2000.0)]))
+
+
+def test_no_number_is_the_highest_of_several() -> None:
+    """inf - inf is NaN, and max(-inf, nan) is -inf."""
+    for hi in ([np.nan, -1.0], [-1.0, np.nan]):
+        assert highest(IntervalArray(np.full(2, -np.inf), np.array(hi))) == np.inf
+    assert upper_ends(IntervalArray(np.full(1, -np.inf), np.full(1, np.nan)), 1) == np.inf
+
+
+def test_a_bound_that_is_not_there_asks_for_a_definition_alone() -> None:
+    net = cpcal.Network()
+    x = net.variable("x", domain=(-4, 4))
+    both: Any = np.stack([cpcal.sqrt(x), x])
+    net.add(both.within((-np.inf, np.array([np.inf, 1.0]))))
+    inside, prover = Inside(net, get_arithmetic("float64")), WitnessProver(net, 0, get_arithmetic("float64"))
+    for point, good in ((-1.0, False), (0.5, True), (2.0, False)):
+        assert inside(Box(net.names, [point], [point])) is good
+        assert (prover.prove(np.array([point])) is not None) is good
+
+
+def test_products_that_are_too_small_on_the_way_are_not_lost() -> None:
+    """1e-200 * 1e-200 * 1e300 is 1e-100, not 0; so is 1e-310 * 1e300 not nothing. Both bounds hold at the point."""
+    for coefficient, at in ((1e100, (1e-200, 1e-200, 1e300)), (1e-310, (1.0, 1.0, 1e300))):
+        net = cpcal.Network()
+        x = net.variable("x", 3, (np.zeros(3), 2.0 * np.array(at)))
+        body = coefficient * (x[0] * x[1] * x[2])
+        value = cpcal.evaluate(net, body, Box(net.names, np.array(at), np.array(at)), arithmetic="arb")
+        net.add(body.within((float(value.lo), float(value.hi))))
+        assert at in net.contract(contractors=["lifted"]).box
+        assert any(at in s.box for s in net.solve(limits=Limits(nodes=50)).solutions)
+
+
+# powers -----------------------------------------------------------------------------------------------------
+
+WHOLE = (Fraction(2), Decimal(2), np.array(2), cpcal.Interval(2, 2), np.float32(2), np.array([2]), 2, 2.0)
+
+
+@pytest.mark.parametrize("exponent", WHOLE, ids=lambda e: f"{type(e).__name__} {e}")
+def test_a_whole_exponent_is_a_whole_power_whatever_its_type(exponent: object) -> None:
+    net = cpcal.Network()
+    x = net.variable("x", domain=(-3, -1))
+    net.add(x**exponent == 4)  # type: ignore[operator]
+    (solution,) = net.solve().solutions
+    assert solution.verdict is Verdict.PROVED
+    assert -2.0 in solution.box["x"]
+
+
+def test_every_element_of_an_array_of_exponents_means_its_own_power() -> None:
+    net = cpcal.Network()
+    x = net.variable("x", 4, ([-3, -3, -3, 1], [-1, -1, -1, 9]))
+    net.add(np.power(x, [2, 3, Fraction(-1), 0.5]) == [4, -8, -0.5, 2])
+    assert [-2.0, -2.0, -2.0, 4.0] in net.contract().box
+    y = net.variable("y", domain=(-3, -1))
+    net.add(y ** np.array([2, 4]) == [4, 16])  # broadcasts
+    assert len(net.solve().solutions) == 1
+
+
+@pytest.mark.parametrize("exponent", [cpcal.Interval(1.5, 2.5), 10**30, "fixed", "whole", "half of a whole one"])
+def test_an_exponent_that_may_be_whole_is_refused_where_the_base_may_be_negative(exponent: object) -> None:
+    net = cpcal.Network()
+    x, positive = net.variable("x", domain=(-3, -1)), net.variable("p", domain=(1, 2))
+    n = net.variable("n", domain=(2, 2) if exponent == "fixed" else (1, 4), integer=exponent != "fixed")
+    given = {"fixed": n, "whole": n, "half of a whole one": 0.5 * n}.get(str(exponent), exponent)
+    with pytest.raises(ModelError, match="may be a whole power of a negative number, but its exponent is no known"):
+        net.add(x**given <= 9)  # type: ignore[operator]
+    with pytest.raises(ModelError, match="may be a whole power of a negative number"):
+        net.minimize(x**given)  # type: ignore[operator]
+    net.add(positive**given <= 2)  # type: ignore[operator]
+    net.add(x ** net.variable("y", domain=(-9, 9)) <= 9)  # exp(y log x), where x > 0
+    with pytest.raises(ModelError, match=r"whole ones are less than 2\^31"):
+        x**2.0**40
+
+
+# certificates of equations ----------------------------------------------------------------------------------
+
+
+def test_a_solution_of_equations_is_not_certified_and_the_answer_says_so(tmp_path: Path) -> None:
+    net = cpcal.Network()
+    x = net.variable("x", 2, domain=(-3, 3))
+    net.add(x[0] ** 2 + x[1] ** 2 == 4)
+    best = net.minimize(x[0] + 2 * x[1], certificate=tmp_path / "c")
+    assert best.verdict is Verdict.NOT_CERTIFIED
+    assert best.status.startswith("The gap is closed, but not certified: the certificate proves the bound, not the")
+    assert best.lo <= -2.0 * math.sqrt(5.0) <= best.hi <= best.lo + 1e-5
+    claims = check(tmp_path / "c").claims
+    assert claims.eps_lo is not None
+    assert float(claims.eps_lo) == best.lo
+    assert claims.point is claims.eps_hi is None
+    few = Limits(nodes=0)
+    stopped = net.minimize(x[0] + 2 * x[1], certificate=tmp_path / "s", start=[-0.9, -1.8], limits=few)
+    assert stopped.verdict is Verdict.UNKNOWN
+    assert "Not certified" in stopped.status
+    assert check(tmp_path / "s").claims.point is None
+
+
+def test_a_solution_of_equations_that_is_exact_is_certified(tmp_path: Path) -> None:
+    net = cpcal.Network()
+    x = net.variable("x", 2, domain=(0, 3))
+    net.add(x[0] + x[1] == 2)
+    best = net.minimize(x[0] + 2 * x[1], certificate=tmp_path / "c")
+    assert best.verdict is Verdict.PROVED
+    assert 2.0 <= float(check(tmp_path / "c").claims.eps_hi or 0) < 2.0 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("lowest", "degree", "why"), [(-np.inf, 2, "bounded box: give t a finite"), (-9, 9, "of degree at most 8")]
+)
+def test_what_no_certificate_can_state_is_refused_before_the_work(
+    tmp_path: Path, lowest: float, degree: int, why: str
+) -> None:
+    net = cpcal.Network()
+    x, t = net.variable("x", domain=(0, 2)), net.variable("t", domain=(lowest, 9))
+    net.add(x**degree <= t)
+    with pytest.raises(ModelError, match=why):
+        net.minimize(t, certificate=tmp_path / "c")
+
+
+def test_a_certificate_that_the_checker_refuses_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is wrong with it: here an enclosure that nothing proves."""
+    net = cpcal.Network()
+    x = net.variable("x", domain=(-2, 2))
+    net.add(x * x >= 1)
+    false = {"enclosure": {"lo": ["0x1p+0"], "hi": ["0x1p+0"]}}
+    monkeypatch.setattr(uncertified, "claims_of", lambda *args: claims_of(*args) | false)
+    with pytest.raises(uncertified.UncertifiedError, match="would be refused: box 0 reaches out of the") as raised:
+        net.minimize(x, certificate=tmp_path / "c", limits=Limits(nodes=1))
+    assert raised.value.answer.verdict is not Verdict.PROVED
+    assert "ot certified" in raised.value.answer.status
+    assert not (tmp_path / "c").exists()

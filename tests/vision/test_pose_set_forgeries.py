@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
+from fractions import Fraction as F
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +15,10 @@ import pytest
 
 from benchmarks.pose_sets import drawn_pose
 from benchmarks.uncertain_poses import shown
-from cpcal.checker.pose_claim import check_pose_set, check_pose_sets
+from cpcal.checker import Refused
+from cpcal.checker.bounds import Bounds, between
+from cpcal.checker.files import WORK
+from cpcal.checker.pose_claim import _Chain, check_pose_set, check_pose_sets
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.pose_sets import CameraSet, PixelBoxes, TargetSet, enclose_pose
@@ -55,6 +61,37 @@ def test_the_checker_proves_it_again_from_the_pixels(certified: Path) -> None:
     assert found.name == "e00-1"
     assert found.radii is not None
     assert dict(found.files).keys() == {"camera.toml"}
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_certificate_begins_with_all_that_there_is(first: bool) -> None:
+    """Each lower end raised, each upper end lowered, alone."""
+    cameras = SimpleNamespace(size=9, ball=False)
+    sight: Any = SimpleNamespace(cameras=cameras, dots=[], about=lambda *_: None)
+    chain, unit = _Chain(Path(), "", sight, [], WORK), between(F(-1), F(1))
+    before = None if first else [between(F(-k - 1), F(k + 2)) for k in range(6)]
+    root = [between(F(-(2**20)), F(2**20))] * 3 + [unit] * 6 if before is None else [*before, *[unit] * 9]
+
+    def follows(box: list[Bounds]) -> None:
+        stated: Any = SimpleNamespace(root=box, rows=[], objective=False)
+        chain._follows(stated, 0, (), before)
+
+    follows(root)
+    for k, side in enumerate(root):
+        follows([*root[:k], Bounds(side.lo - 1, side.hi + 1), *root[k + 1 :]])
+        for less in (Bounds(side.lo + 1, side.hi), Bounds(side.lo, side.hi - 1)):
+            with pytest.raises(Refused, match="begins with less than there is"):
+                follows([*root[:k], less, *root[k + 1 :]])
+
+
+def test_a_claim_that_names_a_certificate_twice_is_refused(certified: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(certified, tmp_path / "copy")
+    path = copy / "e00-1.pose.json"
+    claim = json.loads(path.read_text())
+    claim["chains"] *= 2
+    path.write_text(json.dumps(claim))
+    found = check_pose_set(path)
+    assert found.refused == f"names the certificate '{claim['chains'][0][0]['certificate']}' twice"
 
 
 Edit = Callable[[dict[str, Any]], None]

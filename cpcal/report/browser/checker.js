@@ -63,26 +63,27 @@ function utf8(bytes) {
   return out;
 }
 const SPACE = /[ \t\n\r]*/y, TEXT = /"(?:[^"\\\x00-\x1f]|\\(?:["\\\/bfnrt]|u[0-9a-fA-F]{4}))*"/y, INTEGER = /-?(?:0|[1-9][0-9]*)(?![0-9.eE])/y;
-function parseJson(text) {
+// `taken` is given the elements of the top object's member `measurements` one by one, of which no list is kept.
+function parseJson(text, taken = null) {
   let at = 0, depth = 0;
   const take = pattern => { pattern.lastIndex = at; const found = pattern.exec(text); if (found) at = pattern.lastIndex; return found && found[0]; };
   const next = sign => { take(SPACE); if (text[at] !== sign) return false; at++; return true; };
   function string() { const found = take(TEXT); need(found !== null, "is no JSON"); return JSON.parse(found); }
-  function value() {
+  function value(each) {
     take(SPACE);
     need(++depth < 30, "is nested too deep");
-    const found = inner();
+    const found = inner(each);
     depth--;
     return found;
   }
-  function inner() {
+  function inner(each) {
     for (const [word, meaning] of [["null", null], ["true", true], ["false", false]])
       if (text.startsWith(word, at)) { at += word.length; return meaning; }
     if (text[at] === "\"") return string();
     if (next("[")) {
       const out = [];
       if (next("]")) return out;
-      do out.push(value()); while (next(","));
+      do { const found = value(null); if (each) each(found); else out.push(found); } while (next(","));
       need(next("]"), "is no JSON");
       return out;
     }
@@ -94,16 +95,16 @@ function parseJson(text) {
         const key = string();
         need(!out.has(key), "a key stands twice");
         need(next(":"), "is no JSON");
-        out.set(key, value());
+        out.set(key, value(depth === 1 && key === "measurements" ? taken : null));
       } while (next(","));
       need(next("}"), "is no JSON");
       return out;
     }
     const number = take(INTEGER);
-    need(number !== null && number.length <= 4300, "is no JSON, or holds a number that is no integer");
+    need(number !== null && number.replace("-", "").length <= 4300, "is no JSON, or holds a number that is no integer");
     return BigInt(number);
   }
-  const found = value();
+  const found = value(null);
   take(SPACE);
   need(at === text.length, "is no JSON");
   return found;
@@ -200,13 +201,17 @@ class Leg {
     need(number <= campaign.legs, "the campaign has no such leg");
     need(cmp(this.lo[n - 1], ZERO) >= 0, "eps begins below 0");
     this.about = {leg: number, model, only: chosen};
-    this.rows = campaign.rows.map(row => ({P: row.P, q: row.q, L: row.L[number - 1], rho: [...row.p, ...row.r.map(half), row.dL[number - 1]]}));
-    this.numbers = chosen === null ? this.rows.map((_, k) => k) : chosen;
+    Object.assign(this, {campaign, number});
+    this.numbers = chosen === null ? campaign.rows.map((_, k) => k) : chosen;
     this.spoken = new Set(this.numbers);
+  }
+  row(k) {
+    const {campaign: {rows, legs}, number} = this, v = rows[k], at = j => floatNumber(v[j]), cut = (from, to) => Array.from(v.subarray(from, to), floatNumber);
+    return {P: cut(0, 3), q: cut(3, 7), L: at(6 + number), rho: [...cut(7 + legs, 10 + legs), ...cut(10 + legs, 13 + legs).map(half), at(12 + legs + number)]};
   }
   // factor, body, at_least, at_most as polynomials, for unknowns x and a reading m that are polynomials
   parts(k, x, m) {
-    const {P, q, L} = this.rows[k], [w0, x0, y0, z0] = q.map(constant), [a1, a2, a3, s1, s2, s3, e] = m;
+    const {P, q, L} = this.row(k), [w0, x0, y0, z0] = q.map(constant), [a1, a2, a3, s1, s2, s3, e] = m;
     const w = minus(w0, total([times(s1, x0), times(s2, y0), times(s3, z0)]));
     const X = plus(plus(x0, times(s1, w0)), minus(times(s2, z0), times(s3, y0)));
     const Yq = plus(plus(y0, times(s2, w0)), minus(times(s3, x0), times(s1, z0)));
@@ -234,11 +239,11 @@ class Leg {
     return {factor: constant(ONE), body: times(kappa, body), least: minus(along, eased), most: plus(along, eased), root: true};
   }
   lengthRow(k, x) {  // eps - l - (L - lambda)
-    const {L, rho} = this.rows[k];
+    const {L, rho} = this.row(k);
     return minus(minus(x[this.n - 1], x[6]), constant(sub(L, rho[6])));
   }
   get positive() { return this.model === "plain" || this.model === "lateral"; }
-  rho(k) { return this.rows[k].rho; }
+  rho(k) { return this.row(k).rho; }
 }
 
 class Stated {
@@ -503,24 +508,26 @@ function readHeader(value, campaign) {
   return problem;
 }
 function decimal(value) {
-  need(typeof value === "string" && /^-?[0-9]{1,30}(\.[0-9]{1,30})?(e[+-]?[0-9]{1,3})?$/.test(value), "is no decimal number", "campaign");
-  need(Number.isFinite(Number(value)), "is too large for a float64", "campaign");
-  return floatNumber(Number(value));
+  need(typeof value === "string" && /^-?[0-9]{1,30}(\.[0-9]{1,30})?(e[+-]?[0-9]{1,3})?$/.test(value), "is no decimal number");
+  need(Number.isFinite(Number(value)), "is too large for a float64");
+  return Number(value);
 }
 function readCampaign(bytes, sha256) {
   line = 0; work = 0;
-  try {
-    const [format, files, robot, uncertainty, model, provenance, rows_] = fields(parseJson(utf8(bytes)), "format", "files", "robot", "uncertainty", "model", "provenance", "measurements");
-    need(format === CAMPAIGN_FORMAT && Array.isArray(rows_) && rows_.length && Array.isArray(rows_[0]), "is no campaign");
-    const width = rows_[0].length, legs = (width - 15) / 2;
+  const rows = [], names = new Set();
+  let legs = 0;
+  const each = row => {
+    if (!rows.length) legs = (list(row).length - 15) / 2;
     need(legs >= 1 && Number.isInteger(legs), "a measurement has another length");
-    const rows = rows_.map(row => {
-      list(row, width).slice(0, 2).forEach(text);
-      const v = row.slice(2).map(decimal), cut = (from, to) => v.slice(from, to);
-      const found = {P: cut(0, 3), q: cut(3, 7), L: cut(7, 7 + legs), p: cut(7 + legs, 10 + legs), r: cut(10 + legs, 13 + legs), dL: cut(13 + legs)};
-      need(found.q.some(c => c.m) && [...found.p, ...found.r, ...found.dL].every(c => c.m >= 0n), "a quaternion is zero, or a half-width negative");
-      return found;
-    });
+    const [pose, run, ...cells] = list(row, 15 + 2 * legs), name = text(pose) + "/" + text(run), v = Float64Array.from(cells, decimal);
+    need(v.subarray(3, 7).some(c => c) && v.subarray(7 + legs).every(c => c >= 0), "a quaternion is zero, or a half-width negative");
+    need(!names.has(name), "two measurements have one name");
+    names.add(name);
+    rows.push(v);
+  };
+  try {
+    const [format, files, robot, uncertainty, model, provenance, list_] = fields(parseJson(utf8(bytes), each), "format", "files", "robot", "uncertainty", "model", "provenance", "measurements");
+    need(format === CAMPAIGN_FORMAT && Array.isArray(list_) && rows.length, "is no campaign");
     return {sha256, legs, rows};
   } catch (error) {
     throw error instanceof Refused ? new Refused(0, "campaign", error.message) : error;

@@ -46,12 +46,14 @@ function proofOf({leg, name, bytes}, campaign, digest) {
     const {problem, claims} = checkCertificate(bytes, campaign), {about, lo, hi} = problem;
     let names = EXTRA[about.model] && [...PARAMETERS, ...EXTRA[about.model]];
     let same = about.leg === leg && about.only === null;
-    if ("about" in about) {  // a model of the user's own: the certificate states its constraints
-      same = about.about.startsWith(`leg ${leg}, model `) && about.about.endsWith(`, campaign ${digest}`);
+    const own = "about" in about;
+    if (own) {  // a user-defined model: the certificate states its constraints, which nobody compares with the campaign
+      const found = /^leg ([0-9]+), model ([A-Za-z_][A-Za-z0-9_]*), campaign ([0-9a-f]{64})$/.exec(about.about);
+      same = found && found[1] === String(leg) && found[3] === digest && !(found[2].toLowerCase() in EXTRA);
       const unknowns = parseJson(utf8(bytes.subarray(0, bytes.indexOf(10)))).get("unknowns");
       names = [...PARAMETERS, ...unknowns.slice(7, -1)];
     }
-    return same ? {lo, hi, claims, names} : {refused: `${name} is of another leg or campaign, or of some measurements only`};
+    return same ? {lo, hi, claims, names, own} : {refused: `${name} is of another leg or campaign, or of some measurements only`};
   } catch (error) {
     if (!(error instanceof Refused)) throw error;
     return {refused: error.code === "campaign" ? `the campaign: ${error.message}` : `${name}, line ${error.line}: ${error.message}`};
@@ -95,6 +97,7 @@ function misprint(text, value, side, wide = false) {
 
 // Whether measurements determine the parameters is computed in floating point; no certificate speaks of it.
 const UNJUDGED = "Not judged here: whether the measurements determine the parameters; `cpcal verify` computes that again.";
+const OWN = "its certificate holds, of constraints that it states itself: these were not compared with the campaign";
 const OPEN = /undetermined|cannot be judged|determine|no test of the model/i;
 
 // Why a sentence says more than the certificate proves, or something else; null where it says what is not judged here.
@@ -116,7 +119,7 @@ function misjudged(claim, text, tolerance, proofs, legs) {
   if (refused) return proofOn(refused).refused;
   const wrong = (word, leg) => misstated(word, tolerance, proofOn(leg));
   if (claim === "summary") {
-    const said = [...text.matchAll(/Leg ([0-9, ]+): (pass|fail|undecided|undetermined)\./g)].flatMap(([, some, word]) => some.split(", ").map(leg => [leg, word]));
+    const said = [...text.matchAll(/Leg ([0-9, ]+): (pass|fail|undecided|undetermined|not compared)\./g)].flatMap(([, some, word]) => some.split(", ").map(leg => [leg, word]));
     if (said.map(([leg]) => leg).sort().join() !== [...legs].sort().join()) return "it does not name each leg once";
     const found = said.map(([leg, word]) => proofOn(leg) ? wrong(word, leg) : null);
     return found.find(Boolean) || (found.includes(null) ? null : "");
@@ -158,7 +161,8 @@ function fault({leg, claim, parameter, value, text}, proofs, {digest, count, leg
   return misprint(text, stated, claim === "ranges.eps" ? -1 : side);
 }
 
-// All certificates and numbers: {faults: one a number, proofs: {leg, name, refused, seconds} each}.
+// All certificates and numbers: {faults: one a number; marks: good, wrong, none (nothing speaks of it), or own; proofs:
+// {leg, name, refused, seconds} each; own: legs whose certificates state their constraints}.
 function judged(campaignBytes, certificates, shown, tell = () => {}) {
   const digest = sha256(campaignBytes), proofs = {}, told = [];
   let campaign;
@@ -175,7 +179,10 @@ function judged(campaignBytes, certificates, shown, tell = () => {}) {
   const faults = shown.map(number => {
     try { return fault(number, proofs, about); } catch (error) { if (error instanceof Refused) return error.message; throw error; }
   });
-  return {faults, proofs: told};
+  const own = [...new Set(Object.keys(proofs).filter(key => proofs[key].own).map(key => key.split(" ")[0]))];
+  const owned = ({leg, claim}) => own.includes(leg) || own.length > 0 && /^(overall|summary)$/.test(claim);
+  const marks = shown.map((number, k) => faults[k] ? "wrong" : faults[k] === null ? "none" : owned(number) ? "own" : "good");
+  return {faults, marks, proofs: told, own};
 }
 
 async function serve({data, shown}) {
@@ -189,21 +196,24 @@ function begin(source) {
   const spots = [...document.querySelectorAll("[data-claim]")], notes = [...document.querySelectorAll("[data-proof]")];
   function say(element, text, state = "") { element.textContent = text; element.className = `proof ${state}`; }
   function unable(why) { [get("proof-status"), ...notes].forEach(e => say(e, `not checked in this browser: ${why}`, "refuted")); button.disabled = false; }
-  function show({faults, proofs}) {
-    const seconds = list => `${list.reduce((sum, p) => sum + p.seconds, 0).toFixed(1)} s`, mark = k => faults[k] ? "wrong" : faults[k] === null ? "none" : "good";
+  function show({faults, marks, proofs, own}) {
+    const seconds = list => `${list.reduce((sum, p) => sum + p.seconds, 0).toFixed(1)} s`;
     spots.forEach((spot, k) => {
-      spot.classList.toggle("refuted", mark(k) === "wrong");
-      spot.title = {wrong: `refused: ${faults[k]}`, none: OPEN.test(spot.textContent) ? UNJUDGED : "not certified", good: "as its certificate proves; checked in this browser"}[mark(k)];
+      spot.classList.toggle("refuted", marks[k] === "wrong");
+      spot.title = {wrong: `refused: ${faults[k]}`, none: OPEN.test(spot.textContent) ? UNJUDGED : "not certified", own: OWN, good: "as its certificate proves; checked in this browser"}[marks[k]];
     });
     for (const note of notes) {
-      const own = proofs.filter(p => String(p.leg) === note.dataset.proof), of = spots.map((s, k) => k).filter(k => spots[k].dataset.leg === note.dataset.proof);
-      const bad = [...own.filter(p => p.refused).map(p => p.refused), ...of.filter(k => faults[k]).map(k => `“${spots[k].textContent.trim()}”: ${faults[k]}`)];
+      const mine = proofs.filter(p => String(p.leg) === note.dataset.proof), of = spots.map((s, k) => k).filter(k => spots[k].dataset.leg === note.dataset.proof);
+      const bad = [...mine.filter(p => p.refused).map(p => p.refused), ...of.filter(k => faults[k]).map(k => `“${spots[k].textContent.trim()}”: ${faults[k]}`)];
       const open = of.filter(k => faults[k] === null).length;
+      const told = bad.length ? "" : own.includes(note.dataset.proof) ? OWN : "";
       if (bad.length) say(note, `REFUSED: ${bad[0]}${bad.length > 1 ? `; and ${bad.length - 1} more` : ""}`, "refuted");
-      else if (own.length) say(note, `checked in this browser, ${seconds(own)}: ${of.length - open} statements${open ? `; ${open} not certified` : ""}`, "held");
+      else if (told) say(note, `${told}; ${seconds(mine)}`);
+      else if (mine.length) say(note, `checked in this browser, ${seconds(mine)}: ${of.length - open} statements${open ? `; ${open} not certified` : ""}`, "held");
     }
-    const bad = faults.filter(Boolean).length + proofs.filter(p => p.refused).length, held = faults.filter(f => f === "").length;
+    const bad = faults.filter(Boolean).length + proofs.filter(p => p.refused).length, held = marks.filter(mark => mark === "good").length;
     if (bad) say(get("proof-status"), `REFUSED: this page is not what its certificates prove, in ${bad} place${bad > 1 ? "s" : ""}, marked red.`, "refuted");
+    else if (own.length) say(get("proof-status"), `Not compared with the campaign: leg ${own.join(", ")}, whose certificates state their constraints themselves. ${held} other statements are proved. ${UNJUDGED}`);
     else say(get("proof-status"), `${proofs.length} certificate${proofs.length > 1 ? "s" : ""} checked in this browser, ${seconds(proofs)}; ${held} statements of this page are what they prove. ${UNJUDGED}`, "held");
     button.disabled = false;
   }

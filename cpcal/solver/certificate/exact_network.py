@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cpcal.checker import Refused
 from cpcal.checker.problem import Constraint, Problem, Unknowns
 from cpcal.common.errors import ModelError
+from cpcal.common.names import listed
 from cpcal.solver.certificate.statement import HIGHEST_POWER, LONGEST, Given, NetworkStatement, Stated
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.network.dag import topological
@@ -36,18 +38,22 @@ class NotStated(ModelError):
 def network_statement(network: ConstraintNetwork, objective: str | None, about: str = "") -> NetworkStatement:
     """The network's constraints, element by element, exactly. Raises NotStated."""
     items: list[Stated] = []
+    constraints: list[Constraint] = []
     sides: dict[int, list[str]] = {}
     start: dict[int, int] = {}
     exact = ExactPolynomials(network)
     for number_, constraint in enumerate(network.constraints):
         try:
             found, sides[number_] = _stated(f"c{number_}", constraint, exact)
-        except NotStated as reason:
+            constraints += [item.constraint() for item in found]
+        except (NotStated, Refused) as reason:
             raise NotStated(f"constraint {number_} cannot be certified: {reason}") from None
         start[number_] = len(items)
         items += found
+    endless = [name for name in network.names if not network.domain[name].is_bounded]
+    if endless:
+        raise NotStated(f"a certificate is about a bounded box: give {listed(endless)} a finite domain")
     goal = None if objective is None else network.names.index(objective)
-    constraints = [item.constraint() for item in items]
     chosen = tuple(range(len(items)))
     problem = Problem(network.names, goal, len(items), chosen, partial(_on, constraints))
     return NetworkStatement(problem, tuple(items), about, sides, start)

@@ -17,6 +17,7 @@ import numpy as np
 
 from cpcal.checker.exact_polynomial import FIELD, READINGS
 from cpcal.checker.leg import LegConstraint, leg_formula
+from cpcal.checker.problem import ENDS
 from cpcal.checker.program import Numbers
 from cpcal.common.arrays import Bools, Floats, Indices
 from cpcal.solver.compiled import compiled
@@ -91,9 +92,7 @@ class _Plan:
     def given(self, legs: Sequence[LegConstraint]) -> Floats:
         """What the program takes, each number rounded once: (B, G). All are on the same box."""
         x = _floats(legs[0].x.numbers)
-        measured = ([*_floats(leg.m.quaternion), *_floats(leg.m.fixed)] for leg in legs)
-        readings = ([v for part in leg.numbers()[2:] for v in _floats(part)] for leg in legs)
-        return np.array([[*fixed, *x, *own] for fixed, own in zip(measured, readings, strict=True)])
+        return np.array([[*_measured(leg), *x, *_reading(leg)] for leg in legs])
 
     def sweep(self, legs: Sequence[LegConstraint]) -> tuple[Indices, Floats, Indices, Floats, int, Indices]:
         """How kernels begin that sweep it."""
@@ -103,6 +102,19 @@ class _Plan:
 def _floats(numbers: Numbers) -> list[float]:
     unit = 1 << numbers.power
     return [value / unit for value in numbers.values]
+
+
+def _measured(leg: LegConstraint) -> list[float]:
+    m = leg.m
+    return [*map(float, m.given), float(m.shortest) if m.uncertain else float(m.given[-1])]
+
+
+def _reading(leg: LegConstraint) -> list[float]:
+    """Of the set that the signs begin, each number exactly."""
+    if not leg.m.uncertain:
+        return []
+    widths = [float(width) * (0.5 if 3 <= j < 6 else 1.0) for j, width in enumerate(leg.m.radii)]
+    return [ENDS[sign][part] * width for part in (0, 1) for sign, width in zip(leg.signs, widths, strict=True)]
 
 
 def _plan(leg: LegConstraint, side: str) -> _Plan:

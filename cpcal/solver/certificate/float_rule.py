@@ -110,9 +110,10 @@ class FloatRule:
                 own = [mine[place] for place in places]
                 for n, row in zip(own, float_rows([legs[n] for n in own], side), strict=True):
                     self._keep(n, row)
-        for n in new:
-            if n not in legs:
-                self._keep(n, _rounded(self._rule.row[n]))
+        others = [n for n in new if n not in legs]
+        self._rule.form(others)
+        for n in others:
+            self._keep(n, _rounded(self._rule.row[n]))
 
     def _keep(self, n: int, row: FloatRow) -> None:
         self._rows[n] = np.array([self._column(m) for m in row.monomials], dtype=np.intp), row.values, row.error

@@ -74,6 +74,11 @@ class Recording:
         return self._lost is None
 
     @property
+    def problem(self) -> Problem:
+        """What the certificate is about, exactly."""
+        return self._statement.problem
+
+    @property
     def prover(self) -> WeightProver:
         """Proves steps as the certificate will say them."""
         return WeightProver(self._statement)
@@ -146,6 +151,8 @@ class Recording:
             if kind == "same" or name is None or (cap is not None and lowest > cap):
                 continue
             step[kind] = name
+            if cap is not None and step.get("cap") is not None and float.fromhex(step["cap"]) < cap:
+                step["cap"] = number(cap)  # of a box whose objective was proved to be lower
             if kind == "split":
                 into = [fresh, fresh + 1]
                 names[step["into"][0]], names[step["into"][1]] = into
@@ -159,8 +166,8 @@ class Recording:
         return None if o is None else number(np.nextafter(box.lo[o], -np.inf))
 
     def write(self, path: str | os.PathLike[str], claims: Claims) -> Path:
-        """The certificate, all or nothing. Raises UncheckableError where its check would take too much work, InputError
-        where it cannot be written, or its steps could not."""
+        """The certificate, all or nothing. Raises UncheckableError where the checker would refuse it, InputError where
+        it cannot be written, or its steps could not."""
         if not self.whole:
             assert self._lost is not None
             what = f"no room for the steps of a proof ({self._lost.strerror or self._lost})"

@@ -153,8 +153,10 @@ class _Proposed:
         return np.concatenate(kinds), np.repeat(np.array(largest, np.intc), [values.size for values in kinds])
 
     def exact(self, bits: int) -> Weights:
-        """The checker's form of them; those that vanish are left out."""
+        """The checker's form of them; those that vanish are left out. Raises Refused where it has none."""
         (rows, r), (products, p), (squares, t) = (whole(values, bits) for values in self.weights)
+        if not (all(-1000 <= e < 1000 for e in (r, p, t)) and all(np.isfinite(v).all() for v in self.weights)):
+            raise Refused("weights are too large or too small to be written", "limit")
         kinds = zip(self.rows, rows, strict=True), zip(self.products, products, strict=True)
         return Weights(
             tuple((n, int(w)) for n, w in kinds[0] if w and n is not None),

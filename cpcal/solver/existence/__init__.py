@@ -1,10 +1,19 @@
-"""What is proved to exist: whole boxes of solutions, and boxes that hold exactly one."""
+"""What is proved to exist: whole boxes of solutions, and boxes that hold exactly one.
+
+NaN, here and wherever something is proved. The bounds of the empty interval are NaN, which the interval operations make
+of operands without a common point of definition, and of nothing else: a lower bound is never +inf nor an upper one
+-inf, so that no sum is inf - inf. So a contractor may drop a box whose bounds are NaN. Numbers beside that, such as
+coefficients that overflow, can be NaN for no good reason. Nothing is proved by them: every comparison is written so
+that it is true only of numbers (`x <= 0.0`, never `not x > 0.0`), an extreme of several is taken after NaN has become
+the infinity that proves nothing (`upper_ends`), because `max(-inf, nan)` is -inf, and a bound that does not exist is no
+row at all (`sides`).
+"""
 
 from cpcal.solver.existence.deadline import stop_flag
 from cpcal.solver.existence.equalities import Equalities, Linearization
 from cpcal.solver.existence.inside import Inside
 from cpcal.solver.existence.operators import Operator, hansen_sengupta, krawczyk, square_of
-from cpcal.solver.existence.quantified import ReadingConstraint, highest, reads, upper_ends
+from cpcal.solver.existence.quantified import ReadingConstraint, highest, reads, sides, upper_ends
 from cpcal.solver.existence.unique import Unique, UniquenessProver, prove_unique
 
 __all__ = [
@@ -20,6 +29,7 @@ __all__ = [
     "krawczyk",
     "prove_unique",
     "reads",
+    "sides",
     "square_of",
     "stop_flag",
     "upper_ends",

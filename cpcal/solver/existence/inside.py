@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.solver.existence.quantified import ReadingConstraint, highest, reads
+from cpcal.solver.existence.quantified import ReadingConstraint, highest, reads, sides
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
-from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
+from cpcal.solver.network import ConstraintNetwork, Tape
 
 
 class Inside:
@@ -42,8 +42,3 @@ def _hold(engine: Arithmetic, tape: Tape, box: IntervalArray) -> bool:
     """Whether all roots are defined and at most zero on a box."""
     slots = tape.forward(engine, box)
     return tape.defined(engine, slots) and highest(tape.values(slots)) <= 0.0
-
-
-def sides(constraint: Constraint) -> tuple[Expr, Expr]:
-    """The two expressions that are at most zero where the constraint holds."""
-    return constraint.body - constraint.upper, constraint.lower - constraint.body

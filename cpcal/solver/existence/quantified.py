@@ -1,12 +1,15 @@
-"""Constraints with readings, on a box or at a point: proofs that they hold for all readings, or for some."""
+"""Constraints on a box or at a point: rows that are at most zero, and proofs for all readings, or for some."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from cpcal.common.arrays import Bools, Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape
+from cpcal.solver.network.rewrite import one_sided
 from cpcal.solver.network.rows import Extremes
 from cpcal.solver.network.tape import ReadingSets
 
@@ -68,16 +71,28 @@ def _inside(values: IntervalArray, reading: Expr) -> IntervalArray:
     return IntervalArray.point(np.where(data.lo == data.hi, data.lo, np.clip(values.lo, lo, hi)))
 
 
+def sides(constraint: Constraint) -> list[Expr]:
+    """Expressions that are at most zero where the constraint holds: none for a bound that is not there.
+
+    An element without any bound asks to be defined: 0 times it.
+    """
+    rows = one_sided(0, constraint)
+    count = math.prod(constraint.body.shape)
+    bounded = np.zeros(count, dtype=bool)
+    for row in rows:
+        bounded[slice(None) if row.elements is None else row.elements] = True
+    idle = [] if bounded.all() else [0.0 * constraint.body.reshape(-1)[np.flatnonzero(~bounded)]]
+    return [row.expr for row in rows] + idle
+
+
 def upper_ends(x: IntervalArray, size: int) -> Floats:
-    """The upper bounds of so many elements, infinite where one is undefined."""
-    return np.broadcast_to(np.where(x.empty, np.inf, x.hi).ravel(), (size,))
+    """The upper bounds of so many elements, infinite where one is no number."""
+    return np.broadcast_to(np.where(x.empty | np.isnan(x.hi), np.inf, x.hi).ravel(), (size,))
 
 
 def highest(x: IntervalArray) -> float:
-    """The largest upper bound; infinite where something is undefined."""
-    if bool(np.any(x.empty)):
-        return np.inf
-    return float(np.max(x.hi, initial=-np.inf))
+    """The largest upper bound; infinite where one is no number."""
+    return float(np.max(upper_ends(x, x.lo.size), initial=-np.inf))
 
 
 def reads(constraint: Constraint) -> bool:

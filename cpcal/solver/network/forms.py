@@ -10,7 +10,7 @@ the readings at c over M. Both come from one sweep from each element to its leav
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import reduce
 from typing import Literal, get_args
 
@@ -21,7 +21,7 @@ from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network.dag import topological
 from cpcal.solver.network.expression import Expr, Operand, as_expr
-from cpcal.solver.network.network import ConstraintNetwork
+from cpcal.solver.network.network import ConstraintNetwork, component_names
 from cpcal.solver.network.tape import ReadingSets, Tape
 
 FormName = Literal["natural", "centred", "slope", "tightest"]
@@ -144,3 +144,37 @@ def _degree(expr: Expr) -> float:
         else:
             out[node.digest] = _DEGREES[node.op](node, below) if node.op in _DEGREES else np.inf
     return out[expr.digest]
+
+
+def check_powers(network: ConstraintNetwork, roots: Iterable[Expr]) -> None:
+    """Raise ModelError for `x ** n` with x that may be negative and n that may be whole, but is not known to be.
+
+    exp(n log(x)) would cut it to x > 0 without a word. Where n is made of unknowns that take other numbers, too, x > 0
+    is what a power means.
+    """
+    for node in topological(tuple(roots)) if any("pow" in root.ops for root in roots) else ():
+        if node.op != "pow" or not _all_whole(network, node.args[1]):
+            continue
+        base, exponent = (evaluate(network, arg, network.domain) for arg in node.args)
+        with np.errstate(all="ignore"):
+            wrong = (base.lo < 0.0) & (np.ceil(exponent.lo) <= np.floor(exponent.hi))
+        if wrong.any():
+            raise ModelError(
+                f"{node} may be a whole power of a negative number, but its exponent is no known number: write that, "
+                f"or exp(exponent * log(base)), which is defined where the base is positive"
+            )
+
+
+def _all_whole(network: ConstraintNetwork, exponent: Expr) -> bool:
+    """Whether the unknowns of an expression are whole numbers, or known to be one number."""
+    settled = network.whole | (network.domain.lo == network.domain.hi)
+    place = {name: k for k, name in enumerate(network.names)}
+    for node in topological((exponent,)):
+        for leaf in node.args or (node,):
+            if leaf.op != "variable" or (leaf is node and leaf is not exponent):
+                continue
+            own = np.array([place.get(name, -1) for name in component_names(leaf)])
+            own = own[node.data] if isinstance(node.data, np.ndarray) else own  # of an index
+            if not (settled[own] & (own >= 0)).all():
+                return False
+    return True

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from functools import reduce
 
 import numpy as np
 
 from cpcal.common.errors import ModelError
-from cpcal.solver.network.expression import Expr, Operand, as_expr, binary
+from cpcal.solver.interval import IntervalArray
+from cpcal.solver.network.expression import Expr, Operand, Shape, as_expr, binary
+from cpcal.solver.network.operations import SELECTS
+
+_LARGEST = 2**31  # of a whole exponent
 
 
 def _named(op: str, meaning: str) -> Callable[[Operand], Expr]:
@@ -65,21 +71,44 @@ def hypot(x: Operand, y: Operand) -> Expr:
     return sqrt(sqr(x) + sqr(y))
 
 
-def power(x: Operand, exponent: object) -> Expr:
-    """`x ** exponent`: products for an integer, roots for a half, else exp(exponent log(x)), defined where x > 0.
+def power(x: Operand, exponent: Operand) -> Expr:
+    """`x ** exponent`: products for a whole number, roots for a half, else exp(exponent log(x)), defined where x > 0.
 
-    (0 to a positive power is 0.)
+    (0 to a positive power is 0.) Each element of an array of exponents means its own power.
     """
     base = as_expr(x)
-    if isinstance(exponent, (int, np.integer)) and not isinstance(exponent, bool):
-        return sqr(base) if exponent == 2 else Expr("power", (base,), base.shape, parameter=int(exponent))
-    if isinstance(exponent, (float, np.floating)):
-        number = float(exponent)
-        if number.is_integer() and abs(number) < 2**31:
-            return power(base, int(number))
-        if number == 0.5:
-            return sqrt(base)
     try:
-        return binary("pow", base, as_expr(exponent))  # type: ignore[arg-type]  # it says what it takes
-    except ModelError as error:
+        other = as_expr(exponent)
+        shape = np.broadcast_shapes(base.shape, other.shape)
+    except (ModelError, ValueError) as error:
         raise ModelError(f"{exponent!r} is no exponent: {error}") from None
+    values = np.full(shape, np.nan)
+    if isinstance(other.data, IntervalArray):  # a constant or reading: its elements that are one number
+        values[...] = np.where(other.data.lo == other.data.hi, other.data.lo, np.nan)
+    values = np.where((values == np.rint(values)) | (values == 0.5), values, np.nan)
+    if np.any(np.abs(values) >= _LARGEST):
+        raise ModelError(f"{exponent!r} is no exponent: whole ones are less than 2^31")
+    parts = [(_to_the(base, float(value)), values == value) for value in np.unique(values[~np.isnan(values)])]
+    if np.isnan(values).any():
+        parts.append((binary("pow", base, other), np.isnan(values)))
+    if len(parts) == 1:
+        return _spread(parts[0][0], shape)
+    chosen = [
+        Expr("mul", (_spread(part, shape), as_expr(mine.astype(np.float64))), shape, parameter=SELECTS)
+        for part, mine in parts
+    ]
+    return reduce(lambda one, two: one + two, chosen)
+
+
+def _to_the(base: Expr, value: float) -> Expr:
+    """A whole power, or the square root."""
+    if value == 0.5:
+        return sqrt(base)
+    return sqr(base) if value == 2.0 else Expr("power", (base,), base.shape, parameter=int(value))
+
+
+def _spread(expr: Expr, shape: Shape) -> Expr:
+    """Broadcast."""
+    if expr.shape == shape:
+        return expr
+    return expr.reshape(-1)[np.broadcast_to(np.arange(math.prod(expr.shape)).reshape(expr.shape), shape)]

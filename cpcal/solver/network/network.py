@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import operator
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from copy import copy
 from typing import Any, TypeVar
 
@@ -24,7 +24,6 @@ from cpcal.solver.interval.box import checked_name
 from cpcal.solver.network.dag import leaves, topological
 from cpcal.solver.network.data import enclosed, pair
 from cpcal.solver.network.expression import Constraint, Expr, Operand, Shape, as_expr
-from cpcal.solver.network.parameters import for_all
 from cpcal.solver.network.printing import network_text
 
 Domain = Interval | tuple[npt.ArrayLike, npt.ArrayLike]
@@ -123,13 +122,16 @@ class ConstraintNetwork:
 
     def add(self, constraint: Constraint | Iterable[Constraint]) -> None:
         """Require a constraint (or several). Raises ModelError, and adds none, if one is of another network."""
+        from cpcal.solver.network.forms import check_powers  # it needs this module
+
         listed = isinstance(constraint, Iterable) and not isinstance(constraint, (Expr, str))
         items: list[Any] = list(constraint) if listed else [constraint]  # type: ignore[arg-type]
         for item in items:
             if not isinstance(item, Constraint):
                 raise ModelError(f"add() takes constraints, not {item!r}: use ==, <=, >= or .within()")
             self.check_owner(item.body, item.lower, item.upper)
-        self._constraints += [one for item in items for one in for_all(item, self._for_all)]
+            check_powers(self, (item.body, item.lower, item.upper))
+        self._constraints += [one for item in items for one in _for_all(item, self._for_all)]
 
     def owns(self, leaf: Expr) -> bool:
         """Whether a leaf is a variable of this network (or of the one that this is a copy of)."""
@@ -204,7 +206,7 @@ class ConstraintNetwork:
     @property
     def digest(self) -> str:
         """SHA-256 over variables, domains and constraints, in order; the same for networks built alike."""
-        hasher = hashlib.sha256(repr(self.names).encode())
+        hasher = hashlib.sha256(repr((self.names, self.whole.tolist())).encode())
         hasher.update(self.domain.lo.tobytes() + self.domain.hi.tobytes())
         roots = [expr for c in self._constraints for expr in (c.body, c.lower, c.upper)]
         number: dict[bytes, int] = {}
@@ -293,3 +295,35 @@ def _domain(leaf: Expr, domain: Domain, whole: npt.NDArray[np.bool_]) -> Box:
     if not bool(np.all((lo <= hi) & (lo < np.inf) & (hi > -np.inf))):
         raise ModelError(f"the domain of {leaf.name!r} holds no number: give (lower, upper) with lower <= upper")
     return Box(component_names(leaf), lo, hi)
+
+
+def _for_all(constraint: Constraint, parameters: Mapping[bytes, Expr]) -> list[Constraint]:
+    """The constraint itself, whose proofs hold for every value; and it with the ends and the middle of each parameter.
+
+    What excludes a box must be wrong for one value only: so the others are needed. Raises ModelError for an equation.
+    """
+    parts = (constraint.body, constraint.lower, constraint.upper)
+    own = [leaf for leaf in leaves(parts) if leaf.digest in parameters]
+    if not own:
+        return [constraint]
+    if constraint.lower.digest == constraint.upper.digest:
+        raise ModelError("an equation does not hold for all values of a parameter: give an inequality")
+    out = [constraint]
+    for pick in ("lo", "mid", "hi"):
+        chosen = {leaf.digest: as_expr(IntervalArray.point(np.array(getattr(leaf.data, pick)))) for leaf in own}
+        out.append(Constraint(*(_replaced(part, chosen) for part in parts)))
+    return out
+
+
+def _replaced(root: Expr, leaves_by: Mapping[bytes, Expr]) -> Expr:
+    """The expression with some of its leaves replaced."""
+    done: dict[bytes, Expr] = {}
+    for node in topological((root,)):
+        if node.digest in leaves_by:
+            done[node.digest] = leaves_by[node.digest]
+        elif any(done[arg.digest] is not arg for arg in node.args):
+            args = tuple(done[arg.digest] for arg in node.args)
+            done[node.digest] = Expr(node.op, args, node.shape, node.parameter, node.name, node.data, node.owner)
+        else:
+            done[node.digest] = node
+    return done[root.digest]

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from cpcal.common.arrays import Floats
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
-from cpcal.solver.network.dependence import exclusive
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.rewrite import Row, one_sided_rows
@@ -79,6 +78,12 @@ class Extremes:
         if self.tape.readings:
             return np.stack([self.linearize(point).jacobian for point in points])
         return self.tape.point_jacobians(_ENGINE, points)
+
+
+def exclusive(tape: Tape) -> bool:
+    """Whether no component of a reading enters two elements of the roots: else one value of it must serve both."""
+    readings = tape.reach.leaf[tape.reach.leaf >= tape.given]
+    return len(np.unique(readings)) == len(readings)
 
 
 def _middle(x: IntervalArray) -> Floats:

@@ -82,6 +82,7 @@ class Incumbent:
         if state.witness is not None and state.witness.value < self.hi:
             self.witness = state.witness
 
+    @np.errstate(all="ignore")  # fits run where numbers overflow, too: what they propose is proved or dropped
     def propose(self, start: Floats) -> bool:
         """Fit from a point and keep what is proved, if it is better; whether it is.
 

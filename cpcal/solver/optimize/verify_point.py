@@ -13,7 +13,7 @@ from cpcal.solver.existence import ReadingConstraint, reads, upper_ends
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Tape, one_sided_rows
 from cpcal.solver.network.monotone import DecisiveReadings
-from cpcal.solver.network.rewrite import ReadingSets, Row
+from cpcal.solver.network.rewrite import ReadingSets, Row, one_sided
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,13 @@ def verify_point(
 
 def _holds(network: ConstraintNetwork, constraint: Constraint, engine: Arithmetic, box: IntervalArray) -> Bools:
     """Elements of a constraint without readings that hold."""
-    tape = Tape(network, [constraint.body - constraint.upper, constraint.lower - constraint.body])
+    rows = one_sided(0, constraint)
+    tape = Tape(network, [*(row.expr for row in rows), constraint.body])
     slots = tape.forward(engine, box)
-    size = int(np.prod(constraint.body.shape))
-    good = np.full(size, tape.defined(engine, slots))
-    for root in tape.roots:
-        good &= upper_ends(tape.value(slots, root), size) <= 0.0
+    good = np.full(int(np.prod(constraint.body.shape)), tape.defined(engine, slots))
+    for row in rows:
+        where = slice(None) if row.elements is None else row.elements
+        good[where] &= upper_ends(tape.value(slots, row.expr), good[where].size) <= 0.0
     return good
 
 

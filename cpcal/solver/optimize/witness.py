@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpcal.common.arrays import Floats
-from cpcal.solver.existence import ReadingConstraint, highest, reads
+from cpcal.solver.existence import ReadingConstraint, highest, reads, sides
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import Constraint, ConstraintNetwork, Tape
 from cpcal.solver.network.dag import leaves
@@ -75,7 +75,7 @@ class WitnessProver:
         """A proof on a box that is known to hold a solution of the equations."""
         name, middle = solved.names[self.objective], solved.mid
         if self.objective in self.equations.enter:  # then they say what the objective is
-            if self._excess(self._rest, solved.array, middle)[0] > 0.0:
+            if not self._excess(self._rest, solved.array, middle)[0] <= 0.0:
                 return None
             return Witness(middle, float(solved.hi[self.objective]), solved)
         found = self._raised(self._rest, solved.array, middle)
@@ -130,10 +130,7 @@ class _Rows:
         groups: tuple[list[Constraint], list[Constraint]] = ([], [])
         for c in constraints:
             groups[any(node is leaf for node in leaves((c.body, c.lower, c.upper)))].append(c)
-        self._tapes = [
-            Tape(network, [e for c in group for e in (c.body - c.upper, c.lower - c.body)]) if group else None
-            for group in groups
-        ]
+        self._tapes = [Tape(network, [e for c in group for e in sides(c)]) if group else None for group in groups]
 
     def worst(self, engine: Arithmetic, box: IntervalArray) -> tuple[float, bool]:
         """The worst row on a box (1, n), and whether it is one that no objective mends."""

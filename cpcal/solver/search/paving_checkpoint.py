@@ -6,14 +6,31 @@ import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from cpcal.common.version import __version__
 from cpcal.execution.checkpoint_file import Regularly, garbled, kept, read_checkpoint
 from cpcal.execution.stopping import asked
 from cpcal.solver.limits import Clock
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.checkpoint_of import checkpoint_of
 from cpcal.solver.search.race import Race
 from cpcal.solver.search.saved_race import brought_there, lines_of
 from cpcal.solver.search.search import Event
+
+
+def checkpoint_of(network: ConstraintNetwork, options: Sequence[object]) -> dict[str, str]:
+    """Which problem and options a checkpoint is of, so that no other search goes on from it."""
+    asked = repr([_plain(option) for option in options])
+    return {"version": __version__, "problem": network.digest, "options": asked}
+
+
+def _plain(option: object) -> object:
+    """Contractors and strategies that are objects by the names of their classes."""
+    if isinstance(option, np.ndarray):
+        return option.tolist()
+    if isinstance(option, (list, tuple)):
+        return [_plain(part) for part in option]
+    return option if option is None or isinstance(option, (str, int, float)) else type(option).__name__
 
 
 class PavingCheckpoint:

@@ -6,14 +6,17 @@ import json
 import math
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import cpcal
-from cpcal.checker import Refused, Unusable, check_run
+from cpcal.checker import ExactCampaign, Refused, Unusable, check_run
 from cpcal.checker.command import PROVED, REFUSED, UNUSABLE, main
+from cpcal.checker.run import _lowest
 from cpcal.results import save_result
 
 Data = dict[str, Any]
@@ -68,6 +71,12 @@ def of_certificate(line: int, *path: Any, to: Any) -> Callable[[Data, Path], Non
     return change
 
 
+def uncertified(leg: Data) -> None:
+    """A leg as it is written without a certificate: nothing stands outside of the information that needs one."""
+    leg["information"] |= {key: leg.pop(key) for key in ("status", "eps_lo", "eps_hi", "point", "center", "enclosure")}
+    leg["certificate"] = None
+
+
 def swapped(data: Data, run: Path) -> None:
     (run / "leg1.cert.jsonl").rename(run / "x")
     (run / "leg2.cert.jsonl").rename(run / "leg1.cert.jsonl")
@@ -118,12 +127,14 @@ TAMPERED: dict[str, Callable[[Data, Path], object]] = {
     "a leg left out": changed("legs", to=lambda legs: legs[:1]),
     "no legs": changed("legs", to=[]),
     "legs that are none": changed("legs", to=[1]),
-    "support of nobody": changed(*LEG, "support", to=["p99/1"]),
-    "support of one twice": changed(*LEG, "support", to=lambda v: [v[0], v[0]]),
-    "not certified, with a certificate": changed(*LEG, "certified", to=False),
-    "certified without a certificate": changed(*LEG, "certificate", to=None),
-    "certified by 1": changed(*LEG, "certified", to=1),
-    "certified left out": lambda data, run: data["legs"][0].pop("certified"),
+    "support of nobody": changed(*LEG, "information", "support", to=["p99/1"]),
+    "support of one twice": changed(*LEG, "information", "support", to=lambda v: [v[0], v[0]]),
+    "not certified, with a certificate": lambda data, run: uncertified(data["legs"][0]),
+    "numbers without a certificate": changed(*LEG, "certificate", to=None),
+    "certified by 1": changed(*LEG, "certificate", to=1),
+    "certificate left out": lambda data, run: data["legs"][0].pop("certificate"),
+    "a model of other letters": changed("model", "name", to="pl\u0430in"),
+    "a model nearly of ours": changed("model", "name", to="Plain"),
     "the other leg's certificate": changed(*LEG, "certificate", to="leg2.cert.jsonl"),
     "a certificate elsewhere": changed(*LEG, "certificate", to="../leg1.cert.jsonl"),
     "another model": changed("model", "name", to="lateral"),
@@ -170,8 +181,8 @@ def test_tampering_is_refused(name: str, run: Path) -> None:
     assert main([str(run)]) == REFUSED
 
 
-CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/5"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
-            b'{"format": "cpcal-result/5", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
+CONTENTS = (b"", b"{}", b"[]", b"null", b'{"format": "cpcal-result/6"}', b"\xff", b"[" * 100_000, b'{"a": 1e999}',
+            b'{"format": "cpcal-result/6", "legs": ' + b"9" * 5000 + b"}", b'{"format": 1, "format": 1}')  # fmt: skip
 
 
 @pytest.mark.parametrize("content", CONTENTS, ids=range(len(CONTENTS)))
@@ -194,10 +205,28 @@ def test_a_folder_that_there_is_not(tmp_path: Path) -> None:
     assert main([str(tmp_path / "nowhere")]) == UNUSABLE
 
 
+def test_a_leg_is_refuted_at_any_eps_only_above_its_shortest_length(honest: Path) -> None:
+    """No leg is longer than eps from min(L - lambda) + the upper end of l on; a cap just below excludes less."""
+    campaign, accepted = ExactCampaign(honest / "campaign.json"), check_run(honest)[0].accepted
+    assert accepted is not None
+    rows = json.loads((honest / "campaign.json").read_text())["measurements"]
+    shortest, offset = min(F(float(row[9])) - F(float(row[21])) for row in rows), accepted.hi[6]
+    assert accepted.lo[6] < offset
+    for cap, refuted in (
+        (shortest + offset, True),
+        (shortest + offset - F(1, 2**60), False),
+        (shortest + accepted.lo[6], False),
+        (shortest, shortest >= shortest + offset),
+    ):
+        claims = replace(accepted.claims, cap=cap, infeasible=True, point=None)
+        found = _lowest(campaign, 1, replace(accepted, claims=claims), None, None)
+        assert found == (refuted, "inf" if refuted else accepted.claims.eps_lo)
+
+
 def test_a_leg_that_says_so_is_not_certified(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It is neither proved nor refused; with no leg proved there is nothing to check."""
     data = json.loads((run / "result.json").read_text())
-    data["legs"][1].update(certified=False, certificate=None)
+    uncertified(data["legs"][1])
     (run / "result.json").write_text(json.dumps(data))
     (run / "leg2.cert.jsonl").unlink()
     one, two = check_run(run)
@@ -205,7 +234,7 @@ def test_a_leg_that_says_so_is_not_certified(run: Path, capsys: pytest.CaptureFi
     assert (two.accepted, two.refused) == (None, None)
     assert main([str(run)]) == PROVED
     assert "leg 2: not certified" in capsys.readouterr().out
-    data["legs"][0].update(certified=False, certificate=None)
+    uncertified(data["legs"][0])
     (run / "result.json").write_text(json.dumps(data))
     (run / "leg1.cert.jsonl").unlink()
     assert main([str(run)]) == UNUSABLE

@@ -224,6 +224,11 @@ OTHERS: dict[str, Callable[[dict[str, Any]], object]] = {
     "a row too long": lambda d: d["measurements"][3].append("0"),
     "all rows shorter": lambda d: [row.pop() for row in d["measurements"]],
     "a row that is a text": lambda d: d["measurements"].append("row"),
+    "a pose and a run twice": lambda d: d["measurements"][3].__setitem__(slice(2), d["measurements"][5][:2]),
+    "a name twice by its sign /": lambda d: [
+        row.__setitem__(slice(2), name)
+        for row, name in zip(d["measurements"], (["a", "b/c"], ["a/b", "c"]))  # noqa: B905
+    ],
     "rows of nothing": lambda d: d.update(measurements=[[], []]),
 }
 

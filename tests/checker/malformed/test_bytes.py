@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 from cpcal.checker import ExactCampaign, Refused, Unusable, check
 from cpcal.files.folders import NAME
+from tests.checker.valid.exact_legs import in_fractions
 
 Lines = list[dict[str, Any]]
 
@@ -188,27 +190,45 @@ def test_a_directory_and_a_missing_file(tmp_path: Path, exact_proof: Any) -> Non
             check(path, exact_proof.folder / NAME)
 
 
-def test_a_large_campaign_is_read_line_by_line_to_the_same_measurements(
+def numbers(campaign: ExactCampaign) -> list[Any]:
+    return [in_fractions(campaign.measurement(k, 3)) for k in range(len(campaign))]
+
+
+def test_a_campaign_is_read_as_it_comes_to_the_same_measurements(
     exact_proof: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     content = (exact_proof.folder / NAME).read_bytes()
     at_once, path = ExactCampaign(exact_proof.folder / NAME), tmp_path / NAME
-    monkeypatch.setattr("cpcal.checker.exact_campaign.LARGEST_FILE", len(content) // 2)
+    monkeypatch.setattr("cpcal.checker.files.LONGEST_LINE", 1500)  # much less than the file
     path.write_bytes(content)
-    by_line = ExactCampaign(path)
-    assert (by_line.sha256, by_line.robot, by_line.ids) == (at_once.sha256, at_once.robot, at_once.ids)
-    for k in range(len(at_once)):
-        assert vars(by_line.measurement(k, 3)) == vars(at_once.measurement(k, 3))
+    found = ExactCampaign(path)
+    assert (found.sha256, found.robot, found.place) == (at_once.sha256, at_once.robot, at_once.place)
+    assert numbers(found) == numbers(at_once)
     first, second = (b"\n" + line for line in content.splitlines()[-4:-2])
-    for broken in (
-        content.replace(second, second.rstrip(b",")),  # ends after it, by the comma that it lacks
-        content.replace(second, second.replace(b'",', b'"],"more":["', 1)),
-        content.replace(first + second, first + second.lstrip()),
-        content[: content.index(second)],
-        content.replace(b"\n ]}", b",\n ]}"),
-        content.replace(b"{", b"{" + b" " * len(content), 1),
-        content.replace(b'"measurements": [\n', b'"measurements": ['),
+    for broken, reason in (
+        (content.replace(second, second.rstrip(b",")), "one of ,] is needed"),
+        (content.replace(second, second.replace(b'",', b'"],"more":["', 1)), "a list of 27"),
+        (content[: content.index(second) - 1], "one of ,] is needed where ''"),
+        (content.replace(b"\n ]}", b",\n ]}"), "not JSON"),
+        (content + b"{}", "something follows"),
+        (content.replace(b'"robot"', b'"robots"'), "it holds 'robots', or lacks another key"),
+        (content.replace(b'"provenance"', b'"model"'), "stands twice"),
+        (content.replace(b'"provenance": {', b'"provenance": {"a": "' + b"x" * 1600 + b'", '), "more than 1500 bytes"),
+        (content.replace(first, first[:4] + b"\xff" + first[4:]), "not UTF-8"),
     ):
         path.write_bytes(broken)
-        with pytest.raises(Refused, match=NAME):
+        with pytest.raises(Refused, match=rf"campaign\.json: .*{reason}"):
             ExactCampaign(path)
+
+
+@pytest.mark.parametrize("space", [1, 17 << 20])
+def test_measurements_are_those_of_the_campaign_and_not_of_its_provenance(
+    space: int, exact_proof: Any, tmp_path: Path
+) -> None:
+    """In a file of more than 16 MiB the first line that said so once won."""
+    content, path = (exact_proof.folder / NAME).read_bytes(), tmp_path / NAME
+    _, rows = content.split(b'"measurements": [\n')
+    others = b'"provenance": {\n"measurements": [\n' + rows.replace(b'"1', b'"2').strip() + b"," + b" " * space
+    path.write_bytes(re.sub(rb'"provenance": .*', lambda _: others, content))
+    assert path.stat().st_size > space + 2 * len(rows)
+    assert numbers(ExactCampaign(path)) == numbers(ExactCampaign(exact_proof.folder / NAME))

@@ -117,7 +117,16 @@ def products_by_the_thousand() -> list[Line]:
             *[exclusion() | {"weights": weights(products=pairs)}] * 5]  # fmt: skip
 
 
+def sums_that_grow_from_step_to_step() -> Iterator[Line]:
+    """Each term of a row of 20,000 was once charged a quarter unit, and each step's rows were kept."""
+    body = [[m, ONE] for m in monomials(200, 2, 20_000)]
+    yield from (header(200, 1, lo="-" + ONE), constraint(body), CLAIMS)
+    for _ in range(3000):
+        yield {"pass": 0, "cap": None, "rows": [["upper", 0]], "bounds": [[0, "lo", "-" + ONE, weights()]]}
+
+
 CASES: list[Callable[[], Any]] = [
+    sums_that_grow_from_step_to_step,
     a_root_of_4000_terms_squared,
     monomials_of_degree_8,
     many_constraints_of_degree_8,

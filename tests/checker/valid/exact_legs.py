@@ -33,11 +33,10 @@ class Exact(NamedTuple):
 
 
 def in_fractions(m: Measurement) -> Exact:
-    given = (m.fixed, m.quaternion, m.reach)
-    fixed, quaternion, reach = ([F(v, 1 << part.power) for v in part.values] for part in given)
-    *position, length, shortest = fixed
-    assert shortest == length - reach[6] == m.shortest
-    return Exact(tuple(position), tuple(quaternion), length, tuple(reach))
+    given, radii = [F(v) for v in m.given], [F(r) for r in m.radii]
+    reach = [r / 2 if 3 <= j < 6 else r for j, r in enumerate(radii)]
+    assert m.shortest == given[7] - reach[6]
+    return Exact(tuple(given[4:7]), tuple(given[:4]), given[7], tuple(reach))
 
 
 def rational(rng: random.Random, size: int) -> F:

@@ -116,8 +116,8 @@ def test_readings_whose_shapes_do_not_fit_are_refused() -> None:
 
 def test_a_list_of_expressions_is_no_array() -> None:
     _, x = model(shape=2)
-    refused(lambda: x + [x[0], 1.0], "Expr")
-    refused(lambda: x + np.array([x[0], x[1]], dtype=object), "Expr")
+    refused(lambda: x + [x[0], 1.0], "an array of expressions is numpy.stack")
+    refused(lambda: x + np.array([x[0], x[1]], dtype=object), "an array of expressions is numpy.stack")
 
 
 # Shapes, domains, names ------------------------------------------------------------------------------------

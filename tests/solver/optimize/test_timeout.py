@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 
 import cpcal
-from contractors import Lifted
+from contractors import HC4, Lifted
 from cpcal.checker import check
 from cpcal.results import proved_sentence
 from cpcal.solver import plugins
 from cpcal.solver.accounts import TimeoutAnswer, Trial
-from cpcal.solver.contract import Composable, Contraction, Step
-from cpcal.solver.interval import Box
+from cpcal.solver.contract import Composable, Contraction, Repeat, Step, Then
+from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.limits import Limits
-from cpcal.solver.optimize import TimeoutOutcome, Witness, timeout
+from cpcal.solver.network import ConstraintNetwork, sqr
+from cpcal.solver.optimize import TimeoutOutcome, Witness, WitnessProver, ask, timeout
+from cpcal.solver.search import Contracting, LargestFirst
 
 
 def play(answers: str, *, lo: float = 0.0, hi: float = 1.0) -> list[Trial]:
@@ -50,6 +52,23 @@ def test_too_close_doubles_the_delay_and_goes_back_to_the_average() -> None:
     trials = play("ttttt")
     assert [t.eps for t in trials] == [0.5, 0.25, 0.125, 0.0625, 0.5]
     assert [t.delay for t in trials] == [1.0, 1.0, 1.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize("width", [0.05, 0.5, 10.0])
+def test_a_box_that_is_kept_may_hold_the_planted_point_and_is_not_infeasible(width: float) -> None:
+    """(x - 0.3)^2 + (y - 0.3)^2 <= eps up to 1e-6: middles of coarse boxes are no points of it."""
+    net = ConstraintNetwork()
+    x, eps = net.variable("x", 2, domain=(-1, 1)), net.variable("eps", domain=(0, 1e-6))
+    net.add(sqr(x - 0.3).sum() <= eps)
+    assert [0.3, 0.3, 1e-6] in net.domain
+    prover = WitnessProver(net, 2, get_arithmetic("float64"))
+    coarse = LargestFirst(width, skip=("eps",))
+    found = ask(net.domain, Contracting([("nothing", Repeat(Then()))]), coarse, prover, 60.0)
+    assert found.answer is TimeoutAnswer.TIMEOUT
+    fine = ask(net.domain, Contracting([("hc4", HC4(net))]), LargestFirst(1e-4), prover, 60.0)
+    assert fine.answer is TimeoutAnswer.FOUND
+    apart = net.domain.replace("x[0]", lo=0.5)
+    assert ask(apart, Contracting([("hc4", HC4(net))]), coarse, prover, 60.0).answer is TimeoutAnswer.INFEASIBLE
 
 
 def test_it_ends_when_the_bracket_is_closed() -> None:

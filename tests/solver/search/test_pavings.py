@@ -50,6 +50,27 @@ def test_all_solutions_of_a_square_system_are_proved(arithmetic: str) -> None:
         assert sum(abs(box.mid - (p, q)).max() < 1e-12 for box in proved(paving)) == 1
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_close_zeros_of_polynomials_are_all_in_the_boxes(seed: int) -> None:
+    """Some of them closer than boxes are wide: a box that touches the region of one may hold the next. Exact zeros."""
+    rng = np.random.default_rng(seed)
+    first = rng.integers(-8, 8, 3) / 8.0
+    zeros = np.unique(np.concatenate([first, first + 2.0 ** -rng.integers(5, 16, 3)]))
+    net = Network()
+    x, y = net.variable("x", (), (-2, 2)), net.variable("y", (), (-2, 2))
+    body = x - float(zeros[0])
+    for zero in zeros[1:].tolist():
+        body = body * (x - zero)
+    net.add([body == 0, y - x * 0.5 == 0])
+    for width in (1e-2, 1e-3, 1e-4):
+        paving = net.solve(width=width, contractors=("hc4",))
+        assert paving.complete
+        for zero in zeros:
+            assert any((zero, 0.5 * zero) in s.box for s in paving.solutions), (width, zero)
+        for box in proved(paving):
+            assert sum((zero, 0.5 * zero) in box for zero in zeros) == 1, (width, box)
+
+
 def test_a_solution_on_the_faces_of_boxes_is_one_solution() -> None:
     net = Network()
     x, y = net.variable("x", (), (-1, 1)), net.variable("y", (), (-1, 1))

@@ -1,26 +1,30 @@
-"""Files damaged at random are refused with a sentence, or mean what they say: 500 mutations of each kind of file."""
+"""Files damaged at random are refused with a sentence, or mean what they say: some mutations of each kind of file."""
 
 import random
-import sys
 
 import pytest
 
-from benchmarks.mutants import MUTATIONS, mutated
-from benchmarks.mutation_subjects import SUBJECTS, Subject
-from benchmarks.mutations import BAD, outcomes
-from cpcal.checker import check, check_run
-from tests.remembered import remembered
-
-COUNT = 500
+from benchmarks import damaged_runs
+from benchmarks.damage import MUTATIONS, mutated
+from benchmarks.damaged_runs import BAD, SUBJECTS, Subject, outcomes
+from benchmarks.genuine_runs import RUNS
+from tests.remembered import verify_once
 
 
 @pytest.mark.parametrize("name", SUBJECTS)
 def test_no_mutation_ends_in_a_traceback_or_is_accepted_with_other_claims(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules[check_run.__module__], "check", remembered(check))
-    found = list(outcomes(SUBJECTS[name], tmp_path, COUNT, seed=2026))
+    verify_once(monkeypatch)
+    count = 60 if name in RUNS else 300
+    found = list(outcomes(SUBJECTS[name], tmp_path, count, seed=2026))
     assert [o for o in found if o.kind in BAD] == []
-    assert len(found) == COUNT
-    assert sum(o.kind == "refused" for o in found) > COUNT / 3
+    assert len(found) == count
+    assert sum(o.kind == "refused" for o in found) > count / 3
+
+
+def test_a_costly_reader_is_found_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(damaged_runs, "SECONDS", 0.0)
+    (found,) = outcomes(SUBJECTS["target"], tmp_path, 1, seed=1, apart=True)
+    assert (found.kind, found.seconds > 0.0, found.megabytes > 10.0) == ("COSTLY", True, True)
 
 
 @pytest.mark.parametrize("kind", ["CHANGED", "TRACEBACK"])

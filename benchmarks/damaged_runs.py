@@ -1,0 +1,266 @@
+"""`python -m benchmarks.damaged_runs`: files damaged at random are refused with a sentence, or mean what they say.
+
+    python -m benchmarks.damaged_runs [SUBJECT ...] [--count 10000] [--seed 1] [--log FILE]
+
+Subjects are inputs of cpcal, and genuine runs of every kind (`genuine_runs.py`), which share the count. A mutation is
+one of `damage.py`, of one file that is drawn at random; seeded, so that number k of a seed is always the same. Each is
+read in a process of its own. The outcome is
+
+    refused    InputError, Refused or an exit status of 1 or 2 with a message
+    same       what was read is what the good files say, but for what a file calls information
+    other      an input that states something else, and says so: it is read back the same when it is saved, and (a
+               campaign) has another SHA-256, so that no certificate of the good one is taken for it
+    CHANGED    a run that is accepted with other claims: must not happen
+    TRACEBACK  any other exception: must not happen
+    COSTLY     more than 10 s of processor time, or more than 500 MB: must not happen
+
+Exit status 1 when one of the last three happened. The log has a line for each acceptance: number, file, mutation,
+outcome and why it is harmless.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import pickle
+import random
+import re
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from typer.testing import CliRunner
+
+from benchmarks.damage import mutated
+from benchmarks.genuine_runs import RUNS
+from cpcal.calibration import calibrate_study, recorded
+from cpcal.calibration.record import load_record, save_record
+from cpcal.cli import app
+from cpcal.cli.status import Status
+from cpcal.common.errors import InputError
+from cpcal.common.values import same
+from cpcal.files import campaign_sha256, load_campaign, load_study, save_campaign, save_study
+from cpcal.files.codec import INFORMATION
+from cpcal.robot import Campaign
+from cpcal.simulate import simulate, simulate_study
+from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.files.plate_and_camera import load_camera, load_target, save_camera, save_target
+from cpcal.vision.target import DELTALAB_TARGET
+
+BAD = ("CHANGED", "TRACEBACK", "COSTLY")
+SECONDS, MEGABYTES = 10.0, 500.0  # of a verification
+
+
+class Refusal(Exception):
+    """A command that left with status 1 or 2, and its message."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """`write` makes good files in an empty folder; `read` says what files claim, or refuses; of what is claimed
+    otherwise, `harmless` says why that is harmless, or None."""
+
+    name: str
+    write: Callable[[Path], object]
+    read: Callable[[Path], Any]
+    harmless: Callable[[Any, Any], str | None]
+    mutated: str = "**/*"  # which of the files
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one mutation."""
+
+    number: int
+    file: str
+    mutation: str
+    kind: str
+    why: str
+    seconds: float
+    megabytes: float
+
+
+# what is damaged ------------------------------------------------------------------------------------------------------
+
+
+def _input(save: Callable[[Any, Path], object], load: Callable[[Path], Any]) -> Callable[[Any, Any], str | None]:
+    """Another input is harmless when it means what it says: saved and loaded it is the same."""
+
+    def why(good: Any, found: Any) -> str | None:
+        with tempfile.TemporaryDirectory() as folder:
+            save(found, Path(folder) / "again")
+            if load(Path(folder) / "again") != found:
+                return None
+        if isinstance(found, Campaign) and campaign_sha256(found) == campaign_sha256(good):
+            return None
+        differs = [f.name for f in fields(found) if not same(getattr(found, f.name), getattr(good, f.name))]
+        return f"another input, which says so: {', '.join(differs)}"
+
+    return why
+
+
+def _record(folder: Path) -> None:
+    study = simulate_study(seed=1, runs=3, random_poses=4, validation_runs=2)
+    save_record(recorded(study, calibrate_study(study, factor=3.0), factor=3.0), folder)
+
+
+def verified(folder: Path) -> tuple[list[str], dict[str, Any]]:
+    """What `cpcal verify` says that is proved, without how long it took, and what the JSON files state besides."""
+    run = folder / "run"
+    done = CliRunner().invoke(app, ["verify", str(run)])
+    said = done.stdout + done.stderr
+    if done.exit_code in (Status.UNKNOWN, Status.UNUSABLE) and said.strip() and done.exception is not None:
+        raise Refusal(said.splitlines()[0])
+    assert done.exit_code == 0, said or repr(done.exception)
+    lines = (re.sub(r", \d+ steps\b|, [\d.]+ s\b", "", line) for line in done.stdout.splitlines())
+    proved = sorted(line for line in lines if "PROVED" in line or "CERTIFIED" in line)
+    return proved, {path.name: _stated(json.loads(path.read_bytes())) for path in sorted(run.rglob("*.json"))}
+
+
+def _stated(value: Any) -> Any:
+    """Without the information, and without certificates' rows that prove a claim: these are no claims."""
+    if isinstance(value, dict):
+        return {key: _stated(part) for key, part in value.items() if key not in (INFORMATION, "chains")}
+    return [_stated(part) for part in value] if isinstance(value, list) else value
+
+
+def _claimed_otherwise(kind: str) -> Callable[[Any, Any], str | None]:
+    """Nothing is stated beside the certificate of `cpcal solve`: what it claims instead it proves."""
+    return lambda good, found: "the certificate itself claims otherwise, and proves it" if kind == "solve" else None
+
+
+SUBJECTS = {
+    s.name: s
+    for s in (
+        Subject(
+            "campaign",
+            lambda folder: save_campaign(simulate(seed=1, extremal=False, random_poses=4, runs=2), folder),
+            load_campaign,
+            _input(save_campaign, load_campaign),
+        ),
+        Subject(
+            "study",
+            lambda folder: save_study(
+                simulate_study(seed=1, runs=1, random_poses=1, validation_runs=1, backlash=0.1, sag=0.5), folder
+            ),
+            load_study,
+            _input(save_study, load_study),
+        ),
+        Subject(
+            "target",
+            lambda folder: save_target(DELTALAB_TARGET, folder / "target.toml"),
+            lambda folder: load_target(folder / "target.toml"),
+            _input(save_target, load_target),
+        ),
+        Subject(
+            "camera",
+            lambda folder: save_camera(DELTALAB_CAMERA, folder / "camera.toml"),
+            lambda folder: load_camera(folder / "camera.toml"),
+            _input(save_camera, load_camera),
+        ),
+        Subject("record", _record, load_record, _input(save_record, load_record)),
+        *(Subject(kind, write, verified, _claimed_otherwise(kind), "run/**/[!.]*") for kind, write in RUNS.items()),
+    )
+}
+
+
+# the survey -----------------------------------------------------------------------------------------------------------
+
+
+def outcomes(subject: Subject, folder: Path, count: int, seed: int, apart: bool = False) -> Iterator[Outcome]:
+    """The outcomes of `count` mutations of a subject, whose files are written into the empty `folder`.
+
+    `apart`: each is read in a process of its own, which is measured.
+    """
+    subject.write(folder)
+    files = {p: p.read_bytes() for p in sorted(folder.glob(subject.mutated)) if p.is_file() and p.stat().st_size}
+    good = subject.read(folder)
+    for number in range(count):
+        rng = random.Random(f"{seed}/{subject.name}/{number}")
+        path = rng.choice(list(files))
+        name, content = mutated(rng, files[path])
+        path.write_bytes(content)
+        (kind, why), seconds, megabytes = (_apart if apart else _here)(subject, folder, good)
+        path.write_bytes(files[path])
+        if kind not in BAD and (seconds > SECONDS or megabytes > MEGABYTES):
+            kind, why = "COSTLY", f"{kind} after {seconds:.1f} s and {megabytes:.0f} MB"
+        yield Outcome(number, path.name, name, kind, why, seconds, megabytes)
+
+
+Measured = tuple[tuple[str, str], float, float]  # kind and reason, seconds of processor time, megabytes
+
+
+def _here(subject: Subject, folder: Path, good: Any) -> Measured:
+    return _outcome(subject, folder, good), 0.0, 0.0
+
+
+def _apart(subject: Subject, folder: Path, good: Any) -> Measured:
+    receive, send = os.pipe()
+    child = os.fork()
+    if child == 0:
+        found = _outcome(subject, folder, good)
+        with os.fdopen(send, "wb") as stream:
+            pickle.dump(found, stream)
+        os._exit(0)
+    os.close(send)
+    with os.fdopen(receive, "rb") as stream:
+        content = stream.read()
+    _, status, used = os.wait4(child, 0)
+    found = pickle.loads(content) if content and not status else ("TRACEBACK", f"the process ended with {status}")
+    return found, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0
+
+
+def _outcome(subject: Subject, folder: Path, good: Any) -> tuple[str, str]:
+    try:
+        found = subject.read(folder)
+        if found == good:
+            return "same", "everything that is claimed is as in the good files"
+        why = subject.harmless(good, found)
+        return ("CHANGED", "what is claimed differs") if why is None else ("other", why)
+    except Refusal as refusal:
+        return "refused", str(refusal)
+    except InputError as error:
+        named = error.problems and all(p.where and p.what and p.remedy for p in error.problems)
+        return ("refused", str(error.problems[0])) if named else ("TRACEBACK", "a refusal without a remedy")
+    except Exception as error:
+        return "TRACEBACK", f"{type(error).__name__}: {error}"
+
+
+def survey(name: str, count: int, seed: int, log: Callable[[str], object]) -> Counter[str]:
+    """How many mutations of a subject had which outcome; every acceptance and every failure is logged."""
+    found: Counter[str] = Counter()
+    slowest = largest = 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        for outcome in outcomes(SUBJECTS[name], Path(folder), count, seed, apart=True):
+            found[outcome.kind] += 1
+            slowest, largest = max(slowest, outcome.seconds), max(largest, outcome.megabytes)
+            if outcome.kind != "refused":
+                log(json.dumps({"subject": name, "seed": seed, **vars(outcome)}))
+    counts = ", ".join(f"{times:,} {kind}" for kind, times in sorted(found.items()))
+    print(f"{name}: {count:,} mutations, seed {seed}: {counts}; at most {slowest:.2f} s, {largest:.0f} MB", flush=True)
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Damage files at random and see that none is misunderstood.")
+    parser.add_argument("subjects", nargs="*", metavar="SUBJECT", help=f"of {', '.join(SUBJECTS)}; default: all runs")
+    parser.add_argument("--count", type=int, default=10_000, help="of all subjects together")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--log", type=Path, default=Path("damaged_runs.jsonl"))
+    options = parser.parse_args()
+    names = options.subjects or list(RUNS)
+    with options.log.open("w", encoding="utf-8", buffering=1) as file:
+        total: Counter[str] = Counter()
+        for name in names:
+            total += survey(name, -(-options.count // len(names)), options.seed, lambda line: file.write(line + "\n"))
+    print(f"all: {sum(total.values()):,} mutations: {', '.join(f'{n:,} {kind}' for kind, n in sorted(total.items()))}")
+    sys.exit(1 if any(total[kind] for kind in BAD) else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""Small genuine runs of every kind that `cpcal verify` reads, as the commands write them.
+
+Each writes its folders into an empty one; the folder to verify is `run`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from typer.testing import CliRunner
+
+from benchmarks.pose_sets import drawn_pose
+from benchmarks.uncertain_poses import shown
+from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
+from cpcal.accuracy.findings import save_accuracy
+from cpcal.calibration import calibrate_study, recorded
+from cpcal.certify import certify
+from cpcal.certify.fits import certify_fits
+from cpcal.cli import app
+from cpcal.files import save_campaign
+from cpcal.files.run_folder import ACCURACY, answers_into
+from cpcal.robot import Pose
+from cpcal.simulate import simulate, simulate_study
+from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.pose_sets import CameraSet, PixelBoxes, TargetSet, enclose_pose
+from cpcal.vision.target import DELTALAB_TARGET, Target
+
+PROBLEM = "variables x in [-1, 1]; y in [0, 2]; minimize x^2 + y; constraints x + y >= 0.5; end"
+NARROW = ("--legs", "1", "--delta", "0.5", "--gap", "1e-2")
+
+
+def command(*words: object) -> None:
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exit_code in (0, 1), done.output
+
+
+def _campaign(folder: Path, **changes: object) -> Path:
+    options = {"seed": 1, "extremal": False, "random_poses": 9, "joint_error": 1.0, "factor": 0.0} | changes
+    save_campaign(simulate(**options), folder / "campaign")  # type: ignore[arg-type]
+    return folder / "campaign"
+
+
+def leg(folder: Path) -> None:
+    command("certify", _campaign(folder), *NARROW, "--support", "irreducible", "-o", folder / "run")
+
+
+def uncertain_leg(folder: Path) -> None:
+    campaign = _campaign(folder, factor=3.0, joint_error=0.0, random_poses=8)
+    command("certify", campaign, *NARROW, "--eps", "0.05", "-o", folder / "run")
+
+
+def robust(folder: Path) -> None:
+    command("robust", _campaign(folder), "--legs", "1", "--delta", "0.5", "--outliers", "1", "-o", folder / "run")
+
+
+def compare(folder: Path) -> None:
+    command("compare", _campaign(folder), *NARROW, "--models", "plain,lateral", "-o", folder / "run")
+
+
+def fits(folder: Path) -> None:
+    study = simulate_study(seed=3, runs=3, validation_runs=2, random_poses=5, sag=2.0)
+    found = calibrate_study(study)
+    certify_fits(found.campaign, recorded(study, found, factor=3.0), folder / "run", legs=[2, 5])
+
+
+def accuracy(folder: Path) -> None:
+    campaign = simulate(seed=3, extremal=False, random_poses=12, noise=0.0, factor=0.0, joint_error=0.02)
+    result = certify(campaign, delta=8.0, support="none", center="nominal")
+    poses = NamedPoses(("home",), Pose(np.array([[0.0, 0.0, 360.0]]), np.array([[1.0, 0.0, 0.0, 0.0]])))
+    with answers_into(folder / "run", ACCURACY, campaign) as draft:
+        save_accuracy(certify_accuracy(campaign, result, poses=poses, model_error=0.02, certificates=draft), draft)
+
+
+def campaigns(folder: Path) -> None:
+    _campaign(folder)
+    save_campaign(simulate(seed=2, extremal=False, random_poses=9, joint_error=1.0, factor=0.0), folder / "second")
+    command("certify", folder / "campaign", folder / "second", *NARROW, "-o", folder / "run")
+
+
+def pose_sets(folder: Path) -> None:
+    """Of seven dots, whose places are uncertain."""
+    rng = np.random.default_rng(7)
+    few = Target("few dots", DELTALAB_TARGET.dots[::12], 6.0, ())
+    targets, cameras = TargetSet.within(few, 0.01), CameraSet(DELTALAB_CAMERA)
+    numbers, centers = shown(rng, drawn_pose(rng), cameras, targets)
+    boxes = PixelBoxes.around(numbers, centers, 0.05, of_images=True)
+    (folder / "run").mkdir()
+    enclose_pose(boxes, targets, cameras, certificate=folder / "run" / "one", sources={"camera.toml": b"its bytes"})
+
+
+def solve(folder: Path) -> None:
+    (folder / "run").mkdir()
+    (folder / "it.mbx").write_text(PROBLEM)
+    command("solve", folder / "it.mbx", "--certificate", folder / "run" / "it.cert.jsonl", "-o", folder / "it.json")
+
+
+RUNS: dict[str, Callable[[Path], None]] = {
+    "leg": leg,
+    "uncertain leg": uncertain_leg,
+    "robust": robust,
+    "compare": compare,
+    "fits": fits,
+    "accuracy": accuracy,
+    "campaigns": campaigns,
+    "pose sets": pose_sets,
+    "solve": solve,
+}

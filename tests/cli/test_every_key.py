@@ -1,0 +1,96 @@
+"""No number is only stated: every change of a file that `cpcal verify` reads is refused, or it is information."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from benchmarks.genuine_runs import RUNS
+from cpcal.checker import Refused, check
+from cpcal.cli import app
+from tests.every_key import FILES, accepted_changes, table
+from tests.remembered import verify_once
+
+Verify = Callable[[], bool]
+
+
+@pytest.fixture
+def verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Verify:
+    """Whether `run` is accepted."""
+    verify_once(monkeypatch)
+
+    def accepted() -> bool:
+        done = CliRunner().invoke(app, ["verify", str(tmp_path / "run")])
+        assert done.exit_code in (0, 1, 2), done.output
+        return bool(done.exit_code == 0)
+
+    return accepted
+
+
+@pytest.mark.parametrize("kind", [kind for kind in RUNS if kind not in ("pose sets", "solve", "campaigns")])
+def test_every_change_outside_of_the_information_is_refused(kind: str, tmp_path: Path, verified: Verify) -> None:
+    RUNS[kind](tmp_path)
+    assert verified()
+    (file,) = (tmp_path / "run" / name for name in FILES if (tmp_path / "run" / name).exists())
+    assert list(accepted_changes(file, verified)) == []
+
+
+def test_every_change_of_what_a_pose_set_states_is_refused(tmp_path: Path, verified: Verify) -> None:
+    RUNS["pose sets"](tmp_path)
+    assert verified()
+    assert list(accepted_changes(tmp_path / "run" / "one.pose.json", verified, but="chains")) == []
+
+
+def test_every_cell_of_the_table_of_campaigns_is_that_of_a_run(tmp_path: Path, verified: Verify) -> None:
+    RUNS["campaigns"](tmp_path)
+    assert verified()
+    path = tmp_path / "run" / "summary.csv"
+    text = path.read_text(encoding="utf-8")
+    rows = [line.split(",") for line in text.splitlines()]
+    assert len(rows) == 3
+    for i, row in enumerate(rows):
+        for k, cell in enumerate(row):
+            changed = [[*one] for one in rows]
+            changed[i][k] = cell[:-1] + ("1" if cell[-1:] != "1" else "2")
+            path.write_text("\n".join(map(",".join, changed)) + "\n", encoding="utf-8")
+            assert not verified(), (row, k)
+    for other in ("", text + text.splitlines()[1] + "\n", "\n".join(text.splitlines()[:-1]) + "\n"):
+        path.write_text(other, encoding="utf-8")
+        assert not verified()
+    path.write_text(text, encoding="utf-8")
+    leg = tmp_path / "run" / "second" / "leg1.cert.jsonl"
+    leg.write_text(leg.read_text(encoding="utf-8")[:-200], encoding="utf-8")
+    assert not verified()
+
+
+def test_no_key_of_a_certificate_is_read_in_silence(tmp_path: Path) -> None:
+    """What header or claims say otherwise is refused, or said to be proved; the constraints are its own."""
+    RUNS["solve"](tmp_path)
+    path = tmp_path / "run" / "it.cert.jsonl"
+    good, text = check(path), path.read_text(encoding="utf-8")
+    lines = text.splitlines()
+    claims = next(k for k, line in enumerate(lines) if '"claims"' in line or '"infeasible"' in line)
+
+    def unnoticed(number: int) -> Iterator[str]:
+        line = tmp_path / "line.json"
+        line.write_text(lines[number], encoding="utf-8")
+
+        def same() -> bool:
+            path.write_text("\n".join([*lines[:number], line.read_text(), *lines[number + 1 :]]) + "\n")
+            try:
+                return check(path) == good
+            except Refused:
+                return False
+
+        yield from accepted_changes(line, same)
+
+    assert list(unnoticed(0)) == []
+    assert list(unnoticed(claims)) == []
+
+
+def test_the_documentation_has_the_table_of_all_keys() -> None:
+    """`python -m tests.every_key` prints it."""
+    assert table() in Path("docs/trust.md").read_text(encoding="utf-8")

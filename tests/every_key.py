@@ -1,0 +1,99 @@
+"""Every key of every file that `cpcal verify` reads: the table of docs/trust.md, and what changes of them are accepted.
+
+`python -m tests.every_key` prints the table.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy
+from cpcal.certify.fits import FITS_NAME, CertifiedFits
+from cpcal.files.codec import INFORMATION, keys_of
+from cpcal.results import COMPARISON_NAME, RESULT_NAME, Comparison, Result
+from cpcal.results.robust import ROBUST_NAME, RobustResult
+
+FILES = {
+    RESULT_NAME: Result,
+    ROBUST_NAME: RobustResult,
+    COMPARISON_NAME: Comparison,
+    FITS_NAME: CertifiedFits,
+    ACCURACY_NAME: Accuracy,
+}
+Path_ = tuple[str | int, ...]
+
+
+def table() -> str:
+    """The table, as Markdown: a row a way of checking."""
+    lines = []
+    for name, kind in FILES.items():
+        ways: dict[str, list[str]] = {}
+        for key, how in keys_of(kind):
+            ways.setdefault(how, []).append(f"`{key}`")
+        lines += [f"| {name} | how it is checked |", "| --- | --- |", "| `format` | compared |"]
+        lines += [f"| {', '.join(keys)} | {how} |" for how, keys in ways.items()]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def accepted_changes(file: Path, verified: Callable[[], bool], but: str = "") -> Iterator[str]:
+    """Keys of a JSON file that stand outside of the information (and of the key `but`), and an accepted change."""
+    text = file.read_text(encoding="utf-8")
+    try:
+        for path in (path for path in _places(json.loads(text)) if path[0] != but):
+            for other in _changes(_at(json.loads(text), path)):
+                data = json.loads(text)
+                _at(data, path[:-1])[path[-1]] = other
+                file.write_text(json.dumps(data), encoding="utf-8")
+                if verified():
+                    yield f"{key_of(path)}: {json.dumps(_at(json.loads(text), path))[:60]} to {json.dumps(other)[:60]}"
+    finally:
+        file.write_text(text, encoding="utf-8")
+
+
+def key_of(path: Path_) -> str:
+    """As the table has it."""
+    return re.sub(r"\.\[", "[", ".".join("[]" if isinstance(part, int) else part for part in path))
+
+
+def _places(value: Any, at: Path_ = ()) -> Iterator[Path_]:
+    """Objects, lists and values, the first and the last one of a list; nothing of the information."""
+    if at and at[-1] == INFORMATION:
+        return
+    if at:
+        yield at
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield from _places(part, (*at, key))
+    if isinstance(value, list):
+        for k in sorted({0, len(value) - 1} & set(range(len(value)))):
+            yield from _places(value[k], (*at, k))
+
+
+def _at(data: Any, path: Path_) -> Any:
+    for part in path:
+        data = data[part]
+    return data
+
+
+def _changes(value: Any) -> list[Any]:
+    """Three other values: where there are such, two of its own kind."""
+    if isinstance(value, bool):
+        return [not value, int(value), None]
+    if isinstance(value, int | float):
+        return [value + (0.001 * abs(value) or 1), value - (0.001 * abs(value) or 1), str(value)]
+    if isinstance(value, str) and value.lstrip("-").startswith("0x"):
+        return ["0x11p+3", "-0x11p+3", 7]
+    if isinstance(value, str):
+        return [value[:-1] + ("1" if value[-1:] != "1" else "2"), f"{value}x", 7]
+    if isinstance(value, list):
+        return [value[:-1] if value else [0], [*value, *value[-1:]] if value else {}, None]
+    return [{}, 1, []] if isinstance(value, dict) else [1, "x", []]
+
+
+if __name__ == "__main__":
+    print(table())
