@@ -22,8 +22,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from cpcal.common.atomic import write_file
 from cpcal.common.errors import CpcalError, InputError, Problem, shown
+from cpcal.common.files import write_file
 from cpcal.files.tables import json_object
 from cpcal.solver.interval import Box
 

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
-from cpcal.cli.progress import ProgressLines, watch
-from cpcal.cli.show import show_result
+from cpcal.cli.certify import show_result
+from cpcal.cli.running import ProgressLines, watch
 from cpcal.legs import PLAIN
 from cpcal.solver.optimize import Bracket
 
@@ -23,7 +23,7 @@ _SIGNALLED = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from contextlib import contextmanager
-import cpcal.cli.certified_run
+import cpcal.cli.certify
 
 @contextmanager
 def stop(legs, gap, console):
@@ -32,7 +32,7 @@ def stop(legs, gap, console):
             os.kill(os.getpid(), signal.NAME)
     yield progress
 
-cpcal.cli.certified_run.watch = stop
+cpcal.cli.certify.watch = stop
 from cpcal.__main__ import main
 main()
 """

@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from cpcal.checker import Accepted, check
-from cpcal.handeye import verify_hand_eye
-from cpcal.handeye.frames_chain import Chain
-from cpcal.handeye.hand_eye_files import hand_eye_files
-from cpcal.handeye.hand_eye_study import HandEyeStudy
+from cpcal.handeye import verify as verify_hand_eye
+from cpcal.handeye.chain import Chain
+from cpcal.handeye.files import hand_eye_files
+from cpcal.handeye.study import HandEyeStudy
 from cpcal.solver.interval import Box
 from tests.remembered import remembered
 
