@@ -469,7 +469,7 @@ def render_study(found: StudyFound, run: str | os.PathLike[str] | None = None) -
 def _context(found: StudyFound) -> dict[str, Any]:
     record = found.record
     lengths = [c for c in record.channels if c.statistics.name.startswith("L")]
-    poses = [c for c in record.channels if not c.statistics.name.startswith("L")]
+    of_poses = [c for c in record.channels if not c.statistics.name.startswith("L")]
     six = len(record.drawing) == len(TABLE_4)
     return {
         "record": record,
@@ -486,7 +486,7 @@ def _context(found: StudyFound) -> dict[str, Any]:
         "fits_table": _fits_table(found.fits),
         "fits": [_fit_sentence(name, [fit.verified.verdict for fit in fits]) for name, fits in found.fits.both],
         "figure3": [_histogram(channel) for channel in lengths],
-        "figure4": [_histogram(channel) for channel in poses],
+        "figure4": [_histogram(channel) for channel in of_poses],
         "figure5": [_validation("x_c", record.validation), _validation("x_c_sigma", record.validation_sigma)],
         "apart": _apart(record),
         "errors": about(
