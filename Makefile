@@ -14,11 +14,12 @@ test: .venv/.installed-dev
 
 # `make nightly`: the longer sweeps, which `make test` leaves out or does a part of
 nightly: .venv/.installed-dev
-	$(BIN)/python -m pytest -n auto -m nightly
+	$(BIN)/python -m pytest -n auto -m nightly --timeout 3600
 	CPCAL_PLANTED=20000 CPCAL_EXAMPLES=250 $(BIN)/python -m pytest -n auto tests/solver/test_planted.py tests/checker/valid/test_rule.py
 	mkdir -p build
 	$(BIN)/python -m benchmarks.damaged_runs --count 10000 --log build/damaged_runs.jsonl
 	$(BIN)/python -m benchmarks.kernel_soundness --pairs 10000000
+	$(BIN)/python -m benchmarks.faults
 	$(MAKE) mutants
 
 # `make mutants`: small changes of a copy of the code, each of which the tests must notice; part of `make nightly`

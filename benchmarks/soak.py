@@ -21,8 +21,7 @@ import numpy as np
 
 import cpcal
 from benchmarks.machine import machine
-from cpcal.execution.memory import resident_bytes
-from cpcal.execution.stopping import within_memory
+from cpcal.execution.stopping import resident_bytes, within_memory
 from cpcal.solver.certificate.uncertified import UncertifiedError
 from cpcal.solver.optimize import Bracket
 from cpcal.solver.search import frontier

@@ -8,6 +8,7 @@ def main() -> None:
 
     gc.set_threshold(50_000)  # modules and numbers are no garbage: to look through them takes a tenth of the time
     _leave_at_once_while_starting()
+    _refuse_where_libraries_have_no_room()
     try:
         from cpcal.cli.app import app
 
@@ -37,6 +38,30 @@ def _leave_at_once_while_starting() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) not in (signal.SIG_IGN, None):
             signal.signal(number, leave_at_once)
+
+
+def _refuse_where_libraries_have_no_room() -> None:
+    """Under a limit of address space (`ulimit -v`) linear algebra is loaded now, or nothing is.
+
+    OpenBLAS asks for a buffer of each thread when it is loaded, and goes on asking for ever where it gets none; no
+    signal handler of Python runs meanwhile.
+    """
+    import os
+    import sys
+
+    try:
+        import resource  # of POSIX only
+    except ImportError:
+        return
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY:
+        return
+    needed = 2**29 + (os.cpu_count() or 1) * 2**26  # numpy's and scipy's buffers: 32 MiB each
+    if limit < needed:
+        what = f"limited to {limit / 1e6:.0f} MB (ulimit -v), and libraries need {needed / 1e6:.0f} MB"
+        sys.stderr.write(f"cpcal: too little memory: the address space is {what}\n")
+        sys.exit(2)
+    import scipy.linalg  # noqa: F401
 
 
 if __name__ == "__main__":

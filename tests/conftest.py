@@ -5,7 +5,9 @@ from __future__ import annotations
 import gc
 import os
 import sys
+from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -30,6 +32,7 @@ settings.load_profile("cpcal")
 LONG = (
     *("benchmarks/test_mutations.py", "solver/test_planted.py", "vision/test_identify.py", "cli/test_images.py"),
     *("contractors/test_conformance.py", "checker/malformed/test_checker_hostile.py", "execution/test_places.py"),
+    *("execution/test_cluster.py",),
     *("vision/test_pose_set_forgeries.py", "handeye/test_hand_eye_runs.py"),
     *("report/test_browser.py", "vision/test_pose_certificate.py", "benchmarks/test_runs.py", "test_commands.py"),
     *("handeye/test_uncertain_poses.py", "solver/test_paving_checkpoint.py", "solver/network/test_forms.py"),
@@ -58,3 +61,25 @@ def pytest_collection_finish() -> None:
     """Thousands of tests and all that they import stay to the end: the garbage collector need not look through them."""
     gc.collect()
     gc.freeze()
+
+
+def _missing(report: pytest.TestReport | pytest.CollectReport) -> tuple[str, bool]:
+    """Why something was skipped, and whether it may be missing: a browser, and measurements that are not ours."""
+    reason = str(report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr)
+    return reason.removeprefix("Skipped: "), "chromium" in reason or "real_data" in report.keywords
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """What was skipped, and why."""
+    reasons = Counter(map(_missing, terminalreporter.stats.get("skipped", [])))
+    for (reason, allowed), count in sorted(reasons.items()):
+        terminalreporter.write_line(f"skipped {count}: {reason}{'' if allowed else ' -- WHICH MAY NOT BE MISSING'}")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """A test that nobody ran has not passed: the run fails where something else is missing than what may be."""
+    reporter: Any = session.config.pluginmanager.get_plugin("terminalreporter")
+    skipped = reporter.stats.get("skipped", []) if reporter is not None else []
+    if sys.platform == "linux" and session.exitstatus == 0 and not all(_missing(one)[1] for one in skipped):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED

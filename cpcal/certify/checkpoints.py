@@ -18,8 +18,7 @@ import numpy as np
 
 from cpcal.common.errors import CpcalError
 from cpcal.common.version import __version__
-from cpcal.execution.checkpoint_file import read_checkpoint
-from cpcal.execution.keeping import garbled, kept
+from cpcal.execution.checkpoint_file import garbled, kept, read_checkpoint
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import decoded, encoded
 from cpcal.legs import LegModel, built_in, leg_box, leg_network

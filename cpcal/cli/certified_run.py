@@ -20,7 +20,8 @@ from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, record
 from cpcal.common.errors import InputError, printable
 from cpcal.execution.executors import Place
-from cpcal.execution.stopping import Reason, Stopped, asked
+from cpcal.execution.outcomes import LostWorkerError
+from cpcal.execution.stopping import Reason, Stopped, asked, give_up
 from cpcal.files.run_folder import REPORT_NAME, RUN, answers_into
 from cpcal.report import write_report
 from cpcal.results import Explained, LegResult, Result, result_text, save_result, verdict_of
@@ -57,7 +58,17 @@ def certified_into(
     try:
         with answers_into(run, RUN, campaign) as draft:
             kept.begin()
-            result = _watched(question, draft, place, talk)
+            try:
+                result = _watched(question, draft, place, talk)
+            except LostWorkerError as error:
+                result = _kept_until(error, replace(question, certificates=draft))
+            except MemoryError as error:
+                what = (
+                    f"{len(campaign)} measurements need more memory than there is ({str(error) or 'nothing is left'})"
+                )
+                raise MemoryError(
+                    f"{what}; go on with --resume, which keeps what is answered, where there is more"
+                ) from None
             _check_something(result)
             save_result(result, draft)
             write_report(campaign, result, draft, checker=checker)
@@ -88,6 +99,19 @@ def _watched(question: Question, draft: Path, place: Place, talk: Talk) -> Resul
     watching = nullcontext() if talk.quiet else watch(legs, question.options.gap, talk.errors)
     with watching as progress:
         return answered(replace(question, certificates=draft, progress=_recorded(progress)), place)
+
+
+def _kept_until(lost: LostWorkerError, question: Question) -> Result:
+    """What was answered before nobody was there to work any more; that stops this run. Raises what it is given, if that
+    was nothing."""
+    give_up(Reason.DESERTED)
+    if question.checkpoints is None or asked() is None:
+        raise lost
+    result = answered(replace(question, checkpoints=replace(question.checkpoints, resume=True)))
+    if not result.legs:
+        raise lost
+    typer.echo(printable(f"cpcal: {lost}"), err=True)
+    return result
 
 
 def _check_something(result: Result) -> None:

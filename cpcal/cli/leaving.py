@@ -37,6 +37,8 @@ def leaving() -> Iterator[None]:
     except KeyboardInterrupt as stop:
         reason = stop.reason if isinstance(stop, Stopped) else Reason.INTERRUPTED
         _leave(Status(reason), reason.sentence)
+    except MemoryError as error:
+        _leave(Status.UNUSABLE, printable(f"too little memory: {error or 'nothing is left'}"))
     except OSError as error:
         if error.errno == errno.EPIPE:
             raise  # nobody reads on: click leaves without a word

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shlex
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,8 +12,9 @@ from typing import Annotated
 
 import typer
 
+from cpcal.common.errors import printable
 from cpcal.execution.executors import Place, executor_for
-from cpcal.execution.stopping import heard, within_memory
+from cpcal.execution.stopping import asked, heard, within_memory
 
 _LOADS = ("cpcal.cli.many_campaigns", "cpcal.solver.numba_begun")  # of workers
 _PANEL = "Where it runs"
@@ -62,6 +65,17 @@ class Running(Where):
         bool,
         typer.Option("--resume", help="Go on from where a stopped run of the same work was.", rich_help_panel=_PANEL),
     ] = False
+
+    @contextmanager
+    def place(self) -> Iterator[Place]:
+        """The same; a run that is stopped ends with the command that goes on with it."""
+        with super().place() as place:
+            try:
+                yield place
+            finally:
+                if asked() is not None:
+                    command = ["cpcal", *sys.argv[1:], *([] if self.resume else ["--resume"])]
+                    typer.echo(printable(f"cpcal: go on with: {shlex.join(command)}"), err=True)
 
 
 def _bytes(text: str) -> int:

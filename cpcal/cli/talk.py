@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import logging
 import os
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import wraps
@@ -19,6 +20,7 @@ from rich.console import Console
 from cpcal.cli.folders import output_path, unwritable
 from cpcal.cli.grouped import grouped
 from cpcal.cli.terminal import terminal
+from cpcal.common.errors import printable
 from cpcal.common.version import __version__
 from cpcal.solver.compiled import QUIET
 
@@ -113,7 +115,7 @@ def logging_to(file: Path | None, command: str) -> Iterator[None]:
         yield
         return
     try:
-        handler = logging.FileHandler(file, encoding="utf-8")
+        handler = _RecordFile(file, encoding="utf-8")
     except OSError as error:
         raise unwritable(file, error) from None
     handler.setFormatter(_JsonLines())
@@ -133,7 +135,18 @@ def logging_to(file: Path | None, command: str) -> Iterator[None]:
     finally:
         _LOGGER.removeHandler(handler)
         _LOGGER.setLevel(before)
-        handler.close()
+        with suppress(OSError):  # told before
+            handler.close()
+
+
+class _RecordFile(logging.FileHandler):
+    """A record that cannot be written costs one message."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        _LOGGER.removeHandler(self)
+        typer.echo(
+            printable(f"cpcal: warning: the record ends here: {self.baseFilename}: {sys.exc_info()[1]}"), err=True
+        )
 
 
 class _JsonLines(logging.Formatter):

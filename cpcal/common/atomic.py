@@ -6,6 +6,7 @@ Drafts have names that cannot be guessed, are opened exclusively, and stand besi
 from __future__ import annotations
 
 import os
+import re
 import secrets
 import shutil
 import stat
@@ -14,15 +15,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from cpcal.common.errors import InputError, Problem
+from cpcal.common.errors import InputError, OutputError, Problem
 
+DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
 _CHOOSE = "choose a place that can be written to"
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
 
 
 def unwritable(path: str | os.PathLike[str], error: OSError) -> InputError:
     """What to raise when the system refuses to write to `path`."""
-    return InputError([Problem(os.fspath(path), f"cannot be written: {error.strerror or error}", _CHOOSE)])
+    where = os.path.join(*(part for part in Path(path).parts if not DRAFT.fullmatch(part)))  # where it was to be
+    return OutputError([Problem(where, f"cannot be written: {error.strerror or error}", _CHOOSE)])
 
 
 def draft_name() -> str:

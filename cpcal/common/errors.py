@@ -45,6 +45,8 @@ class InputError(CpcalError):
     `see` names the page of the documentation that explains the input.
     """
 
+    about = "in the input"
+
     def __init__(self, problems: Iterable[Problem], *, omitted: int = 0, see: str = "") -> None:
         self.problems = tuple(problems)
         self.omitted = omitted
@@ -57,13 +59,19 @@ class InputError(CpcalError):
 
     def __str__(self) -> str:
         count = len(self.problems) + self.omitted
-        lines = [f"{count} problem{'s' if count != 1 else ''} in the input:"]
+        lines = [f"{count} problem{'s' if count != 1 else ''} {self.about}:"]
         lines += [f"  {problem}" for problem in self.problems]
         if self.omitted:
             lines.append(f"  ... and {self.omitted} more of the same kinds")
         if self.see:
             lines.append(f"See {self.see}")
         return "\n".join(lines)
+
+
+class OutputError(InputError):
+    """What cannot be written: a full disk, say. For whoever mends problems it is one of them, but none of the input."""
+
+    about = "with the output"
 
 
 class ModelError(CpcalError):

@@ -1,4 +1,6 @@
-"""A checkpoint as a file: JSON Lines, compressed, that says what it is of and is read whole or not at all.
+"""Checkpoints: when one is due, and how it is a file that says what it is of and is read whole or not at all.
+
+It is JSON Lines, compressed. Where it cannot be written the work goes on.
 
 {"format": "cpcal-checkpoint/1", "of": {...}}     what it is of, word for word
 ...                                               what was kept, a JSON object a line
@@ -10,12 +12,15 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
+import logging
+import time
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cpcal.common.atomic import replacing
+from cpcal.common.atomic import replacing, unwritable
 from cpcal.common.errors import InputError, Problem
 
 FORMAT = "cpcal-checkpoint/1"
@@ -23,6 +28,9 @@ SIZE_MAX = 2**31  # bytes, unpacked
 
 Line = dict[str, Any]
 
+_EVERY = 5.0  # seconds between two checkpoints of a search
+_SHARE = 20.0  # and at least so many times as long as the last one took
+_LOGGER = logging.getLogger("cpcal")
 _LEVEL = 3  # of compression: a tenth of the size, in little time
 _REMEDY = "run again without --resume, which begins anew"
 
@@ -33,7 +41,7 @@ def write_checkpoint(path: Path, of: Mapping[str, Any], lines: Iterable[Line]) -
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError([Problem(str(path), f"cannot be written: {error.strerror}", "make room there")]) from None
+        raise unwritable(path, error) from None
     with replacing(path) as raw, gzip.GzipFile("", "wb", _LEVEL, raw, mtime=0) as file:
         for line in ({"format": FORMAT, "of": dict(of)}, *lines):
             text = json.dumps(line, separators=(",", ":")).encode() + b"\n"
@@ -76,3 +84,46 @@ def _different(stated: Any, of: dict[str, Any]) -> list[str]:
 
 def _refused(path: Path, what: str) -> InputError:
     return InputError([Problem(str(path), what, _REMEDY)])
+
+
+class Regularly:
+    """Calls `keep` when it is due: every few seconds, and never so often that it takes much of the time.
+
+    It holds nothing of what is kept: in a circle of references that would stay in memory long after its search.
+    """
+
+    def __init__(self) -> None:
+        self._next = time.monotonic() + _EVERY
+
+    def __call__(self, keep: Callable[[], None]) -> None:
+        """After every node."""
+        if time.monotonic() >= self._next:
+            self.now(keep)
+
+    def now(self, keep: Callable[[], None]) -> None:
+        """Due or not."""
+        began = time.monotonic()
+        keep()
+        now = time.monotonic()
+        self._next = now + max(_EVERY, _SHARE * (now - began))
+
+
+def kept(path: Path, of: Mapping[str, str], lines: Iterable[Line]) -> bool:
+    """Write, or say in the log that it could not be: no checkpoint is worth the run."""
+    try:
+        write_checkpoint(path, of, lines)
+    except InputError as error:
+        _say_once(str(error.problems[0]))
+        return False
+    return True
+
+
+def garbled(path: Path, error: Exception) -> InputError:
+    """What to raise for a checkpoint that is whole, and still says nothing that can be gone on with."""
+    return _refused(path, f"lacks or garbles something ({error})")
+
+
+@cache
+def _say_once(problem: str) -> None:
+    """On stderr, or in the log where there is one."""
+    _LOGGER.warning("cpcal: warning: a checkpoint is missing: %s", problem)

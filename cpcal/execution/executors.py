@@ -6,18 +6,23 @@ their arguments pure values, so that both travel.
 
 from __future__ import annotations
 
+import atexit
 import logging
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
+import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager, suppress
-from functools import cached_property
 from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
+from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from cpcal.common.errors import InputError, Problem
@@ -28,6 +33,7 @@ T = TypeVar("T")
 
 Place = tuple[Executor, int]  # and how many tasks it is given at a time
 
+PATIENCE = 10.0  # seconds that workers have to end by themselves
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _LOGGER = logging.getLogger("cpcal")
 _START = "forkserver" if sys.platform == "linux" else "spawn"  # safe beside threads
@@ -54,7 +60,10 @@ class Here(Executor):
 class Processes(Executor):
     """Processes of this machine. They end with this one however it ends, and hear of a stop from it alone.
 
-    None begins before the first task. A pool in which a process was killed is broken; `renew` makes another.
+    Each has a thread here that gives it one task after the other and waits for the answer. So whoever submits never
+    waits, a process that ends costs the task that it was at and no other (BrokenExecutor), and the next task begins
+    another process. Tasks are pickled in `submit`: what cannot travel comes to no thread. Nothing begins before the
+    first task.
 
     loads  modules that tasks will need; on Linux the process that workers are forked from imports them, once for all,
            if it is these workers that it begins for
@@ -62,61 +71,181 @@ class Processes(Executor):
 
     def __init__(self, count: int, loads: Sequence[str] = ()) -> None:
         self.count, self._loads = count, loads
-        self._context = multiprocessing.get_context(_START)
-        self._pool: ProcessPoolExecutor | None = None
-        self._first: threading.Thread | None = None
-        self._holds: Connection | None = None  # what a pool's workers live by
-
-    @cached_property
-    def _stop(self) -> Any:
-        return self._context.Event()
+        self._tasks: SimpleQueue[tuple[Future[Any], memoryview] | None] = SimpleQueue()
+        self._threads: list[threading.Thread] = []
+        self._workers: list[_Worker] = []
+        self._stopping = False
 
     @property
     def ready(self) -> bool:
-        """Whether a task that is submitted now is taken at once; the first time that it is asked a process begins."""
-        if self._first is None:
-            self._first = threading.Thread(target=self._begun, daemon=True)
-            self._first.start()
-        return not self._first.is_alive()
-
-    def _begun(self) -> None:
-        with suppress(OSError, RuntimeError, EOFError):  # whoever submits then is told
+        """Whether a process has begun; the first time that it is asked one begins."""
+        if not self._threads:
             self.submit(os.getpid)
+        return bool(self._workers)
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        if self._pool is None and _START == "forkserver":
-            resource_tracker.ensure_running()  # it lets signals through again when it begins, so not in the block
-        with _without_signals():  # which a new process inherits: Ctrl-C is for this one
-            if self._pool is None:
-                if self._loads and _START == "forkserver":
-                    self._context.set_forkserver_preload(list(self._loads))
-                ends, self._holds = self._context.Pipe(duplex=False)
-                given = (self._stop, ends)
-                self._pool = ProcessPoolExecutor(self.count, self._context, initializer=_begin, initargs=given)
-            return self._pool.submit(fn, *args, **kwargs)
+        future: Future[T] = Future()
+        try:
+            task = ForkingPickler.dumps((fn, args, kwargs))
+        except Exception as error:
+            future.set_exception(error)
+            return future
+        self._tasks.put((future, task))
+        if len(self._threads) < self.count:
+            if not self._threads:
+                atexit.register(self.kill)
+            self._threads.append(threading.Thread(target=self._lead, daemon=True))
+            self._threads[-1].start()
+        return future
 
     def ask_to_stop(self) -> None:
         """Tasks that are at work see it by `stopping.asked`."""
-        if self._pool is not None:
-            self._stop.set()
+        self._stopping = True
+        for worker in list(self._workers):
+            worker.ask_to_stop()
 
-    def renew(self) -> None:
-        """Another pool. What is left of this one's workers ends: nobody takes what they answer."""
-        self.shutdown(wait=False, cancel_futures=True)
-        self._let_go()
-        self._pool = None
+    def kill(self) -> None:
+        """End what is at work now."""
+        for worker in list(self._workers):
+            worker.kill()
 
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        if wait and self._first is not None:
-            self._first.join()
-        if self._pool is not None:
-            self._pool.shutdown(wait, cancel_futures=cancel_futures)
-        if wait:
-            self._let_go()
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
+        """Give up every task. Those at work are asked to stop; ten seconds later, or after a second signal, their
+        processes are killed."""
+        with suppress(Empty):
+            while True:
+                item = self._tasks.get_nowait()
+                if item is not None:
+                    item[0].cancel()
+        for _ in self._threads:
+            self._tasks.put(None)
+        try:
+            self.ask_to_stop()
+            until = time.monotonic() + PATIENCE
+            for thread in self._threads if wait else ():
+                while thread.is_alive() and time.monotonic() < until and not stopping.insisted():
+                    thread.join(0.05)
+        finally:
+            self.kill()
+            for thread in self._threads if wait else ():  # each sees its process end
+                thread.join(1.0)
+            atexit.unregister(self.kill)
 
-    def _let_go(self) -> None:
-        if self._holds is not None:
-            self._holds.close()
+    def _lead(self) -> None:
+        """A thread's work: tasks, one after the other, through a process that begins with the first of them."""
+        if _START == "forkserver":
+            with suppress(OSError):  # whoever begins a process is told
+                resource_tracker.ensure_running()  # before the next line, since it lets signals through
+        if hasattr(signal, "pthread_sigmask"):  # which processes inherit that begin here: Ctrl-C is for this one
+            signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+        worker: _Worker | None = None
+        while (item := self._tasks.get()) is not None:
+            future, task = item
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                if worker is None:
+                    worker = _Worker(self._loads)
+                    self._workers.append(worker)
+                    if self._stopping:  # it was asked while this one began
+                        worker.ask_to_stop()
+                answer = worker.answer(task)
+            except Exception as error:
+                if worker is not None:
+                    self._end(worker)
+                worker = None
+                future.set_exception(BrokenExecutor(str(error)))
+                continue
+            try:
+                well, found = pickle.loads(answer)
+            except Exception as error:
+                well, found = False, error
+            (future.set_result if well else future.set_exception)(found)
+            del item, future, task, answer, found  # a thread that waits holds nothing
+        if worker is not None:
+            self._end(worker)
+
+    def _end(self, worker: _Worker) -> None:
+        self._workers.remove(worker)
+        worker.end()
+
+
+class _Worker:
+    """A process that does tasks. A second pipe tells it to stop, and by its end that nobody is there any more."""
+
+    _beginning = threading.Lock()  # multiprocessing begins one at a time
+
+    def __init__(self, loads: Sequence[str]) -> None:
+        """Raises OSError, EOFError, RuntimeError where none can be begun."""
+        context = multiprocessing.get_context(_START)
+        self._tasks, tasks = context.Pipe()
+        life, self._life = context.Pipe(duplex=False)
+        self._process = context.Process(target=_work, args=(tasks, life))  # type: ignore[attr-defined]
+        try:
+            with self._beginning:
+                if _START == "forkserver":
+                    context.set_forkserver_preload(list(loads))
+                self._process.start()
+        except BaseException:
+            self._tasks.close()
+            self._life.close()
+            raise
+        finally:
+            tasks.close()
+            life.close()
+
+    def answer(self, task: memoryview) -> bytes:
+        """Raises OSError or EOFError where the process ends meanwhile."""
+        self._tasks.send_bytes(task)
+        return self._tasks.recv_bytes()
+
+    def ask_to_stop(self) -> None:
+        with suppress(OSError):
+            self._life.send_bytes(b"stop")
+
+    def kill(self) -> None:
+        with suppress(OSError, ValueError, AttributeError):  # it has ended
+            self._process.kill()
+
+    def end(self) -> None:
+        """Only by the thread that waits for its answers."""
+        self.kill()
+        self._tasks.close()
+        self._life.close()
+        self._process.join(PATIENCE)
+
+
+def _work(tasks: Connection, life: Connection) -> None:
+    """A worker's life: tasks until nobody sends any more."""
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    stop = threading.Event()
+    stopping.from_now_on_asked_by(lambda: Reason.INTERRUPTED if stop.is_set() else None)
+    threading.Thread(target=_listen, args=(life, stop), daemon=True).start()
+    with suppress(EOFError, OSError):
+        while True:
+            tasks.send_bytes(_answer(tasks.recv_bytes()))
+
+
+def _listen(life: Connection, stop: threading.Event) -> None:
+    with suppress(EOFError, OSError):
+        while True:
+            life.recv_bytes()
+            stop.set()
+    os._exit(1)
+
+
+def _answer(task: bytes) -> memoryview:
+    """Whether it went well, and what came of it."""
+    try:
+        work, args, kwargs = pickle.loads(task)
+        return ForkingPickler.dumps((True, work(*args, **kwargs)))
+    except BaseException as error:
+        error.add_note(traceback.format_exc())
+        try:
+            return ForkingPickler.dumps((False, error))
+        except Exception:
+            return ForkingPickler.dumps((False, RuntimeError(f"{type(error).__name__}: {error}")))
 
 
 @contextmanager
@@ -149,11 +278,8 @@ def executor_for(
         pool = Processes(workers, loads)
         try:
             yield pool, at_a_time(workers)
-        except BaseException:
-            pool.ask_to_stop()
-            raise
         finally:
-            pool.shutdown(cancel_futures=True)
+            pool.shutdown()
 
 
 @contextmanager
@@ -171,8 +297,12 @@ def _cluster(address: str) -> Iterator[Any]:
         raise InputError([Problem(f"scheduler {address}", what, remedy)]) from None
     if not client.scheduler_info()["workers"]:
         _LOGGER.warning("cpcal: warning: the scheduler %s has no workers: the work waits for them", address)
-    with client, _silent("distributed"):
-        yield client
+    with _silent("distributed"):
+        try:
+            yield client
+        finally:
+            with suppress(OSError, RuntimeError):  # of one whose scheduler is gone
+                client.close(timeout=PATIENCE)
 
 
 @contextmanager
@@ -194,35 +324,8 @@ def _through(client: Any) -> Place:
     return client.get_executor(pure=False), at_a_time(max(_ELSEWHERE, sum(client.ncores().values())))
 
 
-def of_dask(executor: Executor) -> bool:
-    """Whether a Dask client lent it."""
-    return type(executor).__module__.partition(".")[0] == "distributed"
-
-
-def _begin(stop: Any, ends: Connection) -> None:
-    """In each process of a pool: the coordinator tells it to stop; the end of either ends it."""
-    for number in _SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
-    stopping.from_now_on_asked_by(lambda: Reason.INTERRUPTED if stop.is_set() else None)
-    threading.Thread(target=_end_with, args=(ends,), daemon=True).start()
-
-
-def _end_with(pool: Connection) -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        wait([parent.sentinel, pool])
-        os._exit(1)
-
-
-@contextmanager
-def _without_signals() -> Iterator[None]:
-    """Signals wait until the end of the block."""
-    mask = getattr(signal, "pthread_sigmask", None)  # of POSIX only
-    if mask is None:
-        yield
-        return
-    before = mask(signal.SIG_BLOCK, _SIGNALS)
-    try:
-        yield
-    finally:
-        mask(signal.SIG_SETMASK, before)
+def dask_status(executor: Executor) -> str | None:
+    """Of the Dask client that lent it ("running" while it has a scheduler); None: no Dask client did."""
+    if type(executor).__module__.partition(".")[0] != "distributed":
+        return None
+    return str(executor._client.status)  # type: ignore[attr-defined]

@@ -7,6 +7,7 @@ and so does the note. A second signal does what the first would have done withou
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 import sys
@@ -17,13 +18,12 @@ from enum import IntEnum
 from types import FrameType
 from typing import Any
 
-from cpcal.execution.memory import resident_bytes
-
 
 class Reason(IntEnum):
     """Why work is asked to stop; the value is the exit status that says so."""
 
     MEMORY = 1
+    DESERTED = 2
     INTERRUPTED = 130
     TERMINATED = 143
 
@@ -34,6 +34,7 @@ class Reason(IntEnum):
 
 _SENTENCES = {
     Reason.MEMORY: "stopped at the memory limit",
+    Reason.DESERTED: "stopped, since nobody is there to do the work",
     Reason.INTERRUPTED: "interrupted",
     Reason.TERMINATED: "terminated",
 }
@@ -58,7 +59,7 @@ class _Note:
 
     def __init__(self) -> None:
         self.reason: Reason | None = None
-        self.heard = False
+        self.heard = self.insisted = False
         self.sources: list[Callable[[], Reason | None]] = []
 
 
@@ -68,6 +69,17 @@ _note = _Note()
 def asked() -> Reason | None:
     """Why the work of this process should stop now; None while it may go on."""
     return _note.reason or next(filter(None, (source() for source in _note.sources)), None)
+
+
+def insisted() -> bool:
+    """Whether a second signal came: there is no time to end well."""
+    return _note.insisted
+
+
+def give_up(reason: Reason) -> None:
+    """Ask this process itself to stop, until the end of the outermost `heard`; outside of one nothing changes."""
+    if _note.heard and _note.reason is None:
+        _note.reason = reason
 
 
 @contextmanager
@@ -85,6 +97,7 @@ def heard(*, terminate: bool = False) -> Iterator[None]:
         if _note.reason is None:
             _note.reason = Reason(128 + number)
             return
+        _note.insisted = True
         earlier = before[number]
         if callable(earlier):
             earlier(number, frame)
@@ -101,7 +114,7 @@ def heard(*, terminate: bool = False) -> Iterator[None]:
     finally:
         for number, earlier in before.items():
             signal.signal(number, earlier)
-        _note.heard, _note.reason = False, None
+        _note.heard, _note.insisted, _note.reason = False, False, None
 
 
 def from_now_on_asked_by(source: Callable[[], Reason | None]) -> None:
@@ -117,6 +130,21 @@ def also_asked_by(source: Callable[[], Reason | None]) -> Iterator[None]:
         yield
     finally:
         _note.sources.remove(source)
+
+
+def resident_bytes() -> int:
+    """Bytes that this process has in memory now; where the system does not tell, the most so far; else 0."""
+    try:
+        with open("/proc/self/statm", "rb") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):
+        pass
+    try:
+        resource = importlib.import_module("resource")  # of POSIX only
+    except ImportError:
+        return 0
+    unit = 1 if sys.platform == "darwin" else 1024
+    return int(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * unit
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cpcal.common.atomic import draft_name, put_in_place, unwritable
+from cpcal.common.atomic import DRAFT, draft_name, put_in_place, unwritable
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.file_lock import exclusive
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 LOCK_NAME = ".cpcal-lock"
 REPORT_NAME = "report.html"
-_DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
 _JSON = rb'\s*\{\s*"format":\s*"cpcal-'
 _PAGE = rb'<!doctype html>.{0,400}<meta name="generator" content="cpcal'
 _STUDY = rb'format = "cpcal-|image,(point,u,v|x,y,z),|file,verdict,'  # the study that a hand-eye run keeps; pose sets
@@ -89,6 +88,8 @@ def answers_into(folder: str | os.PathLike[str], kind: FolderKind, campaign: Cam
                 outdated=tuple(kind.names(target)),
             )
         except OSError as error:
+            if error.errno is None:  # of no file: a library that cannot be loaded, say
+                raise
             raise unwritable(target, error) from error
         finally:
             shutil.rmtree(draft, ignore_errors=True)
@@ -111,7 +112,7 @@ def check_replaceable(folder: Path, kind: FolderKind) -> None:
 
 def unfinished(folder: Path) -> list[Path]:
     """What runs left that were killed, or are at work."""
-    return [path for path in folder.iterdir() if _DRAFT.fullmatch(path.name) and path.is_dir()]
+    return [path for path in folder.iterdir() if DRAFT.fullmatch(path.name) and path.is_dir()]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,10 @@ from cpcal.calibration import calibrate_frames, hand_eye
 from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, rotation_matrix
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'opencv-python-headless<5')")
-if not hasattr(cv2, "calibrateRobotWorldHandEye"):
-    pytest.skip(f"OpenCV {cv2.__version__} has no hand-eye calibration: version 4 has", allow_module_level=True)
+pytestmark = [
+    pytest.mark.peers,
+    pytest.mark.skipif(not hasattr(cv2, "calibrateRobotWorldHandEye"), reason="OpenCV 4 has hand-eye calibration"),
+]
 
 
 def random_poses(rng, count, turn=0.4):

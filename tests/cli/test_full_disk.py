@@ -8,6 +8,8 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.certify.checkpoints import FOLDER
 from cpcal.cli import app
+from cpcal.common.atomic import draft_name, unwritable
+from cpcal.common.errors import OutputError
 from cpcal.results import Uncertified
 from cpcal.solver.certificate.recording import Recording
 
@@ -60,3 +62,10 @@ def test_a_certificate_that_cannot_be_written_costs_no_answer(campaign, tmp_path
     assert (leg.eps_lo, leg.eps_hi, leg.point) == (whole.eps_lo, whole.eps_hi, whole.point)
     assert leg.not_certified is Uncertified.UNWRITTEN
     assert not leg.certified
+
+
+def test_a_full_disk_is_no_fault_of_the_input_and_names_what_was_to_be_written(tmp_path):
+    with pytest.raises(
+        OutputError, match=r"problem with the output:\n .*/run/report\.html: cannot be written: No space"
+    ):
+        raise unwritable(tmp_path / "run" / draft_name() / "report.html", OSError(28, "No space left on device"))

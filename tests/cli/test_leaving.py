@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import re
 import subprocess
 import sys
 
@@ -123,3 +124,55 @@ def test_a_campaign_in_metres_is_warned_of_before_the_work(tmp_path, verb):
     assert done.exit_code in (0, 1)
     assert "cpcal: warning: " in done.stderr
     assert "positions are in metres, not mm" in done.stderr
+
+
+def test_a_library_that_cannot_be_loaded_is_named(campaign_folder, tmp_path):
+    """llvmlite says so by an OSError without number; the folder of answers has nothing to do with it."""
+    code = (
+        "import cpcal.solver.compiled\n"
+        "def missing(*_):\n"
+        "    raise OSError(\"Could not find/load shared object file 'libllvmlite.so'\")\n"
+        "cpcal.solver.compiled._made = missing\n"
+        "from cpcal.__main__ import main; main()"
+    )
+    done = run(code, "certify", campaign_folder, "-o", tmp_path / "run")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "shared object file 'libllvmlite.so'" in done.stderr
+    assert "cannot be written" not in done.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_log_on_a_full_disk_costs_one_sentence(campaign_folder, tmp_path):
+    code = "from cpcal.__main__ import main; main()"
+    limits = ["--legs", "1", "--time-limit", "0.01", "--log", "/dev/full"]
+    done = run(code, "certify", campaign_folder, "-o", tmp_path / "run", *limits)
+    assert done.returncode in (0, 1)
+    assert done.stderr.count("the record ends here") == 1
+    assert "No space left" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_too_little_memory_is_a_message_with_what_was_asked(campaign_folder, tmp_path, monkeypatch):
+    def short(*_):
+        raise MemoryError("Unable to allocate 7.5 GiB")
+
+    monkeypatch.setattr("cpcal.cli.certified_run.answered", short)
+    done = CliRunner().invoke(app, ["certify", str(campaign_folder), "-o", str(tmp_path / "run")])
+    assert done.exit_code == 2
+    assert re.search(r"too little memory: 64 measurements .* 7\.5 GiB.* --resume", done.stderr), done.stderr
+
+
+@pytest.fixture(scope="module")
+def campaign_folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("leaving") / "campaign"
+    cpcal.save_campaign(cpcal.simulate(seed=1, joint_error=1.0), folder)
+    return folder
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs limits of address space")
+def test_where_libraries_have_no_room_that_is_said_at_once():
+    """OpenBLAS would ask for its buffers for ever, deaf to SIGTERM."""
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_AS, (450_000_000, resource.RLIM_INFINITY))\n"
+    done = run(limit + "from cpcal.__main__ import main; main()", "plugins")
+    assert done.returncode == 2
+    assert "address space is limited to 450 MB" in done.stderr

@@ -2,9 +2,11 @@
 
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -13,7 +15,7 @@ import pytest
 from cpcal.common.errors import InputError
 from cpcal.execution.executors import Here, Processes, executor_for
 from cpcal.execution.outcomes import LostWorkerError, outcomes
-from cpcal.execution.stopping import Reason, also_asked_by, asked
+from cpcal.execution.stopping import Reason, also_asked_by, asked, heard
 
 
 def squared(number):
@@ -73,16 +75,16 @@ def test_a_task_whose_worker_is_killed_is_begun_again(tmp_path):
         assert sorted(one.value for one in outcomes(pool, most, killed_once, paths)) == ["0", "1"]
 
 
-def test_no_worker_outlives_its_pool():
-    """One whose answer nobody takes any more would keep the process that began it from ending."""
+@pytest.mark.parametrize("task", [None, time.sleep])
+def test_no_worker_outlives_its_pool(monkeypatch, task):
+    """Also one that does not hear that it should stop, whose answer nobody takes any more."""
+    monkeypatch.setattr("cpcal.execution.executors.PATIENCE", 1.0)
     pool = Processes(1)
-    pid = pool.submit(os.getpid).result()
-    pool.submit(time.sleep, 100.0)
-    pool.renew()
-    until = time.monotonic() + 30.0
-    while pid in {child.pid for child in multiprocessing.active_children()} and time.monotonic() < until:
-        time.sleep(0.05)
-    assert pid not in {child.pid for child in multiprocessing.active_children()}
+    pid = pool.submit(os.getpid).result(60)
+    if task:
+        pool.submit(task, 100.0)
+    pool.shutdown()
+    assert gone(pid)
 
 
 def test_a_task_that_kills_its_worker_harms_no_other():
@@ -98,6 +100,48 @@ def test_workers_hear_of_a_stop_and_what_they_answer_comes():
     with also_asked_by(stop), executor_for(workers=2) as (pool, most):
         found = [one.value for one in outcomes(pool, most, until_asked, range(100))]
     assert len(found) <= 2 + 2 + 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks /proc")
+@pytest.mark.parametrize("again", [False, True])
+def test_a_worker_that_is_stopped_does_not_hold_up_a_stop(monkeypatch, again):
+    """It never hears that it is asked to; ten seconds later, or at a second signal, it is killed."""
+    for module in ("executors", "outcomes"):
+        monkeypatch.setattr(f"cpcal.execution.{module}.PATIENCE", 600.0 if again else 1.0)
+    with heard(), executor_for(workers=2) as (pool, most):
+        pid = pool.submit(os.getpid).result(60)
+        pool.submit(os.kill, pid, signal.SIGSTOP)
+        while state(pid) != "T":
+            time.sleep(0.01)
+        monkeypatch.setattr("cpcal.execution.stopping._note.insisted", again)
+        began = time.monotonic()
+        with also_asked_by(lambda: Reason.INTERRUPTED if time.monotonic() > began + 0.5 else None):
+            assert [one.value for one in outcomes(pool, most, until_asked, range(2))] in ([], [0], [1])
+    assert gone(pid)
+
+
+def test_a_fork_server_that_is_killed_while_it_begins_costs_no_task(monkeypatch):
+    begun = []
+    start = multiprocessing.context.ForkServerProcess.start
+
+    def killed_first(process):
+        begun.append(process)
+        if len(begun) == 1:
+            raise EOFError("unexpected EOF")  # what multiprocessing says of it
+        start(process)
+
+    monkeypatch.setattr(multiprocessing.context.ForkServerProcess, "start", killed_first)
+    with executor_for(workers=2) as (pool, most):
+        assert sorted(one.value for one in outcomes(pool, most, squared, range(3))) == [0, 1, 4]
+    assert len(begun) >= 2
+
+
+@pytest.mark.parametrize("unpicklable", [lambda: 0, threading.Lock()])
+def test_what_cannot_travel_is_its_tasks_error_alone(unpicklable):
+    with executor_for(workers=2) as (pool, most):
+        found = {str(one.task): one for one in outcomes(pool, most, str, [1, unpicklable, 2])}
+    assert re.search("pickle", str(found.pop(str(unpicklable)).error), re.IGNORECASE)
+    assert sorted(one.value for one in found.values()) == ["1", "2"]
 
 
 def test_two_places_are_refused():
@@ -130,19 +174,24 @@ def test_no_worker_outlives_the_process_that_began_it(tmp_path, name):
     process.send_signal(getattr(signal, name))
     process.wait(60)
     process.stdout.close()
-    for _ in range(600):
-        if not any(map(alive, workers)):
-            return
-        time.sleep(0.05)
-    pytest.fail("workers are left")
+    assert all(map(gone, workers))
 
 
-def alive(pid):
+def state(pid):
+    """Of a process, as the system has it ("S" it sleeps, "T" it is stopped); "" where it has ended."""
     try:
         with open(f"/proc/{pid}/stat", encoding="ascii") as file:
-            return file.read().rpartition(")")[2].split()[0] != "Z"
+            return file.read().rpartition(")")[2].split()[0].replace("Z", "")
     except OSError:
-        return False
+        return ""
+
+
+def gone(pid):
+    """Whether a process ends, within half a minute."""
+    until = time.monotonic() + 30.0
+    while state(pid) and time.monotonic() < until:
+        time.sleep(0.05)
+    return not state(pid)
 
 
 def test_processes_are_not_signalled_with_us():

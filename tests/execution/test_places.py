@@ -1,8 +1,7 @@
-"""The same certificates, byte for byte, wherever the work is done."""
+"""The same certificates, byte for byte, wherever the work is done on this machine."""
 
 import subprocess
 import sys
-import warnings
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -38,33 +37,6 @@ def test_processes_give_the_same_certificates(campaign, here, tmp_path, workers)
 def test_any_executor_gives_the_same_certificates(campaign, here, tmp_path):
     with ThreadPoolExecutor(2) as threads:
         assert certified(campaign, tmp_path, executor=threads) == here
-
-
-def test_a_dask_cluster_gives_the_same_certificates(campaign, here, tmp_path):
-    distributed = pytest.importorskip("distributed")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        cluster = distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, protocol="tcp://"
-        )
-        with cluster, distributed.Client(cluster) as client:
-            assert certified(campaign, tmp_path / "client", executor=client) == here
-            assert certified(campaign, tmp_path / "address", scheduler=cluster.scheduler_address) == here
-            pids = list(
-                client.run(_pid_and_end_soon, workers=[next(iter(client.scheduler_info()["workers"]))]).values()
-            )
-            assert pids
-            assert certified(campaign, tmp_path / "killed", executor=client) == here
-
-
-def _pid_and_end_soon():
-    """A worker that kills itself while the others work; its nanny begins another."""
-    import os
-    import signal
-    import threading
-
-    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGKILL)).start()
-    return os.getpid()
 
 
 def test_a_cluster_that_is_not_there_is_an_error_that_says_what_to_start(monkeypatch):

@@ -1,5 +1,6 @@
 """A process that is asked to stop: a signal is a note that work looks at, never an exception in its midst."""
 
+import gc
 import os
 import pickle
 import signal
@@ -12,8 +13,16 @@ import cpcal
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.question import Question
 from cpcal.checker import check
-from cpcal.execution.memory import resident_bytes
-from cpcal.execution.stopping import Reason, Stopped, also_asked_by, asked, heard, raising, within_memory
+from cpcal.execution.stopping import (
+    Reason,
+    Stopped,
+    also_asked_by,
+    asked,
+    heard,
+    raising,
+    resident_bytes,
+    within_memory,
+)
 from cpcal.files.folders import save_campaign_json
 
 
@@ -147,3 +156,18 @@ def test_what_an_interrupted_leg_proved_has_its_certificate(campaign, tmp_path):
             assert leg.certified == (run / f"leg{leg.leg}.cert.jsonl").exists()
             if leg.certified:
                 assert check(run / leg.certificate).claims.eps_lo == F(leg.eps_lo)
+
+
+def test_what_a_leg_needed_is_free_when_it_is_answered(campaign, tmp_path):
+    """Circles of references would keep its matrices until the garbage collector comes, which may be legs later."""
+    cpcal.certify(campaign, legs=[1], delta=0.5)  # what is made once for all stays
+    gc.collect()
+    gc.set_debug(gc.DEBUG_SAVEALL)
+    try:
+        cpcal.certify(campaign, legs=[2], delta=0.5, certificates=tmp_path)
+        gc.collect()
+        left = {type(one).__name__ for one in gc.garbage if type(one).__module__.startswith(("cpcal", "contractors"))}
+    finally:
+        gc.set_debug(0)
+        gc.garbage.clear()
+    assert not left

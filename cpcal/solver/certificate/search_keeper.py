@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from cpcal.common.errors import CpcalError
-from cpcal.execution.checkpoint_file import Line, read_checkpoint
-from cpcal.execution.keeping import Regularly, garbled, kept
+from cpcal.execution.checkpoint_file import Line, Regularly, garbled, kept, read_checkpoint
 from cpcal.execution.stopping import asked
 from cpcal.solver.certificate.recording import Recording
 from cpcal.solver.optimize import Minimum
@@ -29,7 +28,7 @@ class SearchKeeper:
     ) -> None:
         self._path, self._of, self._recording, self._resume = path, of, recording, resume
         self._saved: Callable[[], Saved] | None = None
-        self._regularly = Regularly(self._keep)
+        self._regularly = Regularly()
 
     def resumed(self) -> Saved | None:
         """Where to go on, the recording brought there; None to begin. Raises InputError."""
@@ -51,7 +50,7 @@ class SearchKeeper:
         """After every node: `saved` says where the search stands."""
         self._saved = saved
         if self._path is not None:
-            self._regularly()
+            self._regularly(self._keep)
 
     def end(self, found: Minimum) -> None:
         """The search is over. Keep it where boxes are left, or it took long, for what comes next may be interrupted."""
@@ -61,7 +60,7 @@ class SearchKeeper:
 
     def keep(self) -> None:
         """Now."""
-        self._regularly.now()
+        self._regularly.now(self._keep)
 
     def done(self, found: Minimum) -> None:
         """The answer is in its place: where nothing is left to go on with, the file goes."""

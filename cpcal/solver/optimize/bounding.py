@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 from cpcal.execution.executors import Place
-from cpcal.execution.shared import Shared
+from cpcal.execution.outcomes import Shared
 from cpcal.execution.stopping import Stopped, asked
 from cpcal.solver.contract import Contraction, Step, Strategy, shrunk
 from cpcal.solver.interval import Box

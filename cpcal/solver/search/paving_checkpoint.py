@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.common.version import __version__
-from cpcal.execution.checkpoint_file import read_checkpoint
-from cpcal.execution.keeping import Regularly, garbled, kept
+from cpcal.execution.checkpoint_file import Regularly, garbled, kept, read_checkpoint
 from cpcal.execution.stopping import asked
 from cpcal.solver.limits import Clock
 from cpcal.solver.network import ConstraintNetwork
@@ -55,7 +54,7 @@ class PavingCheckpoint:
             self._of = checkpoint_of(network, options)
         self._race: Race | None = None
         self._nodes = 0
-        self._regularly = Regularly(self._keep)
+        self._regularly = Regularly()
 
     def begin(self, race: Race) -> int:
         """Bring the race to where it stood; how many nodes it had taken. Raises InputError."""
@@ -73,7 +72,7 @@ class PavingCheckpoint:
         """After every node."""
         self._race, self._nodes = race, nodes
         if self._path is not None:
-            self._regularly()
+            self._regularly(self._keep)
 
     def end(self, *, complete: bool) -> None:
         """Keep what is left to do; where nothing is, the file goes."""
@@ -82,7 +81,7 @@ class PavingCheckpoint:
         if complete:
             self._path.unlink(missing_ok=True)
         else:
-            self._regularly.now()
+            self._regularly.now(self._keep)
 
     def _keep(self) -> None:
         if self._path is not None and self._race is not None:

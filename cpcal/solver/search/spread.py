@@ -16,7 +16,7 @@ from itertools import islice
 from typing import Protocol
 
 from cpcal.execution.executors import Here, Place
-from cpcal.execution.shared import Shared
+from cpcal.execution.outcomes import Shared
 from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.search.divide import Divide
 from cpcal.solver.search.forest import NEVER, NOT_YET, Ahead, Forest
