@@ -69,7 +69,7 @@ def test_a_signal_leaves_what_is_proved(campaign, tmp_path, name, status):
     assert "Interrupted" in outcome.stdout
     assert "Traceback" not in outcome.stderr
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
-    assert data["interrupted"] is True
+    assert data["information"]["interrupted"] is True
     assert [leg["leg"] for leg in data["legs"]] == [1, 2]
     assert "REFUSED" not in CliRunner().invoke(app, ["verify", str(tmp_path)]).output
     assert [leg["certificate"] for leg in data["legs"]] == ["leg1.cert.jsonl", "leg2.cert.jsonl"]
