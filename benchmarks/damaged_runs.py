@@ -118,7 +118,7 @@ def verified(folder: Path) -> tuple[list[str], dict[str, Any]]:
     if done.exit_code in (Status.UNKNOWN, Status.UNUSABLE) and said.strip() and done.exception is not None:
         raise Refusal(said.splitlines()[0])
     assert done.exit_code == 0, said or repr(done.exception)
-    lines = (re.sub(r", \d+ steps\b|, [\d.]+ s\b", "", line) for line in done.stdout.splitlines())
+    lines = (re.sub(r"(, | \()\d+ steps\b|, [\d.]+ s\b", "", line) for line in done.stdout.splitlines())
     proved = sorted(line for line in lines if "PROVED" in line or "CERTIFIED" in line)
     return proved, {path.name: _stated(json.loads(path.read_bytes())) for path in sorted(run.rglob("*.json"))}
 

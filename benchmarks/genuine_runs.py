@@ -6,6 +6,7 @@ Each writes its folders into an empty one; the folder to verify is `run`.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,8 @@ from cpcal.certify.fits import certify_fits
 from cpcal.cli import app
 from cpcal.files import save_campaign
 from cpcal.files.run_folder import ACCURACY, answers_into
+from cpcal.handeye.files import save_hand_eye
+from cpcal.handeye.study import simulate_hand_eye
 from cpcal.robot import Pose
 from cpcal.simulate import simulate, simulate_study
 from cpcal.vision.camera import DELTALAB_CAMERA
@@ -90,6 +93,29 @@ def pose_sets(folder: Path) -> None:
     enclose_pose(boxes, targets, cameras, certificate=folder / "run" / "one", sources={"camera.toml": b"its bytes"})
 
 
+def hand_eye(folder: Path, **changes: float) -> None:
+    """Of six images; with errors of the robot its poses are uncertain."""
+    study = simulate_hand_eye(images=6, corners=(3, 3), pitch=80.0, seed=5, **changes).study
+    if changes:
+        width = [changes["position_error"]] * 3 + [changes["rotation_error"]] * 3
+        study = replace(study, pose_half_width=np.tile(width, (6, 1)))
+    save_hand_eye(study, folder / "study")
+    command("handeye", folder / "study", "--within", "1.5,50", "-o", folder / "run")
+
+
+def uncertain_hand_eye(folder: Path) -> None:
+    hand_eye(folder, position_error=0.1, rotation_error=0.001)
+
+
+def wrong_images(folder: Path) -> None:
+    """The fifth of twelve images has a pose that is off by a centimetre."""
+    study = simulate_hand_eye(images=12, corners=(3, 3), pitch=60.0, seed=11).study
+    position = np.array(study.poses.position)
+    position[4] += [8.0, -5.0, 4.0]
+    save_hand_eye(replace(study, poses=Pose(position, study.poses.quaternion)), folder / "study")
+    command("handeye-wrong", folder / "study", "--within", "0.8,20", "-o", folder / "run")
+
+
 def solve(folder: Path) -> None:
     (folder / "run").mkdir()
     (folder / "it.mbx").write_text(PROBLEM)
@@ -106,4 +132,7 @@ RUNS: dict[str, Callable[[Path], None]] = {
     "campaigns": campaigns,
     "pose sets": pose_sets,
     "solve": solve,
+    "hand-eye": hand_eye,
+    "uncertain hand-eye": uncertain_hand_eye,
+    "wrong images": wrong_images,
 }

@@ -14,6 +14,9 @@ from typing import Any
 from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy
 from cpcal.certify.fits import FITS_NAME, CertifiedFits
 from cpcal.files.codec import INFORMATION, keys_of
+from cpcal.handeye.certify import RESULT_NAME as HAND_EYE_NAME
+from cpcal.handeye.certify import HandEyeResult
+from cpcal.handeye.wrong_images import WRONG_NAME, WrongImages
 from cpcal.results import COMPARISON_NAME, RESULT_NAME, Comparison, Result
 from cpcal.results.robust import ROBUST_NAME, RobustResult
 
@@ -23,6 +26,8 @@ FILES = {
     COMPARISON_NAME: Comparison,
     FITS_NAME: CertifiedFits,
     ACCURACY_NAME: Accuracy,
+    HAND_EYE_NAME: HandEyeResult,
+    WRONG_NAME: WrongImages,
 }
 Path_ = tuple[str | int, ...]
 
@@ -53,6 +58,18 @@ def accepted_changes(file: Path, verified: Callable[[], bool], but: str = "") ->
                     yield f"{key_of(path)}: {json.dumps(_at(json.loads(text), path))[:60]} to {json.dumps(other)[:60]}"
     finally:
         file.write_text(text, encoding="utf-8")
+
+
+def unlisted_keys(file: Path) -> list[str]:
+    """Keys of a JSON file outside of the information that have no row in the table."""
+    rows = ["format", *(key for key, _ in keys_of(FILES[file.name]))]
+    data = json.loads(file.read_text(encoding="utf-8"))
+    values = {key_of(path) for path in _places(data) if not isinstance(_at(data, path), dict | list)}
+    return sorted(key for key in values if not any(_within(key, row) or _within(row, key) for row in rows))
+
+
+def _within(key: str, other: str) -> bool:
+    return key == other or key.startswith((f"{other}.", f"{other}["))
 
 
 def key_of(path: Path_) -> str:

@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from fractions import Fraction as F
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
-from cpcal.files.codec import load, save
+from cpcal.files.codec import INFORMED, checked, load, save
 from cpcal.handeye.chain import Chain, ChainProof, prove_chain
 from cpcal.handeye.classical_answer import ClassicalAnswer, classical_answer
 from cpcal.handeye.lower_end import lower_end, support
@@ -105,6 +105,10 @@ def _degrees(sine: F, factor: F) -> float:
 
 RESULT_FORMAT = "cpcal-handeye-result/3"
 RESULT_NAME = "handeye.json"
+LARGEST_ERROR = (  # how `eps_hi`, the point and its readings are checked
+    "the largest error at the point is computed again, exactly, and is `eps_hi`; the point in the box, readings within "
+    "half-widths"
+)
 LOWER, RANGES = "lower", "ranges"  # with which the names of certificates begin
 
 PARAMETERS = tuple(f"{frame} {name}" for frame in ("camera", "target") for name in ("x", "y", "z", "rx", "ry", "rz"))
@@ -118,9 +122,14 @@ class AskedBox:
     or None for any rotation. Raises InputError for a reach or an angle that is none.
     """
 
-    center: PlacedFrames
-    reach: float
-    angle: float | None
+    center: PlacedFrames = field(
+        metadata=checked(
+            "least squares, computed again (of wrong images: without those left out): a thousandth of its deviations, "
+            "or of the box, apart at most; and the box of the certificates"
+        )
+    )
+    reach: float = field(metadata=checked("the box of the certificates"))
+    angle: float | None = field(metadata=checked("the box of the certificates"))
 
     def __post_init__(self) -> None:
         if not 0.0 < self.reach < 1e6 or (self.angle is not None and not 0.0 < self.angle <= 180.0):
@@ -170,11 +179,11 @@ class FrameRanges:
     Without numbers there are no such frames. `chain`: the certificates, which begin with the box that was asked for.
     """
 
-    eps: float
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    lo: tuple[float, ...]
-    hi: tuple[float, ...]
+    eps: float = field(metadata=checked("`tolerance`, or 1.1 `eps_hi` without one; the certificates' constraints"))
+    low: tuple[float, ...] = field(metadata=checked("computed again from `lo`, `hi` and `point`, exactly"))
+    high: tuple[float, ...] = field(metadata=checked("computed again from `lo`, `hi` and `point`, exactly"))
+    lo: tuple[float, ...] = field(metadata=checked("the claim of the last certificate of `ranges.chain`"))
+    hi: tuple[float, ...] = field(metadata=checked("the claim of the last certificate of `ranges.chain`"))
     chain: Chain
 
     def __post_init__(self) -> None:
@@ -194,9 +203,9 @@ class ImageVerdict:
     At the answer's own reading of an uncertain pose: another reading may do better.
     """
 
-    image: str
-    largest: float
-    ok: bool
+    image: str = field(metadata=checked("the study"))
+    largest: float = field(metadata=checked("computed again, exactly"))
+    ok: bool = field(metadata=checked("computed again, exactly"))
 
 
 @dataclass(frozen=True)
@@ -206,26 +215,11 @@ class Classical:
     `readings`: of the robot's poses, image by image, where these are uncertain.
     """
 
-    readings: tuple[Reading, ...]
-    largest: float
+    readings: tuple[Reading, ...] = field(
+        metadata=checked("least squares, computed again: a thousandth of the half-widths apart at most, and in them")
+    )
+    largest: float = field(metadata=checked("computed again, exactly"))
     images: tuple[ImageVerdict, ...]
-
-
-@dataclass(frozen=True)
-class Information:
-    """What nothing proves, and `cpcal verify` does not compare.
-
-    `gap`: relative, that was asked for. Of the least-squares answer `rms` (px per axis), `sigma` (in the order of E and
-    F of `ClassicalAnswer.covariance`) and `remarks`. `programs`: linear ones that were solved.
-    """
-
-    version: str
-    gap: float
-    rms: float
-    sigma: tuple[float, ...]
-    remarks: tuple[str, ...]
-    programs: int
-    seconds: float
 
 
 @dataclass(frozen=True)
@@ -236,22 +230,31 @@ class HandEyeResult:
     which begin with the box of the ranges, if that is not empty); `point` explains every one to within `eps_hi` (exact
     arithmetic), at the `readings` of uncertain poses, image by image. `support`: image and point of each pixel row with
     a weight in the last step of the proof. Raises ValueError for numbers that are not finite.
+
+    `gap`: relative, that was asked for. Of the least-squares answer `rms` (px per axis), `sigma` (in the order of E and
+    F of `ClassicalAnswer.covariance`) and `remarks`. `programs`: linear ones that were solved.
     """
 
-    setup: str
-    images: int
-    points: int
+    setup: str = field(metadata=checked("the study"))
+    images: int = field(metadata=checked("the study"))
+    points: int = field(metadata=checked("the study"))
     asked: AskedBox
-    eps_lo: float
-    eps_hi: float
-    point: PlacedFrames
-    readings: tuple[Reading, ...]
-    support: tuple[tuple[str, str], ...]
+    eps_lo: float = field(metadata=checked("the constraints of the certificates of `lower`; 0 without these"))
+    eps_hi: float = field(metadata=checked(LARGEST_ERROR))
+    point: PlacedFrames = field(metadata=checked(LARGEST_ERROR))
+    readings: tuple[Reading, ...] = field(metadata=checked(LARGEST_ERROR))
+    support: tuple[tuple[str, str], ...] = field(metadata=checked("the last step of the certificates of `lower`"))
     lower: Chain
-    tolerance: float | None
+    tolerance: float | None = field(metadata=checked("`ranges.eps`"))
     ranges: FrameRanges
     classical: Classical
-    information: Information
+    version: str = field(metadata=INFORMED)
+    gap: float = field(metadata=INFORMED)
+    rms: float = field(metadata=INFORMED)
+    sigma: tuple[float, ...] = field(metadata=INFORMED)
+    remarks: tuple[str, ...] = field(metadata=INFORMED)
+    programs: int = field(metadata=INFORMED)
+    seconds: float = field(metadata=INFORMED)
 
     def __post_init__(self) -> None:
         check_finite(self)
@@ -259,7 +262,7 @@ class HandEyeResult:
     @property
     def complete(self) -> bool:
         """Whether the bracket is as narrow as asked."""
-        return self.eps_hi - self.eps_lo <= self.information.gap * max(self.eps_hi, 1e-6)
+        return self.eps_hi - self.eps_lo <= self.gap * max(self.eps_hi, 1e-6)
 
     @property
     def passes(self) -> bool | None:
@@ -390,15 +393,13 @@ def certify_hand_eye(
         tolerance=tolerance,
         ranges=_ranges(wide, point, wide.written(RANGES, certificates)),
         classical=judged(study, center, stated_readings(study, classical.readings), at),
-        information=Information(
-            version=__version__,
-            gap=gap,
-            rms=classical.rms,
-            sigma=tuple(np.sqrt(np.diagonal(classical.covariance)).tolist()),
-            remarks=classical.remarks,
-            programs=sum(proof.programs for proof in (wide, lower) if proof is not None),
-            seconds=time.monotonic() - began,
-        ),
+        version=__version__,
+        gap=gap,
+        rms=classical.rms,
+        sigma=tuple(np.sqrt(np.diagonal(classical.covariance)).tolist()),
+        remarks=classical.remarks,
+        programs=sum(proof.programs for proof in (wide, lower) if proof is not None),
+        seconds=time.monotonic() - began,
     )
 
 

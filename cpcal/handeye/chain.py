@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats, Indices
+from cpcal.files.codec import checked
 from cpcal.handeye.classical_answer import image_poses
 from cpcal.handeye.contraction import ConstraintRows, FramePrograms, FramesProof, Tell, contracted
 from cpcal.handeye.rows import (
@@ -94,14 +95,16 @@ POSE = Layout(
 LOOSE = 1e-11  # what products of float64 rotation matrices are off from rotations, at most, and what comes of it
 _EQUATIONS = rotation_equations(TURN)
 _UP = 1.0 + 1e-9
+_STATED = "the constraints that the certificates state, of these images"  # how these are checked
+_FILE = "a file of the run, named once, which is accepted and begins where the one before ended"
 
 
 @dataclass(frozen=True)
 class NominalPose:
     """Of the target in the camera frame in one image: A (9, row by row), and b, where the points' middle c is, mm."""
 
-    turn: tuple[float, ...]
-    place: tuple[float, ...]
+    turn: tuple[float, ...] = field(metadata=checked(_STATED))
+    place: tuple[float, ...] = field(metadata=checked(_STATED))
 
 
 @dataclass(frozen=True)
@@ -111,11 +114,11 @@ class ImagePoseSet:
     Without bounds: no pose does. `certificate`: the name of its file.
     """
 
-    image: str
+    image: str = field(metadata=checked(_STATED))
     nominal: NominalPose
-    lo: tuple[float, ...]
-    hi: tuple[float, ...]
-    certificate: str
+    lo: tuple[float, ...] = field(metadata=checked("the claim of the certificate beside it"))
+    hi: tuple[float, ...] = field(metadata=checked("the claim of the certificate beside it"))
+    certificate: str = field(metadata=checked(_FILE))
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -261,8 +264,8 @@ Body = dict[Monomial, F]
 class Cut:
     """A combination y (6) of an image's turns and shifts along the target's axes, to be bounded as one row."""
 
-    image: str
-    weights: tuple[float, ...]
+    image: str = field(metadata=checked(_STATED))
+    weights: tuple[float, ...] = field(metadata=checked(_STATED))
 
     @property
     def name(self) -> str:
@@ -600,7 +603,7 @@ _WORTH = 0.8  # share of some width that another turn must be expected to leave,
 class LinkStep:
     """The name of a certificate that ties images together, and the cuts that it states."""
 
-    certificate: str
+    certificate: str = field(metadata=checked(_FILE))
     cuts: tuple[Cut, ...]
 
 
@@ -613,7 +616,7 @@ class Chain:
 
     images: tuple[ImagePoseSet, ...]
     links: tuple[LinkStep, ...]
-    pixels: tuple[str, ...]
+    pixels: tuple[str, ...] = field(metadata=checked(_FILE))
 
     @property
     def certificates(self) -> tuple[str, ...]:

@@ -48,11 +48,11 @@ def sentences(found: HandEyeResult) -> list[str]:
     failing = [verdict.image for verdict in classical.images if not verdict.ok]
     fit = "Least squares, at its own readings of the poses" if found.uncertain else "Least squares"
     said.append(
-        f"{fit}: rms {nearest(found.information.rms, 3)} px, largest error {at_most(classical.largest, 4)} px; "
+        f"{fit}: rms {nearest(found.rms, 3)} px, largest error {at_most(classical.largest, 4)} px; "
         f"over {at_least(found.ranges.eps, 4)} px in {len(failing)} of {found.images} images"
         + (f" ({listed(failing, 5)})." if failing else ".")
     )
-    said += found.information.remarks
+    said += found.remarks
     if found.support:
         named = dict.fromkeys(image for image, _ in found.support)
         said.append(f"{len(found.support)} points of {len(named)} images force the lower end: {listed(named, 6)}.")

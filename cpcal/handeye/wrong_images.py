@@ -13,7 +13,7 @@ import math
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +22,9 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
-from cpcal.files.codec import load, save
+from cpcal.files.codec import INFORMED, checked, informed, load, save
 from cpcal.handeye.certify import (
+    LARGEST_ERROR,
     AskedBox,
     Within,
     about_study,
@@ -53,18 +54,11 @@ Tell = Callable[[str], None]
 class RefutedGroup:
     """PROVED: no frames in the box explain these images to within `eps` px."""
 
-    images: tuple[str, ...]
-    eps: float
+    images: tuple[str, ...] = field(
+        metadata=checked("more groups than `outliers`, without an image in common; the certificates' constraints")
+    )
+    eps: float = field(metadata=checked("`eps_lo`, and the certificates' constraints"))
     chain: Chain
-
-
-@dataclass(frozen=True)
-class WrongInformation:
-    """What nothing proves, and `cpcal verify` does not compare. `tolerance`: px, at which images were to be blamed."""
-
-    version: str
-    tolerance: float
-    seconds: float
 
 
 @dataclass(frozen=True)
@@ -74,20 +68,24 @@ class WrongImages:
     PROVED: whichever so many are left out, no frames in the box explain all others to within `eps_lo` px (`groups`);
     `point` explains all but `left_out` to within `eps_hi`, at the `readings` of uncertain poses. Each image of `blamed`
     is wrong if right ones fit to the eps of its reasons, which stand beside it; the others of `left_out` may be right.
-    The box is about the least-squares answer of all images but those left out. Raises ValueError for numbers that are
-    not finite.
+    The box is about the least-squares answer of all images but those left out. `asked_tolerance`: px, at which images
+    were to be blamed. Raises ValueError for numbers that are not finite.
     """
 
-    outliers: int
+    outliers: int = field(metadata=checked("so many are left out, and each claim has a group more"))
     asked: AskedBox
-    eps_lo: float
-    eps_hi: float
-    point: PlacedFrames
-    readings: tuple[Reading, ...]
-    left_out: tuple[str, ...]
+    eps_lo: float = field(metadata=checked("that of each of `groups`; 0 without these"))
+    eps_hi: float = field(metadata=checked(LARGEST_ERROR))
+    point: PlacedFrames = field(metadata=checked(LARGEST_ERROR))
+    readings: tuple[Reading, ...] = field(metadata=checked(LARGEST_ERROR))
+    left_out: tuple[str, ...] = field(metadata=checked("images of the study; all others are explained by the point"))
     groups: tuple[RefutedGroup, ...]
-    blamed: tuple[tuple[str, tuple[RefutedGroup, ...]], ...]
-    information: WrongInformation
+    blamed: tuple[tuple[str, tuple[RefutedGroup, ...]], ...] = field(
+        metadata=checked("images left out, each once, and in all of its groups; these as `groups`, at one eps")
+    )
+    version: str = field(metadata=INFORMED)
+    asked_tolerance: float = field(metadata=informed("tolerance"))
+    seconds: float = field(metadata=INFORMED)
 
     def __post_init__(self) -> None:
         check_finite(self)
@@ -95,7 +93,7 @@ class WrongImages:
     @property
     def tolerance(self) -> float:
         """px: to which right images fit, where some are blamed; else that at which they were to be."""
-        return min((one.eps for _, reasons in self.blamed for one in reasons), default=self.information.tolerance)
+        return min((one.eps for _, reasons in self.blamed for one in reasons), default=self.asked_tolerance)
 
 
 def save_wrong_images(found: WrongImages, folder: str | os.PathLike[str]) -> Path:
@@ -162,7 +160,9 @@ def find_wrong_images(
         left_out=tuple(study.images[k] for k in left),
         groups=groups,
         blamed=tuple(blamed),
-        information=WrongInformation(__version__, at, time.monotonic() - began),
+        version=__version__,
+        asked_tolerance=at,
+        seconds=time.monotonic() - began,
     )
 
 

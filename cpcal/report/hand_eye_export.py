@@ -26,7 +26,7 @@ def _parent(found: HandEyeResult) -> str:
 def _told(found: HandEyeResult, mark: str) -> list[str]:
     """What is proved, as comments."""
     low, high = bracket_text(found.eps_lo, found.eps_hi)
-    said = [f"cpcal {found.information.version}, {found.setup}: camera in {_parent(found)}; eps* in [{low}, {high}] px"]
+    said = [f"cpcal {found.version}, {found.setup}: camera in {_parent(found)}; eps* in [{low}, {high}] px"]
     if found.ranges.empty:
         return [f"{mark} {said[0]}"]
     said.append(f"proved of all frames that explain every pixel to {at_least(found.ranges.eps, 4)} px:")

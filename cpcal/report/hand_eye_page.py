@@ -94,12 +94,12 @@ def _context(found: HandEyeResult) -> dict[str, Any]:
             (target, _position(classical.target_position), _quaternion(classical.target_quaternion)),
         ],
         "support": _support(found),
-        "remarks": found.information.remarks,
+        "remarks": found.remarks,
         "uncertain": found.uncertain,
         "certificates": len(found.lower.certificates) + len(ranges.chain.certificates),
-        "programs": f"{found.information.programs:,}",
-        "seconds": about(found.information.seconds),
-        "version": found.information.version,
+        "programs": f"{found.programs:,}",
+        "seconds": about(found.seconds),
+        "version": found.version,
         "versions": versions(),
     }
 

@@ -45,8 +45,8 @@ def _context(study: HandEyeStudy, found: WrongImages) -> dict[str, Any]:
             (camera, _numbers(point.camera_position, 4), _numbers(point.camera_quaternion, 7)),
             (target, _numbers(point.target_position, 4), _numbers(point.target_quaternion, 7)),
         ],
-        "seconds": about(found.information.seconds),
-        "version": found.information.version,
+        "seconds": about(found.seconds),
+        "version": found.version,
         "versions": versions(),
     }
 

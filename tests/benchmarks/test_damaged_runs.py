@@ -10,8 +10,12 @@ from benchmarks.damaged_runs import BAD, SUBJECTS, Subject, outcomes
 from benchmarks.genuine_runs import RUNS
 from tests.remembered import verify_once
 
+SLOW = ("hand-eye", "uncertain hand-eye", "wrong images")  # more than a second each
 
-@pytest.mark.parametrize("name", SUBJECTS)
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.nightly] if name in SLOW else []) for name in SUBJECTS]
+)
 def test_no_mutation_ends_in_a_traceback_or_is_accepted_with_other_claims(name, tmp_path, monkeypatch):
     verify_once(monkeypatch)
     count = 60 if name in RUNS else 300
