@@ -32,7 +32,7 @@ def main(arguments: Sequence[str]) -> int:
             return _robust(given.target, given.work or WORK)
         if given.target.is_dir():
             return _run(given.target, given.work or RUN_WORK)
-        print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work))}")
+        print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work or WORK))}")
         return PROVED
     except Refused as reason:
         print(f"REFUSED: {reason}")
