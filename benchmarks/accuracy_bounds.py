@@ -19,13 +19,13 @@ import time
 import numpy as np
 
 import cpcal
+from cpcal.accuracy.accuracy import distances
 from cpcal.accuracy.certified_set import certified_set
-from cpcal.accuracy.estimates import distances
 from cpcal.accuracy.model_error import chebyshev, exactly, joined_campaign
 from cpcal.accuracy.pose_bounds import pose_bounds
 from cpcal.calibration import averaged
-from cpcal.certify.point import verified_rows
-from cpcal.common.arrays import Floats
+from cpcal.certify.bracket import verified_rows
+from cpcal.common.values import Floats
 from cpcal.legs import fit_model
 from cpcal.robot import Pose, Robot, Study, forward_kinematics
 from cpcal.simulate import simulate_study

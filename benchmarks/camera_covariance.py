@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.vision_scenes import facing_poses, one
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.vision.calibration import Calibration, TargetView, calibrate_camera
 from cpcal.vision.camera import CAMERA_NUMBERS, DELTALAB_CAMERA, Camera

@@ -21,16 +21,21 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
-from cpcal.handeye.certify_hand_eye import Within, best_frames, certify_hand_eye
+from cpcal.common.values import Floats
+from cpcal.handeye.certify import Within, best_frames, certify_hand_eye, save_hand_eye_result
 from cpcal.handeye.classical_answer import classical_answer, image_poses
-from cpcal.handeye.frame_equations import unknowns_of
-from cpcal.handeye.hand_eye_files import hand_eye_files
-from cpcal.handeye.hand_eye_result import save_hand_eye_result
-from cpcal.handeye.hand_eye_study import SETUPS, HandEyeFrames, HandEyeStudy, Setup
-from cpcal.handeye.pixel_model import PixelModel
-from cpcal.handeye.simulate_hand_eye import SimulatedHandEye, simulate_hand_eye
-from cpcal.handeye.verify_hand_eye import verify_hand_eye
+from cpcal.handeye.files import hand_eye_files
+from cpcal.handeye.rows import unknowns_of
+from cpcal.handeye.study import (
+    SETUPS,
+    HandEyeFrames,
+    HandEyeStudy,
+    PixelModel,
+    Setup,
+    SimulatedHandEye,
+    simulate_hand_eye,
+)
+from cpcal.handeye.verify import verify_hand_eye
 from cpcal.vision.opencv import opencv
 
 _METHODS = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")

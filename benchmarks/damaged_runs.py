@@ -28,6 +28,7 @@ import random
 import re
 import sys
 import tempfile
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
@@ -41,7 +42,7 @@ from benchmarks.genuine_runs import RUNS
 from cpcal.calibration import calibrate_study, recorded
 from cpcal.calibration.record import load_record, save_record
 from cpcal.cli import app
-from cpcal.cli.status import Status
+from cpcal.cli.talk import Status
 from cpcal.common.errors import InputError
 from cpcal.common.values import same
 from cpcal.files import campaign_sha256, load_campaign, load_study, save_campaign, save_study
@@ -217,7 +218,9 @@ def _apart(subject: Subject, folder: Path, good: Any) -> Measured:
 
 def _outcome(subject: Subject, folder: Path, good: Any) -> tuple[str, str]:
     try:
-        found = subject.read(folder)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a reader that says what looks odd
+            found = subject.read(folder)
         if found == good:
             return "same", "everything that is claimed is as in the good files"
         why = subject.harmless(good, found)

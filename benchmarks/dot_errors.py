@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cpcal.common.arrays import Floats, Ints
+from cpcal.common.values import Floats, Ints
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import Dots, observe_dots

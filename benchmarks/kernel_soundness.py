@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.solver.interval import functions, kernels
 from cpcal.solver.interval.arb import precision
 

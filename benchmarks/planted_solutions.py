@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.solver import plugins
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork, Expr, evaluate, sqr, sqrt

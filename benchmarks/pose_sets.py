@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, transformed
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera

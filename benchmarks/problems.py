@@ -21,7 +21,7 @@ import numpy as np
 
 import cpcal
 from cpcal.calibration import least_squares
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver import plugins

@@ -34,7 +34,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.__main__ import main as run_cpcal
-from cpcal.certify.checkpoints import FOLDER
+from cpcal.certify.question import FOLDER
 from cpcal.cli.app import app
 
 _BEFORE = "init_import_site"  # of the sentence with which Python ends

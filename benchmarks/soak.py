@@ -21,10 +21,10 @@ import numpy as np
 
 import cpcal
 from benchmarks.machine import machine
-from cpcal.execution.stopping import resident_bytes, within_memory
-from cpcal.solver.certificate.uncertified import UncertifiedError
+from cpcal.execution.executors import resident_bytes, within_memory
+from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.optimize import Bracket
-from cpcal.solver.search import frontier
+from cpcal.solver.search import search
 
 _EVERY = 10.0  # seconds
 _PAGES = Path(__file__).parent / "pages"
@@ -117,7 +117,7 @@ def main() -> None:
     parser.add_argument("--certificate", action="store_true")
     parser.add_argument("--page", action="store_true")
     given = parser.parse_args()
-    frontier.IN_MEMORY = given.in_memory
+    search.IN_MEMORY = given.in_memory
     net, t = problem()
     curve = Curve()
     with tempfile.TemporaryDirectory() as folder, within_memory(given.memory_limit * 10**6):

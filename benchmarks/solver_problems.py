@@ -30,14 +30,13 @@ import numpy as np
 
 import cpcal
 from benchmarks.methods.codac import contract
-from cpcal.execution.stopping import Reason, also_asked_by, heard
-from cpcal.problems.answer import answer
+from cpcal.execution.executors import Reason, also_asked_by, heard
+from cpcal.problems.problem import StatedProblem, answer
 from cpcal.problems.problem_files import load_problem
-from cpcal.problems.stated_problem import StatedProblem
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr
-from cpcal.solver.network.dag import topological
+from cpcal.solver.network.expression import topological
 from cpcal.solver.search import clusters
 
 HERE = Path(__file__).parent

@@ -24,7 +24,7 @@ from typing import Any
 
 import cpcal
 from benchmarks.throughput import rendered
-from cpcal.cli.many_campaigns import CampaignWork, certified_all
+from cpcal.cli.certify import CampaignWork, certified_all
 from cpcal.cli.talk import Talk
 from cpcal.execution.executors import executor_for
 from cpcal.vision.batch.detect import ImageFolder, detect

@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks.camera_covariance import Setting, simulated_views
 from benchmarks.pose_sets import COLUMNS, drawn_pose
 from cpcal.checker.pose_claim import check_pose_set
-from cpcal.common.arrays import Floats, Indices
+from cpcal.common.values import Floats, Indices
 from cpcal.robot import Pose, transformed
 from cpcal.vision.calibration import calibrate_camera
 from cpcal.vision.camera import DELTALAB_CAMERA

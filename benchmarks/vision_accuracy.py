@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.vision_scenes import facing_poses, found_dots, one, spoiled_dots
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import Pose, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.identify import Unidentified, identify

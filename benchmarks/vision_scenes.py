@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpcal.common.arrays import Floats, Ints
+from cpcal.common.values import Floats, Ints
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import Camera
 from cpcal.vision.projection import centers_of, predicted_centers

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
 from cpcal.vision.opencv import opencv

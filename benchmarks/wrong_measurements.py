@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import cpcal
-from cpcal.certify.certify_robust import certify_robust
+from cpcal.certify.robust import certify_robust
 from cpcal.checker.robust_claim import check_robust
 from cpcal.simulate import simulate
 

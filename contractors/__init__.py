@@ -1,17 +1,14 @@
 """Contractors that come with cpcal; found by it through the entry points `cpcal.contractors`."""
 
-from contractors.beaumont import Beaumont
-from contractors.box_consistency import BoxConsistency
-from contractors.cid import Cid
-from contractors.hc4 import HC4
-from contractors.krawczyk import Krawczyk
+from contractors.hc4 import HC4, BoxConsistency
+from contractors.krawczyk import Beaumont, Krawczyk
 from contractors.lifted import Lifted
 from contractors.linear_system import LinearSystem
 from contractors.newton import Newton
 from contractors.qinter import QInter, qinter
 from contractors.regression import Regression
 from contractors.separators import Separator, Violating
-from contractors.shaving import Shaving
+from contractors.shaving import Cid, Shaving
 from contractors.violation import MostViolated
 
 __all__ = [

@@ -7,21 +7,229 @@ are ever active: the programs start with some dozens, and violated ones are adde
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
-from contractors.directions import Directions, over_box
 from contractors.relaxation import Relaxation, Structure
-from contractors.structures import RestrictedStructures, Structures
-from cpcal.common.arrays import Bools, Floats, Indices
+from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
-from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
+from cpcal.solver.existence import reads
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
 from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatus, lower_bound, tightened
 from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.monotone import DecisiveReadings
+from cpcal.solver.network.network import restricted
+from cpcal.solver.network.rewrite import PolynomialForms
+from cpcal.solver.network.rows import Rows
+
+# ------------------------------------------------------------------------------------------------------------------
+# Directions in the variables of a box as objectives in its columns, and back: nothing is lost to rounding.
+#
+# On a box with midpoint c and radius r, `d.x = d.c + sum_i d_i r_i u_i` with u in [-1, 1]^n. Linear programs bound the
+# sum with each d_i r_i rounded to a float64; what the rounding leaves out is added to their bounds.
+
+
+class Directions:
+    """`directions` (m, n) on a bounded box; `columns` says which of `count` columns is the coordinate of a variable.
+
+    `objectives` (m, count) are to be minimised: they point the other way.
+    """
+
+    def __init__(
+        self, engine: Arithmetic, box: Box, columns: Mapping[int, int], count: int, directions: Floats
+    ) -> None:
+        self._engine = engine
+        center = IntervalArray.point(np.broadcast_to(box.mid, directions.shape))
+        radius = IntervalArray.point(np.broadcast_to(box.rad, directions.shape))
+        scaled, self._exponents = _scaled(directions, box.rad)
+        unit = IntervalArray.point(scaled)
+        slopes = engine.mul(unit, radius)
+        variables, places = list(columns), list(columns.values())
+        self.objectives = np.zeros((len(directions), count))
+        self.objectives[:, places] = -slopes.mid[:, variables]
+        beside = slopes.mag
+        beside[:, variables] = slopes.rad[:, variables]
+        self._rest = np.concatenate([beside, engine.mul(unit, center).hi], axis=1)
+
+    def highest(self, lowest: Floats) -> Floats:
+        """Upper bounds (m,) of `directions @ x` from lower bounds (m,) of the objectives."""
+        terms = IntervalArray.point(np.concatenate([-lowest[:, None], self._rest], axis=1))
+        bounds = self._engine.sum(terms, 1).hi
+        # a step up: powers of two are exact but for numbers that are nearly too small
+        return np.where(self._exponents == 0, bounds, np.nextafter(np.ldexp(bounds, self._exponents), np.inf))
+
+
+def _scaled(directions: Floats, radius: Floats) -> tuple[Floats, npt.NDArray[np.intc]]:
+    """`directions` over powers of two, and the exponents: the size that the tolerances of programs are made for."""
+    exponents = np.frexp(np.max(np.abs(directions) * radius, axis=1, initial=0.0))[1]
+    scaled = np.ldexp(directions, -exponents[:, None])
+    exact = (np.ldexp(scaled, exponents[:, None]) == directions).all(axis=1)
+    return np.where(exact[:, None], scaled, directions), np.where(exact, exponents, 0)
+
+
+def over_box(engine: Arithmetic, box: Box, directions: Floats) -> Floats:
+    """Upper bounds (m,) of `directions @ x` over all of a box, which need not be bounded."""
+    bounds = IntervalArray(np.broadcast_to(box.lo, directions.shape), np.broadcast_to(box.hi, directions.shape))
+    with np.errstate(invalid="ignore"):
+        terms = engine.mul(IntervalArray.point(directions), bounds)
+    highest = np.where(directions == 0.0, 0.0, terms.hi)  # zero times an infinite bound is nothing
+    return np.asarray(engine.sum(IntervalArray.point(highest), 1).hi)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The structures of a network's relaxations: of all measurements where they are few, else of those that say most.
+#
+# Few rows are ever active. Where a network has very many rows for its unknowns, a box gets those that its midpoint
+# violates most, and some that are spread over all: the others could only make its relaxation tighter, so leaving them
+# out
+# loses no solution.
+
+_MANY = 4096  # elements of constraints, beyond which only those that say most about a box are expanded,
+_MANY_EACH = 64  # if they are so many for each unknown
+_TELLING = 128  # of them for each side of a constraint, and as many that are spread over all
+_ENCLOSING = 1024  # the same where no objective is sought: then the enclosure is the answer
+_KEPT = 8  # structures of other reading sets
+_MUCH = 0.25  # of a width: from here on rows are expanded again
+_SHARE = 256  # one of so many, where that is more: of 31,000 measurements 128 left out some that decide
+
+
+class Structures:
+    """Those of one network on any boxes. What two boxes in a row have in common is made once.
+
+    `objective`: the variable whose smallest value is sought on boxes where it has a width; few rows decide that.
+    """
+
+    def __init__(self, network: ConstraintNetwork, arithmetic: Arithmetic, objective: int | None) -> None:
+        self._network, self._arithmetic, self._objective = network, arithmetic, objective
+        elements = sum(int(np.prod(c.body.shape[:1])) for c in network.constraints)
+        self._share = elements // _SHARE
+        self._rows = Rows(network) if elements > max(_MANY, _MANY_EACH * len(network.names)) else None
+        self.by_box = self._rows is not None or any(map(reads, network.constraints))  # else one serves all boxes
+        self._made: _Expanded | None = None
+
+    def on(self, box: Box, deadline: float) -> Structure:
+        """For a bounded box (any box where `by_box` is false); rows that are not expanded at `deadline` are missing."""
+        return self.of(None if self._rows is None else self._rows.telling(box.mid, self._most(box)), box, deadline)
+
+    def of(self, keep: list[Indices] | None, box: Box, deadline: float) -> Structure:
+        """The same of those elements of each constraint; None: of all."""
+        if self._made is None or not self._made.has(keep):
+            self._made = _Expanded(self._network, keep, self._arithmetic, deadline)
+        return self._made.on(box)
+
+    def restricted_to(self, elements: Indices) -> RestrictedStructures:
+        """Those of some elements (along the leading axis) of every constraint alone."""
+        return RestrictedStructures(self if self._rows is None else copy(self), elements)
+
+    def alone(self, elements: Indices, box: Box, deadline: float) -> Structure:
+        """Of some elements, on a box. Where few are expanded for all, those that are serve these too."""
+        if self._rows is not None:
+            return self.of([elements] * len(self._network.constraints), box, deadline)
+        structure = self.of(None, box, deadline)
+        shapes = [c.body.shape for c in self._network.constraints]
+        width = np.array([max(int(np.prod(shape[1:])), 1) for shape in shapes], np.intp)
+        constraint, element = structure.system.origin.T
+        apart = np.array([bool(shape) for shape in shapes], np.bool_)[constraint]
+        rows = np.flatnonzero(~apart | np.isin(element // width[constraint], elements))
+        return structure.part(rows, np.zeros(len(structure.used), np.bool_))
+
+    def _most(self, box: Box) -> int:
+        """Elements for each side of a constraint."""
+        seeking = self._objective is not None and bool(box.rad[self._objective] > 0.0)
+        return max(_TELLING if seeking else _ENCLOSING, self._share)
+
+
+class RestrictedStructures:
+    """Those of some elements of every constraint alone, for one search.
+
+    Few rows shrink a box in many small steps. Rows that were expanded for a box hold in all of it, and so they serve
+    the boxes within it that are not much smaller.
+    """
+
+    def __init__(self, whole: Structures, elements: Indices) -> None:
+        self._whole, self._elements = whole, elements
+        self._last: tuple[Box, Structure] | None = None
+
+    @property
+    def by_box(self) -> bool:
+        return self._whole.by_box
+
+    def on(self, box: Box, deadline: float) -> Structure:
+        """As `Structures.on`."""
+        last = self._last
+        if last is not None and _near(box, last[0]):
+            return last[1]
+        structure = self._whole.alone(self._elements, box, deadline)
+        self._last = box, structure
+        return structure
+
+
+def _near(box: Box, other: Box) -> bool:
+    """Whether a box lies in another one and is not much smaller in any direction."""
+    return box.subset(other) and bool((box.width >= _MUCH * other.width).all())
+
+
+class _Expanded:
+    """The polynomial forms of some elements of a network's constraints; None: of all."""
+
+    def __init__(
+        self, network: ConstraintNetwork, keep: list[Indices] | None, arithmetic: Arithmetic, deadline: float
+    ) -> None:
+        self._network, self._keep = network, keep
+        some = network if keep is None else restricted(network, keep)
+        self._forms = PolynomialForms(some, arithmetic, deadline)
+        read = any(map(reads, some.constraints))
+        self._decisive = DecisiveReadings(some, arithmetic) if read else None
+        self._known: dict[bytes, Structure] = {}  # by the reading sets, the latest last
+
+    def has(self, keep: list[Indices] | None) -> bool:
+        """Whether it is of these elements."""
+        if keep is None or self._keep is None:
+            return keep is self._keep
+        return all(map(np.array_equal, keep, self._keep))
+
+    def on(self, box: Box) -> Structure:
+        """With the readings at the ends that decide on all of the box.
+
+        Those of the boxes before are kept: another question about the same network comes by the same ends.
+        """
+        sets = None if self._decisive is None else self._decisive.on(box)
+        key = b"".join(b for own in sets or () for part in own.values() for b in (part.lo.tobytes(), part.hi.tobytes()))
+        structure = self._known.pop(key, None)
+        if structure is None:
+            system = self._forms.on(sets)
+            if self._keep is not None:
+                system = replace(system, origin=_original(system.origin, self._network, self._keep))
+            structure = Structure(system)
+            while len(self._known) >= _KEPT:
+                del self._known[next(iter(self._known))]
+        self._known[key] = structure
+        return structure
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without those that were made, which may be large."""
+        return self.__dict__ | {"_known": {}}
+
+
+def _original(origin: Indices, network: ConstraintNetwork, keep: list[Indices]) -> Indices:
+    """Constraint and element in the whole network of each row of a restricted one."""
+    kept = [c for c, rows in enumerate(keep) if rows.size or not network.constraints[c].body.shape]
+    out = origin.copy()
+    for new, old in enumerate(kept):
+        mine = origin[:, 0] == new
+        out[mine, 0] = old
+        shape = network.constraints[old].body.shape
+        if shape:
+            width = max(int(np.prod(shape[1:])), 1)
+            element = origin[mine, 1]
+            out[mine, 1] = keep[old][element // width] * width + element % width
+    return out
+
 
 Carriers = tuple[tuple[tuple[int, int], ...], StepWeights]
 

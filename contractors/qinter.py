@@ -20,12 +20,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from contractors.hc4 import HC4, moved_bounds
-from cpcal.common.arrays import Bools, Floats
 from cpcal.common.errors import ModelError
+from cpcal.common.values import Bools, Floats
 from cpcal.solver.contract import Composable, Contraction, Contractor, Step, monotone_tolerance
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.restrict import restricted
+from cpcal.solver.network.network import restricted
 
 
 class QInter(Composable):

@@ -15,9 +15,9 @@ from itertools import combinations
 
 import numpy as np
 
+from contractors.lifted import Structures
 from contractors.relaxation import Relaxation, Structure
-from contractors.structures import Structures
-from cpcal.common.arrays import Floats, Indices
+from cpcal.common.values import Floats, Indices
 from cpcal.solver.contract import Composable, Contraction, Step, StepWeights
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.linear import lower_bound

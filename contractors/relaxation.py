@@ -6,22 +6,359 @@ holds at every solution in the box is what the linear programs work on, and what
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import lru_cache
+import math
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from math import comb
 
 import numpy as np
 
-from contractors.centred import CentredRows, Shift
-from contractors.monomials import ProductRows, column_bounds, product_rows
-from contractors.packing import packed, reach, scaled
-from cpcal.common.arrays import Bools, Floats, Indices
+from cpcal.common.values import Bools, Floats, Indices
+from cpcal.solver.compiled import compiled
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.linear import LinearEngine
 from cpcal.solver.network import PolynomialSystem
-from cpcal.solver.network.term_operations import Monomial
+from cpcal.solver.network.polynomial import Monomial
+
+# ------------------------------------------------------------------------------------------------------------------
+# Monomials on a box: columns of linear programs, and the bound products between them.
+#
+# On a box with midpoint c and radius r every variable is `x_i = c_i + r_i u_i` with u in [-1, 1]^n, and
+# every monomial of u is one column in [-1, 1], or in [0, 1] when it is a square.
+
+# Where the parabola of a square is touched from below; its ends and the column bound w >= 0 do the rest.
+_TANGENTS = (-1.0, -0.5, 0.5, 1.0)
+_ALL_FACTORINGS = 4  # degree up to which a column is tied to the others by each of its factorings
+
+
+# (variable i, variable j, p, q) of the product (1 + p u_i)(1 + q u_j); (i, t) of the square (u_i - t)^2; None for
+# products of more than two variables
+Form = tuple[int, int, float, float] | tuple[int, float] | None
+
+
+@dataclass(frozen=True)
+class ProductRows:
+    """Rows `matrix w <= rhs` that hold for the monomials w (without the constant) of every u in [-1, 1]^n.
+
+    They are expanded products of two bounds that are not negative: exact small dyadic numbers.
+    """
+
+    matrix: Floats
+    rhs: Floats
+    # and the coefficients of both and their product
+    factors: tuple[tuple[Monomial, Monomial, float, float, float], ...]
+
+    @cached_property
+    def forms(self) -> list[Form]:
+        """As `StepWeights` has them, without the weights."""
+        return [_form(*factor) for factor in self.factors]
+
+
+def _form(beta: Monomial, delta: Monomial, on_beta: float, on_delta: float, on_gamma: float) -> Form:
+    if len(beta) + len(delta) > 2:
+        return None
+    if beta != delta:
+        return beta[0], delta[0], -on_beta, -on_delta
+    return (beta[0], beta[0], 1.0, -1.0) if on_gamma > 0.0 else (beta[0], 0.5 * on_beta)
+
+
+def column_bounds(monomials: tuple[Monomial, ...]) -> IntervalArray:
+    """[-1, 1] for every monomial but the constant; [0, 1] for those with even exponents only."""
+    even = np.array([_is_square(m) for m in monomials[1:]], dtype=bool)
+    return IntervalArray(np.where(even, 0.0, -1.0), np.ones(len(even)))
+
+
+def _is_square(monomial: Monomial) -> bool:
+    return all(count % 2 == 0 for count in Counter(monomial).values())
+
+
+def product_rows(monomials: tuple[Monomial, ...], used: Bools) -> ProductRows:
+    """McCormick, secant and tangent rows of every used column of degree two or more, from all its factorings."""
+    column = {m: k - 1 for k, m in enumerate(monomials)}
+    rows: list[Floats] = []
+    rhs: list[float] = []
+    factors: list[tuple[Monomial, Monomial, float, float, float]] = []
+    for gamma in monomials[1:]:
+        if len(gamma) < 2 or not used[column[gamma]]:
+            continue
+        for beta, delta in _factorings(gamma):
+            for on_beta, on_delta, on_gamma, bound in _bound_products(beta, delta):
+                row = np.zeros(len(monomials) - 1)
+                row[column[gamma]] = on_gamma
+                row[column[beta]] += on_beta
+                row[column[delta]] += on_delta
+                rows.append(row)
+                rhs.append(bound)
+                factors.append((beta, delta, on_beta, on_delta, on_gamma))
+    matrix = np.array(rows).reshape(len(rows), len(monomials) - 1)
+    return ProductRows(matrix, np.array(rhs), tuple(factors))
+
+
+def _factorings(gamma: Monomial) -> list[tuple[Monomial, Monomial]]:
+    """Both ways round are one. Beyond degree 4 one factor is a single variable: the others pay little."""
+    found = set()
+    for beta, _ in divisors(gamma):
+        delta = tuple((Counter(gamma) - Counter(beta)).elements())
+        if beta and delta and beta <= delta and (len(gamma) <= _ALL_FACTORINGS or 1 in (len(beta), len(delta))):
+            found.add((beta, delta))
+    return sorted(found)
+
+
+def divisors(monomial: Monomial) -> list[tuple[Monomial, int]]:
+    """All of them, 1 and itself included, and in how many ways the factors of each can be chosen."""
+    powers = sorted(Counter(monomial).items())
+    out: list[tuple[Monomial, int]] = [((), 1)]
+    for variable, power in powers:
+        out = [(m + (variable,) * k, ways * comb(power, k)) for m, ways in out for k in range(power + 1)]
+    return out
+
+
+def _bound_products(beta: Monomial, delta: Monomial) -> list[tuple[float, float, float, float]]:
+    """Products of two bounds as `(coefficient of beta, of delta, of their product, right side)`, row <= side."""
+    lo_b, lo_d = (0.0 if _is_square(m) else -1.0 for m in (beta, delta))
+    if beta == delta:
+        secant = (-(1.0 + lo_b), 0.0, 1.0, -lo_b)  # (w - lo)(1 - w) >= 0
+        return [secant] + [(2.0 * t, 0.0, -1.0, t * t) for t in _TANGENTS]  # (w - t)^2 >= 0
+    return [
+        (lo_d, lo_b, -1.0, lo_b * lo_d),  # (b - lo)(d - lo) >= 0
+        (1.0, 1.0, -1.0, 1.0),  # (1 - b)(1 - d) >= 0
+        (-lo_d, -1.0, 1.0, -lo_d),  # (1 - b)(d - lo) >= 0
+        (-1.0, -lo_b, 1.0, -lo_b),  # (b - lo)(1 - d) >= 0
+    ]
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Rows of polynomials in a box's own coordinates: exact float64 numbers, and what rounding leaves out as a widening.
+#
+# On a box with midpoint c and radius r every variable is `x_i = c_i + r_i u_i` with u in [-1, 1]^n, so that
+# `x^alpha = sum_beta T[alpha, beta] u^beta`. Every `u^beta` lies in [-1, 1]: an error in its coefficient is an error of
+# that size in the value, and one number for each row covers them all.
 
 _UNIT = 2.0**-53
-_SMALLEST = 1e-290
+_UNDERFLOW = 1e-290  # more than all that products lose that are too small
+_ETA = 5e-324  # the least number
+
+
+class Shift:
+    """The matrix T for a list of monomials closed under division, by its terms: products of centres and radii."""
+
+    def __init__(self, monomials: tuple[Monomial, ...], variables: int) -> None:
+        column = {m: k for k, m in enumerate(monomials)}
+        degree = max((len(m) for m in monomials), default=0)
+        pairs: dict[tuple[int, int, tuple[int, ...]], int] = {}
+        for alpha in monomials:
+            for beta, ways in divisors(alpha):
+                # positions in the vector (1, c_0 .. c_n-1, r_0 .. r_n-1)
+                still = (Counter(alpha) - Counter(beta)).elements()
+                factors = sorted(1 + i for i in still) + [1 + i + variables for i in beta]
+                pairs[column[beta], column[alpha], tuple(factors) + (0,) * (degree - len(factors))] = ways
+        terms = sorted(pairs.items())
+        self.size = len(monomials)
+        self.beta = np.array([key[0] for key, _ in terms], dtype=np.intp)
+        self.alpha = np.array([key[1] for key, _ in terms], dtype=np.intp)
+        self._factors = np.array([key[2] for key, _ in terms], dtype=np.intp).reshape(len(terms), degree)
+        self._count = np.array([count for _, count in terms], dtype=np.float64)
+        self._least = _UNDERFLOW ** (1.0 / max(degree, 1))  # of factors whose product is no number too small
+
+    def values(self, engine: Arithmetic, center: Floats, radius: Floats) -> IntervalArray:
+        """Every term, for exact float64 `center` and `radius`."""
+        vector = np.concatenate([[1.0], center, radius])
+        value = IntervalArray.point(self._count)
+        for k in range(self._factors.shape[1]):
+            value = engine.mul(value, IntervalArray.point(vector[self._factors[:, k]]))
+        return value
+
+    def matrix(self, engine: Arithmetic, center: Floats, radius: Floats) -> IntervalArray:
+        """T, shape (M, M)."""
+        value = self.values(engine, center, radius)
+        lo, hi = np.zeros((2, self.size, self.size))
+        lo[self.alpha, self.beta], hi[self.alpha, self.beta] = value.lo, value.hi
+        return IntervalArray(lo, hi)
+
+    @property
+    def degree(self) -> int:
+        return self._factors.shape[1]
+
+    def rounded(self, center: Floats, radius: Floats) -> Floats:
+        """Every term, each wrong by at most `degree` roundings."""
+        vector = np.concatenate([[1.0], center, radius])
+        sizes = [abs(v) for v in vector.tolist() if v]
+        if self._least < min(sizes) and max(sizes) < 1.0 / self._least:
+            return np.asarray(self._count * vector[self._factors].prod(axis=1))
+        mantissa, exponent = np.frexp(vector)  # a product in the middle may be too small, or too large
+        product = self._count * mantissa[self._factors].prod(axis=1)
+        with np.errstate(all="ignore"):
+            return np.asarray(np.ldexp(product, exponent[self._factors].sum(axis=1)))
+
+
+class CentredRows:
+    """K rows of polynomials `coefficients` (1 + J, K, M), in the J readings and the monomials of a `Shift`.
+
+    `matters` (M,): whether the coefficient of a monomial, at the centres of the readings, is not zero in some row.
+    """
+
+    def __init__(self, shift: Shift, coefficients: IntervalArray) -> None:
+        self._shift, self._coefficients = shift, coefficients
+        self._gamma = 4.0 * (len(shift.beta) * coefficients.shape[0] + shift.degree + 8) * _UNIT
+        # along the rows in memory, for the loops of `_centred`
+        lo = np.ascontiguousarray(coefficients.lo.transpose(0, 2, 1))
+        hi = lo if coefficients.lo is coefficients.hi else np.ascontiguousarray(coefficients.hi.transpose(0, 2, 1))
+        self._mid, self._errors, self.matters = _split(lo, hi, self._gamma)
+        occurs = np.asarray(self._errors.any(axis=1))
+        self._terms = np.flatnonzero(occurs[shift.alpha])
+
+    def on(self, engine: Arithmetic, center: Floats, radius: Floats) -> tuple[Floats, Floats]:
+        """On a box: coefficients (M, K) of every u^beta, and a widening (K,): for all readings in their sets
+
+        the row's value at u lies within the widening of `coefficients.T @ u^beta`.
+        """
+        if engine.name == "float64":
+            shift, terms = self._shift, self._terms
+            term = shift.rounded(center, radius)[terms]
+            return _centred(self._mid, self._errors, shift.beta[terms], shift.alpha[terms], term, self._gamma)
+        slots, count, size = self._coefficients.shape
+        flat = self._coefficients.reshape((slots * count, size))
+        found = engine.dot(flat, self._shift.matrix(engine, center, radius)).reshape((slots, count, size))
+        spread = found[0].rad.sum(axis=1) + found[1:].mag.sum(axis=(0, 2))
+        return np.ascontiguousarray(found[0].mid.T), spread * (1.0 + 4.0 * (slots * size + 8) * _UNIT)
+
+
+@compiled
+def _centred(
+    mid: Floats, errors: Floats, beta: Indices, alpha: Indices, term: Floats, gamma: float
+) -> tuple[Floats, Floats]:
+    """`errors` (M, K): for each coefficient its own radius, and all roundings of its products, per unit of a term.
+
+    A sum of p products errs by at most p u / (1 - p u) times the sum of their sizes; gamma is four times p u for all p
+    that occur, which covers the roundings of the widening, too.
+    """
+    slots, size, count = mid.shape
+    rows = np.zeros((size, count))
+    widening = np.full(count, _UNDERFLOW)
+    extent = np.zeros(size)
+    for t in range(term.size):
+        extent[alpha[t]] += abs(term[t]) + _UNDERFLOW
+    for m in range(size):
+        if extent[m] > 0.0:
+            for k in range(count):
+                widening[k] += errors[m, k] * extent[m]
+    for t in range(term.size):
+        out, source, factor = rows[beta[t]], mid[0, alpha[t]], term[t]
+        for k in range(count):
+            out[k] += factor * source[k]
+    slope = np.zeros(count)
+    for j in range(1, slots):
+        for t in range(term.size):
+            source, factor = mid[j, alpha[t]], term[t]
+            for k in range(count):
+                slope[k] += factor * source[k]
+            if t + 1 == term.size or beta[t + 1] != beta[t]:
+                for k in range(count):
+                    widening[k] += abs(slope[k])
+                    slope[k] = 0.0
+    for k in range(count):
+        widening[k] *= 1.0 + gamma
+    return rows, widening
+
+
+@compiled
+def _split(lo: Floats, hi: Floats, gamma: float) -> tuple[Floats, Floats, Bools]:
+    """Midpoints (slots, M, K); errors (M, K) as `_centred` takes them, of all slots; which monomials matter."""
+    slots, size, count = lo.shape
+    mid, errors = np.empty((slots, size, count)), np.zeros((size, count))
+    matters = np.zeros(size, np.bool_)
+    up = 1.0 + 4.0 * (slots + 4) * _UNIT
+    for j in range(slots):
+        for m in range(size):
+            for k in range(count):
+                middle = 0.5 * lo[j, m, k] + 0.5 * hi[j, m, k]
+                radius = max(hi[j, m, k] - middle, middle - lo[j, m, k]) * up
+                mid[j, m, k] = middle
+                least = _ETA if middle != 0.0 else 0.0  # where the product with gamma is too small
+                errors[m, k] += (gamma * abs(middle) + radius) * up + least
+                if j == 0 and abs(middle) > radius:
+                    matters[m] = True
+    return mid, errors, matters
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# From the rows of a relaxation to the matrix of a linear program: scaled, without what cannot matter on the box.
+
+_SMALLEST = 1e-290  # coefficients below it are left out
+
+
+@compiled
+def scaled(rows: Floats, rhs: Floats) -> tuple[Indices, Floats]:
+    """Divide rows (M, K) and right sides by powers of two, to a largest coefficient of about 1; the exponents.
+
+    And the largest coefficient of each monomial. Nothing is rounded: coefficients that become too small for that are
+    left out, and right sides pay for them.
+    """
+    size, count = rows.shape
+    largest, paid, exponents = np.zeros(count), np.zeros(count), np.zeros(count, np.intp)
+    highest = np.zeros(size)
+    for m in range(size):
+        for k in range(count):
+            largest[k] = max(largest[k], abs(rows[m, k]))
+    for k in range(count):
+        exponents[k] = min(max(math.frexp(largest[k])[1], -900), 900) if np.isfinite(largest[k]) else 0
+        largest[k] = math.ldexp(1.0, -exponents[k])
+    for m in range(size):
+        for k in range(count):
+            value = rows[m, k] * largest[k]
+            small = abs(value) < _SMALLEST
+            paid[k] += _SMALLEST if small and rows[m, k] != 0.0 else 0.0
+            rows[m, k] = 0.0 if small else value
+            highest[m] = max(highest[m], abs(value))
+    for k in range(count):
+        side = rhs[k] * largest[k]
+        if paid[k] > 0.0 or abs(side) < _SMALLEST:
+            side += paid[k]
+            side += 4.0 * _UNIT * abs(side) + _SMALLEST
+        rhs[k] = side
+    return exponents, highest
+
+
+@compiled
+def reach(rows: Floats, rhs: Floats, has_column: Bools, lower: Floats, upper: Floats) -> Bools:
+    """Which rows some point of the box may violate; right sides pay for the monomials without a column.
+
+    Rows that overflowed say nothing.
+    """
+    size, count = rows.shape
+    highest, beside = np.zeros(count), np.zeros(count)
+    for m in range(size):
+        for k in range(count):
+            value = rows[m, k]
+            if has_column[m]:
+                highest[k] += max(value * lower[m], value * upper[m])
+            else:
+                beside[k] += abs(value)
+    up = 1.0 + 4.0 * (size + 4) * _UNIT
+    matters = np.zeros(count, np.bool_)
+    for k in range(count):
+        if beside[k] != 0.0:  # NaN goes to the right side, which then says nothing
+            more = beside[k] * up
+            rhs[k] += more + 4.0 * _UNIT * (abs(rhs[k]) + more)
+        matters[k] = np.isfinite(highest[k]) and np.isfinite(rhs[k]) and highest[k] > rhs[k]
+    return matters
+
+
+@compiled
+def packed(products: Floats, rows: Floats, columns: Indices, kept: Indices) -> Floats:
+    """Products (P, n) and the kept rows of (M, K) in the columns' monomials, as an array (n, P + kept)."""
+    first = products.shape[0]
+    out = np.empty((columns.size, first + kept.size))
+    for j in range(columns.size):
+        m = columns[j]
+        for k in range(first):
+            out[j, k] = products[k, j]
+        for k in range(kept.size):
+            out[j, first + k] = rows[m, kept[k]]
+    return out
+
+
 _COLUMNS = 150  # beyond, linear programs take too long at each node
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from contractors.relaxation import Relaxation, Structure
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.linear import Dense
 from cpcal.solver.linear.engine import LinearEngine, LinearStatus

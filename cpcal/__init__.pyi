@@ -29,10 +29,9 @@ from .results import (
 )
 from .robot import Campaign, Robot
 from .simulate import simulate
-from .solver.certificate.uncertified import UncertifiedError
-from .solver.contract import Contraction, Contractor, Polyhedron, Step, Strategy, Verdict
+from .solver.certificate.recording import UncertifiedError
+from .solver.contract import Contraction, Contractor, Limits, Polyhedron, Step, Strategy, Verdict
 from .solver.interval import Box, Interval
-from .solver.limits import Limits
 from .solver.model import Network, Paving, Solution
 from .solver.network import Constraint, Expr, evaluate, maximum, minimum, norm, sqr, sqrt
 from .solver.network.mathematics import (

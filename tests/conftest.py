@@ -30,7 +30,13 @@ settings.load_profile("cpcal")
 # More than five seconds of processor time each (`--durations` tells), the longest first. Begun last, one of them would
 # keep a worker busy while the others have nothing left to do.
 LONG = (
-    *("benchmarks/test_mutations.py", "solver/test_planted.py", "vision/test_identify.py", "cli/test_images.py"),
+    *(
+        "benchmarks/test_damaged_runs.py",
+        "cli/test_every_key.py",
+        "solver/test_planted.py",
+        "vision/test_identify.py",
+        "cli/test_images.py",
+    ),
     *("contractors/test_conformance.py", "checker/malformed/test_checker_hostile.py", "execution/test_places.py"),
     *("execution/test_cluster.py",),
     *("vision/test_pose_set_forgeries.py", "handeye/test_hand_eye_runs.py"),

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from cpcal.checker import Accepted, ExactCampaign, check, check_run
-from cpcal.cli import checked
+from cpcal.cli import verify
 
 
 def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -27,9 +27,9 @@ def verify_once(monkeypatch: pytest.MonkeyPatch) -> None:
             known[key] = check(path, *given, **options)
         return known[key]
 
-    for module in (check_run.__module__, checked.__name__):
+    for module in (check_run.__module__, verify.__name__):
         monkeypatch.setattr(import_module(module), "check", once)
-    monkeypatch.setattr(checked, "side_by_side", lambda checks: nullcontext(lambda: [one() for one in checks]))
+    monkeypatch.setattr(verify, "side_by_side", lambda checks: nullcontext(lambda: [one() for one in checks]))
 
 
 def remembered(check: Callable[..., Accepted]) -> Callable[..., Accepted]:

@@ -13,7 +13,7 @@ import cpcal
 from cpcal.cli.app import app
 from cpcal.files import load_settings
 from cpcal.robot import ROBOTS
-from cpcal.robot.columns import override_columns, reading_columns
+from cpcal.robot.units import override_columns, reading_columns
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGE = (DOCS / "your-data.md").read_text(encoding="utf-8")

@@ -23,7 +23,7 @@ from benchmarks.methods.method import HULL_GAP, TaskQuestion, Work
 from benchmarks.problems import Leg
 from benchmarks.records import MethodAnswer
 from benchmarks.tasks import Unsupported
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import rotation_matrix
 
 A, B, OFFSET, Q = range(3), range(3, 6), 6, 7  # columns: a, b, l, q, then the products

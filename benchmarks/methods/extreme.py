@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.problems import Leg
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize import WitnessProver, fit
-from cpcal.solver.optimize.linear_steps import linear_steps
+from cpcal.solver.optimize.local import linear_steps
 
 _MARGIN = 1e-11  # of rows, in units of their gradients across the box: room for the rounding of a proof
 

@@ -13,12 +13,11 @@ from benchmarks.methods.extreme import Ends, minimax
 from benchmarks.methods.method import HULL_GAP
 from benchmarks.problems import Leg
 from benchmarks.records import MethodAnswer
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.legs import PARAMETERS, leg_network
 from cpcal.solver import plugins
-from cpcal.solver.contract import Repeat, Verdict
+from cpcal.solver.contract import Limits, Repeat, Verdict
 from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.limits import Limits
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize import Minimum, minimize, run
 

@@ -8,7 +8,7 @@ from scipy import optimize
 from benchmarks.methods.method import TaskQuestion, Work
 from benchmarks.records import MethodAnswer
 from benchmarks.tasks import Unsupported
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import rotation_matrix
 
 

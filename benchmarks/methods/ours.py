@@ -20,9 +20,8 @@ from contractors import HC4
 from cpcal.files import campaign_sha256
 from cpcal.results import LegResult
 from cpcal.solver import plugins
-from cpcal.solver.contract import Verdict
+from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.limits import Limits
 from cpcal.solver.optimize import Minimum, minimize, run
 
 

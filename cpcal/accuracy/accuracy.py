@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from cpcal.accuracy.certified_boxes import certified_boxes
 from cpcal.accuracy.certified_set import CertifiedSet, certified_set
-from cpcal.accuracy.estimates import distances, expanded_uncertainty, true_poses
 from cpcal.accuracy.findings import (
     Accuracy,
     AssumedError,
     CellAccuracy,
+    CertifiedBox,
     Estimated,
     NextPose,
     PoseAccuracy,
@@ -26,22 +26,61 @@ from cpcal.accuracy.model_error import Growth, growth
 from cpcal.accuracy.next_poses import next_poses
 from cpcal.accuracy.pose_bounds import LEGS, PoseBounds, pose_bounds
 from cpcal.accuracy.workspace import Covered, Workspace, cover
-from cpcal.common.arrays import Floats
-from cpcal.common.errors import InputError, Problem
+from cpcal.calibration import fit
+from cpcal.certify.bracket import PreparedLeg, by_bound
+from cpcal.certify.question import Question
+from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.common.numbers import bracket_text
+from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.legs import PLAIN, beyond_legs, fit_model
 from cpcal.results import CampaignNote, Result
 from cpcal.robot import (
     Campaign,
+    Mechanisms,
     Pose,
     Robot,
     inverse_kinematics,
+    leg_vectors,
     normalised,
+    pose_jacobian,
+    quaternion_conjugate,
     quaternion_from_rotation_vector,
+    quaternion_product,
     rotation_vector,
 )
+from cpcal.robot.robot import joint_phases
+from cpcal.simulate.assembly import assembled_with
+from cpcal.simulate.campaigns import streams, true_robot
+
+# ------------------------------------------------------------------------------------------------------------------
+# The certified sets of an accuracy run, as far as certificates hold them: a box around each, for the checker.
+#
+# The bounds of poses rest on the sets' support functions, which are tighter than the boxes and proved in interval
+# arithmetic only. What the checker proves is where all of it begins: that with the model error that is assumed all
+# parameters of a leg lie in a box, or that there are none.
+
+PREFIX = "set-"  # of the certificates' names
+
+
+def certified_boxes(
+    campaign: Campaign, result: Result, assumed: Sequence[AssumedError], folder: Path
+) -> tuple[CertifiedBox, ...]:
+    """Write `set-legN.cert.jsonl` into the folder for each leg, and say what they prove."""
+    out = []
+    for leg, error in zip(result.legs, assumed, strict=True):
+        options = replace(result.options, eps=error.eps, tolerance=None, method="bound")
+        question = Question(campaign=campaign, options=options, certificates=folder, prefix=PREFIX)
+        center = np.array(leg.center)
+        start = np.append(leg.center if leg.point is None else leg.point, error.eps)
+        found = by_bound(PreparedLeg.of(question, leg.leg, center), start, lambda _: None)
+        box = found.minimum.enclosure
+        sides = (tuple(map(float, side[:7])) for side in (box.lo, box.hi))
+        lo, hi = ((), ()) if box.is_empty else sides
+        out.append(CertifiedBox(leg.leg, error.eps, lo, hi, found.certificate))
+    return tuple(out)
+
 
 CONTROLLERS = ("nominal", "fit", "proved")
 _WORST = 4  # poses, for which next poses are chosen
@@ -298,3 +337,54 @@ def grid(workspace: Workspace, per_axis: int = 7, heights: int = 3) -> NamedPose
     quaternion = normalised(np.concatenate([[1.0], 0.5 * middle[3:]]))
     names = tuple(f"g{k:03d}" for k in range(len(x)))
     return NamedPoses(names, Pose(np.stack([x, y, z], axis=1), np.tile(quaternion, (len(x), 1))))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Beside what is proved: the expanded uncertainty of least squares, and the simulator's truth. Floating point.
+
+COVERAGE = 2.0  # k
+
+
+def expanded_uncertainty(campaign: Campaign, poses: Pose) -> tuple[Floats, Floats]:
+    """U of position, mm, and of rotation, rad, (K,) both: k = 2 times the root of the covariance's trace.
+
+    From the residuals of the plain fit: what they scatter is taken for noise, model error too. nan where the data do
+    not determine the parameters.
+    """
+    found = fit(campaign, covariance="residuals")
+    robot = Robot.from_parameters(campaign.robot.name, found.parameters)
+    vector = leg_vectors(robot, poses)
+    unit = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    back = np.einsum("kji,knj->kni", poses.rotation, unit)
+    form = np.concatenate([-unit, back, -np.ones((*unit.shape[:2], 1))], axis=-1)  # (K, n, 7)
+    inverse = np.linalg.pinv(pose_jacobian(robot, poses))  # (K, 6, n)
+    count, legs = form.shape[:2]
+    moves = (inverse[..., None] * form[:, None]).reshape(count, 6, 7 * legs)
+    variance = np.einsum("kiu,uv,kiv->ki", moves, found.covariance, moves)
+    out = COVERAGE * np.sqrt(np.stack([variance[:, :3].sum(axis=1), variance[:, 3:].sum(axis=1)]))
+    return out[0], out[1]
+
+
+def true_poses(campaign: Campaign, controller: Robot, poses: Pose) -> Pose | None:
+    """Where a simulated platform really is when the controller commands K poses; None where the truth is not known."""
+    robot = true_robot(campaign)
+    if robot is None:
+        return None
+    try:
+        options = json.loads(campaign.provenance["options"])
+        reference = 0.5 * sum(options["stroke"])
+        stream = streams(int(options["seed"]))[1]
+        error = float(options["joint_error"])
+        mechanisms = Mechanisms.sampled(
+            robot.legs, np.random.default_rng(0), stream, joint_error=error, reference=reference
+        )
+    except (KeyError, TypeError, ValueError, CpcalError):
+        return None
+    assert np.array_equal(mechanisms.joint_phase, joint_phases(robot.legs, streams(int(options["seed"]))[1]))
+    return assembled_with(robot, mechanisms, inverse_kinematics(controller, poses), poses)
+
+
+def distances(one: Pose, other: Pose) -> tuple[Floats, Floats]:
+    """Between K poses: mm, and the angle in rad."""
+    turn = quaternion_product(one.quaternion, quaternion_conjugate(other.quaternion))
+    return np.linalg.norm(one.position - other.position, axis=-1), np.linalg.norm(rotation_vector(turn), axis=-1)

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Floats
 from cpcal.legs import PLAIN, ModelResiduals, leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver import plugins

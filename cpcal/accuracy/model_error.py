@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.common.arrays import Floats, Indices
+from cpcal.common.values import Floats, Indices
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.linear.glop import Glop
+from cpcal.solver.linear.engine import Glop
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.restrict import restricted
+from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize import fit
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cpcal.accuracy.certified_set import CertifiedSet
 from cpcal.accuracy.findings import NextPose
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.legs import PLAIN, ModelResiduals, reading_sensitivities
 from cpcal.robot import (
     Campaign,

@@ -16,27 +16,236 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from cpcal.accuracy.certified_set import CertifiedSet
-from cpcal.accuracy.deviations import center_deviations, deviations_across, scales
-from cpcal.accuracy.pose_cells import Cells, leg_vectors_over
-from cpcal.accuracy.vectors import (
-    ENGINE,
-    along_turn,
-    applied,
-    cross,
-    dot,
-    joined,
-    norm,
-    point,
-    product,
-    rotation,
-    total,
-    turned,
-)
-from cpcal.common.arrays import Bools, Floats
+from cpcal.accuracy.certified_set import SIZE, CertifiedSet
+from cpcal.common.values import Bools, Floats
 from cpcal.robot import Pose, Robot, pose_jacobian
-from cpcal.solver.interval import IntervalArray
+from cpcal.robot.kinematics import rotation_numerators
+from cpcal.solver.interval import IntervalArray, get_arithmetic
+
+# ------------------------------------------------------------------------------------------------------------------
+# Interval vectors and matrices, many at a time: the last axes count components, those before broadcast.
+
+ENGINE = get_arithmetic("float64")
+_FORTH, _BACK = [1, 2, 0], [2, 0, 1]
+
+
+def point(values: npt.ArrayLike) -> IntervalArray:
+    """Exact numbers."""
+    return IntervalArray.point(np.asarray(values, np.float64))
+
+
+def total(x: IntervalArray, axis: int = -1) -> IntervalArray:
+    """The sum along an axis, which may count from the end."""
+    return ENGINE.sum(x, axis % x.ndim)
+
+
+def dot(x: IntervalArray, y: IntervalArray) -> IntervalArray:
+    """Of vectors (..., m) and (..., m)."""
+    return total(ENGINE.mul(x, y))
+
+
+def cross(x: IntervalArray, y: IntervalArray) -> IntervalArray:
+    """Of vectors (..., 3) and (..., 3)."""
+    forth = ENGINE.mul(x[..., _FORTH], y[..., _BACK])
+    return ENGINE.sub(forth, ENGINE.mul(x[..., _BACK], y[..., _FORTH]))
+
+
+def applied(matrix: IntervalArray, x: IntervalArray) -> IntervalArray:
+    """M x, for matrices (..., m, n) and vectors (..., n)."""
+    return total(ENGINE.mul(matrix, x[..., None, :]))
+
+
+def transposed(matrix: IntervalArray) -> IntervalArray:
+    """Of matrices (..., m, n)."""
+    return IntervalArray(np.swapaxes(matrix.lo, -1, -2), np.swapaxes(matrix.hi, -1, -2))
+
+
+def product(x: IntervalArray, y: IntervalArray) -> IntervalArray:
+    """Of matrices (..., m, k) and (..., k, n)."""
+    return total(ENGINE.mul(x[..., :, :, None], y[..., None, :, :]), -2)
+
+
+def norm(x: IntervalArray) -> IntervalArray:
+    """Of vectors (..., m)."""
+    return ENGINE.sqrt(total(ENGINE.sqr(x)))
+
+
+def joined(parts: Sequence[IntervalArray], axis: int = -1) -> IntervalArray:
+    """One after the other along an axis."""
+    return IntervalArray(np.concatenate([p.lo for p in parts], axis), np.concatenate([p.hi for p in parts], axis))
+
+
+def rotation(quaternion: IntervalArray) -> IntervalArray:
+    """R(q) (..., 3, 3), divided by |q|^2, of quaternions (..., 4), scalar first."""
+    rows, norm_squared = rotation_numerators([quaternion[..., k] for k in range(4)], ENGINE)
+    entries = [ENGINE.div(entry, norm_squared) for row in rows for entry in row]
+    shape = (*quaternion.shape[:-1], 3, 3)
+    return IntervalArray(
+        np.stack([e.lo for e in entries], axis=-1).reshape(shape),
+        np.stack([e.hi for e in entries], axis=-1).reshape(shape),
+    )
+
+
+def turned(s: IntervalArray) -> IntervalArray:
+    """R(1, s) (..., 3, 3) of s (..., 3)."""
+    one = np.ones((*s.shape[:-1], 1))
+    return rotation(joined([point(one), s]))
+
+
+def along_turn(s: IntervalArray, m: IntervalArray) -> IntervalArray:
+    """The gradient in s, (..., 3), of what changes by m.omega under a small turn omega of R(1, s).
+
+    R(1, s + ds) turns R(1, s) by omega = 2 (ds + s x ds) / (1 + s.s), hence 2 (m - s x m) / (1 + s.s).
+    """
+    two = ENGINE.div(point(2.0), ENGINE.add(point(1.0), total(ENGINE.sqr(s))))
+    return ENGINE.mul(two[..., None], ENGINE.sub(m, cross(s, m)))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Cells of the workspace: all poses P + p, R(1, s) R(q) with (p, s) in a box around 0. A pose is a cell of no size.
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """K cells: `center` holds K poses, exact numbers (R(q) divides by |q|^2); `reach` (K, 6) the boxes of (p, s)."""
+
+    center: Pose
+    reach: IntervalArray
+
+    @classmethod
+    def of_poses(cls, poses: Pose) -> Cells:
+        """Each of K poses as a cell."""
+        position, quaternion = np.atleast_2d(poses.position), np.atleast_2d(poses.quaternion)
+        return cls(Pose(position, quaternion), point(np.zeros((len(position), 6))))
+
+    @classmethod
+    def of_boxes(cls, boxes: IntervalArray) -> Cells:
+        """Boxes (K, 6) of (P, S): the poses P, R(1, S), P in mm and 2 S the rotation vector to second order."""
+        middle = boxes.mid
+        quaternion = np.concatenate([np.ones((len(middle), 1)), middle[:, 3:]], axis=1)
+        away = ENGINE.sub(boxes, point(middle))
+        c, d = point(middle[:, 3:]), away[:, 3:]
+        # (1, c + d) (1, -c), divided by its scalar part: R(1, c + d) = R(1, s) R(1, c)
+        scalar = ENGINE.add(ENGINE.add(point(1.0), total(ENGINE.sqr(c))), dot(c, d))
+        s = ENGINE.div(ENGINE.sub(d, cross(d, c)), scalar[:, None])
+        return cls(Pose(middle[:, :3], quaternion), joined([away[:, :3], s]))
+
+    def __len__(self) -> int:
+        return len(self.reach.lo)
+
+    def __getitem__(self, rows: Floats) -> Cells:
+        pose = Pose(self.center.position[rows], self.center.quaternion[rows])
+        return Cells(pose, self.reach[rows])
+
+    @property
+    def centers(self) -> Cells:
+        """The poses at the centers, alone."""
+        return Cells(self.center, point(np.zeros(self.reach.shape)))
+
+
+@dataclass(frozen=True, eq=False)
+class LegVectors:
+    """For K cells and n legs of the controller, over all poses of each cell: enclosures.
+
+    rotation (K, 1, 3, 3): R. arm (K, n, 3): R b^. vector (K, n, 3): v = P + R b^ - a^, mm. length (K, n): ||v||.
+    """
+
+    rotation: IntervalArray
+    arm: IntervalArray
+    vector: IntervalArray
+    length: IntervalArray
+
+
+def leg_vectors_over(cells: Cells, controller: Floats) -> LegVectors:
+    """The vectors of the controller's legs (n, 7)."""
+    turn = product(turned(cells.reach[:, 3:]), rotation(point(cells.center.quaternion)))[:, None]
+    arm = applied(turn, point(controller[None, :, 3:6]))
+    position = ENGINE.add(point(cells.center.position), cells.reach[:, :3])
+    vector = ENGINE.sub(ENGINE.add(position[:, None], arm), point(controller[None, :, :3]))
+    return LegVectors(turn, arm, vector, norm(vector))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# By how much the certified sets let each leg deviate from what the controller believes, over cells of poses.
+
+
+def scales(cells: Cells, controller: Floats) -> Floats:
+    """(K, n) mm: lengths of the controller's legs at the centers, in floating point; what makes deviations mm."""
+    return leg_vectors_over(cells.centers, controller).length.mid
+
+
+def center_deviations(cells: Cells, sets: Sequence[CertifiedSet], controller: Floats, scale: Floats) -> IntervalArray:
+    """(K, n) mm: (||P + R b - a||^2 - (||v|| - l^ + l)^2) / (2 scale) over S for the centers P, R of the cells."""
+    center = leg_vectors_over(cells.centers, controller)
+    exact = _directions(center, scale)
+    asked = exact.mid
+    rounding = ENGINE.sub(exact, point(asked))
+    found = [one.ranges(asked[:, k]) for k, one in enumerate(sets)]
+    at_center = joined([r.reshape((len(cells), 1)) for r in found])
+    boxes = joined([one.box[None] for one in sets], 0)
+    return ENGINE.add(at_center, dot(rounding, boxes[None]))
+
+
+def deviations_across(
+    cells: Cells, sets: Sequence[CertifiedSet], controller: Floats, scale: Floats, at_center: IntervalArray
+) -> IntervalArray:
+    """The same for all poses of each cell: what they add to `at_center` is enclosed, without linear programs."""
+    center = leg_vectors_over(cells.centers, controller)
+    return ENGINE.add(at_center, _across(cells, sets, controller, scale, center))
+
+
+def _directions(legs: LegVectors, scale: Floats) -> IntervalArray:
+    """(K, n, 17): the linear form in z of each leg, divided by 2 scale."""
+    count, n = scale.shape
+    of_alpha, of_beta = ENGINE.neg(legs.vector), applied(transposed(legs.rotation), legs.vector)
+    of_w = point(np.full((count, n, 1), 0.5))
+    of_products = ENGINE.neg(legs.rotation.reshape((count, 1, 9)).broadcast_to((count, n, 9)))
+    form = joined([of_alpha, of_beta, ENGINE.neg(legs.length[..., None]), of_w, of_products])
+    assert form.shape == (count, n, SIZE)
+    return ENGINE.div(form, point(scale[..., None]))
+
+
+def _across(
+    cells: Cells, sets: Sequence[CertifiedSet], controller: Floats, scale: Floats, center: LegVectors
+) -> IntervalArray:
+    """(K, n) mm: what the linear form adds between the center and the other poses of a cell, for all z of S.
+
+    Of its first seven coefficients as a mean-value form in (p, s) for each direction of the sets' basis: a direction
+    that the measurements leave open changes the length much the same at all poses. Of the products by their boxes.
+    """
+    legs = leg_vectors_over(cells, controller)
+    basis = np.stack([one.basis for one in sets])  # (n, 7 components, 7 directions)
+    along = joined([one.along[None] for one in sets], 0)
+    boxes = joined([one.box[None] for one in sets], 0)
+    slopes = _slopes(cells, legs, basis)
+    per_direction = dot(slopes, cells.reach[:, None, None, :])  # (K, n, 7)
+    linear = dot(per_direction, along[None])
+    # z[:7] = basis @ (basis.T @ z) + (I - basis @ basis.T) z[:7]: rounding alone
+    lost = ENGINE.sub(point(np.eye(7)[None]), _squared(basis))
+    change = ENGINE.sub(_directions(legs, np.ones_like(scale)), _directions(center, np.ones_like(scale)))
+    stray = dot(change[..., :7], applied(lost, boxes[:, :7])[None])
+    by_products = dot(change[..., 8:], boxes[None, :, 8:])
+    return ENGINE.div(ENGINE.add(ENGINE.add(linear, stray), by_products), point(scale))
+
+
+def _slopes(cells: Cells, legs: LegVectors, basis: Floats) -> IntervalArray:
+    """(K, n, 7, 6): gradient in (p, s) of v.(R tau_b - tau_a) - ||v|| tau_l for each direction tau, over the cells."""
+    tau = np.swapaxes(basis, 1, 2)  # (n, 7 directions, 7 components)
+    turned_b = applied(legs.rotation[:, :, None], point(tau[None, :, :, 3:6]))  # (K, n, 7, 3)
+    unit = ENGINE.div(legs.vector, legs.length[..., None])[:, :, None]
+    shift = ENGINE.sub(turned_b, point(tau[None, :, :, :3]))
+    of_position = ENGINE.sub(shift, ENGINE.mul(unit, point(tau[None, :, :, 6:])))
+    vector, arm = legs.vector[:, :, None], legs.arm[:, :, None]
+    of_turn = ENGINE.add(cross(turned_b, vector), cross(arm, of_position))
+    return joined([of_position, along_turn(cells.reach[:, None, None, 3:], of_turn)])
+
+
+def _squared(basis: Floats) -> IntervalArray:
+    """basis @ basis.T for each leg, (n, 7, 7)."""
+    return total(ENGINE.mul(point(basis[:, :, None, :]), point(basis[:, None, :, :])))
+
 
 LEGS = 6  # as many equations as unknowns: what the Newton test needs
 _TRIES = 8  # inflations of D

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.accuracy.certified_set import CertifiedSet
-from cpcal.accuracy.pose_bounds import PoseBounds, cell_bounds
-from cpcal.accuracy.pose_cells import Cells
-from cpcal.common.arrays import Bools, Floats, Indices
+from cpcal.accuracy.pose_bounds import Cells, PoseBounds, cell_bounds
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.interval import IntervalArray
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpcal.calibration.frames import cross_matrix, nearest_rotation
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import about
+from cpcal.common.values import Floats
 from cpcal.robot import Pose, quaternion_from_matrix
 
 

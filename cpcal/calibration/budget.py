@@ -22,8 +22,8 @@ from cpcal.calibration.alignment import in_own_frame, own_frame_covariance
 from cpcal.calibration.fit import Fit, fit
 from cpcal.calibration.leg_equations import Noise
 from cpcal.calibration.study_calibration import StudyCalibration
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Floats
 from cpcal.robot import Campaign, normalised, quaternion_from_rotation_vector, quaternion_product
 
 _EXPANSION = 1.2e-5  # 1/K, of steel

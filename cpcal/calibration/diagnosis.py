@@ -17,7 +17,7 @@ import numpy as np
 
 from cpcal.calibration.leg_equations import LegEquations, Noise, chances, whitening
 from cpcal.calibration.repeatability import RUNS, VARIANCES, RepeatTests
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import Campaign
 
 # ------------------------------------------------------------------------------------------------------------------

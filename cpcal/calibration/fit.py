@@ -32,9 +32,9 @@ from cpcal.calibration.leg_equations import (
     weighted_jacobian,
     whitening,
 )
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.names import listed
+from cpcal.common.files import listed
+from cpcal.common.values import Floats
 from cpcal.robot import Campaign
 
 __all__ = ["Fit", "fit"]

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Floats
 from cpcal.robot import (
     Pose,
     Robot,

@@ -17,9 +17,8 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import frozen_array
+from cpcal.common.values import Floats, frozen_array
 from cpcal.robot import Campaign, quaternion_from_rotation_vector, rotation_matrix
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -23,8 +23,8 @@ from cpcal.calibration.repeatability import RepeatTests
 from cpcal.calibration.statistics import ChannelStatistics, Deviations, Of
 from cpcal.calibration.study_calibration import StudyCalibration
 from cpcal.calibration.validation import NoiseFloor, PoseErrors, PosePerformance, Validation
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError
+from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import load, save
 from cpcal.robot import Pose, Study, transformed

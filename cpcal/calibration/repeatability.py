@@ -26,8 +26,8 @@ import numpy as np
 
 from cpcal.calibration.leg_equations import LegEquations, Noise
 from cpcal.calibration.statistics import LEVEL, ChannelStatistics, Deviations, campaign_deviations
-from cpcal.common.arrays import Floats, Ints
-from cpcal.common.names import listed
+from cpcal.common.files import listed
+from cpcal.common.values import Floats, Ints
 from cpcal.robot import Campaign
 
 _ROUNDS = 6  # of Fisher scoring: the last one changes standard deviations by well below a percent

@@ -17,10 +17,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.names import listed
-from cpcal.common.values import frozen_array
+from cpcal.common.files import listed
+from cpcal.common.values import Bools, Floats, Ints, frozen_array
 from cpcal.robot import Campaign, Uncertainty, quaternion_conjugate, quaternion_product, rotation_vector
 
 POSE_CHANNELS = ("x", "y", "z", "rx", "ry", "rz")  # mm and rad

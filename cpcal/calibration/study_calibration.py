@@ -36,7 +36,7 @@ from cpcal.calibration.statistics import (
     screen,
 )
 from cpcal.calibration.validation import PosePerformance, Validation, pose_performance, validate
-from cpcal.common.arrays import Bools, Floats, Ints
+from cpcal.common.values import Bools, Floats, Ints
 from cpcal.robot import Campaign, Pose, PoseTable, Robot, Study, central_pose, forward_kinematics, forward_poses
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -15,9 +15,8 @@ import numpy.typing as npt
 
 from cpcal.calibration.leg_equations import LegEquations, Noise
 from cpcal.calibration.statistics import group_means, grouped, mean_rotations
-from cpcal.common.arrays import Bools, Floats
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import frozen_array
+from cpcal.common.values import Bools, Floats, frozen_array
 from cpcal.robot import Campaign, Pose, quaternion_conjugate, quaternion_product, rotation_vector
 
 _DRAWS = 20_000

@@ -1,10 +1,10 @@
-from .certified_ranges import with_ranges
+from .bracket import PointResult, certify_point
 from .certify import certify
-from .certify_robust import certify_robust
 from .compare import COMPARED, compare
 from .compare_networks import compare_networks
 from .data_check import DataCheck, Finding, check_data
-from .point import PointResult, certify_point
+from .ranges import with_ranges
+from .robust import certify_robust
 
 __all__ = [
     "COMPARED",

@@ -7,15 +7,129 @@ from enum import Enum
 
 import numpy as np
 
-from cpcal.certify.odd_rows import odd_rows, robust_parameters
-from cpcal.certify.outlook import LegOutlook, outlook
+from cpcal.calibration import LegEquations, Observability, column_scale, fit, observability
+from cpcal.calibration.leg_equations import robust_scale
+from cpcal.certify.bracket import determination
 from cpcal.common.numbers import about
+from cpcal.common.values import Bools, Floats
+from cpcal.legs import PLAIN
+from cpcal.results.result import Determination
 from cpcal.robot import Campaign
-from cpcal.robot.campaign_problems import ARRAYS
-from cpcal.robot.given import Given
-from cpcal.robot.mistakes import SHARE, likely_cause
-from cpcal.robot.repeated_rows import copied_rows, single_pose
-from cpcal.robot.suspicions import mixed_up, sizes_in_question
+from cpcal.robot.campaign import ARRAYS, Given, copied_rows, single_pose
+from cpcal.robot.mistakes import SHARE, likely_cause, mixed_up, sizes_in_question
+
+# ------------------------------------------------------------------------------------------------------------------
+# What can be expected of a leg before it is certified: rank, observability, ranges. Floating point, no proofs.
+
+_ROWS = 1_000  # in a linear program: fewer of them leave a range wider, never narrower
+
+
+@dataclass(frozen=True, eq=False)
+class LegOutlook:
+    """Of one leg, counted from 1, at parameters x (7,) mm.
+
+    determination  which parameters the poses leave open
+    observability  indices of the Jacobian dg/dx with columns of equal size; see `cpcal.calibration.identification`
+    ranges         (7,) mm, half-widths of all parameters that explain readings of a robot that is as the model says:
+                   |J dx| <= what the reading sets allow, to first order. Infinite where a parameter is open, zero for
+                   exact readings. Noise and model error shift readings, so the certified ranges are narrower
+    """
+
+    leg: int
+    determination: Determination
+    observability: Observability
+    ranges: Floats
+
+
+def outlook(campaign: Campaign, leg: int, x: Floats) -> LegOutlook:
+    """The outlook of one leg at parameters x (7,) mm."""
+    equations = LegEquations.of(campaign, [leg])
+    jacobian = equations.by_parameters(x[None])[:, 0]
+    return LegOutlook(
+        leg,
+        determination(campaign, leg, x, PLAIN),
+        observability(jacobian, column_scale(jacobian)),
+        _ranges(jacobian, slack(campaign, leg, x)),
+    )
+
+
+def slack(campaign: Campaign, leg: int, x: Floats) -> Floats:
+    """(N,) mm: by how much the reading sets let each equation g vary, to first order."""
+    by_pose = np.abs(LegEquations.of(campaign, [leg]).by_pose(x[None])[:, 0])
+    pose = np.concatenate([campaign.position_radius, campaign.rotation_radius], axis=1)
+    return np.asarray(np.sum(by_pose * pose, axis=1) + campaign.length_radius[:, leg - 1])
+
+
+def _ranges(jacobian: Floats, allowed: Floats) -> Floats:
+    """(7,): the largest |dx_i| with |J dx| <= allowed, by linear programming, columns scaled."""
+    from scipy.optimize import linprog
+
+    if not allowed.any():
+        return np.zeros(jacobian.shape[1])
+    rows = np.linspace(0, len(jacobian) - 1, min(_ROWS, len(jacobian))).astype(np.intp)
+    scale, size = column_scale(jacobian), float(allowed.max())
+    matrix, bound = jacobian[rows] * scale, allowed[rows] / size
+    found = np.full(jacobian.shape[1], np.inf)
+    for i in range(len(found)):
+        cost = np.zeros(len(found))
+        cost[i] = -1.0
+        limits = np.concatenate([bound, bound])
+        program = linprog(cost, np.concatenate([matrix, -matrix]), limits, bounds=(-1e7, 1e7), method="highs")
+        if program.status == 0 and (reach := -float(program.fun or 0.0)) < 1e6:
+            found[i] = reach * size * scale[i]
+    return found
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Measurements that do not fit the others: residuals of a robust fit that are far beyond the rest. No proof.
+
+_FAR = 10.0  # robust standard deviations; the largest of 10,000 normal numbers is at 4
+_LEAST = 12  # measurements: fewer can be fitted one and all
+_ROUNDING = 1e-9  # of the leg length: residuals below it are none
+_NAMED = 5  # measurements in a list
+
+
+def robust_parameters(campaign: Campaign) -> Floats:
+    """(n, 7) mm, of a fit that a few gross errors do not move."""
+    return np.asarray(fit(campaign, loss="soft_l1", tolerance=1e-8).parameters)
+
+
+def odd_rows(campaign: Campaign, x: Floats) -> list[str]:
+    """One sentence for each measurement that is far off at parameters x (n, 7), worst first; the last counts the rest.
+
+    Residuals are judged beside what each measurement's reading sets allow, and inside of it nothing is odd.
+    """
+    if len(campaign) < _LEAST:
+        return []
+    residuals, far = _far(campaign, x)
+    rows = np.flatnonzero(far.any(axis=1))
+    rows = rows[np.argsort(-np.abs(residuals[rows] * far[rows]).max(axis=1))]
+    ids = campaign.measurement_ids
+    said = [f"{ids[row]}: {_where(residuals[row], far[row])}." for row in rows[:_NAMED]]
+    return said + ([f"{len(rows) - _NAMED} more measurements are as far off."] if len(rows) > _NAMED else [])
+
+
+def _far(campaign: Campaign, x: Floats) -> tuple[Floats, Bools]:
+    """Residuals (N, n) mm, and which are far beyond the others of their leg."""
+    legs = range(1, campaign.legs + 1)
+    residuals = LegEquations.of(campaign, list(legs)).values(x)
+    far = np.zeros(residuals.shape, dtype=np.bool_)
+    for leg in legs:
+        allowed, off = slack(campaign, leg, x[leg - 1]), np.abs(residuals[:, leg - 1])
+        unit = allowed if (allowed > 0.0).all() else np.ones_like(allowed)
+        least = _ROUNDING * float(np.abs(campaign.length[:, leg - 1] + x[leg - 1, 6]).max())
+        far[:, leg - 1] = (off / unit > _FAR * robust_scale(off / unit)) & (off > allowed + least)
+    return residuals, far
+
+
+def _where(residual: Floats, far: Bools) -> str:
+    legs = np.flatnonzero(far) + 1
+    worst = about(float(np.abs(residual[far]).max()))
+    if len(legs) > 1:
+        listed = ", ".join(map(str, legs))
+        return f"its pose does not fit the readings of legs {listed} (off by up to {worst} mm)"
+    return f"leg {legs[0]} reads {worst} mm off what the others let expect"
+
 
 SUSPICIOUS = 0.01  # of the leg length: `certify` warns later, since whoever runs `check` asks for more
 _FITTED = 20_000  # measurements

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cpcal.calibration import CalibrationRecord
-from cpcal.certify.point import certify_point
+from cpcal.certify.bracket import certify_point
 from cpcal.common.errors import InputError, Problem
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import checked, load, save

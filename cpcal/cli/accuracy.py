@@ -14,14 +14,13 @@ from cpcal.accuracy.findings import Accuracy, save_accuracy
 from cpcal.accuracy.workspace import Workspace
 from cpcal.checker import Refused, Unusable, check_run
 from cpcal.cli.folders import check_target, output_path
-from cpcal.cli.status import Status
-from cpcal.cli.talk import Talk, talking
+from cpcal.cli.talk import Status, Talk, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.files import load_campaign, load_campaign_json
 from cpcal.files.run_folder import ACCURACY, answers_into
 from cpcal.files.tables import load_poses
 from cpcal.report.accuracy_page import ACCURACY_PAGE, write_accuracy
-from cpcal.report.accuracy_words import assumption, sentences
+from cpcal.report.words import assumption, sentences
 from cpcal.results import load_result
 
 

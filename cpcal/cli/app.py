@@ -11,8 +11,8 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from cpcal.cli.leaving import leaving, refuse_empty
-from cpcal.cli.status import (
+from cpcal.cli.running import leaving, refuse_empty
+from cpcal.cli.talk import (
     CHECK_STATUS_HELP,
     HAND_EYE_STATUS_HELP,
     IMPORT_STATUS_HELP,
@@ -21,7 +21,7 @@ from cpcal.cli.status import (
     VERIFY_STATUS_HELP,
 )
 from cpcal.common.version import __version__
-from cpcal.execution.stopping import raising
+from cpcal.execution.executors import raising
 
 
 class Verb(NamedTuple):
@@ -61,7 +61,7 @@ VERBS = {
     "solve": Verb("cpcal.cli.solve", "solve", "solve kin1.bch -o kin1.json", SOLVE_STATUS_HELP),
     "simulate": Verb("cpcal.cli.simulate", "simulate", "simulate deltalab -o campaign --joint-error 1"),
     "camera": Verb("cpcal.cli.camera", "camera", "camera head_camera.yaml -o camera.toml"),
-    "target": Verb("cpcal.cli.target", "target", "target -o target.toml"),
+    "target": Verb("cpcal.cli.camera", "target", "target -o target.toml"),
     "detect": Verb(
         "cpcal.cli.detect", "detect_poses", "detect images --target target.toml --camera camera.toml -o poses.csv"
     ),
@@ -72,9 +72,9 @@ VERBS = {
     "demo": Verb("cpcal.cli.demo.verb", "demo", "demo -o demo", STATUS_HELP),
     "robust": Verb("cpcal.cli.robust", "robust_brackets", "robust campaign --outliers 1 -o robust", STATUS_HELP),
     "handeye": Verb("cpcal.cli.hand_eye", "hand_eye", "handeye study -o run --tolerance 1", HAND_EYE_STATUS_HELP),
-    "handeye-wrong": Verb("cpcal.cli.hand_eye_wrong", "wrong_images", "handeye-wrong study -o wrong --outliers 1"),
-    "handeye-next": Verb("cpcal.cli.hand_eye_next", "hand_eye_next", "handeye-next study --poses reachable.csv"),
-    "handeye-legs": Verb("cpcal.cli.hand_eye_legs", "hand_eye_legs", "handeye-legs run --frames frames"),
+    "handeye-wrong": Verb("cpcal.cli.hand_eye", "wrong_images", "handeye-wrong study -o wrong --outliers 1"),
+    "handeye-next": Verb("cpcal.cli.hand_eye", "hand_eye_next", "handeye-next study --poses reachable.csv"),
+    "handeye-legs": Verb("cpcal.cli.hand_eye", "hand_eye_legs", "handeye-legs run --frames frames"),
     "handeye-study": Verb("cpcal.cli.make_hand_eye_study", "hand_eye_study", "handeye-study --simulate 20 -o study"),
     "export": Verb("cpcal.cli.export", "export", "export run --format toml -o parameters.toml"),
     "report": Verb("cpcal.cli.report", "report", "report run"),

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich import box
@@ -13,15 +14,58 @@ from rich.table import Table
 from rich.text import Text
 
 from cpcal.calibration import RECORD_NAME, CalibrationRecord, StudyCalibration, calibrate_study, recorded, save_record
-from cpcal.cli.budget_flags import BudgetFlags
-from cpcal.cli.folders import CAMPAIGN, VALIDATION, check_writable, unwritable
-from cpcal.cli.grouped import grouped
-from cpcal.cli.suspected import warn
-from cpcal.cli.talk import Talk, talking
+from cpcal.calibration.budget import Budget, Inputs, MonteCarlo, budget, monte_carlo
+from cpcal.cli.folders import CAMPAIGN, VALIDATION, check_writable, unwritable, warn
+from cpcal.cli.talk import Talk, grouped, talking
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import load_study, save_campaign
-from cpcal.report import study_tables
-from cpcal.report.calibration_summary import summary
+from cpcal.report import study_report
+from cpcal.report.study_report import summary
+
+# ------------------------------------------------------------------------------------------------------------------
+# The options of an uncertainty budget: what all readings share and no repeat shows.
+
+_PANEL = "Uncertainty budget (GUM): standard uncertainties of what all readings share"
+
+
+def _input(metavar: str, help: str) -> Any:
+    return typer.Option(metavar=metavar, help=help, rich_help_panel=_PANEL)
+
+
+@dataclass(frozen=True)
+class BudgetFlags:
+    """Left out: not stated. The budget is made where any is given."""
+
+    camera_scale: Annotated[
+        float | None, _input("REL", "Of the distances that the camera gives (focal length), relative.")
+    ] = None
+    target_scale: Annotated[float | None, _input("REL", "Of the target's dots, relative.")] = None
+    lens: Annotated[float | None, _input("MM", "Of a position, by the rest of the distortion, from pose to pose.")] = (
+        None
+    )
+    sensor_scale: Annotated[float | None, _input("REL", "Of each leg's sensor, relative.")] = None
+    temperature: Annotated[float | None, _input("K", "Between target and robot; with the expansion of steel.")] = None
+    trials: Annotated[
+        int | None, _input("N", "Check U by Monte Carlo with so many simulated studies (GUM Supplement 1).")
+    ] = None
+
+    def checked(self) -> Inputs | None:
+        """What was stated; None where nothing was. Raises InputError."""
+        names = ("camera_scale", "target_scale", "lens", "sensor_scale", "temperature")
+        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if given:
+            return Inputs.of(given)
+        if self.trials is not None:
+            what = "has no meaning without a standard uncertainty"
+            raise InputError([Problem("option --trials", what, "state one, such as --camera-scale 1e-4")])
+        return None
+
+    def made(self, found: StudyCalibration, inputs: Inputs | None) -> tuple[Budget | None, MonteCarlo | None]:
+        """The budget and its check, where they are asked for. Raises InputError."""
+        if inputs is None:
+            return None, None
+        checked = None if self.trials is None else monte_carlo(found, inputs, trials=self.trials)
+        return budget(found, inputs), checked
 
 
 class FrameStart(StrEnum):
@@ -35,9 +79,9 @@ class SetOf(StrEnum):
 
 
 class FrameName(StrEnum):
-    MEASURED = study_tables.MEASURED
-    DRAWING = study_tables.DRAWING
-    CENTROID = study_tables.CENTROID
+    MEASURED = study_report.MEASURED
+    DRAWING = study_report.DRAWING
+    CENTROID = study_report.CENTROID
 
 
 @talking
@@ -106,7 +150,7 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
 
 
 def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.CENTROID.value) -> None:
-    """A few sentences; with --verbose every table and sentence, parameters in one of `study_tables.FRAMES`."""
+    """A few sentences; with --verbose every table and sentence, parameters in one of `study_report.FRAMES`."""
     if talk.verbose:
         _show_everything(talk.out, record, frame)
     else:
@@ -123,12 +167,12 @@ def _show_everything(console: Console, record: CalibrationRecord, frame: str) ->
     title = f"{record.robot}: {record.readings:,} readings of {record.configurations} configurations"
     console.print(Text(printable(title), style="bold"))
     tables = (
-        ("Standard deviations of a leg reading [mm]", study_tables.leg_lengths(record, paper_too=False)),
-        ("Standard deviations of a pose", study_tables.poses(record, paper_too=False)),
-        ("Standard deviations in the calibration equations [mm]", study_tables.equations(record)),
-        *((f"{name} [mm, frame: {frame}]", study_tables.parameters(record, fit, frame)) for name, fit in fits.items()),
-        ("Errors of the validation poses", study_tables.validation(record)),
-        *study_tables.standards(record),
+        ("Standard deviations of a leg reading [mm]", study_report.leg_lengths(record, paper_too=False)),
+        ("Standard deviations of a pose", study_report.poses(record, paper_too=False)),
+        ("Standard deviations in the calibration equations [mm]", study_report.equations(record)),
+        *((f"{name} [mm, frame: {frame}]", study_report.parameters(record, fit, frame)) for name, fit in fits.items()),
+        ("Errors of the validation poses", study_report.validation(record)),
+        *study_report.standards(record),
     )
     for heading, content in tables:
         console.print(Text(heading, style="bold"))
@@ -137,7 +181,7 @@ def _show_everything(console: Console, record: CalibrationRecord, frame: str) ->
         console.print(printable(sentence), soft_wrap=not console.is_terminal)
 
 
-def _table(content: study_tables.TextTable) -> Table:
+def _table(content: study_report.TextTable) -> Table:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
     for k, name in enumerate(content.head):
         table.add_column(name, justify="right" if k else "left", overflow="fold")

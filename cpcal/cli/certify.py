@@ -2,22 +2,445 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
-from cpcal.cli.certified_run import certified_into, status_of
-from cpcal.cli.folders import check_target, check_writable, output_path
-from cpcal.cli.grouped import grouped
-from cpcal.cli.many_campaigns import CampaignWork, certified_all
-from cpcal.cli.running import Running
-from cpcal.cli.suspected import read_campaign
-from cpcal.cli.talk import Talk, talking
-from cpcal.common.errors import InputError, Problem
-from cpcal.files.run_folder import RUN
+from cpcal.certify.certify import answered, checked_options
+from cpcal.certify.question import HERE, Checkpoints, Progress, Question
+from cpcal.cli.folders import check_target, check_writable, output_path, read_campaign
+from cpcal.cli.running import Running, bar, watch
+from cpcal.cli.talk import Status, Talk, grouped, record, talking
+from cpcal.common.errors import CpcalError, InputError, Problem, printable
+from cpcal.common.files import scratch_folder
+from cpcal.common.numbers import bracket_text, nearest, rounded_down, rounded_up, stated
+from cpcal.common.version import __version__
+from cpcal.execution.executors import Here, Place, Processes, Reason, Stopped, asked, give_up
+from cpcal.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
+from cpcal.execution.threads import linear_algebra_on_one_thread
+from cpcal.files import campaign_sha256, load_campaign
+from cpcal.files.run_folder import REPORT_NAME, RUN, answers_into, locked
+from cpcal.legs import LegModel, built_in
+from cpcal.report import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices, result_table, write_report
+from cpcal.report.comparison_page import CampaignRow, row_of, write_campaigns
+from cpcal.report.overview import advise, fitted
+from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified_legs
+from cpcal.results import Explained, LegResult, Result, load_result, result_text, save_result, verdict_of
+from cpcal.robot import Campaign
+from cpcal.solver.contract import Verdict
+from cpcal.solver.optimize import Bracket
+
+# ------------------------------------------------------------------------------------------------------------------
+# What is printed at the end: a line a leg; with --verbose every table, and the sentences in full.
+
+STYLES = {  # by the kind of a verdict
+    "explained": "bold green",
+    "unexplained": "bold red",
+    "bounded": "bold cyan",
+    "undecided": "bold yellow",
+    "undetermined": "bold magenta",
+    "uncompared": "bold yellow",
+}
+_MOST_LEGS = 6  # of which each has a line
+_DECIMALS = 4  # of parameters, mm
+
+
+def show_result(
+    console: Console, campaign: Campaign, result: Result, model: LegModel, *, verbose: bool = False
+) -> None:
+    """The answer in ten lines at most, or all of it."""
+    title = Text(f"{printable(result.robot)}: {result.measurements:,} measurements", style="bold")
+    verdict = overall(result)
+    if verdict is not None:
+        title.append(f"; tolerance {stated(result.options.tolerance or 0.0)} mm: ")
+        title.append(verdict.word, style=STYLES[verdict.kind])
+    console.print(title, soft_wrap=True)
+    if verbose:
+        _everything(console, campaign, result)
+    else:
+        _lines(console, campaign, result, model)
+    missing = notices(result, campaign.legs)
+    if missing:
+        console.print(Text(missing, style="bold yellow"))
+    uncertified = uncertified_legs(result)
+    if uncertified is not None:
+        console.print(Text(uncertified, style="bold yellow"), soft_wrap=True)
+
+
+def _lines(console: Console, campaign: Campaign, result: Result, model: LegModel) -> None:
+    """A line a leg: how well it fits, what to look at first, what to do next."""
+    for leg in result.legs[:_MOST_LEGS]:
+        verdict = verdict_of(result, leg)
+        found = advise(campaign, result, leg, model, fitted(campaign, result, leg, model))
+        line = Text(f"Leg {leg.leg}: ").append(short_fit(verdict), style=STYLES[verdict.kind])
+        if found.first:
+            line.append(f"; look at {', '.join(str(k + 1) for k in found.first)}")
+        console.print(line.append(f"; next: {found.short}"), soft_wrap=not console.is_terminal)
+    more = len(result.legs) - _MOST_LEGS
+    if more > 0:
+        console.print(f"and {more} more legs, which the report shows")
+    console.print(Text(SHORT_QUANTIFIER, style="italic"), soft_wrap=not console.is_terminal)
+
+
+def _everything(console: Console, campaign: Campaign, result: Result) -> None:
+    console.print(_table(result))
+    for leg in result.legs:
+        verdict = verdict_of(result, leg)
+        line = Text(f"Leg {leg.leg}: ").append(verdict.word, style=STYLES[verdict.kind])
+        said = [leg_sentence(result, leg), center_sentence(result, leg) or ""]
+        console.print(line.append(f". {printable(' '.join(said).strip())}"), soft_wrap=not console.is_terminal)
+        if leg.ranges is not None:
+            console.print(_ranges(campaign, result, leg))
+    console.print(Text(FRAME), soft_wrap=not console.is_terminal)
+    console.print(Text(f"{QUANTIFIER} {LONGER}", style="italic"), soft_wrap=not console.is_terminal)
+
+
+def _table(result: Result) -> Table:
+    content = result_table(result)
+    table = _columns(*content.header, left=("verdict",))
+    for row in content.rows:
+        word = Text(row.verdict.word, style=STYLES[row.verdict.kind])
+        table.add_row(str(row.leg), word, *row.cells)
+    return table
+
+
+def _ranges(campaign: Campaign, result: Result, leg: LegResult) -> Table:
+    """The parameters of a leg, with their ranges; units of extra parameters are those of the model."""
+    assert leg.ranges is not None
+    at = bracket_text(leg.ranges.eps, leg.ranges.eps)[0]
+    table = _columns("parameter", "nominal", "certified", f"at least, at eps {at} mm", "at most", left=("parameter",))
+    nominal = [*campaign.robot.parameters[leg.leg - 1], *(0.0 for _ in result.model.extra)]
+    for k, name in enumerate(result.parameters):
+        decimals = _DECIMALS if result.model.unit(name) == "mm" else 9
+        point = "—" if leg.point is None else nearest(leg.point[k], decimals)
+        lo, hi = float(leg.ranges.box.lo[k]), float(leg.ranges.box.hi[k])
+        sides = rounded_down(lo, decimals), rounded_up(hi, decimals)
+        table.add_row(f"{name} [{result.model.unit(name)}]", nearest(float(nominal[k]), decimals), point, *sides)
+    return table
+
+
+def _columns(*names: str, left: tuple[str, ...]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+    for name in names:
+        table.add_column(name, justify="left" if name in left else "right", overflow="fold")
+    return table
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Certify, write the run, show it: what the verbs `certify` and `demo` share.
+
+
+def certified_into(
+    run: Path,
+    campaign: Campaign,
+    given: Mapping[str, Any],
+    *,
+    as_json: bool = False,
+    talk: Talk | None = None,
+    checker: bool = True,
+    place: Place = HERE,
+    resume: bool = False,
+) -> Result:
+    """Certify with the keyword arguments `given` of `cpcal.certify`; write the run, print the answer.
+
+    `checker`: the page checks the certificates itself. `place`: where the work is done. `resume`: go on from the
+    checkpoint of an earlier run. Stopped before any leg has an answer, it raises Stopped, and what was there before
+    stays.
+    What is printed is never lost to a disk that is full: the InputError comes afterwards.
+    """
+    talk = replace(talk or Talk(), quiet=True) if as_json else talk or Talk()
+    options, model = checked_options(campaign, **given)
+    record("certify", robot=campaign.robot.name, measurements=len(campaign), options=options)
+    kept = Checkpoints.for_run(run, campaign, options, model, resume=resume)
+    question = Question(campaign=campaign, options=options, model=model, checkpoints=kept, whole=True)
+    result: Result | None = None
+    failure: InputError | None = None
+    try:
+        with answers_into(run, RUN, campaign) as draft:
+            kept.begin()
+            try:
+                result = _watched(question, draft, place, talk)
+            except LostWorkerError as error:
+                result = _kept_until(error, replace(question, certificates=draft))
+            except MemoryError as error:
+                what = (
+                    f"{len(campaign)} measurements need more memory than there is ({str(error) or 'nothing is left'})"
+                )
+                raise MemoryError(
+                    f"{what}; go on with --resume, which keeps what is answered, where there is more"
+                ) from None
+            _check_something(result)
+            save_result(result, draft)
+            write_report(campaign, result, draft, checker=checker)
+    except InputError as error:
+        if result is None:
+            raise
+        failure = error
+    _record(result)
+    if as_json:
+        typer.echo(result_text(result), nl=False)
+    elif not talk.quiet:
+        show_result(talk.out, campaign, result, model, verbose=talk.verbose)
+        if failure is None:
+            talk.say(f"Report: {run / REPORT_NAME}")
+    if failure is not None:
+        if any(kept.folder.glob("*.answer")):
+            said = f"cpcal: what is answered is kept in {kept.folder}: --resume writes it, once there is room"
+            typer.echo(printable(said), err=True)
+        raise failure
+    kept.end_after(result)
+    record("written", folder=str(run))
+    return result
+
+
+def _watched(question: Question, draft: Path, place: Place, talk: Talk) -> Result:
+    """The answers, with ranges and what the report draws. Progress goes to stderr unless `talk` is quiet."""
+    legs = list(question.options.legs or range(1, question.campaign.legs + 1))
+    watching = nullcontext() if talk.quiet else watch(legs, question.options.gap, talk.errors)
+    with watching as progress:
+        return answered(replace(question, certificates=draft, progress=_recorded(progress)), place)
+
+
+def _kept_until(lost: LostWorkerError, question: Question) -> Result:
+    """What was answered before nobody was there to work any more; that stops this run. Raises what it is given, if that
+    was nothing."""
+    give_up(Reason.DESERTED)
+    if question.checkpoints is None or asked() is None:
+        raise lost
+    result = answered(replace(question, checkpoints=replace(question.checkpoints, resume=True)))
+    if not result.legs:
+        raise lost
+    typer.echo(printable(f"cpcal: {lost}"), err=True)
+    return result
+
+
+def _check_something(result: Result) -> None:
+    """Raises Stopped for a run that was stopped before there was any answer."""
+    if result.interrupted and not result.legs:
+        raise Stopped(asked() or Reason.INTERRUPTED)
+
+
+def _recorded(progress: Progress | None) -> Progress:
+    """A callback that also keeps a record of every bracket."""
+
+    def tell(leg: int, bracket: Bracket) -> None:
+        done = {"nodes": bracket.nodes, "pending": bracket.pending, "rate": bracket.rate, "seconds": bracket.seconds}
+        record("bracket", leg=leg, eps_lo=bracket.lo, eps_hi=bracket.hi, **done)
+        if progress is not None:
+            progress(leg, bracket)
+
+    return tell
+
+
+def _record(result: Result) -> None:
+    for leg in result.legs:
+        verdict = verdict_of(result, leg)
+        bounds = {"eps_lo": leg.eps_lo, "eps_hi": leg.eps_hi, "certified": leg.certified, "seconds": leg.seconds}
+        record("leg", leg=leg.leg, verdict=verdict.kind, word=verdict.word, **bounds)
+
+
+def status_of(result: Result) -> Status:
+    """The exit status that tells of a result; what stopped it counts while that is heard."""
+    if result.interrupted:
+        return Status(asked() or Reason.INTERRUPTED)
+    return Status.ANSWERED if all(_good(result, leg) for leg in result.legs) else Status.UNKNOWN
+
+
+def _good(result: Result, leg: LegResult) -> bool:
+    """With a tolerance: the leg passes; without: it has an answer."""
+    if result.options.tolerance is None:
+        return leg.verdict is not Verdict.UNKNOWN
+    return isinstance(verdict_of(result, leg), Explained)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Many campaigns as one run: each is certified into a folder of its own, and a summary says which are worst.
+
+
+@dataclass(frozen=True)
+class CampaignTask:
+    """A campaign to be certified; a pure value. `run`: its folder, where the work can keep checkpoints in it."""
+
+    name: str
+    campaign: Campaign
+    run: Path | None = None
+
+
+@dataclass(frozen=True)
+class CertifiedCampaign:
+    """What was found, the files of its run, and what was kept meanwhile."""
+
+    result: Result
+    files: Mapping[str, bytes]
+    kept: Checkpoints | None = None
+
+
+@dataclass(frozen=True)
+class CampaignWork:
+    """What is asked of each campaign; with `resume` legs, and a search, go on from where a stopped run was."""
+
+    given: Mapping[str, Any]
+    checker: bool
+    resume: bool = False
+
+    def __call__(self, task: CampaignTask) -> CertifiedCampaign:
+        """Raises InputError for a campaign that cannot be asked it, or whose folder another run writes into."""
+        with nullcontext() if task.run is None else locked(task.run):
+            return self._certified(task)
+
+    def _certified(self, task: CampaignTask) -> CertifiedCampaign:
+        campaign = task.campaign
+        options, model = checked_options(campaign, **self.given)
+        kept = None
+        if task.run is not None:
+            kept = Checkpoints.for_run(task.run, campaign, options, model, resume=self.resume)
+            kept.begin()
+        with linear_algebra_on_one_thread(), scratch_folder() as folder:
+            question = Question(
+                campaign=campaign, options=options, model=model, certificates=folder, checkpoints=kept, whole=True
+            )
+            result = answered(question)
+            if result.interrupted and not result.legs:
+                raise Stopped(asked() or Reason.INTERRUPTED)
+            save_result(result, folder, campaign)
+            write_report(campaign, result, folder, checker=self.checker)
+            return CertifiedCampaign(result, {path.name: path.read_bytes() for path in sorted(folder.iterdir())}, kept)
+
+
+def certified_all(folders: Sequence[Path], runs: Path, work: CampaignWork, place: Place, *, talk: Talk) -> Status:
+    """Certify each campaign into a folder of `runs` that is called as its own; say which are worst; the exit status.
+
+    One that cannot be used stops no other. Where the work resumes those that are answered already stay as they are.
+    Raises InputError for two campaigns of one name, and while another run writes into `runs`.
+    """
+    names = _names(folders)
+    with locked(runs):
+        return _all_of(dict(zip(names, folders, strict=True)), runs, work, place, talk)
+
+
+def _all_of(folders: Mapping[str, Path], runs: Path, work: CampaignWork, place: Place, talk: Talk) -> Status:
+    rows: list[CampaignRow] = []
+    failed: list[str] = []
+    count = len(folders)
+    near = isinstance(place[0], Here | Processes)  # else perhaps of another machine, without our folders
+
+    def tasks() -> Iterator[CampaignTask]:
+        for name, folder in folders.items():
+            try:
+                campaign = load_campaign(folder)
+                earlier = _earlier(runs / name, campaign, work.given) if work.resume else None
+            except InputError as error:
+                _fail(failed, name, error)
+                continue
+            if earlier is None:
+                yield CampaignTask(name, campaign, runs / name if near else None)
+            else:
+                rows.append(row_of(name, earlier))
+
+    began = time.monotonic()
+    with bar("campaigns", quiet=talk.quiet) as progress:
+        executor, most = place
+        for outcome in _while_reachable(outcomes(executor, most, work, tasks())):
+            try:
+                found = outcome.value
+                put(runs / outcome.task.name, outcome.task.campaign, found)
+                if found.kept is not None:
+                    found.kept.end_after(found.result)
+            except (CpcalError, OSError) as error:
+                _fail(failed, outcome.task.name, error)
+            else:
+                rows.append(row_of(outcome.task.name, found.result))
+                _campaign_record(rows[-1], len(rows) + len(failed), count, began)
+            if progress is not None:
+                progress(len(rows) + len(failed), count)
+    return _ended(rows, failed, count, runs, talk)
+
+
+def _while_reachable(
+    found: Iterator[TaskOutcome[CampaignTask, CertifiedCampaign]],
+) -> Iterator[TaskOutcome[CampaignTask, CertifiedCampaign]]:
+    """Outcomes until nobody is there to work any more: those not begun stay so."""
+    try:
+        yield from found
+    except LostWorkerError as error:
+        record("lost", message=str(error))
+        typer.echo(f"cpcal: {error}; what is done is kept, and --resume goes on with the others", err=True)
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """Of the runs. Raises InputError for two of one name."""
+    names = [folder.resolve().name for folder in folders]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        remedy = "give their folders different names, or certify them into different folders"
+        raise InputError([Problem(name, "is the name of two campaigns", remedy) for name in twice])
+    return names
+
+
+def _earlier(run: Path, campaign: Campaign, given: Mapping[str, Any]) -> Result | None:
+    """What an earlier run has found, if it was asked the same of the same campaign by this version, and ended.
+
+    Of a user-defined model nothing is kept: its equations may be others by now, and no result holds them.
+    """
+    options, model = checked_options(campaign, **given)
+    if not built_in(model):
+        return None
+    try:
+        found = load_result(run)
+    except InputError:
+        return None
+    same = (found.options, found.version, found.campaign_sha256) == (options, __version__, campaign_sha256(campaign))
+    return found if same and not found.interrupted else None
+
+
+def put(run: Path, campaign: Campaign, found: CertifiedCampaign) -> None:
+    """Write a run, all or nothing. Raises InputError where it cannot be written."""
+    with answers_into(run, RUN, campaign) as draft:
+        for name, content in found.files.items():
+            (draft / name).write_bytes(content)
+
+
+def _fail(failed: list[str], name: str, error: Exception) -> None:
+    lines = error.problems if isinstance(error, InputError) else [error]
+    what = "; ".join(map(str, lines[:3])) if lines else str(error)
+    failed.append(f"{name}: {what}")
+    record("failed", campaign=name, kind=type(error).__name__, message=str(error))
+    typer.echo(printable(f"cpcal: {failed[-1]}"), err=True)
+
+
+def _campaign_record(row: CampaignRow, done: int, count: int, began: float) -> None:
+    spent = time.monotonic() - began
+    rate = done / spent if spent > 0.0 else 0.0
+    left = (count - done) / rate if rate > 0.0 else None
+    bounds = {"eps_lo": row.worst.eps_lo, "eps_hi": row.worst.eps_hi, "leg": row.worst.leg}
+    record("campaign", campaign=row.name, **bounds, seconds=row.seconds, done=done, of=count, rate=rate, left=left)
+
+
+def _ended(rows: list[CampaignRow], failed: list[str], count: int, runs: Path, talk: Talk) -> Status:
+    """Write the summary, print it, and the status of all."""
+    reason = asked()
+    missing = count - len(rows) - len(failed)
+    interrupted = reason is not None and (missing > 0 or any(row.result.interrupted for row in rows))
+    page = write_campaigns(rows, failed, missing, runs)
+    if not talk.quiet:
+        for line in page.lines:
+            typer.echo(printable(line))
+        typer.echo(printable(f"Summary: {page.path}"))
+    if interrupted:
+        return Status(reason or Reason.INTERRUPTED)
+    if failed or missing:
+        return Status.UNUSABLE
+    return Status.ANSWERED if all(status_of(row.result) is Status.ANSWERED for row in rows) else Status.UNKNOWN
 
 
 class Center(StrEnum):

@@ -11,14 +11,14 @@ import typer
 from cpcal.calibration import load_record
 from cpcal.cli.folders import check_writable, output_path
 from cpcal.cli.report import checked_run
-from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.files import write_file
 from cpcal.files.run_folder import HANDEYE
-from cpcal.handeye.hand_eye_result import load_hand_eye_result
-from cpcal.handeye.verify_hand_eye import verify_hand_eye
-from cpcal.report.drawing_frames import frames_of_run
+from cpcal.handeye.certify import load_hand_eye_result
+from cpcal.handeye.verify import verify_hand_eye
 from cpcal.report.export import WRITERS, exported
 from cpcal.report.hand_eye_export import HAND_EYE_FORMS, hand_eye_text
+from cpcal.report.leg_section import frames_of_run
 
 
 class Format(StrEnum):

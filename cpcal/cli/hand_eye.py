@@ -12,17 +12,28 @@ from rich.console import Console
 from rich.table import Table
 
 from cpcal.cli.folders import check_writable, output_path
-from cpcal.cli.status import Status
-from cpcal.cli.talk import Talk, talking
+from cpcal.cli.talk import Status, Talk, talking
 from cpcal.common.errors import InputError, Problem, printable
-from cpcal.common.numbers import rounded_down, rounded_up
-from cpcal.files.run_folder import HANDEYE, answers_into, check_replaceable
-from cpcal.handeye.certify_hand_eye import GAP, Within, certify_hand_eye
-from cpcal.handeye.hand_eye_files import hand_eye_files, load_hand_eye
-from cpcal.handeye.hand_eye_result import HandEyeResult, save_hand_eye_result
-from cpcal.handeye.hand_eye_study import HandEyeStudy
-from cpcal.handeye.hand_eye_words import names_of, sentences
+from cpcal.common.files import listed
+from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up
+from cpcal.files.run_folder import HANDEYE, HANDEYE_WRONG, answers_into, check_replaceable
+from cpcal.handeye.certify import (
+    GAP,
+    HandEyeResult,
+    Within,
+    certify_hand_eye,
+    load_hand_eye_result,
+    save_hand_eye_result,
+)
+from cpcal.handeye.files import hand_eye_files, load_hand_eye, load_hand_poses
+from cpcal.handeye.legs_in_frames import JOINTS, legs_in_frames
+from cpcal.handeye.next_images import ChosenPose, next_poses
+from cpcal.handeye.study import HandEyeStudy
+from cpcal.handeye.words import names_of, sentences, wrong_sentences
+from cpcal.handeye.wrong_images import find_wrong_images, save_wrong_images
 from cpcal.report.hand_eye_page import HAND_EYE_PAGE, write_hand_eye
+from cpcal.report.wrong_images_page import WRONG_PAGE, write_wrong_images
+from cpcal.results import load_result
 
 
 @talking
@@ -105,3 +116,130 @@ def _status(found: HandEyeResult) -> Status:
     if found.tolerance is not None:
         return Status.ANSWERED if found.passes else Status.UNKNOWN
     return Status.ANSWERED if found.complete else Status.UNKNOWN
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal handeye-legs`: joints of certified legs in the robot's own frames. For exit statuses see `cpcal.cli`.
+
+
+@talking
+def hand_eye_legs(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Of cpcal certify, with --tolerance.")],
+    frames: Annotated[Path, typer.Option(metavar="RUN", help="Of cpcal handeye: camera and target of that robot.")],
+    *,
+    talk: Talk,
+) -> None:
+    """Joints of the legs in the frames of base and platform, for all frames in the ranges of a hand-eye run.
+
+    The campaign must be in the frames of camera and target, as `cpcal calibrate` makes it: eps* of a leg then needs no
+    frames. Proved, if `cpcal verify` accepts both runs; the camera is taken as exact.
+    """
+    known = load_hand_eye_result(frames)
+    found = legs_in_frames(load_result(run), known)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+    for name in ("leg", "eps* [mm]", "joint", "at least", "at most", "width"):
+        table.add_column(name, justify="left" if name == "joint" else "right")
+    for leg in found:
+        low, high = bracket_text(leg.eps_lo, leg.eps_hi)
+        for k, (name, a, b) in enumerate(zip(JOINTS, leg.low, leg.high, strict=True)):
+            first = (str(leg.leg), f"[{low}, {high}]") if not k else ("", "")
+            table.add_row(*first, name, rounded_down(a, 3), rounded_up(b, 3), at_most(b - a, 3))
+    talk.out.print(table)
+    talk.say(
+        f"For every pair of frames that explains the pixels to {at_least(known.ranges.eps, 4)} px, and all parameters "
+        f"of a leg at its tolerance ({', '.join(sorted({at_least(leg.eps, 4) for leg in found}))} mm). Base in the "
+        "drawing's base frame, mobile in its mobile frame."
+    )
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal handeye-next`: which poses to measure next. For exit statuses see `cpcal.cli`.
+
+
+@talking
+def hand_eye_next(
+    study: Annotated[
+        Path, typer.Argument(metavar="STUDY", help="Folder of handeye.toml, a camera file, poses.csv, points.csv.")
+    ],
+    poses: Annotated[
+        Path, typer.Option(metavar="CSV", help="Poses that the robot can reach: image,x,y,z,qw,qx,qy,qz.")
+    ],
+    count: Annotated[int, typer.Option(metavar="N", help="How many to choose.")] = 3,
+    tolerance: Annotated[
+        float | None, typer.Option(metavar="PX", help="Largest error of the ranges.", show_default="1.1 eps*")
+    ] = None,
+    *,
+    talk: Talk,
+) -> None:
+    """Choose the poses whose images would shrink the widest range of a STUDY most, one after another.
+
+    The widths are first-order estimates about the best frames, not proofs: certify again when the images are there.
+    """
+    found = next_poses(load_hand_eye(study), load_hand_poses(poses), count, tolerance=tolerance, tell=talk.progress())
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+    table.add_column("pose")
+    for name in ("camera mm", "camera deg", "target mm", "target deg", "widest mm"):
+        table.add_column(name, justify="right")
+    for label, one in (("so far", found.before), *((f"+ {one.name}", one) for one in found.chosen)):
+        table.add_row(label, *_widths(one), nearest(one.widest, 3))
+    talk.out.print(table)
+    talk.say(
+        f"Widths of ranges at {nearest(found.tolerance, 4)} px: first-order estimates, with each pose and those above "
+        f"it. The widest counts a turn as what it moves at {nearest(found.reach, 3)} mm."
+    )
+    if found.unseen:
+        talk.say(f"The camera would not see the whole target from {len(found.unseen)} poses: {listed(found.unseen)}.")
+
+
+def _widths(one: ChosenPose) -> list[str]:
+    return [nearest(max(one.widths[k : k + 3]), 3) for k in (0, 3, 6, 9)]
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal handeye-wrong`: which images are wrong. For exit statuses see `cpcal.cli`.
+
+
+@talking
+def wrong_images(
+    study: Annotated[
+        Path, typer.Argument(metavar="STUDY", help="Folder of handeye.toml, a camera file, poses.csv, points.csv.")
+    ],
+    folder: Annotated[
+        Path,
+        typer.Option("--output", "-o", metavar="DIR", parser=output_path, help="Folder for the run; replaced there."),
+    ],
+    outliers: Annotated[int, typer.Option(metavar="N", help="Images that may be wrong, at most.")] = 1,
+    within: Annotated[
+        str,
+        typer.Option(metavar="DEG,MM", help="Search within these of the trimmed fit; 'any' for all rotations."),
+    ] = "any,2000",
+    tolerance: Annotated[
+        float | None, typer.Option(metavar="PX", help="Largest error of right images.", show_default="1.1 eps*")
+    ] = None,
+    *,
+    talk: Talk,
+) -> None:
+    """Bracket the least largest error of a STUDY when some images may be wrong, and prove which ones are.
+
+    A wrong image has a slipped board, a wrong robot pose, a wrong name. Nobody needs to know which.
+    """
+    check_writable(folder)
+    check_replaceable(folder, HANDEYE_WRONG)
+    loaded = load_hand_eye(study)
+    with answers_into(folder, HANDEYE_WRONG) as draft:
+        for name, content in hand_eye_files(loaded).items():
+            (draft / name).write_bytes(content)
+        found = find_wrong_images(
+            loaded,
+            outliers,
+            draft,
+            within=Within.parsed(within),
+            tolerance=tolerance,
+            tell=talk.progress(),
+        )
+        save_wrong_images(found, draft)
+        write_wrong_images(loaded, found, draft)
+    for text in wrong_sentences(found):
+        talk.say(text)
+    talk.say(f"Page: {folder / WRONG_PAGE}")
+    raise typer.Exit(Status.ANSWERED if found.eps_lo > 0.0 else Status.UNKNOWN)

@@ -14,18 +14,14 @@ from rich.table import Table
 
 from cpcal.certify.data_check import mistake_in
 from cpcal.cli.folders import check_new, output_path
-from cpcal.cli.grouped import grouped
-from cpcal.cli.status import Status
-from cpcal.cli.terminal import terminal
+from cpcal.cli.talk import Status, grouped, terminal
 from cpcal.common.errors import InputError, Problem, Problems, printable
 from cpcal.common.numbers import about, nearest
 from cpcal.files import LogSettings, campaign_of_log, load_settings, read_log, save_campaign
 from cpcal.robot import ROBOTS, Campaign, Uncertainty, known_robot, rotation_vector
-from cpcal.robot.campaign_arrays import stated_uncertainty
-from cpcal.robot.columns import column_map
-from cpcal.robot.given import Given
-from cpcal.robot.uncertainty import EXACT_OR_NOT, KINDS
-from cpcal.robot.units import ANGLES, LENGTHS
+from cpcal.robot.campaign import Given, stated_uncertainty
+from cpcal.robot.robot import EXACT_OR_NOT, KINDS
+from cpcal.robot.units import ANGLES, LENGTHS, column_map
 
 _PREVIEWED = 3  # rows
 

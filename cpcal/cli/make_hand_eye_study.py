@@ -12,14 +12,20 @@ import typer
 from cpcal.cli.folders import check_new, output_path
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import load_study
-from cpcal.handeye.board_photos import REMEDY, PrintedBoard, study_of_photos
-from cpcal.handeye.hand_eye_files import load_hand_poses, save_hand_eye
-from cpcal.handeye.hand_eye_study import HandEyeStudy, Setup
-from cpcal.handeye.pose_pair_files import read_pose_pairs
-from cpcal.handeye.pose_pairs_study import study_of_pairs
-from cpcal.handeye.robot_study import platform_poses, study_of_robot, with_half_widths
-from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
-from cpcal.handeye.target_photos import TARGET, study_of_target_photos
+from cpcal.handeye.files import load_hand_poses, save_hand_eye
+from cpcal.handeye.sources import (
+    REMEDY,
+    TARGET,
+    PrintedBoard,
+    platform_poses,
+    read_pose_pairs,
+    study_of_pairs,
+    study_of_photos,
+    study_of_robot,
+    study_of_target_photos,
+    with_half_widths,
+)
+from cpcal.handeye.study import HandEyeStudy, Setup, simulate_hand_eye
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 
 

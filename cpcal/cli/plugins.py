@@ -7,15 +7,15 @@ from collections.abc import Callable
 from rich import box
 from rich.table import Table
 
-from cpcal.cli.terminal import terminal
+from cpcal.cli.talk import terminal
 from cpcal.common.errors import ClashError, CpcalError, printable
-from cpcal.legs import known, leg_model
+from cpcal.legs import leg_model, models
 from cpcal.solver import plugins as registry
 
 _GROUPS: dict[str, tuple[str, Callable[[str], object]]] = {
     registry.GROUP: ("contractor", registry.load),
     registry.STRATEGY_GROUP: ("strategy", registry.load_strategy),
-    known.GROUP: ("leg model", leg_model),
+    models.GROUP: ("leg model", leg_model),
 }
 
 

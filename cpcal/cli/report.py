@@ -7,21 +7,45 @@ from typing import Annotated
 
 import typer
 
+from cpcal.calibration import RECORD_NAME, load_record
 from cpcal.certify.fits import load_fits
-from cpcal.cli.checked import checked_certificate, checked_legs, result_of
-from cpcal.cli.folders import FITS, PIXEL_RUN, RUN, check_writable, output_path
-from cpcal.cli.status import Status
-from cpcal.cli.study_page import holds_study, study_found
-from cpcal.cli.terminal import terminal
+from cpcal.cli.folders import CAMPAIGN, FITS, PIXEL_RUN, PIXEL_SETS, RUN, TIMEOUT, check_writable, output_path
+from cpcal.cli.talk import Status, terminal
 from cpcal.cli.verified_folders import other_fits, stated_otherwise
-from cpcal.common.atomic import write_file
+from cpcal.cli.verify import check_all, checked_certificate, checked_legs, result_of
 from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.files import write_file
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.report.page import render
-from cpcal.report.study_report import render_study
+from cpcal.report.study_report import StudyFound, load_images, render_study
 from cpcal.results import Result, load_result
 from cpcal.robot import Campaign
+
+# ------------------------------------------------------------------------------------------------------------------
+# The page of a whole study from the folder that `cpcal demo` leaves.
+
+
+def holds_study(folder: Path) -> bool:
+    """Whether a folder is that of a study, not of a run."""
+    return (folder / RECORD_NAME).is_file()
+
+
+def study_found(folder: Path) -> tuple[bool, StudyFound]:
+    """What the folder holds, and whether the checker, asked now, accepts all its certificates. Raises InputError."""
+    campaign, record = load_campaign(folder / CAMPAIGN), load_record(folder)
+    fits, result, timeout = load_fits(folder / FITS), load_result(folder / RUN), load_result(folder / TIMEOUT)
+    parts = (FITS, RUN, PIXEL_SETS, PIXEL_RUN)
+    accepted, said = check_all(path for part in parts for path in sorted((folder / part).glob("*.cert.jsonl")))
+    return accepted, StudyFound(
+        campaign=campaign,
+        record=record,
+        fits=fits,
+        result=result,
+        timeout=timeout,
+        checked=said,
+        images=load_images(folder),
+    )
 
 
 def report(

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.files import write_file
 from cpcal.files import settings_template
 from cpcal.robot import ROBOTS
 

@@ -16,24 +16,23 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy, CertifiedBox, load_accuracy
+from cpcal.certify.bracket import determination
 from cpcal.certify.fits import FITS_NAME, CertifiedFits, VerifiedFit, load_fits
-from cpcal.certify.undetermined import determination
 from cpcal.checker import ROBUST_NAME, Accepted, ExactCampaign, Refused, Unusable
 from cpcal.checker.leg import EXTRA
 from cpcal.checker.robust_claim import check_robust
 from cpcal.checker.run import all_of_it
-from cpcal.cli.checked import Legs, result_of
-from cpcal.cli.claims import tell
 from cpcal.cli.talk import Talk
-from cpcal.common.arrays import Floats
+from cpcal.cli.verify import Legs, result_of, tell
 from cpcal.common.errors import InputError, PluginError, Problem, printable
 from cpcal.common.numbers import at_least, at_most
+from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256, load_campaign_json
 from cpcal.files.codec import differing
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.run_folder import REPORT_NAME, unfinished
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
-from cpcal.report.campaigns_page import SUMMARY_TABLE, row_of, summary_table
+from cpcal.report.comparison_page import SUMMARY_TABLE, row_of, summary_table
 from cpcal.report.words import notices
 from cpcal.results import (
     COMPARISON_NAME,

@@ -20,8 +20,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cpcal.common.atomic import replacing, unwritable
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.files import replacing, unwritable
 
 FORMAT = "cpcal-checkpoint/1"
 SIZE_MAX = 2**31  # bytes, unpacked

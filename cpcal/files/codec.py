@@ -22,8 +22,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from cpcal.common.atomic import write_file
 from cpcal.common.errors import CpcalError, InputError, Problem, shown
+from cpcal.common.files import write_file
 from cpcal.files.tables import json_object
 from cpcal.solver.interval import Box
 
@@ -199,8 +199,10 @@ def _dataclass(kind: Any, value: Any, where: str) -> Any:
         alone = [part.key for part in others if part.by and part.key in found]
         if alone:
             raise ValueError(f"{where} states {', '.join(alone)} without a proof")
+        if INFORMATION not in found:
+            raise ValueError(f"{where} lacks {INFORMATION}")
         under = INFORMATION if where == "it" else f"{where}.{INFORMATION}"
-        places.append((_object(found.pop(INFORMATION, None), under), under, others))
+        places.append((_object(found.pop(INFORMATION), under), under, others))
     values: dict[str, Any] = {}
     for given, at, parts in places:
         keys = {part.key for part in parts}

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.atomic import write_file
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems
+from cpcal.common.files import write_file
 from cpcal.files.settings import (
     CALIBRATION_NAME,
     CSV_NAME,
@@ -29,9 +29,8 @@ from cpcal.files.settings import (
 )
 from cpcal.files.tables import Table, open_regular, read_table, small_file, unreadable
 from cpcal.robot import Campaign, PoseTable, Robot, Study
-from cpcal.robot.columns import SHARED_COLUMNS, half_widths
-from cpcal.robot.model_choice import ModelChoice
-from cpcal.robot.uncertainty import Uncertainty
+from cpcal.robot.robot import Uncertainty
+from cpcal.robot.units import SHARED_COLUMNS, ModelChoice, half_widths
 
 _ABSENT = "a campaign is a folder with the two files campaign.toml and measurements.csv"
 

@@ -21,15 +21,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
-from cpcal.common.names import TEXT_MAX
+from cpcal.common.files import TEXT_MAX
+from cpcal.common.values import Floats
 from cpcal.files.tables import small_file
 from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty
-from cpcal.robot.campaign_arrays import mapped, table_arguments, unit_factor
-from cpcal.robot.columns import ColumnSource, is_length
-from cpcal.robot.rotation_form import RotationForm
-from cpcal.robot.units import LENGTHS
+from cpcal.robot.campaign import mapped, table_arguments, unit_factor
+from cpcal.robot.units import LENGTHS, ColumnSource, RotationForm, is_length
 
 LOG_MAX = 2**27  # bytes
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}

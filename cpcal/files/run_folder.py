@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cpcal.common.atomic import DRAFT, draft_name, put_in_place, unwritable
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.file_lock import exclusive
+from cpcal.common.files import DRAFT, draft_name, exclusive, put_in_place, unwritable
 
 if TYPE_CHECKING:
     from cpcal.robot import Campaign

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
-from cpcal.common.atomic import write_folder
 from cpcal.common.errors import InputError, Problem, Problems, shown
-from cpcal.common.names import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_name, is_text
+from cpcal.common.files import NAME_MAX, NAME_REMEDY, TEXT_REMEDY, is_name, is_text, write_folder
+from cpcal.common.values import Floats
 from cpcal.files.tables import csv_table, toml_document
 from cpcal.robot import (
     EXACT_OR_NOT,
@@ -31,10 +30,9 @@ from cpcal.robot import (
     Truth,
     Uncertainty,
 )
-from cpcal.robot.campaign_problems import QUATERNION_TOLERANCE, quaternion_problem
-from cpcal.robot.columns import SHARED_COLUMNS, override_columns, reading_columns
-from cpcal.robot.mechanisms import FIELDS, wrong_value
-from cpcal.robot.robot import LARGEST
+from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
+from cpcal.robot.robot import FIELDS, LARGEST, wrong_value
+from cpcal.robot.units import SHARED_COLUMNS, override_columns, reading_columns
 
 if TYPE_CHECKING:
     from cpcal.robot import Campaign, ModelChoice, Robot, Uncertainty

@@ -27,11 +27,11 @@ import numpy as np
 import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem, Problems, shown
-from cpcal.common.names import IDENTIFIER_REMEDY, is_identifier
+from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier
 from cpcal.robot import Pose
-from cpcal.robot.campaign_problems import QUATERNION_TOLERANCE, quaternion_problem
-from cpcal.robot.columns import override_columns, reading_columns
+from cpcal.robot.campaign import QUATERNION_TOLERANCE, quaternion_problem
 from cpcal.robot.robot import LARGEST
+from cpcal.robot.units import override_columns, reading_columns
 
 _CALLS = re.compile("[(|\uff08\uff5c]")  # a formula without one of these calls nothing
 _RUNS = re.compile("'*[=+\\-@\uff1d\uff0b\uff0d\uff20]")  # also the wide forms, which some spreadsheets take for them

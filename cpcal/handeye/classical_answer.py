@@ -9,21 +9,128 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from cpcal.calibration import calibrate_frames
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import nearest
-from cpcal.common.values import Value, frozen_array
-from cpcal.handeye.damped_steps import damped_step, descended
-from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
-from cpcal.handeye.pixel_model import PARAMETERS, PixelModel, moved
-from cpcal.handeye.pose_readings import ReadingModel
-from cpcal.handeye.weighted_fit import weighted_fit
+from cpcal.common.values import Floats, Value, frozen_array
+from cpcal.handeye.study import (
+    PARAMETERS,
+    HandEyeFrames,
+    HandEyeStudy,
+    PixelModel,
+    ReadFrames,
+    ReadingModel,
+    by_images,
+    moved,
+)
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
 from cpcal.vision.pose import NoPose, fit, plain_model
+
+# ------------------------------------------------------------------------------------------------------------------
+# The loop of Levenberg and Marquardt, whatever it moves: steps that lower a cost, damped more where they do not.
+
+T = TypeVar("T")
+
+_FIRST, _LEAST, _MOST = 1e-6, 1e-9, 1e3  # damping, of the scaled normal matrix
+
+
+def descended(
+    start: T,
+    cost: Callable[[T], float],
+    stepped: Callable[[T], Callable[[float], T]],
+    *,
+    steps: int,
+    settled: float,
+) -> T:
+    """Where the cost settles near `start`: a step lowers it by less than `settled` of itself, or none lowers it.
+
+    `stepped` linearises at a place and gives the place that a damping leads to.
+    """
+    at, value, damping = start, cost(start), _FIRST
+    towards = stepped(at)
+    for _ in range(steps):
+        trial = towards(damping)
+        new = cost(trial)
+        if new < value:
+            ended = value - new <= settled * value
+            at, value, damping = trial, new, 0.1 * damping
+            if ended:
+                break
+            towards = stepped(at)
+        else:
+            damping = max(10.0 * damping, _LEAST)
+            if damping > _MOST:
+                break
+    return at
+
+
+def damped_step(normal: Floats, right: Floats, damping: float) -> Floats:
+    """Solution (k,) of the normal equations (k, k), (k,), damped in units of their own diagonal."""
+    scale = np.sqrt(np.diagonal(normal))
+    damped = normal / np.outer(scale, scale) + damping * np.eye(len(right))
+    return np.asarray(np.linalg.solve(damped, right / scale) / scale)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Least squares where the robot's poses have errors too: pixels and poses weighted by their deviations.
+#
+#     sum |pixel residual|^2 / sigma^2 + sum (reading / its deviation)^2
+#
+# over the frames and a reading of each pose. A pose's half-width h on an axis counts as the deviation h / sqrt(3) of a
+# uniform error; the pixels' deviation is what the poses of single images, which no robot error touches, leave. The
+# readings are eliminated image by image (Schur complement), so the cost grows with the number of images only.
+
+_WEIGHTED_STEPS = 60
+_LEAST_GAIN = 1e-9  # of the deviation of a reading that is taken as exact, against dividing by zero
+
+
+def weighted_fit(model: ReadingModel, frames: HandEyeFrames, pixel: float) -> tuple[ReadFrames, Floats]:
+    """Frames and readings from a start, and the covariance (12, 12) of the frames; `pixel`: deviation in px."""
+    study = model.study
+    deviation = np.maximum(study.pose_half_width, _LEAST_GAIN) / np.sqrt(3.0)
+    places = by_images(study)
+
+    def cost(tried: ReadFrames) -> float:
+        return float(np.sum((model(tried) / pixel) ** 2) + np.sum((tried.readings / deviation) ** 2))
+
+    def stepped(at: ReadFrames) -> Callable[[float], ReadFrames]:
+        normal, right, solved = _reduced(model, at, pixel, deviation, places)
+
+        def moved(damping: float) -> ReadFrames:
+            step = damped_step(normal, right, damping)
+            own = np.concatenate([shift - turned @ step for turned, shift in solved])
+            return model.moved(at, np.concatenate([step, own]))
+
+        return moved
+
+    at = descended(ReadFrames.stated(frames, study), cost, stepped, steps=_WEIGHTED_STEPS, settled=1e-12)
+    normal, _, _ = _reduced(model, at, pixel, deviation, places)
+    scale = np.sqrt(np.diagonal(normal))
+    return at, np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
+
+
+def _reduced(
+    model: ReadingModel, at: ReadFrames, pixel: float, deviation: Floats, places: list[np.ndarray]
+) -> tuple[Floats, Floats, list[tuple[Floats, Floats]]]:
+    """Normal equations of the frames alone, and of each image what gives its reading from the frames' step."""
+    frames, own = (block / pixel for block in model.blocks(at))
+    residuals = model(at) / pixel
+    normal, right = frames.T @ frames, -frames.T @ residuals
+    solved = []
+    for k, rows in enumerate(places):
+        mixed = own[rows].T @ frames[rows]
+        inner = own[rows].T @ own[rows] + np.diag(deviation[k] ** -2)
+        towards = -own[rows].T @ residuals[rows] - at.readings[k] / deviation[k] ** 2
+        both = np.linalg.solve(inner, np.concatenate([mixed, towards[:, None]], axis=1))
+        normal -= mixed.T @ both[:, :-1]
+        right -= mixed.T @ both[:, -1]
+        solved.append((both[:, :-1], both[:, -1]))
+    return normal, right, solved
+
 
 _STEPS = 100
 _LEAST_POINTS = 6
@@ -39,7 +146,7 @@ class ClassicalAnswer(Value):
     """Least squares on pixels.
 
     frames      E and F
-    readings    (n, 6) of the poses, mm and rad, see `cpcal.handeye.pose_readings`; 0 for poses taken as exact
+    readings    (n, 6) of the poses, mm and rad, see `cpcal.handeye.study`; 0 for poses taken as exact
     residuals   (N, 2) px, undistorted, at these readings
     covariance  (12, 12) by linearisation, errors of pixels independent and as large as the residuals: rotation vector
                 of E (rad, camera frame), its translation (mm), then those of F

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from fractions import Fraction as F
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.handeye.frame_equations import R_F, R_X, T_F, T_X
-from cpcal.handeye.hand_eye_result import HandEyeResult
-from cpcal.handeye.parameter_ranges import Interval
+from cpcal.handeye.certify import HandEyeResult, Interval
+from cpcal.handeye.rows import R_F, R_X, T_F, T_X
 from cpcal.results import Result
-from cpcal.solver.certificate.writer import rounded
+from cpcal.solver.certificate.recording import rounded
 
 JOINTS = ("base x", "base y", "base z", "mobile x", "mobile y", "mobile z")
 

@@ -7,19 +7,23 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
 from cpcal.common.numbers import at_least
-from cpcal.handeye.box_contraction import Tell
-from cpcal.handeye.exact_errors import PlacedFrames
-from cpcal.handeye.exact_rows import row_meaning
-from cpcal.handeye.frame_programs import FramePrograms
-from cpcal.handeye.frames_chain import ChainProof, nothing, prove_chain
-from cpcal.handeye.frames_proof import frame_rows, prove
-from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
-from cpcal.handeye.image_pose_sets import nominal_poses, pose_domain, pose_row_meaning, prove_pose
+from cpcal.common.values import Floats
+from cpcal.handeye.chain import (
+    ChainProof,
+    frame_rows,
+    nominal_poses,
+    nothing,
+    pose_domain,
+    pose_row_meaning,
+    prove,
+    prove_chain,
+    prove_pose,
+)
+from cpcal.handeye.contraction import FramePrograms, Tell
 from cpcal.handeye.minimax_fit import minimax_fit
-from cpcal.handeye.pixel_model import PARAMETERS, PixelModel, moved
-from cpcal.handeye.pose_readings import ReadFrames, read_study
+from cpcal.handeye.rows import PlacedFrames, row_meaning
+from cpcal.handeye.study import PARAMETERS, HandEyeFrames, HandEyeStudy, PixelModel, ReadFrames, moved, read_study
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import LinearStatus
 

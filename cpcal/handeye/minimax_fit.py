@@ -10,8 +10,8 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
-from cpcal.handeye.hand_eye_study import HandEyeStudy
+from cpcal.common.values import Floats
+from cpcal.handeye.study import HandEyeStudy
 from cpcal.solver.linear import Dense, LinearStatus
 
 At = TypeVar("At")  # frames, or frames with readings

@@ -13,15 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import about, at_most, stated
-from cpcal.handeye.certify_hand_eye import best_frames
+from cpcal.common.values import Floats
+from cpcal.handeye.certify import best_frames
 from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
 from cpcal.handeye.minimax_fit import excess
-from cpcal.handeye.pixel_model import PARAMETERS, cross
-from cpcal.handeye.pose_readings import ReadFrames, ReadingModel, read_study
+from cpcal.handeye.study import PARAMETERS, HandEyeFrames, HandEyeStudy, ReadFrames, ReadingModel, cross, read_study
 from cpcal.robot import Pose
 from cpcal.solver.linear import Dense, LinearStatus
 
@@ -214,7 +212,7 @@ class _Ranges:
 
 
 def _as_stated(frames: HandEyeFrames) -> Floats:
-    """(12, 12): turn and place of X and F, as they are stated, by the motions of `cpcal.handeye.pixel_model.moved`."""
+    """(12, 12): turn and place of X and F, as they are stated, by the motions of `cpcal.handeye.study.moved`."""
     back = frames.e_rotation.T
     found = np.zeros((12, 12))
     found[:3, :3] = -back

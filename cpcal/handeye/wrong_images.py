@@ -18,20 +18,25 @@ from pathlib import Path
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most
+from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files.codec import load, save
-from cpcal.handeye.certify_hand_eye import Within, about_study, best_frames, check_inside, stated_readings
+from cpcal.handeye.certify import (
+    AskedBox,
+    Within,
+    about_study,
+    best_frames,
+    check_finite,
+    check_inside,
+    stated_readings,
+)
+from cpcal.handeye.chain import Chain, prove_chain
 from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.exact_errors import PlacedFrames, Reading, above, exact_errors, largest
-from cpcal.handeye.frames_chain import Chain, prove_chain
-from cpcal.handeye.hand_eye_result import AskedBox, check_finite
-from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
 from cpcal.handeye.minimax_fit import excess
-from cpcal.handeye.pixel_model import PixelModel
-from cpcal.handeye.pose_readings import ReadingModel
+from cpcal.handeye.rows import PlacedFrames, Reading, above, exact_errors, largest
+from cpcal.handeye.study import HandEyeFrames, HandEyeStudy, PixelModel, ReadingModel
 from cpcal.solver.interval import Box
 
 WRONG_FORMAT = "cpcal-handeye-wrong/3"

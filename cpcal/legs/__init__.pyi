@@ -1,25 +1,16 @@
 from .equation import (
+    ModelResiduals,
     beyond_legs,
     exactly_read,
+    fit_model,
     leg_box,
     leg_network,
-    residuals,
-)
-from .known import (
-    leg_model,
-)
-from .leg_derivatives import (
-    model_jacobian,
-)
-from .leg_statement import (
     leg_statement,
-    model_statement,
-)
-from .model_fit import (
-    ModelResiduals,
-    fit_model,
+    model_jacobian,
     model_residuals,
+    model_statement,
     reading_sensitivities,
+    residuals,
 )
 from .models import (
     BUILT_IN,
@@ -31,6 +22,7 @@ from .models import (
     Parameter,
     built_in,
     half_width_problems,
+    leg_model,
     model_name_problem,
 )
 

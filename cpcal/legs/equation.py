@@ -8,23 +8,62 @@ an unknown of the network.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from cpcal.calibration.diagnosis import vertical
-from cpcal.common.arrays import Floats
+from cpcal.calibration.fit import least_squares
+from cpcal.calibration.leg_equations import LegEquations, sum_of_squares
+from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.common.errors import Problem
 from cpcal.common.numbers import nearest
 from cpcal.common.numbers import stated as as_stated
+from cpcal.common.values import Floats
+from cpcal.files import campaign_sha256
 from cpcal.legs.models import PLAIN, Drawn, LegModel, Measured, built_in
-from cpcal.legs.rotation_kernel import enclosed_rotations
 from cpcal.robot import Campaign, Pose, leg_vectors, rotation_matrix
-from cpcal.robot.rotation import rotation_numerators
-from cpcal.solver.interval import Arithmetic, Box, IntervalArray
+from cpcal.robot.kinematics import rotation_numerators
+from cpcal.solver.certificate.exact_network import LegStatement, NotStated, Statement, network_statement
+from cpcal.solver.compiled import compiled
+from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval.kernels import add, div, mul, sub
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr
 from cpcal.solver.network.expression import as_expr
+from cpcal.solver.network.network import restricted
+from cpcal.solver.network.rows import Extremes, Rows
+
+# ------------------------------------------------------------------------------------------------------------------
+# Enclosures of rotation matrices, compiled: `rotation_numerators` in intervals takes a millisecond in numpy.
+
+
+@compiled
+def enclosed_rotations(quaternion: Floats) -> tuple[Floats, Floats]:
+    """Bounds (N, 3, 3) of R(q) of quaternions (N, 4), scalar first: the numerators of `robot.rotation` over |q|^2."""
+    lo, hi = np.empty((len(quaternion), 3, 3)), np.empty((len(quaternion), 3, 3))
+    low, high = np.empty((4, 4)), np.empty((4, 4))
+    for k in range(len(quaternion)):
+        q = quaternion[k]
+        for i in range(4):
+            for j in range(i, 4):
+                low[i, j], high[i, j] = mul(q[i], q[i], q[j], q[j])
+        norm = low[0, 0], high[0, 0]
+        for i in range(1, 4):
+            norm = add(norm[0], norm[1], low[i, i], high[i, i])
+        for i in range(3):
+            a, b = 1 + (i + 1) % 3, 1 + (i + 2) % 3
+            entry = add(low[0, 0], high[0, 0], low[i + 1, i + 1], high[i + 1, i + 1])
+            entry = sub(entry[0], entry[1], low[a, a], high[a, a])
+            entry = sub(entry[0], entry[1], low[b, b], high[b, b])
+            lo[k, i, i], hi[k, i, i] = div(entry[0], entry[1], norm[0], norm[1])
+            # the product of the two other components, minus and plus that of this one and the scalar
+            c, d = min(a, b), max(a, b)
+            less = sub(low[c, d], high[c, d], low[0, i + 1], high[0, i + 1])
+            more = add(low[c, d], high[c, d], low[0, i + 1], high[0, i + 1])
+            lo[k, a - 1, b - 1], hi[k, a - 1, b - 1] = div(2.0 * less[0], 2.0 * less[1], norm[0], norm[1])
+            lo[k, b - 1, a - 1], hi[k, b - 1, a - 1] = div(2.0 * more[0], 2.0 * more[1], norm[0], norm[1])
+    return lo, hi
 
 
 def leg_box(center: npt.ArrayLike, delta: float, model: LegModel = PLAIN) -> Box:
@@ -202,3 +241,147 @@ def residuals(campaign: Campaign, leg: int, parameters: npt.ArrayLike) -> Floats
     arm = rotation_matrix(campaign.quaternion) @ x[3:6]
     distance = np.linalg.norm(campaign.position + arm - x[:3], axis=1)
     return np.asarray(distance - campaign.length[:, leg - 1] - x[6])
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# One leg of a campaign as a certificate states it.
+
+
+def exact_measurement(campaign: Campaign, leg: int, k: int) -> Measurement:
+    """Row k (from 0) of a campaign for one leg (from 1) in exact numbers: what the checker reads from campaign.json."""
+    length, width = float(campaign.length[k, leg - 1]), float(campaign.length_radius[k, leg - 1])
+    widths = (*campaign.position_radius[k].tolist(), *campaign.rotation_radius[k].tolist(), width)
+    return Measurement(campaign.quaternion[k].tolist(), campaign.position[k].tolist(), length, widths)
+
+
+def leg_statement(
+    campaign: Campaign, leg: int, only: tuple[int, ...] | None = None, model: str = PLAIN.name
+) -> LegStatement:
+    """Leg `leg` (from 1) with all measurements, or with `only` those (numbers from 0, ascending).
+
+    `model` is the name of one that comes with cpcal: those the checker knows.
+    """
+    problem = leg_problem(lambda k: exact_measurement(campaign, leg, k), len(campaign), model, only)
+    return LegStatement(problem, campaign_sha256(campaign), leg, only)
+
+
+def model_statement(
+    campaign: Campaign, leg: int, model: LegModel, domain: Box, only: tuple[int, ...] | None = None
+) -> Statement | None:
+    """What a certificate says: for a model that comes with cpcal the leg, for others the constraints themselves.
+
+    `domain` holds the parameters and, last, eps. None where constraints have no exact polynomial form, as those of a
+    user-defined model with uncertain readings.
+    """
+    if built_in(model):
+        return leg_statement(campaign, leg, only, model.name)
+    if not exactly_read(campaign, leg):
+        return None
+    box, eps = Box(model.parameters, domain.lo[:-1], domain.hi[:-1]), (float(domain.lo[-1]), float(domain.hi[-1]))
+    engine = get_arithmetic("float64")  # nothing that is stated depends on it
+    network = leg_network(campaign, leg, box, engine=engine, eps=eps, model=model, stated=True)
+    if only is not None:
+        network = restricted(network, [np.array(only, dtype=np.intp)] * len(network.constraints))
+    try:
+        return network_statement(network, "eps", f"leg {leg}, model {model.name}, campaign {campaign_sha256(campaign)}")
+    except NotStated:
+        return None
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Residuals, derivatives and least-squares fit of any leg model, from its expression. They prove nothing.
+
+Function = Callable[[Floats], Floats]
+
+_TOLERANCE = 1e-8  # of the fit, relative: it proves nothing
+
+
+class ModelResiduals:
+    """g (N,) in mm and its Jacobian (N, n) at points x (n,) of one leg, at the centres of the reading sets."""
+
+    def __init__(self, campaign: Campaign, leg: int, model: LegModel) -> None:
+        zeros = {f"{name}_radius": np.zeros_like(getattr(campaign, f"{name}_radius")) for name in _READ}
+        self._campaign, self._leg = replace(campaign, uncertainty=None, **zeros), leg
+        box = leg_box(np.zeros(7), 0.0, model)
+        equation = leg_equation(self._campaign, leg, box, engine=get_arithmetic("float64"), model=model)
+        body = equation.body if equation.scale is None else equation.body / equation.scale
+        equation.network.add(body <= 0.0)
+        self._rows = Rows(equation.network)
+
+    def values(self, x: npt.ArrayLike) -> Floats:
+        return self._rows.linearize(np.asarray(x, np.float64)).values
+
+    def jacobian(self, x: npt.ArrayLike) -> Floats:
+        return self._rows.linearize(np.asarray(x, np.float64)).jacobian
+
+
+_READ = ("position", "rotation", "length")
+
+
+def model_residuals(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
+    """`g(x, M_k)` in mm (N,) at the centres of the reading sets, in plain floating point."""
+    if model.name == PLAIN.name:
+        return residuals(campaign, leg, x)
+    return ModelResiduals(campaign, leg, model).values(x)
+
+
+def fit_model(campaign: Campaign, leg: int, model: LegModel = PLAIN, known: ModelResiduals | None = None) -> Floats:
+    """Parameters (n,) that minimise the sum of squares of g, the extra ones within their half-widths of 0.
+
+    From the fit of the plain model, with which it begins. `known`: the residuals, where they are there already.
+    """
+    start = np.append(least_squares(campaign, leg), np.zeros(len(model.extra)))
+    free = np.append(np.ones(7, dtype=bool), model.half_widths > 0.0)
+    if free.sum() == 7:
+        return start
+    of = ModelResiduals(campaign, leg, model) if known is None else known
+    reach = np.append(np.full(7, np.inf), model.half_widths)[free]
+
+    def full(x: Floats) -> Floats:
+        out = start.copy()
+        out[free] = x
+        return out
+
+    def values(x: Floats) -> Floats:
+        return of.values(full(x))
+
+    def jacobian(x: Floats) -> Floats:
+        return of.jacobian(full(x))[:, free]
+
+    inside, reached = sum_of_squares(values, jacobian, start[free], _TOLERANCE)
+    if reached and bool(np.all(np.abs(inside) <= reach)):
+        return full(inside)
+    return full(_bounded(values, jacobian, start[free], reach))
+
+
+def _bounded(values: Function, jacobian: Function, start: Floats, reach: Floats) -> Floats:
+    from scipy import optimize  # here: it takes half a second to load
+
+    scale = np.where(np.isfinite(reach), reach, 1.0)
+    found = optimize.least_squares(values, start, jac=jacobian, bounds=(-reach, reach), x_scale=scale, method="trf")
+    return np.asarray(found.x)
+
+
+def reading_sensitivities(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel) -> Floats:
+    """Half the range (N,) of g in mm over the reading sets at x, between the ends that a first-order look chooses."""
+    point = np.asarray(x, np.float64)
+    box = leg_box(np.zeros(7), 0.0, model)
+    equation = leg_equation(campaign, leg, box, engine=get_arithmetic("float64"), model=model)
+    ends = Extremes(equation.network, equation.body)
+    if not ends.tape.readings:
+        return np.zeros(len(campaign))
+    low, high = (ends.values(point, readings) for readings in ends.at(point))
+    return np.asarray(0.5 * np.abs(high - low))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Derivatives of a leg's equation by its parameters, in plain floating point.
+
+
+def model_jacobian(campaign: Campaign, leg: int, x: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
+    """dg/dx (N, n) at the centres of the reading sets; of the plain model from its formula."""
+    point = np.asarray(x, np.float64)
+    if model.name == PLAIN.name:
+        return LegEquations.of(campaign, [leg]).by_parameters(point[None])[:, 0]
+
+    return ModelResiduals(campaign, leg, model).jacobian(point)

@@ -17,8 +17,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
-from cpcal.common.errors import InputError, ModelError, Problem
+from cpcal.calibration.diagnosis import mid_range, sag_shape
+from cpcal.common.errors import InputError, ModelError, PluginError, Problem
+from cpcal.common.values import Floats
 from cpcal.files.codec import INFORMED, checked
 from cpcal.solver.network import Expr, norm, sqr, sqrt
 from cpcal.solver.network.expression import as_expr
@@ -211,3 +212,63 @@ def model_problems(model: LegModel) -> list[Problem]:
             problems.append(Problem(f"model {model.name!r}", what, "choose another"))
         taken.add(name)
     return problems + half_width_problems(model, {p.name: p.half_width for p in model.extra})
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Leg models by name: those that come with cpcal, and those that other packages provide by entry point.
+
+GROUP = "cpcal.leg_models"
+
+
+def leg_model(model: str | LegModel) -> LegModel:
+    """The model of that name, or the model given.
+
+    Raises InputError with everything that is wrong with the name or the model, PluginError when the package that
+    provides it does not load.
+    """
+    if isinstance(model, str):
+        ours = {m.name: m for m in BUILT_IN}
+        model = ours[model] if model in ours else _provided(model)
+    problems = [] if built_in(model) else model_problems(model)
+    if problems:
+        raise InputError(problems)
+    return model
+
+
+def _provided(name: str) -> LegModel:
+    from cpcal.solver import plugins  # here: models that come with cpcal need none
+
+    known = plugins.found(GROUP)
+    if name not in known:
+        names = ", ".join(dict.fromkeys([*(m.name for m in BUILT_IN), *known]))
+        remedy = f"use one of {names}, pass a LegModel, or install the package that provides it (entry point {GROUP})"
+        raise InputError([Problem("model", f"{name!r} is not known", remedy)])
+    model = plugins.load_member("leg model", name, GROUP)
+    if not isinstance(model, LegModel) or model.name != name:
+        raise PluginError(f"leg model {name!r} ({known[name].value}) is no cpcal.LegModel of that name")
+    return model
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The leg model `sag`: a leg that its own weight bends, which brings its ends together.
+#
+#     t = -c ((L + l0) / s)^7 sin^2(tilt)
+#
+# is what is added to the length of a uniform slender beam on two hinges, with one parameter: c, by how much it would
+# shorten lying flat with its mid-range length s. Length and tilt are taken from the stated reading and the drawing's
+# joint centres, so that the correction is a number for each measurement times c: the reading's set and the drawing's
+# errors change it by parts in a thousand. The base is taken to be level: vertical is the normal of its joints' plane.
+
+
+def _sag(measured: Measured, x: Parameters) -> Expr:
+    drawn = measured.drawn
+    middle = drawn.offset + float(mid_range(drawn.length))
+    return -1.0 * (x["c"] * as_expr(sag_shape(drawn.vector, drawn.length + drawn.offset, middle, drawn.up)))
+
+
+SAG = LegModel(
+    "sag",
+    "L + l - c (length / mid-range length)^7 sin(tilt)^2: the leg's weight bends it, c is what it loses lying flat",
+    (Parameter("c", "mm", 10.0),),
+    _sag,
+)

@@ -6,7 +6,7 @@ objects; a column vector has one axis, a row vector two, as in Minibex.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -17,8 +17,9 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.solver import network as functions
 from cpcal.solver.interval import Interval, IntervalArray
-from cpcal.solver.interval.number import float_bounds
-from cpcal.solver.network import Expr, mathematics
+from cpcal.solver.interval.numbers import float_bounds
+from cpcal.solver.network import Expr, mathematics, sqr, sqrt
+from cpcal.solver.network.expression import as_expr, topological
 
 
 @dataclass(frozen=True)
@@ -244,3 +245,220 @@ def _total(parts: list[Scalar]) -> Scalar:
     for part in parts[1:]:
         total = _combined(total, part, lambda x, y: x + y)
     return total
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Vectors and matrices of Minibex: put together from parts, and taken apart by indices.
+#
+# A column vector has one axis, a row vector two: (1, n). An array of matrices has three.
+
+Place = int | slice  # from 0
+
+
+def stacked(parts: list[Value], row: bool) -> Array:
+    """(a, b) or (a; b): of numbers a vector, of vectors and matrices a matrix. Raises ModelError where none fits.
+
+    Numbers, and rows where columns stand, count as matrices. Matrices of one shape, one below the other, are an array
+    of matrices.
+    """
+    if not any(isinstance(part, np.ndarray) for part in parts):
+        return array_of(list(parts), (1, len(parts)) if row else (len(parts),))
+    blocks = [_matrix(part) for part in parts]
+    shapes = {block.shape for block in blocks}
+    if not row and len(shapes) == 1 and all(side > 1 for side in blocks[0].shape):
+        return np.stack(blocks)
+    if len({block.shape[0 if row else 1] for block in blocks}) > 1:
+        raise ModelError(f"parts of the shapes {', '.join(map(str, sorted(shapes)))} do not fit together")
+    return flattened(np.concatenate(blocks, axis=1 if row else 0))
+
+
+def _matrix(value: Value) -> Array:
+    if not isinstance(value, np.ndarray):
+        return array_of([value], (1, 1))
+    if value.ndim == 3:
+        raise ModelError("an array of matrices stands in a matrix")
+    return value[:, None] if value.ndim == 1 else value
+
+
+def flattened(matrix: Array) -> Array:
+    """A matrix of one column as a vector."""
+    return matrix[:, 0] if matrix.ndim == 2 and matrix.shape[1] == 1 else matrix
+
+
+def indexed(array: Array, places: tuple[Place, ...]) -> Value:
+    """One number, or the part of an array: a row of a matrix is a row, and one index of a row is a number."""
+    if len(places) == 1 and is_row(array):
+        places = (0, *places)
+    kept = tuple(slice(p, p + 1) if isinstance(p, int) and array.ndim == 2 else p for p in places)
+    found: Any = array[kept]
+    if len(places) == array.ndim and all(isinstance(p, int) for p in places):
+        return np.ravel(found)[0] if isinstance(found, np.ndarray) else found  # type: ignore[no-any-return]
+    return flattened(found)
+
+
+def is_row(array: Array) -> bool:
+    return array.ndim == 2 and array.shape[0] == 1
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Derivatives of expressions as expressions: what `diff` of Minibex means.
+#
+# diff(e, x) is defined where the formula of the derivative is; expressions with a kink or a jump (abs, min, max, floor,
+# ceil, sign) have no such formula and are refused.
+
+# of the node and its arguments: the partial derivative by each argument
+_PARTIALS: dict[str, Callable[[Expr, Sequence[Expr]], tuple[Any, ...]]] = {
+    "neg": lambda z, a: (-1.0,),
+    "add": lambda z, a: (1.0, 1.0),
+    "sub": lambda z, a: (1.0, -1.0),
+    "mul": lambda z, a: (a[1], a[0]),
+    "div": lambda z, a: (1.0 / a[1], -a[0] / sqr(a[1])),
+    "sqr": lambda z, a: (2.0 * a[0],),
+    "sqrt": lambda z, a: (0.5 / z,),
+    "power": lambda z, a: (z.parameter * a[0] ** (z.parameter - 1),),
+    "pow": lambda z, a: (a[1] * mathematics.power(a[0], a[1] - 1.0), z * mathematics.log(a[0])),
+    "exp": lambda z, a: (z,),
+    "expm1": lambda z, a: (z + 1.0,),
+    "log": lambda z, a: (1.0 / a[0],),
+    "log1p": lambda z, a: (1.0 / (a[0] + 1.0),),
+    "sin": lambda z, a: (mathematics.cos(a[0]),),
+    "cos": lambda z, a: (-mathematics.sin(a[0]),),
+    "tan": lambda z, a: (1.0 + sqr(z),),
+    "asin": lambda z, a: (1.0 / sqrt(1.0 - sqr(a[0])),),
+    "acos": lambda z, a: (-1.0 / sqrt(1.0 - sqr(a[0])),),
+    "atan": lambda z, a: (1.0 / (1.0 + sqr(a[0])),),
+    "sinh": lambda z, a: (mathematics.cosh(a[0]),),
+    "cosh": lambda z, a: (mathematics.sinh(a[0]),),
+    "tanh": lambda z, a: (1.0 - sqr(z),),
+    "atan2": lambda z, a: (a[1] / (sqr(a[0]) + sqr(a[1])), -a[0] / (sqr(a[0]) + sqr(a[1]))),
+}
+
+
+def gradient(expression: Expr, by: Sequence[Expr]) -> list[Expr]:
+    """Of a scalar expression, by components of variables. Raises ModelError for an operation without a formula."""
+    order = topological((expression,))
+    wanted = {component.digest for component in by}
+    holding: set[bytes] = set()  # what depends on one of them
+    for node in order:
+        if node.digest in wanted or any(arg.digest in holding for arg in node.args):
+            holding.add(node.digest)
+    total: dict[bytes, Expr] = {expression.digest: as_expr(1.0)}
+    for node in reversed(order):
+        if node.digest in wanted or node.digest not in holding or node.digest not in total:
+            continue
+        if node.op not in _PARTIALS:
+            raise ModelError(f"the derivative of {node.op!r} has no formula here")
+        for arg, partial in zip(node.args, _PARTIALS[node.op](node, node.args), strict=True):
+            if arg.digest in holding:
+                step = _times(total[node.digest], partial)
+                total[arg.digest] = total[arg.digest] + step if arg.digest in total else step
+    return [total.get(component.digest, as_expr(0.0)) for component in by]
+
+
+def _times(factor: Expr, partial: Any) -> Expr:
+    """Without factors of 1, which would lengthen every derivative."""
+    if isinstance(partial, float) and abs(partial) == 1.0:
+        return factor if partial > 0.0 else -factor
+    one = factor.op == "constant" and bool(np.all(factor.data.lo == 1.0) and np.all(factor.data.hi == 1.0))  # type: ignore[union-attr]
+    return as_expr(partial) if one else factor * partial
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What Minibex has besides functions of numbers: diff, chi, ends of an interval, and inverse hyperbolic functions.
+
+_PARTIAL = {"sqrt", "log", "log1p", "div", "pow", "asin", "acos", "tan", "atan2"}  # not defined everywhere
+
+
+def _diff(arguments: list[Value]) -> Value:
+    """A number for one component, else a row, one entry a component; of a vector a row for each entry."""
+    if len(arguments) < 2:
+        raise ModelError("diff takes an expression, and the variables to differentiate it by")
+    by = [entry for variable in arguments[1:] for entry in np.ravel(np.asarray(variable, dtype=object))]
+    if not all(isinstance(entry, Expr) and _is_component(entry) for entry in by):
+        raise ModelError("diff differentiates by variables: name them, or entries of them")
+    of = [as_operand(entry) for entry in np.ravel(np.asarray(arguments[0], dtype=object))]
+    rows = [gradient(e, by) if isinstance(e, Expr) else [Interval(0.0, 0.0)] * len(by) for e in of]
+    if len(of) == len(by) == 1:
+        return rows[0][0]
+    return flattened(array_of([entry for row in rows for entry in row], (len(of), len(by))))
+
+
+def _is_component(expression: Expr) -> bool:
+    leaf = expression.args[0] if expression.op == "index" else expression
+    return leaf.op == "variable"
+
+
+def _chi(arguments: list[Value]) -> Value:
+    """b where a <= 0, else c."""
+    if len(arguments) != 3:
+        raise ModelError("chi takes three arguments: chi(a, b, c) is b where a <= 0, else c")
+    return entrywise(_chosen, *arguments)
+
+
+def _chosen(condition: Value, low: Value, high: Value) -> Any:
+    for part in (low, high):
+        if isinstance(part, Expr) and any(_is_partial(node) for node in topological((part,))):
+            raise ModelError("a part of chi may be undefined where the other one counts: move it out of chi")
+    above = applied("max", [applied("sign", [condition]), Interval(0.0, 0.0)])  # 1 where a > 0, else 0
+    if not isinstance(above, Expr):
+        found = interval_of(above)
+        if found.lo < found.hi:
+            raise ModelError("chi of an interval about 0 is neither of its parts")
+        return high if found.lo > 0.0 else low
+    return as_operand(low) * (1.0 - above) + as_operand(high) * above
+
+
+def _is_partial(node: Expr) -> bool:
+    return node.op in _PARTIAL or (node.op == "power" and node.parameter < 0)
+
+
+def _end(name: str, of: Callable[[Interval], float]) -> Callable[[list[Value]], Value]:
+    def found(arguments: list[Value]) -> Value:
+        if len(arguments) != 1:
+            raise ModelError(f"{name} takes one argument, not {len(arguments)}")
+        return entrywise(lambda value: Interval(of(interval_of(value)), of(interval_of(value))), arguments[0])
+
+    return found
+
+
+def _middle(interval: Interval) -> float:
+    if not interval.is_bounded:
+        raise ModelError("an interval without bounds has no middle")
+    return interval.mid
+
+
+def _hyperbolic(name: str, of: Callable[[Value], Value]) -> Callable[[list[Value]], Value]:
+    def found(arguments: list[Value]) -> Value:
+        if len(arguments) != 1:
+            raise ModelError(f"{name} takes one argument, not {len(arguments)}")
+        return entrywise(of, arguments[0])
+
+    return found
+
+
+def _asinh(x: Value) -> Value:
+    """The same on both sides of 0, where log(x + sqrt(x^2 + 1)) alone would cancel for x < 0."""
+    sides = (applied("max", [part, Fraction(0)]) for part in (x, negative(x)))
+    up, down = (applied("log", [plus(s, applied("sqrt", [plus(power(s, Fraction(2)), Fraction(1))]))]) for s in sides)
+    return minus(up, down)
+
+
+def _acosh(x: Value) -> Value:
+    return applied("log", [plus(x, applied("sqrt", [minus(power(x, Fraction(2)), Fraction(1))]))])
+
+
+def _atanh(x: Value) -> Value:
+    return times(Fraction(1, 2), minus(applied("log1p", [x]), applied("log1p", [negative(x)])))
+
+
+FORMS: dict[str, Callable[[list[Value]], Value]] = {
+    "diff": _diff,
+    "chi": _chi,
+    "inf": _end("inf", lambda interval: interval.lo),
+    "sup": _end("sup", lambda interval: interval.hi),
+    "mid": _end("mid", _middle),
+    "acosh": _hyperbolic("acosh", _acosh),
+    "asinh": _hyperbolic("asinh", _asinh),
+    "atanh": _hyperbolic("atanh", _atanh),
+}
+RESERVED = (*FUNCTIONS, *FORMS, "integer", "sum")

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import Constraint, ConstraintNetwork, Expr
-from cpcal.solver.network.dag import topological
+from cpcal.solver.network.expression import topological
 
 Texts = npt.NDArray[np.object_]
 

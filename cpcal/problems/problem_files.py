@@ -7,9 +7,9 @@ from pathlib import Path
 from cpcal.common.errors import InputError, Problems
 from cpcal.common.errors import Problem as Wrong
 from cpcal.files.tables import small_file
-from cpcal.problems.minibex_meaning import read_minibex
-from cpcal.problems.nl_reader import read_nl
-from cpcal.problems.stated_problem import StatedProblem
+from cpcal.problems.minibex import read_minibex
+from cpcal.problems.nl import read_nl
+from cpcal.problems.problem import StatedProblem
 
 MOST = 2**26  # bytes
 READERS = {".bch": read_minibex, ".mbx": read_minibex, ".nl": read_nl}

@@ -32,10 +32,9 @@ from pyomo.core.staleflag import StaleFlagManager
 from pyomo.repn.plugins.nl_writer import NLWriter
 
 from cpcal.common.version import __version__
-from cpcal.problems.answer import Answer, answer
-from cpcal.problems.nl_reader import read_nl
-from cpcal.solver.contract import Verdict
-from cpcal.solver.limits import Limits
+from cpcal.problems.nl import read_nl
+from cpcal.problems.problem import Answer, answer
+from cpcal.solver.contract import Limits, Verdict
 
 __all__ = ["CpcalConfig", "PooledSolutions", "PyomoCpcal", "SolverFactory"]
 

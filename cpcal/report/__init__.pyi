@@ -1,6 +1,6 @@
+from .leg_section import reading_sensitivity
 from .page import write_page, write_report
 from .result_table import ResultTable, result_table
-from .sensitivity import reading_sensitivity
 from .words import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices
 
 __all__ = [

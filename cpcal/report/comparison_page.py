@@ -2,22 +2,84 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import os
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from markupsafe import Markup
 
-from cpcal.common.atomic import write_file
 from cpcal.common.errors import printable
-from cpcal.common.numbers import at_least, at_most, bracket_text, short, stated
-from cpcal.report.dots import comparison_svg, legend
-from cpcal.report.origin import versions
-from cpcal.report.template import rendered
-from cpcal.report.words import LONGER, QUANTIFIER
-from cpcal.results import Comparison, Entry, Explained, Undetermined
+from cpcal.common.files import write_file
+from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, short, stated
+from cpcal.files.run_folder import REPORT_NAME
+from cpcal.files.tables import guarded
+from cpcal.report.page import rendered, versions
+from cpcal.report.svg import DASHES, DOT, EDGE, INK, MASS, SUPPORT, Axes, Figure, text_width, ticks
+from cpcal.report.words import LONGER, QUANTIFIER, SHORT_QUANTIFIER, overall
+from cpcal.results import Comparison, Entry, Explained, LegResult, Result, Undetermined, verdict_of
 from cpcal.solver.contract import Verdict
+
+# ------------------------------------------------------------------------------------------------------------------
+# The figure of a comparison: for every subject a row, for every model a mark at its smallest eps.
+
+MOST_ROWS = 40  # subjects that are drawn
+_MARKS = (("o", DOT), ("s", EDGE), ("D", SUPPORT), ("^", MASS))
+_WIDTH, _ROW = 388.8, 23.0  # points
+
+
+def comparison_svg(comparison: Comparison) -> str:
+    """Marks between eps_lo and eps_hi, a line between the two where they differ, the tolerance as a dashed line."""
+    subjects = list(dict.fromkeys(entry.subject for entry in comparison.entries))[:MOST_ROWS]
+    models = list(comparison.models)
+
+    shown = [e for e in comparison.entries if e.subject in subjects and math.isfinite(e.eps_lo)]
+    most = max([*_ends(shown), comparison.tolerance or 0.0]) or 1.0
+    figure = Figure(_WIDTH, 40.0 + _ROW * len(subjects))
+    frame = (14.0 + text_width(subjects), 6.0, _WIDTH - 10.0, figure.height - 32.0)
+    axes = Axes(figure, frame, (0.0, 1.05 * most), (len(subjects) - 0.5, -0.5))
+    label = "smallest eps" + (" [mm]" if comparison.campaign_sha256 else "")
+    axes.x_axis(ticks(*axes.x), label, grid=True)
+    axes.rows(subjects)
+    for entry in shown:
+        _mark(axes, subjects.index(entry.subject), entry, models)
+    if comparison.tolerance is not None:
+        at = comparison.tolerance
+        axes.line([(at, len(subjects) - 0.5), (at, -0.5)], INK, 1.0, DASHES)
+    return figure.svg("The smallest eps of every model, a row for each leg or subject")
+
+
+def _ends(entries: Sequence[Entry]) -> list[float]:
+    return [end for entry in entries for end in (entry.eps_lo, entry.eps_hi) if math.isfinite(end)]
+
+
+def legend(models: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Name, mark and colour of every model, for the caption."""
+    signs = {"o": "●", "s": "■", "D": "◆", "^": "▲"}
+    return [(name, signs[_style(k)[0]], _style(k)[1]) for k, name in enumerate(models)]
+
+
+def _style(number: int) -> tuple[str, str]:
+    return _MARKS[number % len(_MARKS)]
+
+
+def _mark(axes: Axes, row: int, entry: Entry, models: Sequence[str]) -> None:
+    shape, colour = _style(models.index(entry.model))
+    if math.isfinite(entry.eps_hi):
+        axes.line([(entry.eps_lo, row), (entry.eps_hi, row)], colour, 1.5)
+        middle = [(0.5 * (entry.eps_lo + entry.eps_hi), row)]
+        if shape == "o":
+            axes.dots(middle, colour, 6.0)
+        else:
+            axes.marks(middle, shape, colour, 6.0)
+    else:  # known from below only
+        axes.marks([(entry.eps_lo, row)], ">", colour, 6.0)
+
 
 COMPARISON_PAGE = "compare.html"
 _MOST_LINES = 8  # subjects that have a line in a terminal
@@ -152,3 +214,111 @@ def _context(comparison: Comparison) -> dict[str, Any]:
         "versions": versions(),
         "certificates": any(e.certificate for e in comparison.entries),
     }
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The summary of many campaigns: a page and a table, the worst first.
+
+SUMMARY_PAGE = "summary.html"
+SUMMARY_TABLE = "summary.csv"
+_LINES = 5  # campaigns that are printed
+_HEADER = ("campaign", "leg", "verdict", "eps_lo_mm", "eps_hi_mm", "certified", "nodes", "seconds")
+
+
+@dataclass(frozen=True)
+class CampaignRow:
+    """A campaign by the name of its folder, and what was found."""
+
+    name: str
+    result: Result
+    worst: LegResult
+
+    @property
+    def seconds(self) -> float:
+        return sum(leg.seconds for leg in self.result.legs)
+
+
+@dataclass(frozen=True)
+class CampaignsSummary:
+    """The page, and what is printed of it."""
+
+    path: Path
+    lines: tuple[str, ...]
+
+
+def row_of(name: str, result: Result) -> CampaignRow:
+    """A result with at least one leg."""
+    return CampaignRow(name, result, max(result.legs, key=lambda leg: (leg.eps_lo, leg.eps_hi)))
+
+
+def write_campaigns(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int, folder: Path) -> CampaignsSummary:
+    """Write `summary.html` and `summary.csv`, sorted by the worst leg's eps; `missing` were not begun.
+
+    Raises InputError.
+    """
+    ordered = sorted(rows, key=lambda row: (-row.worst.eps_lo, row.name))
+    write_file(folder / SUMMARY_TABLE, summary_table(ordered))
+    context = {
+        "rows": [_cells(row) for row in ordered],
+        "failed": list(failed),
+        "missing": missing,
+        "said": SHORT_QUANTIFIER,
+        "head": _counts(rows, failed, missing),
+        "versions": versions(),
+    }
+    path = write_file(folder / SUMMARY_PAGE, rendered("campaigns.html.j2", context))
+    lines = [_counts(rows, failed, missing)]
+    lines += [
+        f"  {row.name}: {_judged(row)[1]}, leg {row.worst.leg}, eps {_eps(row.worst)} mm" for row in ordered[:_LINES]
+    ]
+    if len(ordered) > _LINES:
+        lines.append(f"  and {len(ordered) - _LINES:,} with smaller errors")
+    return CampaignsSummary(path, tuple(lines))
+
+
+def _counts(rows: Sequence[CampaignRow], failed: Sequence[str], missing: int) -> str:
+    parts = [f"{len(rows):,} campaigns certified, the worst first"]
+    parts += [f"{len(failed):,} could not be used"] if failed else []
+    parts += [f"{missing:,} not begun"] if missing else []
+    return "; ".join(parts)
+
+
+def _cells(row: CampaignRow) -> dict[str, str]:
+    kind, word = _judged(row)
+    return {
+        "name": row.name,
+        "link": f"{quote(row.name)}/{REPORT_NAME}",
+        "robot": row.result.robot,
+        "leg": str(row.worst.leg),
+        "kind": kind,
+        "word": word,
+        "eps": _eps(row.worst),
+        "legs": str(len(row.result.legs)) + (", interrupted" if row.result.interrupted else ""),
+        "seconds": nearest(row.seconds, 1),
+    }
+
+
+def _judged(row: CampaignRow) -> tuple[str, str]:
+    """Kind and word of the verdict: on all legs with a tolerance, else on the worst."""
+    passed, verdict = overall(row.result), verdict_of(row.result, row.worst)
+    return (verdict.kind, verdict.word) if passed is None else (passed.kind, passed.word)
+
+
+def _eps(leg: LegResult) -> str:
+    lo, hi = bracket_text(leg.eps_lo, leg.eps_hi)
+    return f"{lo} to {hi}"
+
+
+def summary_table(rows: Sequence[CampaignRow]) -> str:
+    """A row a leg; campaigns in their order, the worst leg of each first. Numbers are those of result.json."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(_HEADER)
+    for row in rows:
+        for leg in sorted(row.result.legs, key=lambda leg: (-leg.eps_lo, leg.leg)):
+            word = verdict_of(row.result, leg).word
+            bounds = (repr(leg.eps_lo), repr(leg.eps_hi))
+            table.writerow(
+                (guarded(row.name), leg.leg, word, *bounds, leg.certified, leg.nodes, nearest(leg.seconds, 3))
+            )
+    return text.getvalue()

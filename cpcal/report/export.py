@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
-from cpcal.report import drawing_frames
-from cpcal.report.drawing_frames import DrawingFrames, check_movable
-from cpcal.report.fitted import fitted
-from cpcal.report.origin import command
+from cpcal.common.values import Floats
+from cpcal.report import leg_section
+from cpcal.report.leg_section import DrawingFrames, check_movable
+from cpcal.report.overview import fitted
+from cpcal.report.page import command
 from cpcal.report.words import FRAME, overall
 from cpcal.results import LegResult, Result, model_of, verdict_of
 from cpcal.robot import Campaign
@@ -45,7 +45,7 @@ def exported(campaign: Campaign, result: Result, frames: DrawingFrames | None = 
         robot=result.robot,
         model=result.model.name,
         not_compared=result.model.not_compared or None,
-        frame=FRAME if frames is None else drawing_frames.FRAME,
+        frame=FRAME if frames is None else leg_section.DRAWING_FRAME,
         tolerance=result.options.tolerance,
         verdict=None if verdict is None else verdict.word.lower() if certified else NOT_CERTIFIED,
         missing_legs=sorted({*range(1, campaign.legs + 1)} - {leg.leg for leg in result.legs}) or None,

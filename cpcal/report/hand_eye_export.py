@@ -10,8 +10,8 @@ import math
 from collections.abc import Callable
 
 from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
-from cpcal.handeye.exact_errors import exact_rotation
-from cpcal.handeye.hand_eye_result import HandEyeResult
+from cpcal.handeye.certify import HandEyeResult
+from cpcal.handeye.rows import exact_rotation
 
 
 def hand_eye_text(found: HandEyeResult, form: str) -> str:

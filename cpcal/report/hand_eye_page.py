@@ -3,20 +3,59 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.common.atomic import write_file
+from cpcal.common.files import write_file
 from cpcal.common.numbers import about, at_least, at_most, bracket_text, gap_text, nearest, rounded_down, rounded_up
-from cpcal.handeye.hand_eye_result import HandEyeResult
-from cpcal.handeye.hand_eye_words import frames_of, names_of, sentences
-from cpcal.report.bars import Enclosure, enclosure_svg
-from cpcal.report.image_errors import image_errors_svg
-from cpcal.report.origin import versions
-from cpcal.report.template import rendered
+from cpcal.handeye.certify import HandEyeResult
+from cpcal.handeye.words import frames_of, names_of, sentences
+from cpcal.report.page import rendered, versions
+from cpcal.report.svg import (
+    DASHES,
+    DOT,
+    GRID,
+    INK,
+    SUPPORT,
+    Axes,
+    Enclosure,
+    Figure,
+    enclosure_svg,
+    label_room,
+    tick_labels,
+    ticks,
+)
+
+# ------------------------------------------------------------------------------------------------------------------
+# A figure: the largest error of a pixel in each image.
+
+_SIZE = (620.0, 190.0)  # points
+
+
+def image_errors_svg(images: Sequence[tuple[str, float, bool]], full: float, dashed: float, label: str) -> str:
+    """Name, px and whether it is within the tolerance, of each image; two lines across, px."""
+    drawn = [min(value, 1e6) for _, value, _ in images]
+    top = 1.08 * max([*drawn, dashed, full, 1e-9])
+    numbers = ticks(0.0, top, 5)
+    figure, count = Figure(*_SIZE), len(images)
+    left = label_room(tick_labels(numbers)) + 8.0
+    axes = Axes(figure, (left, 6.0, _SIZE[0] - 12.0, _SIZE[1] - 32.0), (0.0, count + 1.0), (0.0, top))
+    axes.y_axis(numbers, "largest error [px]", grid=True)
+    axes.x_axis(
+        [t for t in ticks(0.0, count + 1.0, 12, whole=True) if 1.0 <= t <= count], "image, in the order of poses.csv"
+    )
+    for (name, exact, ok), value, k in zip(images, drawn, range(1, count + 1), strict=True):
+        axes.line([(k, 0.0), (k, value)], GRID, 1.2)
+        axes.dots([(k, value)], DOT if ok else SUPPORT, 5.0)
+        axes.hover([(k, value)], [f"{name}: {at_most(exact, 4)} px"])
+    axes.line([(0.0, full), (count + 1.0, full)], INK, 1.0)
+    axes.line([(0.0, dashed), (count + 1.0, dashed)], INK, 1.0, DASHES)
+    return figure.svg(label)
+
 
 HAND_EYE_PAGE = "handeye.html"
 _MOST = 40  # rows of a table

@@ -3,25 +3,158 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 from markupsafe import Markup
 
-from cpcal.common.numbers import about, bracket_text, nearest, plain_gap, rounded_down, rounded_up
-from cpcal.legs import PARAMETERS, LegModel, model_residuals
-from cpcal.report.advice import FEW, Advice, advise, measurement_names, support_numbers
-from cpcal.report.bars import Enclosure, enclosure_svg
-from cpcal.report.drawing_frames import DrawingFrames
-from cpcal.report.fitted import Fitted, fitted
-from cpcal.report.pairs import eps_text, pairs
-from cpcal.report.plot import MOST_POINTS, Residuals, residual_svg
-from cpcal.report.sensitivity import reading_sensitivity
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.numbers import about, bracket_text, nearest, plain_gap, rounded_down, rounded_up, stated
+from cpcal.common.values import Floats
+from cpcal.legs import PARAMETERS, PLAIN, LegModel, model_residuals, reading_sensitivities
+from cpcal.report.overview import FEW, Advice, Fitted, advise, fitted, measurement_names, support_numbers
+from cpcal.report.svg import MOST_POINTS, Enclosure, Panel, Residuals, enclosure_svg, in_view, panel_svg, residual_svg
 from cpcal.report.words import center_sentence, fit_sentence, leg_sentence
 from cpcal.results import LegResult, Result, contractors_sentences, verdict_of
-from cpcal.robot import Campaign
+from cpcal.robot import Campaign, rotation_matrix
 from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.interval import Box
+
+if TYPE_CHECKING:
+    from cpcal.calibration import CalibrationRecord
+
+# ------------------------------------------------------------------------------------------------------------------
+# How far the residual of each measurement can move while its reading stays in its set.
+
+
+def reading_sensitivity(campaign: Campaign, leg: int, parameters: npt.ArrayLike, model: LegModel = PLAIN) -> Floats:
+    """Sensitivity of `g(x, M_k)` about its value at the centre of the reading set, (N,) mm; to first order.
+
+    With v = P + R b - a and b' = R b: `sum p_i |v_i|/|v| + sum r_j |(b' x (P - a))_j|/|v| + lambda`
+    (DESIGN section 5); of other models by their derivatives. Plain floating point, for drawing; no proof rests on it.
+    0 for exact readings.
+    """
+    if model.name != PLAIN.name:
+        return reading_sensitivities(campaign, leg, parameters, model)
+    x = np.asarray(parameters, np.float64)
+    arm = rotation_matrix(campaign.quaternion) @ x[3:6]
+    base = campaign.position - x[:3]
+    vector = base + arm
+    distance = np.linalg.norm(vector, axis=1)
+    moved = np.sum(campaign.position_radius * np.abs(vector), axis=1)
+    turned = np.sum(campaign.rotation_radius * np.abs(np.cross(arm, base)), axis=1)
+    safe = np.where(distance > 0.0, distance, 1.0)
+    return np.asarray((moved + turned) / safe + campaign.length_radius[:, leg - 1])
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What the page says of a leg's parameters two at a time, from the proved half-planes of the result.
+
+
+def pairs(campaign: Campaign, result: Result, leg: LegResult) -> dict[str, Any] | None:
+    """The panels and what their caption says; None where the result has none."""
+    if leg.projections is None:
+        return None
+    panels = _panels(campaign, result, leg)
+    eps = leg.projections.eps
+    return {
+        "svgs": [Markup(_svg(leg.leg, panel)) for panel in panels],  # made by us
+        "eps": eps_text(result, eps),
+        "margin": about(eps / leg.eps_hi) if result.options.eps is None and 0.0 < leg.eps_hi < eps else None,
+        "proved_point": leg.point is not None,
+        "fit": any(in_view(panel, panel.fit) for panel in panels),
+        "nominal": any(in_view(panel, panel.nominal) for panel in panels),
+    }
+
+
+def eps_text(result: Result, eps: float) -> str:
+    """An eps that the user gave as it was given; another one rounded down: what holds to within eps, holds to within
+    less."""
+    return stated(eps) if eps in (result.options.eps, result.options.tolerance) else bracket_text(eps, eps)[0]
+
+
+def _panels(campaign: Campaign, result: Result, leg: LegResult) -> list[Panel]:
+    assert leg.projections is not None
+    box = leg.projections.box
+    point = None if leg.point is None else np.array(leg.point[:7])
+    fit = np.array(leg.center[:7]) if result.options.center == "fit" else None
+    nominal = campaign.robot.parameters[leg.leg - 1]
+    origin = box.mid[:7] if point is None else point
+    panels = []
+    for projection in leg.projections.pairs:
+        k = [PARAMETERS.index(name) for name in projection.parameters]
+        points = (None if point is None else point[k], None if fit is None else fit[k], nominal[k])
+        panels.append(Panel(projection.parameters, box.lo[k], box.hi[k], projection.half_planes, origin[k], *points))
+    return panels
+
+
+def _svg(leg: int, panel: Panel) -> str:
+    widths = [plain_gap(float(lo), float(hi)) for lo, hi in zip(panel.lo, panel.hi, strict=True)]
+    label = (
+        f"Leg {leg}: polygon that holds {panel.names[0]} and {panel.names[1]}, "
+        f"in a rectangle of {widths[0]} by {widths[1]} mm"
+    )
+    return panel_svg(panel, label=label)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Parameters in the frames of the robot's drawing, where a study found how camera and target stand in them.
+
+DRAWING_FRAME = (
+    "a: base joint centre, in the base frame of the robot's drawing; b: mobile joint centre, in its mobile frame; "
+    "l: length offset. These frames are estimates of the study: certified values were moved by them, ranges are the "
+    "hulls of the moved boxes."
+)
+_ROUNDING = 1e-9  # mm, more than moving a box in float64 can lose
+
+
+@dataclass(frozen=True, eq=False)
+class DrawingFrames:
+    """Camera in the base frame and target in the mobile frame: rotations (3, 3) and positions (3,), mm."""
+
+    camera: tuple[Floats, Floats]
+    target: tuple[Floats, Floats]
+
+    @classmethod
+    def of(cls, record: CalibrationRecord) -> DrawingFrames:
+        camera, target = (
+            (rotation_matrix(np.array([frame.quaternion]))[0], np.array(frame.position))
+            for frame in (record.frames.camera_in_base, record.frames.target_in_mobile)
+        )
+        return cls(camera, target)
+
+    def point(self, x: Floats) -> Floats:
+        """Parameters (n,); those of the model, after l, stay."""
+        return self._moved(x, lambda rotation, at, part: rotation @ part + at)
+
+    def box(self, lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
+        """A box that holds all parameters of the box `lo`, `hi` (n,)."""
+        radius = self._moved(0.5 * (hi - lo), lambda rotation, _, part: np.abs(rotation) @ part)
+        middle = self.point(0.5 * (lo + hi))
+        return middle - radius - _ROUNDING, middle + radius + _ROUNDING
+
+    def _moved(self, x: Floats, move: object) -> Floats:
+        assert callable(move)
+        parts = [move(*self.camera, x[:3]), move(*self.target, x[3:6]), x[6:]]
+        return np.concatenate(parts)
+
+
+def frames_of_run(result: Result, record: CalibrationRecord, where: str) -> DrawingFrames:
+    """The frames of the study that the run's campaign comes from. Raises InputError where the record is of another."""
+    if record.campaign_sha256 != result.campaign_sha256:
+        what = "holds the frames of another study: the SHA-256 of its campaign differs"
+        raise InputError([Problem(where, what, "name the folder that cpcal calibrate wrote with the run's campaign")])
+    return DrawingFrames.of(record)
+
+
+def check_movable(result: Result) -> None:
+    """InputError for a model whose own parameters depend on the frames."""
+    if result.model.name not in ("plain", "gain", "lateral"):
+        what = f"has the model {result.model.name!r}, whose own parameters depend on the frames"
+        raise InputError([Problem("run", what, "export it in the campaign's frames")])
+
 
 _DECIMALS = {"mm": 4}  # of parameters in this unit
 _MORE = 9  # of others, such as shares

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
+from cpcal.common.values import Floats
 from cpcal.report.svg import Axes, Figure, label_room, tick_labels, ticks
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box

@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from cpcal.common.atomic import write_file
+from cpcal.common.files import write_file
 from cpcal.common.numbers import about, at_least, at_most, nearest
-from cpcal.handeye.exact_errors import above, exact_errors, largest
-from cpcal.handeye.hand_eye_study import HandEyeStudy
-from cpcal.handeye.hand_eye_words import frames_of, wrong_sentences
+from cpcal.handeye.rows import above, exact_errors, largest
+from cpcal.handeye.study import HandEyeStudy
+from cpcal.handeye.words import frames_of, wrong_sentences
 from cpcal.handeye.wrong_images import WrongImages
-from cpcal.report.image_errors import image_errors_svg
-from cpcal.report.origin import versions
-from cpcal.report.template import rendered
+from cpcal.report.hand_eye_page import image_errors_svg
+from cpcal.report.page import rendered, versions
 
 WRONG_PAGE = "handeye-wrong.html"
 

@@ -1,7 +1,29 @@
 from .comparison import COMPARISON_NAME, Comparison, Entry, comparison_text, load_comparison, save_comparison
-from .determination import Determination
-from .leg_sentence import INFORMATION, contractors_sentences, information, proved_sentence, status_of
-from .leg_verdict import (
+from .result import (
+    ARITHMETICS,
+    CENTERS,
+    METHODS,
+    RESULT_NAME,
+    SUPPORTS,
+    CampaignNote,
+    Determination,
+    LegResult,
+    ModelNote,
+    Options,
+    Projection,
+    Projections,
+    Ranges,
+    Result,
+    SupportProof,
+    Uncertified,
+    VerifiedPoint,
+    load_result,
+    model_of,
+    result_text,
+    save_result,
+)
+from .verdict import (
+    INFORMATION,
     Bounded,
     Explained,
     LegVerdict,
@@ -9,26 +31,13 @@ from .leg_verdict import (
     Undecided,
     Undetermined,
     Unexplained,
+    contractors_sentences,
+    information,
+    proved_sentence,
+    status_of,
     verdict_of,
     verdict_on,
 )
-from .options import ARITHMETICS, CENTERS, METHODS, SUPPORTS, Options
-from .projection import Projection, Projections
-from .ranges import Ranges
-from .result import (
-    RESULT_NAME,
-    CampaignNote,
-    LegResult,
-    ModelNote,
-    Result,
-    Uncertified,
-    load_result,
-    model_of,
-    result_text,
-    save_result,
-)
-from .support_proof import SupportProof
-from .verified_point import VerifiedPoint
 
 __all__ = [
     "ARITHMETICS",

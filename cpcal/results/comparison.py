@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cpcal.files.codec import INFORMED, checked, load, save, text_of
-from cpcal.results.determination import Determination, wide
-from cpcal.results.leg_verdict import EpsBracket, LegVerdict, compared, verdict_on
-from cpcal.results.options import Options
+from cpcal.results.result import Determination, Options, wide
+from cpcal.results.verdict import EpsBracket, LegVerdict, compared, verdict_on
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 

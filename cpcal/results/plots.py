@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import html
 import math
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from cpcal.common.numbers import stated
+from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.numbers import bracket_text, stated
 from cpcal.legs import PLAIN, LegModel, model_residuals
-from cpcal.results.leg_verdict import verdict_of
 from cpcal.results.result import LegResult, Result
+from cpcal.results.verdict import EpsBracket, verdict_of, verdict_on
 from cpcal.robot import Campaign
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from cpcal.results.result import LegResult, Result
 
 _COLOURS = {  # by the kind of a verdict
     "explained": "#17693a",
@@ -85,3 +93,71 @@ def _axes(ax: Axes | None) -> Axes:
     from matplotlib import pyplot  # which chooses a window system
 
     return pyplot.subplots()[1]
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What a notebook shows of results, as HTML: text escaped, bounds rounded to the side on which they stay proved.
+
+
+def leg_html(leg: LegResult) -> str:
+    """The proved bounds. The verdict needs the question, which the result has."""
+    hi = leg.eps_hi if leg.point is not None else math.inf
+    said = verdict_on(EpsBracket(leg.eps_lo, hi), None).sentence
+    return f"<p><b>Leg {_escaped(leg.leg)}.</b> {_escaped(said)}</p>"
+
+
+def result_html(result: Result) -> str:
+    """A table, a row a leg."""
+    eps = result.options.eps
+    names = ("eps_lo [mm]", "eps_hi [mm]") if eps is None else ("eps asked [mm]",)
+    header = "".join(f"<th>{name}</th>" for name in ("leg", "verdict", *names, "certified", "support", "sentence"))
+    rows = []
+    for leg in result.legs:
+        verdict = verdict_of(result, leg)
+        bounds = bracket_text(leg.eps_lo, leg.eps_hi) if eps is None else (stated(eps),)
+        certified = "yes" if leg.certified else "no"
+        cells = (leg.leg, verdict.word, *bounds, certified, len(leg.support), verdict.sentence)
+        rows.append("<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in cells) + "</tr>")
+    title = f"{_escaped(result.robot)}: {result.measurements:,} measurements"
+    stopped = "; interrupted: what is shown was proved until then" if result.interrupted else ""
+    return (
+        f"<table><caption>{title}{stopped}</caption><thead><tr>{header}</tr></thead>"
+        f"<tbody>{''.join(rows)}</tbody></table>"
+    )
+
+
+def _escaped(value: object) -> str:
+    return html.escape(printable(str(value)))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# A result as a table of pandas, which is needed only here.
+
+
+def result_frame(result: Result) -> DataFrame:
+    """Raises InputError without pandas."""
+    try:
+        import pandas
+    except ImportError:
+        raise InputError([Problem("to_frame", "needs pandas", "pip install 'cpcal[frames]'")]) from None
+    return pandas.DataFrame([row for leg in result.legs for row in _rows(result, leg)])
+
+
+def _rows(result: Result, leg: LegResult) -> list[dict[str, Any]]:
+    known = leg.ranges
+    return [
+        {
+            "leg": leg.leg,
+            "parameter": name,
+            "unit": result.model.unit(name),
+            "center": leg.center[k],
+            "certified": math.nan if leg.point is None else leg.point[k],
+            "range_lo": math.nan if known is None else float(known.box.lo[k]),
+            "range_hi": math.nan if known is None else float(known.box.hi[k]),
+            "range_eps": math.nan if known is None else known.eps,
+            "verdict": verdict_of(result, leg).word,
+            "eps_lo": leg.eps_lo,
+            "eps_hi": leg.eps_hi,
+        }
+        for k, name in enumerate(result.parameters)
+    ]

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import math
+import operator
 import os
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.numbers import plain_gap, stated
 from cpcal.files.codec import INFORMED, checked, informed, load, save, text_of
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.folders import campaign_sha256, save_campaign_json
 from cpcal.legs import BUILT_IN, PARAMETERS, PLAIN, LegModel, Parameter, leg_model, model_name_problem
-from cpcal.results.determination import Determination
-from cpcal.results.options import Options
-from cpcal.results.projection import Projections
-from cpcal.results.ranges import Ranges
-from cpcal.results.support_proof import SupportProof
-from cpcal.results.verified_point import VerifiedPoint
 from cpcal.solver.accounts import ContractorUse, Trial
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
@@ -30,6 +29,340 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from cpcal.robot import Campaign
+
+# ------------------------------------------------------------------------------------------------------------------
+# What a user asks of `certify` and `compare`: one frozen value that checks itself, stored in every result.
+
+CENTERS = ("fit", "nominal", "plain")
+SUPPORTS = ("few", "irreducible", "none")
+METHODS = ("bound", "timeout")
+ARITHMETICS = ("float64", "arb")
+LARGEST_DELTA = 1e6  # mm: a kilometre
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """The options of `cpcal.certify`, whose help says what they mean. Lengths in mm, times in seconds.
+
+    Raises InputError with every problem that shows without the campaign.
+    """
+
+    legs: tuple[int, ...] | None = field(default=None, metadata=checked("the legs that are there"))
+    delta: float = field(default=100.0, metadata=checked("the box of each certificate"))
+    center: str = field(default="fit", metadata=INFORMED)
+    gap: float = field(default=1e-6, metadata=INFORMED)
+    time_limit: float | None = field(default=None, metadata=INFORMED)
+    node_limit: int | None = field(default=None, metadata=INFORMED)
+    contractors: tuple[str, ...] = field(default=("lifted",), metadata=INFORMED)
+    arithmetic: str = field(default="float64", metadata=INFORMED)
+    eps: float | None = field(default=None, metadata=checked("the box and the cap of each certificate"))
+    tolerance: float | None = field(default=None, metadata=INFORMED)
+    support: str = field(default="few", metadata=INFORMED)
+    method: str = field(default="bound", metadata=INFORMED)
+    model: str | None = field(default=None, metadata=INFORMED)
+    half_widths: Mapping[str, float] = field(default_factory=dict, metadata=INFORMED)
+
+    def __post_init__(self) -> None:
+        problems = [*self._normalised(), *self._problems()]
+        if problems:
+            raise InputError(problems)
+
+    def _normalised(self) -> Iterator[Problem]:
+        """Sequences become tuples, numbers float64: a result that was read again equals the one that was written."""
+        yield from self._set("legs", lambda legs: tuple(map(_whole, legs)))
+        yield from self._set("contractors", _names)
+        for name in ("delta", "gap", "time_limit", "eps", "tolerance"):
+            yield from self._set(name, _number)
+        yield from self._set("node_limit", _whole)
+        yield from self._set("half_widths", _numbers)
+
+    def _set(self, name: str, kind: Any) -> Iterator[Problem]:
+        value = getattr(self, name)
+        if value is None:
+            return
+        try:
+            object.__setattr__(self, name, kind(value))
+        except (TypeError, ValueError, OverflowError):
+            object.__setattr__(self, name, getattr(Options, name, None))
+            yield Problem(name, f"{value!r:.60} is not what this option takes", "see `cpcal certify --help`")
+
+    def _problems(self) -> Iterator[Problem]:
+        legs = self.legs or ()
+        if self.legs == ():
+            yield Problem("legs", "names no leg", "name one at least, or leave it out for all")
+        if len(set(legs)) < len(legs):
+            yield Problem("legs", "a leg is named twice", "name each once")
+        if not _nonnegative(self.delta):
+            yield Problem("delta", f"{self.delta} is no half-width", "give a number of mm, 0 or more")
+        elif self.delta > LARGEST_DELTA:
+            what = f"{self.delta} mm is wider than any robot"
+            yield Problem("delta", what, f"give {LARGEST_DELTA} mm (a kilometre) at most")
+        if not 0.0 <= self.gap < 1.0:
+            yield Problem("gap", f"{self.gap} is no relative gap", "give a number from 0 to below 1, such as 1e-6")
+        if self.time_limit is not None and not self.time_limit > 0.0:
+            yield Problem("time_limit", f"{self.time_limit} is no time", "give a positive number of seconds")
+        if self.node_limit is not None and self.node_limit < 1:
+            yield Problem("node_limit", f"{self.node_limit} is no number of boxes", "give a whole number, 1 or more")
+        for name in ("eps", "tolerance"):
+            value = getattr(self, name)
+            if value is not None and not _nonnegative(value):
+                yield Problem(name, f"{value} is no tolerance", "give a number of mm, 0 or more")
+        choices = {"center": CENTERS, "support": SUPPORTS, "method": METHODS, "arithmetic": ARITHMETICS}
+        for name, known in choices.items():
+            if getattr(self, name) not in known:
+                what = f"{getattr(self, name)!r:.60} is not known"
+                yield Problem(name, what, f"use one of {', '.join(known)}")
+        if self.method == "timeout":
+            yield from self._timeout_problems()
+
+    def _timeout_problems(self) -> Iterator[Problem]:
+        if self.eps is not None:
+            yield Problem("method", "timeout seeks the smallest eps", "leave eps out")
+        if self.time_limit is None:
+            remedy = "give a number of seconds a leg, such as 60"
+            yield Problem("time_limit", "is missing, and method timeout may go on for ever", remedy)
+
+    def words(self) -> list[str]:
+        """The options of `cpcal certify` that say the same; those that decide the answer are always named."""
+        out = [] if self.legs is None else ["--legs", ",".join(map(str, self.legs))]
+        out += ["--delta", repr(self.delta), "--center", self.center, "--gap", repr(self.gap)]
+        out += ["--contractors", ",".join(self.contractors), "--arithmetic", self.arithmetic]
+        if self.model is not None:
+            out += ["--model", self.model]
+        for name, width in self.half_widths.items():
+            out += ["--half-width", f"{name}={width!r}"]
+        for name in ("eps", "tolerance", "time_limit", "node_limit"):
+            value = getattr(self, name)
+            out += [] if value is None else [f"--{name.replace('_', '-')}", repr(value)]
+        for name, usual in (("method", "bound"), ("support", "few")):
+            out += [f"--{name}", getattr(self, name)] if getattr(self, name) != usual else []
+        return out
+
+
+def _nonnegative(value: float) -> bool:
+    return math.isfinite(value) and value >= 0.0
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, str | bool):
+        raise TypeError
+    return float(value)
+
+
+def _numbers(value: Mapping[str, Any]) -> dict[str, float]:
+    return {str(key): _number(number) for key, number in value.items()}
+
+
+def _whole(value: Any) -> int:
+    if isinstance(value, bool):
+        raise TypeError
+    return operator.index(value)
+
+
+def _names(value: Sequence[Any]) -> tuple[str, ...]:
+    if isinstance(value, str) or not all(isinstance(name, str) for name in value):
+        raise TypeError
+    return tuple(value)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What few measurements of a leg prove by themselves: plain values.
+
+
+@dataclass(frozen=True)
+class SupportProof:
+    """Proved: no parameters in the leg's box satisfy the equations of its support to within less than `eps_lo` (mm).
+
+    With one eps that was asked about it is that one, and refuted. `certificate`: the file that claims exactly this.
+    Raises ValueError for a bound that says nothing.
+    """
+
+    eps_lo: float = field(metadata=checked("the bound of the certificate, by the support alone"))
+    certificate: str = field(metadata=checked("a file of the run, which is accepted"))
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.eps_lo) or self.eps_lo < 0.0:
+            raise ValueError("eps_lo of the support is no bound")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# In which range each parameter of a leg lies, if the leg's equations are to hold to within some eps: plain values.
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Proved: all parameters in the leg's box that satisfy its equations to within `eps` (mm) lie in `box`.
+
+    "Satisfies": THERE EXISTS for every measurement a reading in its set. `certificate`: the file that claims exactly
+    this; None: proved in outward-rounded arithmetic, and nobody can check it again. Raises ValueError for an eps that
+    is no tolerance, and for a box that holds nothing.
+    """
+
+    eps: float = field(metadata=checked("the cap of the certificate", "certificate"))
+    box: Box = field(metadata=checked("the enclosure of the certificate", "certificate"))
+    certificate: str | None = field(default=None, metadata=checked("a file of the run, which is accepted"))
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.eps < math.inf:
+            raise ValueError("eps of the ranges is no tolerance")
+        if self.box.is_empty:
+            raise ValueError("the ranges are empty")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Projections of a set of parameters on planes of two of them, as proved half-planes: plain values.
+
+HalfPlane = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Projection:
+    """The set lies where `u x + v y <= c` for every (u, v, c) of `half_planes`, (x, y) being two `parameters` in mm."""
+
+    parameters: tuple[str, str]
+    half_planes: tuple[HalfPlane, ...]
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for half-planes without a direction, or that are not finite."""
+        if self.parameters[0] == self.parameters[1]:
+            raise ValueError(f"{self.parameters} are not two parameters")
+        for plane in self.half_planes:
+            if plane[0] == plane[1] == 0.0 or not all(map(math.isfinite, plane)):
+                raise ValueError(f"{plane} is no half-plane")
+
+
+@dataclass(frozen=True)
+class Projections:
+    """What holds all parameters that satisfy a leg's equations to within `eps`, of those it was asked about.
+
+    "Satisfies": THERE EXISTS for every measurement a reading in its set. `box` and each of `pairs` hold for themselves.
+    """
+
+    eps: float
+    box: Box
+    pairs: tuple[Projection, ...]
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for an eps or a box that is not finite, and parameters that the box has not."""
+        bounds = (self.eps, *self.box.lo.tolist(), *self.box.hi.tolist())
+        if not all(map(math.isfinite, bounds)):
+            raise ValueError("eps or the box of the projections is not finite")
+        if not {name for pair in self.pairs for name in pair.parameters} <= set(self.box.names):
+            raise ValueError("a projection is of parameters that are not there")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# A given point of one leg, measurement by measurement, as plain values (section 5.1.2 of the paper).
+
+
+@dataclass(frozen=True)
+class VerifiedPoint:
+    """Of N measurements at tolerance `eps` (mm): how many the point is proved to satisfy, and to fail.
+
+    It satisfies measurement k when THERE EXISTS a reading in its set with |g(x, M_k)| <= eps (and the leg is longer
+    than eps); it fails when there is none. Of the others nothing is proved.
+    """
+
+    eps: float
+    holds: int
+    fails: int
+    count: int
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for counts that do not go together."""
+        if min(self.holds, self.fails) < 0 or self.holds + self.fails > self.count:
+            raise ValueError("holds and fails are not counts of the measurements")
+        if not 0.0 <= self.eps < math.inf:
+            raise ValueError("eps is no tolerance")
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the statement that the point is a solution."""
+        if self.fails:
+            return Verdict.REFUTED
+        return Verdict.PROVED if self.holds == self.count else Verdict.UNKNOWN
+
+    def sentence(self, name: str) -> str:
+        """What is proved of the point called `name`."""
+        within = "exactly" if self.eps == 0.0 else f"to within {stated(self.eps)} mm"
+        equations = f"{self.holds:,} of the {self.count:,} equations {within} for some readings in their sets"
+        if self.verdict is Verdict.PROVED:
+            return f"{name} is a solution: it satisfies all {self.count:,} equations {within} for some readings."
+        refuting = f"{self.fails:,} measurement{'' if self.fails == 1 else 's'} refute it" if self.fails else ""
+        unknown = self.count - self.holds - self.fails
+        rest = [text for text in (refuting, f"{unknown:,} are undecided" if unknown else "") if text]
+        return f"{name} satisfies {equations}; {', '.join(rest)}."
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Whether the measurements of a leg determine its parameters: plain values.
+#
+# Two rules. The rank of the equations, in floating point, tells which parameters they leave open. And where all that is
+# proved of a parameter is a wide range, it is not shown to be determined, whatever the rank is.
+
+SHARE = 0.5  # of its side of the box: an enclosure that fills more is wide
+KNOWN = 10.0  # mm: a box of this half-width or less states the parameters by itself, and no range in it is wide
+_LENGTHS = 7  # the parameters (a, b, l), which have the half-width of the box
+
+
+@dataclass(frozen=True)
+class Determination:
+    """The `rank` of the Jacobian of so many equations in `of` parameters, and those that they leave `undetermined`."""
+
+    measurements: int
+    of: int
+    rank: int
+    undetermined: tuple[str, ...] = ()
+
+    @property
+    def tests_the_model(self) -> bool:
+        """Whether measurements are left to contradict the model, once the parameters are determined."""
+        return not self.undetermined and self.measurements > self.of
+
+    @property
+    def sentence(self) -> str:
+        """Empty when all is well."""
+        count = f"{self.measurements:,} measurement{'' if self.measurements == 1 else 's'}"
+        if self.undetermined:
+            names = ", ".join(self.undetermined)
+            return f"{count} of rank {self.rank} leave {len(self.undetermined)} of {self.of} parameters open: {names}."
+        if not self.tests_the_model:
+            return f"{count} determine {self.of} parameters, and none is left to test the model."
+        return ""
+
+
+@dataclass(frozen=True)
+class Wide:
+    """Parameters whose ranges, all that is proved of them, are more than half of the box: (name, lo, hi), in mm."""
+
+    ranges: tuple[tuple[str, float, float], ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(name for name, _, _ in self.ranges)
+
+    @property
+    def sentence(self) -> str:
+        """Empty when all is well."""
+        if not self.ranges:
+            return ""
+        widths = ", ".join(f"{name} ({plain_gap(lo, hi)} mm)" for name, lo, hi in self.ranges)
+        return (
+            f"The measurements are not shown to determine parameters that may fill more than half of the box: {widths}."
+        )
+
+
+NOTHING_WIDE = Wide()
+
+
+def wide(enclosure: Box, delta: float) -> Wide:
+    """Of an enclosure of all parameters that are as good as the best known, in a box of half-width `delta` (mm)."""
+    if enclosure.is_empty or delta <= KNOWN:
+        return NOTHING_WIDE
+    lo, hi = enclosure.lo[:_LENGTHS], enclosure.hi[:_LENGTHS]
+    found = np.flatnonzero(hi - lo > SHARE * 2.0 * delta)
+    return Wide(tuple((enclosure.names[k], float(lo[k]), float(hi[k])) for k in found))
+
 
 FORMAT = "cpcal-result/6"
 RESULT_NAME = "result.json"
@@ -138,8 +471,8 @@ class LegResult:
     certificate: str | None = field(default=None, metadata=checked("a file of the run, which is accepted"))
     not_certified: Uncertified = field(default=Uncertified.NOTHING, metadata=INFORMED)
     support_proof: SupportProof | None = None  # that the support by itself proves a bound
-    ranges: Ranges | None = None  # of the parameters at a tolerance; see cpcal.certify.certified_ranges
-    # what the report draws; see cpcal.certify.projections
+    ranges: Ranges | None = None  # of the parameters at a tolerance; see cpcal.certify.ranges
+    # what the report draws; see cpcal.certify.ranges
     projections: Projections | None = field(default=None, metadata=INFORMED)
     # the center of the box, as a solution at eps = 0 (or the eps asked about)
     verified: VerifiedPoint | None = field(default=None, metadata=informed("center_verified"))
@@ -191,7 +524,7 @@ class LegResult:
         return parameters_axes(self, ax)
 
     def _repr_html_(self) -> str:
-        from cpcal.results.notebook import leg_html  # which reads results
+        from cpcal.results.plots import leg_html  # which reads results
 
         return leg_html(self)
 
@@ -250,12 +583,12 @@ class Result:
 
     def to_frame(self) -> DataFrame:
         """A pandas table, a row a leg and parameter: center, proved point, range, and the leg's verdict and bracket."""
-        from cpcal.results.frame import result_frame
+        from cpcal.results.plots import result_frame
 
         return result_frame(self)
 
     def _repr_html_(self) -> str:
-        from cpcal.results.notebook import result_html
+        from cpcal.results.plots import result_html
 
         return result_html(self)
 

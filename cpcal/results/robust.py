@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cpcal.files.codec import INFORMED, checked, load, save
-from cpcal.results.options import Options
-from cpcal.results.result import CampaignNote, ModelNote
+from cpcal.results.result import CampaignNote, ModelNote, Options
 
 FORMAT = "cpcal-robust/2"
 ROBUST_NAME = "robust.json"

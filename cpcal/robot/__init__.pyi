@@ -6,39 +6,14 @@ from .kinematics import (
     KinematicsError,
     Pose,
     central_pose,
+    compose,
     forward_kinematics,
     forward_poses,
+    inverse,
     inverse_kinematics,
     leg_vectors,
-    pose_jacobian,
-)
-from .known_robots import (
-    DELTALAB,
-    ROBOTS,
-    KnownRobot,
-    PoseRange,
-    known_robot,
-)
-from .mechanisms import (
-    Mechanisms,
-)
-from .model_choice import (
-    ModelChoice,
-)
-from .motion import (
-    compose,
-    inverse,
-    transformed,
-)
-from .proved_pose import (
-    ProvedPose,
-    prove_pose,
-)
-from .robot import (
-    Robot,
-)
-from .rotation import (
     normalised,
+    pose_jacobian,
     quaternion_conjugate,
     quaternion_from_matrix,
     quaternion_from_rotation_vector,
@@ -46,15 +21,30 @@ from .rotation import (
     rotation_matrix,
     rotation_vector,
     small_rotation,
+    transformed,
+)
+from .proved_pose import (
+    ProvedPose,
+    prove_pose,
+)
+from .robot import (
+    DELTALAB,
+    EXACT_OR_NOT,
+    ROBOTS,
+    KnownRobot,
+    Mechanisms,
+    PoseRange,
+    Robot,
+    Uncertainty,
+    known_robot,
 )
 from .study import (
     PoseTable,
     Study,
     Truth,
 )
-from .uncertainty import (
-    EXACT_OR_NOT,
-    Uncertainty,
+from .units import (
+    ModelChoice,
 )
 
 __all__ = [

@@ -5,30 +5,288 @@ A campaign is a value: arrays are private copies and read-only. `cpcal.files` re
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+import itertools
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats, as_floats
-from cpcal.common.errors import InputError, Problem, Problems
-from cpcal.common.values import Value, frozen_array, frozen_mapping
-from cpcal.robot.campaign_arrays import (
-    DataFrame,
-    frame_columns,
-    in_mm,
-    stated_robot,
-    stated_uncertainty,
-    table_arguments,
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
+from cpcal.common.files import IDENTIFIER_REMEDY, NAME_REMEDY, TEXT_REMEDY, is_identifier, is_name, is_text
+from cpcal.common.numbers import about
+from cpcal.common.values import Floats, Value, as_floats, frozen_array, frozen_mapping
+from cpcal.robot.kinematics import Pose, leg_vectors, quaternion_conjugate, quaternion_product, rotation_vector
+from cpcal.robot.robot import KINDS, LARGEST, Robot, Uncertainty, good_numbers, known_robot, sizes
+from cpcal.robot.units import (
+    ANGLES,
+    LENGTHS,
+    ColumnSource,
+    ModelChoice,
+    RotationForm,
+    column_map,
+    half_widths,
+    is_angle,
+    is_length,
+    length_factor,
+    override_columns,
+    reading_columns,
+    require,
+    unit_problem,
 )
-from cpcal.robot.campaign_problems import ARRAYS, shape_problems, value_problems
-from cpcal.robot.columns import override_columns, reading_columns
-from cpcal.robot.model_choice import ModelChoice
-from cpcal.robot.robot import Robot
-from cpcal.robot.rotation_form import RotationForm
-from cpcal.robot.uncertainty import Uncertainty
+
+# ------------------------------------------------------------------------------------------------------------------
+# What users have in memory, as the arguments of a campaign: arrays or tables, in their units and rotation forms.
+
+
+class DataFrame(Protocol):
+    """What is used of a pandas DataFrame."""
+
+    @property
+    def columns(self) -> Any: ...
+
+    @property
+    def iloc(self) -> Any: ...
+
+
+def stated_robot(
+    robot: Robot | str | None,
+    base: npt.ArrayLike | None,
+    mobile: npt.ArrayLike | None,
+    offset: npt.ArrayLike | None,
+    name: str | None,
+) -> Robot:
+    """The robot that was given, whole, by its name in the catalogue, or by its joint centres."""
+    parts = {"base": base, "mobile": mobile, "offset": offset}
+    given = [key for key, value in parts.items() if value is not None]
+    if robot is not None:
+        if given:
+            raise InputError([Problem("robot", f"is given, and {given[0]} too", "give one of the two")])
+        return known_robot(robot).robot if isinstance(robot, str) else robot
+    missing = [key for key in parts if key not in given]
+    if missing:
+        remedy = "give base=(n, 3), mobile=(n, 3) and offset=(n,) in mm, or robot="
+        raise InputError([Problem("robot", f"{' and '.join(missing)} missing", remedy)])
+    return Robot("robot" if name is None else name, *(np.asanyarray(value) for value in parts.values()))
+
+
+def stated_uncertainty(
+    legs: int,
+    sigmas: Mapping[str, npt.ArrayLike | None],
+    factor: float,
+    uncertainty: Uncertainty | None,
+) -> Uncertainty | None:
+    """The uncertainty that standard deviations state; one number stands for all axes, or all legs."""
+    given = {kind: value for kind in KINDS if (value := sigmas[kind]) is not None}
+    if not given:
+        return uncertainty
+    if uncertainty is not None:
+        what = f"is given, and {next(iter(given))}_sigma too"
+        raise InputError([Problem("campaign uncertainty", what, "give one of the two")])
+    missing = [f"{kind}_sigma" for kind in KINDS if kind not in given]
+    if missing:
+        what = f"{' and '.join(missing)} missing"
+        raise InputError([Problem("campaign uncertainty", what, "give all three; 0 is exact")])
+    shapes = {"position": 3, "rotation": 3, "length": legs}
+    try:
+        rows = [np.broadcast_to(as_floats(given[kind]), shapes[kind]) for kind in KINDS]
+    except (TypeError, ValueError) as error:
+        remedy = f"give one number, or 3, 3 and {legs}"
+        raise InputError([Problem("campaign uncertainty", str(error)[:200], remedy)]) from None
+    return Uncertainty(rows[0], rows[1], rows[2], factor)
+
+
+def in_mm(values: npt.ArrayLike, unit: str, where: str) -> Floats:
+    """An array of lengths. Raises InputError."""
+    if isinstance(values, Robot):
+        remedy = "give positions, rotations and lengths first, and the robot as robot=; or use Campaign.of"
+        raise InputError([Problem(where, "are a Robot, not numbers", remedy)])
+    factor = length_factor(unit, where)
+    if isinstance(factor, Problem):
+        raise InputError([factor])
+    try:
+        array = as_floats(values)
+    except (TypeError, ValueError) as error:
+        raise InputError([Problem(where, str(error)[:200], "give an array of numbers")]) from None
+    return array if factor == 1.0 else np.asarray(factor * array)
+
+
+def targets(legs: int, form: RotationForm) -> list[str]:
+    """The names that columns can be mapped to."""
+    fixed = [name for name in reading_columns(legs) if name not in ("qw", "qx", "qy", "qz")]
+    return [*fixed, *form.columns, *override_columns(legs)]
+
+
+def mapped(
+    columns: str | Mapping[str, str], header: Sequence[str], legs: int, form: RotationForm
+) -> dict[str, ColumnSource]:
+    """The map of a table with this header; columns that are not mapped count under their own names.
+
+    Raises InputError for columns that are not there, and units that cannot be.
+    """
+    names = targets(legs, form)
+    found = column_map(columns, names)
+    taken = {source.name for source in found.values()}
+    for name in names:
+        if name not in found and name not in taken and name in header:
+            found[name] = ColumnSource(name)
+    problems = Problems()
+    for target, source in found.items():
+        if source.place(header) is None and source.name in header:
+            problems.add(Problem("map", f"{source.name!r} is there twice", 'give its number, as in "#2"'))
+        elif source.place(header) is None:
+            what = f"{target}: there is no column {shown(source.name)}"
+            problems.add(Problem("map", what, "the columns are " + ", ".join(map(shown, header[:40]))))
+        if (wrong := unit_problem(target, source.unit)) is not None:
+            problems.add(wrong)
+        if source.unit is None and is_angle(target) and target not in form.columns and source.name != target:
+            problems.add(Problem("map", f"{target} has no unit", f"write {target}={source.name}[deg] or [rad]"))
+    for one, other in itertools.combinations([name for name in found if re.fullmatch("L[0-9]+", name)], 2):
+        if found[one].place(header) == found[other].place(header) is not None:
+            what = f"{one} and {other} are the same column, {shown(found[one].name)}"
+            problems.add(Problem("map", what, "map each leg to its own"))
+    problems.raise_any(YOUR_DATA)
+    require(found, [*(n for n in names[: 5 + legs] if n not in ("pose", "run")), *form.columns], "map")
+    return found
+
+
+def unit_factor(target: str, source: ColumnSource, form: RotationForm) -> float:
+    """What a column's numbers are multiplied by to be in mm or rad, or as the rotation form takes them."""
+    if is_length(target):
+        return float(LENGTHS[source.unit or "mm"])
+    if is_angle(target):
+        own = form.unit if target in form.columns else "rad"
+        return 1.0 if source.unit in (None, own) else ANGLES[str(source.unit)] / ANGLES[own]
+    return 1.0
+
+
+def table_arguments(
+    names: Mapping[str, Sequence[str]],
+    values: Mapping[str, Floats],
+    robot: Robot,
+    form: RotationForm,
+    uncertainty: Uncertainty | None,
+) -> dict[str, Any]:
+    """The arguments of `Campaign.of` for columns by target, in mm and in the form's numbers."""
+    legs, count = robot.legs, len(values["x"])
+    stated = np.zeros(6 + legs) if uncertainty is None else uncertainty.half_widths
+    radii = half_widths(stated, values, legs, count)
+    rotations = np.stack([values[name] for name in form.columns], axis=1)
+    arguments: dict[str, Any] = {
+        "robot": robot,
+        "position": np.stack([values[name] for name in "xyz"], axis=1),
+        "quaternion": form.quaternions(rotations),
+        "length": np.stack([values[f"L{i}"] for i in range(1, legs + 1)], axis=1),
+        "uncertainty": uncertainty,
+        "position_radius": radii[:, :3],
+        "rotation_radius": radii[:, 3:6],
+        "length_radius": radii[:, 6:],
+    }
+    return arguments | {key: list(column) for key, column in named_rows(names, count).items()}
+
+
+def named_rows(names: Mapping[str, Sequence[str]], count: int) -> dict[str, Sequence[str]]:
+    """Poses p1, p2, ... where none are named; runs that tell equal poses apart where none are named."""
+    pose = names.get("pose") or [f"p{row}" for row in range(1, count + 1)]
+    if "run" in names:
+        return {"pose": pose, "run": names["run"]}
+    counters: dict[str, itertools.count[int]] = {}
+    return {"pose": pose, "run": [str(next(counters.setdefault(name, itertools.count(1)))) for name in pose]}
+
+
+def frame_columns(
+    frame: DataFrame, columns: str | Mapping[str, str], legs: int, form: RotationForm
+) -> tuple[dict[str, list[str]], dict[str, Floats]]:
+    """Names and numbers of a DataFrame, by target. Raises InputError."""
+    header = [str(name) for name in frame.columns]
+    names: dict[str, list[str]] = {}
+    values: dict[str, Floats] = {}
+    problems = Problems()
+    for target, source in mapped(columns, header, legs, form).items():
+        column = frame.iloc[:, source.place(header)]
+        if target in ("pose", "run"):
+            names[target] = [str(value) for value in column]
+            continue
+        try:
+            values[target] = unit_factor(target, source, form) * as_floats(column)
+        except (TypeError, ValueError) as error:
+            problems.add(Problem(f"column {source.name!r}", str(error)[:200], "give numbers"))
+    problems.raise_any(YOUR_DATA)
+    return names, values
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What is wrong with the values of a campaign, one problem after the other.
+
+QUATERNION_TOLERANCE = 1e-6  # on | |q| - 1 |
+ARRAYS = ("position", "quaternion", "length", "position_radius", "rotation_radius", "length_radius")
+
+
+def shape_problems(campaign: Campaign) -> Iterator[Problem]:
+    """What is wrong with the sizes and the texts."""
+    count, legs = len(campaign.pose), campaign.robot.legs
+    remedy = f"give one row for each of the {count} measurements"
+    if count == 0:
+        yield Problem("campaign", "holds no measurements", "give at least one")
+    if len(campaign.run) != count:
+        yield Problem("campaign run", f"has {len(campaign.run)} names", remedy)
+    for name, width in zip(ARRAYS, (3, 4, legs, 3, 3, legs), strict=True):
+        shape = getattr(campaign, name).shape
+        if shape != (count, width):
+            yield Problem(f"campaign {name}", f"has the shape {shape}, not {(count, width)}", remedy)
+    stated = campaign.uncertainty
+    if stated is not None and stated.length.shape != (legs,):
+        what = f"has {len(stated.length)} numbers for {legs} legs"
+        yield Problem("campaign uncertainty.length", what, "give one for each leg")
+    yield from provenance_problems("campaign", campaign.provenance)
+
+
+def provenance_problems(where: str, provenance: Mapping[str, str]) -> Iterator[Problem]:
+    """What is wrong with the texts of a provenance."""
+    for key, text in provenance.items():
+        if not is_name(key):
+            yield Problem(f"{where} provenance", f"{shown(key)} cannot be a name", NAME_REMEDY)
+        if not is_text(text):
+            yield Problem(f"{where} provenance {shown(key)}", f"is {shown(text)}", TEXT_REMEDY)
+
+
+def value_problems(campaign: Campaign) -> Iterator[Problem]:
+    """What is wrong with the values, measurement by measurement."""
+    for kind, names in (("pose", campaign.pose), ("run", campaign.run)):
+        for bad in sorted({shown(name) for name in set(names) if not is_identifier(name)}):
+            yield Problem(f"campaign {kind}", f"{bad} cannot be a name", IDENTIFIER_REMEDY)
+    keys = list(zip(campaign.pose, campaign.run, strict=True))
+    if len(set(keys)) < len(keys):
+        for key, times in Counter(keys).items():
+            if times > 1:
+                yield Problem(f"measurement {'/'.join(key)}", f"is given {times} times", "give each pose and run once")
+    for name in ARRAYS:
+        array: Floats = getattr(campaign, name)
+        allowed = sizes(array) if name.endswith("radius") else good_numbers(array)
+        what = f"is {'negative, ' * name.endswith('radius')}NaN, infinite or above {LARGEST:g}"
+        for row in np.flatnonzero(~allowed.all(axis=1)):
+            yield Problem(f"measurement {'/'.join(keys[row])}", f"its {name} {what}", "correct it, or leave it out")
+    with np.errstate(all="ignore"):  # what is not finite was named above
+        far = np.abs(np.linalg.norm(campaign.quaternion, axis=1) - 1.0) > 0.5 * QUATERNION_TOLERANCE
+    for row in np.flatnonzero(far):
+        norm = math.hypot(*campaign.quaternion[row].tolist())
+        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+            yield Problem(f"measurement {'/'.join(keys[row])}", *quaternion_problem(norm))
+
+
+def quaternion_problem(norm: float) -> tuple[str, str]:
+    """What is wrong with a quaternion of that norm, and the remedy."""
+    if norm == 0.0:
+        return (
+            "the quaternion is zero, which is no rotation",
+            "give qw,qx,qy,qz of norm 1 (no rotation: 1,0,0,0)",
+        )
+    what = f"the quaternion has the norm {norm:.9g}, not 1 (to within {QUATERNION_TOLERANCE:g})"
+    return what, "divide it by its norm, and check the order qw,qx,qy,qz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,3 +550,101 @@ def _radius(given: Floats | None, declared: Floats | None, shape: tuple[int, int
         return np.broadcast_to(values, shape)
     except ValueError:
         return values
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Measurements that repeat others: copied rows, and campaigns that show one pose only.
+
+_STILL = 1e-3  # of the leg length, and rad: poses this close are one pose for any purpose of calibration
+_NAMED = 3  # pairs in a sentence
+
+
+def copied_rows(campaign: Campaign) -> str | None:
+    """A sentence on rows that hold the same numbers as an earlier one; sensors never read the same twice."""
+    table = np.concatenate([campaign.position, campaign.quaternion, campaign.length], axis=1)
+    whole = table.view(f"V{table.itemsize * table.shape[1]}")[:, 0]  # a row as one value: its bytes
+    _, first, which = np.unique(whole, return_index=True, return_inverse=True)
+    earlier = first[which]
+    copies = np.flatnonzero(earlier != np.arange(len(table)))
+    if not len(copies):
+        return None
+    ids = campaign.measurement_ids
+    named = ", ".join(f"{ids[row]} as {ids[earlier[row]]}" for row in copies[:_NAMED])
+    more = " and others" if len(copies) > _NAMED else ""
+    some = "1 measurement holds" if len(copies) == 1 else f"{len(copies)} measurements hold"
+    return f"{some} the same numbers as an earlier one ({named}{more}): take copies out, they count as evidence."
+
+
+def single_pose(campaign: Campaign) -> str | None:
+    """A sentence on a campaign whose poses are all the same."""
+    if len(campaign) < 2:
+        return None
+    size = float(np.median(np.abs(campaign.length + campaign.robot.offset)))
+    moved = float(np.abs(campaign.position - campaign.position[0]).max())
+    turned = quaternion_product(campaign.quaternion, quaternion_conjugate(campaign.quaternion[0]))
+    angle = float(np.abs(rotation_vector(turned)).max())
+    if moved > _STILL * size or angle > _STILL:
+        return None
+    return (
+        f"All {len(campaign)} measurements show the same pose (to within {about(moved, 2)} mm and "
+        f"{about(np.degrees(angle), 2)} degrees): measure poses all over the workspace."
+    )
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What a campaign states, as the search for mistakes sees it: a drawing, poses and readings that should agree.
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """A robot, N poses and the readings (N, n) mm of its legs. All may be wrong."""
+
+    robot: Robot
+    pose: Pose
+    length: Floats
+
+    @classmethod
+    def of(cls, campaign: Campaign) -> Given:
+        return cls(campaign.robot, Pose(campaign.position, campaign.quaternion), campaign.length)
+
+    def sampled(self, most: int) -> Given:
+        """At most so many of its rows, spread evenly."""
+        count = len(self.length)
+        return self if count <= most else self.rows(np.linspace(0, count - 1, most).astype(np.intp))
+
+    def rows(self, chosen: npt.NDArray[np.intp]) -> Given:
+        pose = Pose(self.pose.position[chosen], self.pose.quaternion[chosen])
+        return replace(self, pose=pose, length=self.length[chosen])
+
+    def posed(self, position: Floats, quaternion: Floats) -> Given:
+        return replace(self, pose=Pose(position, quaternion))
+
+    def read(self, length: Floats) -> Given:
+        return replace(self, length=length)
+
+    def drawn(self, parameters: Floats) -> Given:
+        """With another drawing, (n, 7) mm; absurd numbers are cut, so that any can be tried."""
+        cut = np.clip(parameters, -LARGEST, LARGEST)
+        return replace(self, robot=Robot.from_parameters(self.robot.name, cut))
+
+    @property
+    def nominal(self) -> Floats:
+        """(N, n) mm, the leg lengths that the drawing and the poses give."""
+        return np.asarray(np.linalg.norm(leg_vectors(self.robot, self.pose), axis=-1))
+
+    @property
+    def share(self) -> Floats:
+        """(N, n): |nominal residual| / nominal leg length."""
+        nominal = self.nominal
+        off = np.abs(nominal - self.robot.offset - self.length)
+        return np.asarray(off / np.maximum(nominal, np.finfo(np.float64).tiny))
+
+    @property
+    def typical(self) -> float:
+        """The share's median over the measurements, of the worst leg: a few odd rows do not move it."""
+        return float(np.median(self.share, axis=0).max())
+
+    @property
+    def most(self) -> float:
+        """The share that four fifths of the measurements do not exceed, of the worst leg: to tell causes by."""
+        return float(np.quantile(self.share, 0.8, axis=0).max())

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
-from cpcal.robot.kinematics import Pose
+from cpcal.common.values import Floats
+from cpcal.robot.kinematics import Pose, rotation_numerators
 from cpcal.robot.robot import Robot
-from cpcal.robot.rotation import rotation_numerators
 from cpcal.solver.existence import UniquenessProver
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, sqr

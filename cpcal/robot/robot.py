@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, shown
-from cpcal.common.names import NAME_REMEDY, is_name
-from cpcal.common.values import Value, frozen_array
+from cpcal.common.files import NAME_REMEDY, is_name
+from cpcal.common.values import Floats, Value, frozen_array
 
 LARGEST = 1e12  # mm: no robot is larger, and no square of such a number overflows
 
@@ -83,3 +84,378 @@ class Robot(Value):
             what = f"have the shape {rows.shape}"
             raise InputError([Problem("robot parameters", what, "give one row of 7 numbers a leg")])
         return cls(name, rows[:, :3], rows[:, 3:6], rows[:, 6])
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# How far readings may be off, as a campaign declares it for all its measurements.
+
+KINDS = ("position", "rotation", "length")
+EXACT_OR_NOT = (
+    "write in [uncertainty] either factor = 3 with position_sigma, rotation_sigma and length_sigma, "
+    "or position_half_width, rotation_half_width and length_half_width, or exact = true"
+)
+
+
+def sizes(values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Which values are good half-widths: not negative, and no larger than any robot."""
+    array = np.asarray(values, dtype=np.float64)
+    return good_numbers(array) & (array >= 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty(Value):
+    """`half-width = factor * value`; the values are standard deviations, or half-widths if `factor` is None.
+
+    position (3,) mm; rotation (3,) rad, rotation vector in the base frame; length (n,) mm. Raises
+    InputError when a shape is wrong or a number is negative or not finite.
+    """
+
+    position: Floats
+    rotation: Floats
+    length: Floats
+    factor: float | None = None
+
+    def __post_init__(self) -> None:
+        problems = []
+        for kind in KINDS:
+            array = frozen_array(getattr(self, kind))
+            object.__setattr__(self, kind, array)
+            if array.ndim != 1 or (kind != "length" and array.shape != (3,)):
+                what = f"has the shape {array.shape}"
+                problems.append(Problem(f"uncertainty {kind}", what, "give 3, 3 and as many as there are legs"))
+            elif not sizes(array).all():
+                what = f"holds a number that is negative, not finite or above {LARGEST:g}"
+                problems.append(Problem(f"uncertainty {kind}", what, "give finite numbers >= 0"))
+        if self.factor is not None and not sizes(self.factor):
+            problems.append(Problem("uncertainty factor", f"is {self.factor}", "give a finite number >= 0"))
+        if not problems and not sizes(self.half_widths).all():
+            problems.append(Problem("uncertainty", f"factor * sigma is above {LARGEST:g}", "give smaller numbers"))
+        if problems:
+            raise InputError(problems)
+
+    @property
+    def half_widths(self) -> Floats:
+        """(6 + n,): of position, rotation and leg readings, one after the other."""
+        values = np.concatenate([self.position, self.rotation, self.length])
+        with np.errstate(over="ignore"):
+            return values if self.factor is None else np.asarray(self.factor * values)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Robots whose dimensions are published, each with its source. A user's own robot stands in a campaign.toml.
+#
+# Frames and units are cpcal's: mm, the pose maps the mobile frame to the base frame. What was changed to get there is
+# said with each robot.
+
+
+@dataclass(frozen=True, eq=False)
+class PoseRange(Value):
+    """A box of poses: where a robot is measured when its legs cannot simply be commanded.
+
+    low, high  (3,) mm, the position P in the base frame
+    turn       (3,) rad, the largest components of the rotation vector, both signs
+
+    A coordinate whose range is a single number is fixed: it does not vary, and is known without error.
+    InputError where a range is empty or not finite.
+    """
+
+    low: Floats
+    high: Floats
+    turn: Floats
+
+    def __post_init__(self) -> None:
+        for name in ("low", "high", "turn"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+        bounds = self.bounds if all(a.shape == (3,) for a in (self.low, self.high, self.turn)) else None
+        if bounds is None or not np.isfinite(bounds).all() or (bounds[0] > bounds[1]).any():
+            remedy = "give low <= high (3,) in mm and turn >= 0 (3,) in rad"
+            raise InputError([Problem("workspace", "is no box of poses", remedy)])
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, 6): least and largest x, y, z (mm) and components of the rotation vector (rad)."""
+        return np.stack([np.concatenate([self.low, -self.turn]), np.concatenate([self.high, self.turn])])
+
+    @property
+    def free(self) -> npt.NDArray[np.bool_]:
+        """(6,): which of them vary."""
+        low, high = self.bounds
+        return np.asarray(low < high)
+
+
+@dataclass(frozen=True)
+class KnownRobot:
+    """A robot of the catalogue.
+
+    robot      its nominal dimensions
+    source     where they are published, and what was changed
+    stroke     mm, shortest and longest reading of a leg
+    workspace  the poses to measure; None where six legs are commanded to readings within the stroke
+    """
+
+    robot: Robot
+    source: str
+    stroke: tuple[float, float]
+    workspace: PoseRange | None = None
+
+
+# The paper's Table 1: a_x a_y a_z b_x b_y b_z l, in mm. Legs run from 345 to 485 mm: readings from 0 to 140.
+DELTALAB = Robot.from_parameters(
+    "DeltaLab Table of Stewart",
+    [
+        [-223.1792, -151.9573, 0.0, -19.9938, -193.9723, 0.0, 345.0],
+        [223.1792, -151.9573, 0.0, 19.9938, -193.9723, 0.0, 345.0],
+        [243.1885, -117.3002, 0.0, 177.9818, 79.6710, 0.0, 345.0],
+        [20.0093, 269.2575, 0.0, 157.9880, 114.3013, 0.0, 345.0],
+        [-20.0093, 269.2575, 0.0, -157.9880, 114.3013, 0.0, 345.0],
+        [-243.1885, -117.3002, 0.0, -177.9818, 79.6710, 0.0, 345.0],
+    ],
+)
+
+_RUBIN_LOWER = [
+    [-227.647, 653.753, 0.0],
+    [227.647, 653.753, 0.0],
+    [679.990, -129.728, 0.0],
+    [452.343, -524.025, 0.0],
+    [-452.343, -524.025, 0.0],
+    [-679.990, -129.728, 0.0],
+]
+_RUBIN_UPPER = [  # less the height of their plane, 403.918 mm, which is the pose's z when the hexapod is at rest
+    [-472.917, 512.146, 0.0],
+    [472.917, 512.146, 0.0],
+    [679.990, 153.485, 0.0],
+    [207.073, -665.631, 0.0],
+    [-207.073, -665.631, 0.0],
+    [-679.990, 153.485, 0.0],
+]
+_RUBIN_HEIGHT = 403.918
+
+_COGIRO_FRAME = [
+    [-7177.5, -5436.1, 5391.1],
+    [-7459.4, -5150.4, 5399.9],
+    [-7391.1, 5194.0, 5397.6],
+    [-7102.6, 5475.3, 5409.4],
+    [7239.8, 5375.9, 5409.3],
+    [7520.8, 5085.1, 5420.0],
+    [7446.1, -5253.9, 5387.4],
+    [7160.8, -5534.2, 5397.3],
+]
+_COGIRO_PLATFORM = [
+    [503.2, -492.8, 0.0],
+    [-509.7, 350.8, 997.6],
+    [-503.2, -270.0, 0.0],
+    [496.0, 356.1, 999.6],
+    [-503.2, 492.8, 0.0],
+    [499.8, -340.4, 999.1],
+    [502.1, 275.0, -0.7],
+    [-504.5, -346.3, 997.6],
+]
+
+_PLANAR_BASE = [[600.0, 1039.230484541327, 0.0], [0.0, 0.0, 0.0], [1200.0, 0.0, 0.0]]
+_PLANAR_PLATFORM = [
+    [-0.066580445834, 106.954081945581, 0.0],
+    [-92.751709777083, -53.477040972790, 0.0],
+    [92.818290222917, -53.477040972790, 0.0],
+]
+
+
+def _rubin() -> Robot:
+    lower, upper = np.array(_RUBIN_LOWER), np.array(_RUBIN_UPPER)
+    at_rest = np.linalg.norm(upper + [0.0, 0.0, _RUBIN_HEIGHT] - lower, axis=1)
+    return Robot("Rubin Observatory camera hexapod", lower, upper, at_rest)
+
+
+ROBOTS: dict[str, KnownRobot] = {
+    "deltalab": KnownRobot(
+        DELTALAB,
+        "Daney, Andreff, Chabert, Papegay: Interval method for calibration of parallel robots: vision-based "
+        "experiments. Mechanism and Machine Theory 41 (2006), Table 1.",
+        (0.0, 140.0),
+    ),
+    "rubin-camera": KnownRobot(
+        _rubin(),
+        "Joint centres: CAMERA HEXAPOD STRUT FLEXURE COORDINATES.xlsx in the folder doc of github.com/lsst-ts/"
+        "ts_mthexapod (received 2020-02-13, as constants.py there says); actuator limits of 14.1 mm: constants.py. "
+        "Made by Moog CSA Engineering (Sneed and others: Final design of the LSST hexapods and rotator, 2014). "
+        "Readings are changes of length from rest, as its controller gives them; the mobile frame lies in the plane "
+        "of the upper joints.",
+        (-14.1, 14.1),
+    ),
+    "cogiro": KnownRobot(
+        Robot("CoGiRo cable robot", np.array(_COGIRO_FRAME), np.array(_COGIRO_PLATFORM), np.zeros(8)),
+        "LIRMM and Tecnalia: Cable-suspended parallel robot CoGiRo (2016), and the model CoGiRo, in "
+        "github.com/darwinlau/CASPR, in metres there. Readings are whole cable lengths; the poses to measure are "
+        "a choice of cpcal's inside the frame.",
+        (0.0, 20_000.0),
+        PoseRange(np.array([-4000.0, -3000.0, 1000.0]), np.array([4000.0, 3000.0, 3000.0]), np.array([0.2, 0.2, 0.3])),
+    ),
+    "planar-3rpr": KnownRobot(
+        Robot("Planar 3-RPR robot", np.array(_PLANAR_BASE), np.array(_PLANAR_PLATFORM), np.zeros(3)),
+        "Kotlarski, Heimann, Ortmaier: Influence of kinematic redundancy on the singularity-free workspace of "
+        "parallel kinematic machines. Frontiers of Mechanical Engineering 7 (2012), with the redundant joints locked; "
+        "the numbers are those of the optimisation library Mantella (ParallelKinematicMachine3PRPR), in metres there. "
+        "z, and the tilts about x and y, are fixed; the poses to measure are a choice of cpcal's.",
+        (100.0, 1200.0),
+        PoseRange(np.array([400.0, 150.0, 0.0]), np.array([800.0, 550.0, 0.0]), np.array([0.0, 0.0, 0.5])),
+    ),
+}
+
+
+def known_robot(name: str) -> KnownRobot:
+    """The robot in the catalogue as `name` (in any case); InputError lists those there are."""
+    try:
+        return ROBOTS[name.casefold()]
+    except KeyError:
+        near = difflib.get_close_matches(name.casefold(), ROBOTS, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else "choose one of " + ", ".join(map(repr, ROBOTS))
+        raise InputError([Problem("robot", f"there is no robot called {name!r}", hint)]) from None
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Imperfect legs: physical mechanisms that the seven parameters of a leg leave out, each with its own size.
+#
+# A `Mechanisms` holds the values of a particular robot, leg by leg; `sampled` makes one from sizes. Size zero is
+# the perfect leg. `assembly.py` has the equations and finds the poses of a robot with them.
+
+# The values of one leg: how many numbers, and what is asked of them. None: one number for the whole robot.
+FIELDS: dict[str, int | None] = {
+    "base_axis": 3,
+    "base_offset": 1,
+    "mobile_axis": 3,
+    "mobile_offset": 3,
+    "backlash": 1,
+    "friction": None,
+    "sag": 1,
+    "gain": 1,
+    "reference": None,
+    "joint_error": 1,
+    "joint_phase": 2,
+}
+_UNIT = 1e-6  # tolerance on the norm of an axis
+
+
+def joint_phases(legs: int, stream: np.random.Generator) -> Floats:
+    """Two random phases a leg, (n, 2) rad, for `joint_effect`."""
+    return stream.uniform(0.0, 2.0 * np.pi, (legs, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanisms(Value):
+    """What is imperfect about each of n legs. Zero offsets, backlash, sag, gain, joint error: nothing.
+
+    base_axis      (n, 3) unit, base frame: first axis of the lower universal joint, fixed in the base, through a
+    base_offset    (n,) mm: its second axis passes at this distance, along the common normal of the two, which
+                   turns about the first axis with the leg and points to the leg's side of it
+    mobile_axis    (n, 3) unit, mobile frame: first axis of the upper joint, fixed in the platform, through b
+    mobile_offset  (n, 3) mm: of its other two axes, each at right angles to the one before (Denavit-Hartenberg):
+                   from axis 1 to axis 2 along their common normal; along axis 2; from axis 2 to axis 3, the
+                   leg's own, along theirs
+    backlash       (n,) mm: whole clearance along the leg, which is half of it longer under tension and half of it
+                   shorter under compression
+    friction       platform weights: of the axial force, positive under compression, that the approach adds
+                   (extending) or takes away (retracting) before its sign decides the side of the clearance
+    sag            (n,) mm: by how much the leg's own weight would bring together the ends of the leg if it lay
+                   flat with the length of mid-stroke
+    gain           (n,): the sensor reads `reference + (1 + gain) (true - reference)`
+    reference      mm: the reading at mid-stroke
+    joint_error    (n,) mm, joint_phase (n, 2) rad: amplitude and phases of `joint_effect` on the reading
+
+    Raises InputError when the shapes disagree, a value is not finite, an axis is no unit vector, a gain is -1 or
+    less, or a backlash, sag, friction or joint error is negative.
+    """
+
+    base_axis: Floats
+    base_offset: Floats
+    mobile_axis: Floats
+    mobile_offset: Floats
+    backlash: Floats
+    friction: float
+    sag: Floats
+    gain: Floats
+    reference: float
+    joint_error: Floats
+    joint_phase: Floats
+
+    def __post_init__(self) -> None:
+        for name, width in FIELDS.items():
+            value: Any = getattr(self, name)
+            object.__setattr__(self, name, float(value) if width is None else frozen_array(value))
+        problems = self._problems()
+        if problems:
+            raise InputError(problems)
+
+    def _problems(self) -> list[Problem]:
+        found = []
+        legs = len(self.backlash) if self.backlash.ndim else 0
+        for name, width in FIELDS.items():
+            value = np.asarray(getattr(self, name))
+            shape = () if width is None else (legs,) if width == 1 else (legs, width)
+            if value.shape != shape:
+                remedy = f"give an array of the shape {shape}"
+                found.append(Problem(f"mechanisms {name}", f"has the shape {value.shape}", remedy))
+            elif (wrong := wrong_value(name, value)) is not None:
+                found.append(Problem(f"mechanisms {name}", *wrong))
+        return found
+
+    @property
+    def legs(self) -> int:
+        """The number of legs, n."""
+        return len(self.backlash)
+
+    @property
+    def perfect(self) -> bool:
+        """Whether nothing is imperfect, whatever the axes, the friction and the phases are."""
+        active = (self.base_offset, self.mobile_offset, self.backlash, self.sag, self.gain, self.joint_error)
+        return not any(values.any() for values in active)
+
+    @classmethod
+    def sampled(
+        cls,
+        legs: int,
+        stream: np.random.Generator,
+        phases: np.random.Generator,
+        *,
+        axis_offset: float = 0.0,
+        joint_offset: float = 0.0,
+        backlash: float = 0.0,
+        friction: float = 0.0,
+        sag: float = 0.0,
+        gain: float = 0.0,
+        joint_error: float = 0.0,
+        reference: float,
+    ) -> Mechanisms:
+        """Mechanisms of these sizes; directions and signs from `stream`, phases of the joint error from `phases`.
+
+        First axes are level, in random directions; offsets and gains have the given size and a random sign. The
+        draw does not depend on the sizes, so that each scales on its own.
+        """
+        azimuth = stream.uniform(0.0, 2.0 * np.pi, (2, legs))
+        axes = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros((2, legs))], axis=-1)
+        sign = np.where(stream.random((5, legs)) < 0.5, -1.0, 1.0)
+        return cls(
+            base_axis=axes[0],
+            base_offset=axis_offset * sign[0],
+            mobile_axis=axes[1],
+            mobile_offset=joint_offset * sign[1:4].T,
+            backlash=np.full(legs, backlash),
+            friction=friction,
+            sag=np.full(legs, sag),
+            gain=gain * sign[4],
+            reference=reference,
+            joint_error=np.full(legs, joint_error),
+            joint_phase=joint_phases(legs, phases),
+        )
+
+
+def wrong_value(name: str, value: npt.ArrayLike) -> tuple[str, str] | None:
+    """What is wrong with a field's values of the right shape, and the remedy; None when they are good."""
+    array = np.asarray(value, dtype=np.float64)
+    if not good_numbers(array).all():
+        return f"holds a number that is NaN, infinite or above {LARGEST:g}", "give a number that makes sense"
+    if name.endswith("_axis") and (np.abs(np.linalg.norm(array, axis=-1) - 1.0) > _UNIT).any():
+        return "holds an axis whose norm is not 1", "give unit vectors"
+    if name == "gain" and (array <= -1.0).any():
+        return "holds a gain of -1 or less", "give relative errors, such as 0.001"
+    if name in ("backlash", "friction", "sag", "joint_error") and (array < 0.0).any():
+        return "holds a negative number", "give numbers >= 0"
+    return None

@@ -14,15 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.arrays import Bools, Floats
 from cpcal.common.errors import InputError, Problem, Problems, shown
-from cpcal.common.names import IDENTIFIER_REMEDY, is_identifier
-from cpcal.common.values import Value, frozen_array, frozen_mapping
-from cpcal.robot.campaign_problems import QUATERNION_TOLERANCE, provenance_problems, quaternion_problem
-from cpcal.robot.kinematics import Pose
-from cpcal.robot.mechanisms import Mechanisms
-from cpcal.robot.motion import compose, inverse
-from cpcal.robot.robot import LARGEST, Robot, good_numbers
+from cpcal.common.files import IDENTIFIER_REMEDY, is_identifier
+from cpcal.common.values import Bools, Floats, Value, frozen_array, frozen_mapping
+from cpcal.robot.campaign import QUATERNION_TOLERANCE, provenance_problems, quaternion_problem
+from cpcal.robot.kinematics import Pose, compose, inverse
+from cpcal.robot.robot import LARGEST, Mechanisms, Robot, good_numbers
 
 _ARRAYS = ("position", "quaternion", "length")
 

@@ -2,10 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from decimal import Decimal
+from typing import Any
 
-from cpcal.common.errors import Problem, shown
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.common.errors import YOUR_DATA, InputError, Problem, Problems, shown
+from cpcal.common.files import NAME_MAX
+from cpcal.common.values import Bools, Floats, Value, as_floats, frozen_mapping
+from cpcal.robot.kinematics import (
+    normalised,
+    quaternion_from_matrix,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+)
 
 LENGTHS = {"mm": Decimal(1), "cm": Decimal(10), "m": Decimal(1000), "um": Decimal("0.001"), "in": Decimal("25.4")}
 NAMES = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "um": "micrometres", "in": "inches"}
@@ -19,3 +35,279 @@ def length_factor(unit: str, where: str) -> float | Problem:
 
 def _unknown(unit: str, where: str, known: dict[str, Decimal] | dict[str, float]) -> Problem:
     return Problem(where, f"has the unknown unit {shown(unit)}", "give one of " + ", ".join(known))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The forms that rotations come in, by name, and their way to unit quaternions, scalar first.
+#
+# quaternion-wxyz, quaternion-xyzw    scalar first, scalar last
+# matrix                              R, which maps mobile to base; nine columns r11 r12 ... r33 are its rows
+# vector-rad, vector-deg              rotation vector: axis times angle
+# euler-xyz-deg, euler-ZYX-rad, ...   three angles in the order of the letters: small letters turn about the fixed
+#                                     axes of the base frame, capitals about those of the turned one (as in scipy)
+
+ROUNDED = 0.01  # logs round: a quaternion's norm, a matrix's R'R, may be this far from 1
+TAIT_BRYAN = tuple("".join(p) for p in itertools.permutations("xyz"))
+PROPER = tuple(a + b + a for a, b in itertools.permutations("xyz", 2))
+SEQUENCES = tuple(s for name in TAIT_BRYAN + PROPER for s in (name, name.upper()))
+_FORMS = (
+    "give quaternion-wxyz, quaternion-xyzw, matrix, vector-rad, vector-deg, or Euler angles such as euler-xyz-deg "
+    "(fixed axes) or euler-ZYX-rad (turned axes)"
+)
+_AXES = {"x": 1, "y": 2, "z": 3}
+
+
+@dataclass(frozen=True)
+class RotationForm:
+    """How rotations are written. `kind` is quaternion, matrix, vector or euler; `detail` the order of its numbers."""
+
+    kind: str
+    detail: str = ""
+    unit: str = "rad"
+
+    @classmethod
+    def named(cls, name: str) -> RotationForm:
+        """The form of that name. Raises InputError, which lists the forms."""
+        kind, *rest = str(name).split("-")
+        if kind == "quaternion" and rest in (["wxyz"], ["xyzw"]):
+            return cls(kind, rest[0])
+        if name == "matrix":
+            return cls(kind)
+        if kind == "vector" and len(rest) == 1 and rest[0] in ANGLES:
+            return cls(kind, unit=rest[0])
+        if kind == "euler" and len(rest) == 2 and rest[0] in SEQUENCES and rest[1] in ANGLES:
+            return cls(kind, *rest)
+        raise InputError([Problem("rotation", f"{shown(name)} is no form of rotations", _FORMS)])
+
+    @property
+    def name(self) -> str:
+        """Its name, as `named` reads it."""
+        unit = self.unit if self.kind in ("vector", "euler") else ""
+        return "-".join(part for part in (self.kind, self.detail, unit) if part)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of a table that hold its numbers, in the order in which `quaternions` takes them."""
+        if self.kind == "quaternion":
+            return tuple(f"q{letter}" for letter in self.detail)
+        if self.kind == "matrix":
+            return tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+        return ("rx", "ry", "rz") if self.kind == "vector" else ("r1", "r2", "r3")
+
+    def quaternions(self, rotations: npt.ArrayLike | Any) -> Floats:
+        """(N, 4) unit quaternions of (N, 4), (N, 3, 3), (N, 9) or (N, 3) numbers, or of a scipy Rotation.
+
+        Raises InputError for what is no rotation, with its row (from 0).
+        """
+        if hasattr(rotations, "as_quat"):
+            return normalised(np.roll(np.atleast_2d(rotations.as_quat()), 1, axis=1))
+        try:
+            values = as_floats(rotations)
+        except (TypeError, ValueError) as error:
+            raise InputError([Problem("rotations", str(error)[:200], "give an array of numbers")]) from None
+        width = len(self.columns)
+        if self.kind == "matrix" and values.ndim == 3 and values.shape[1:] == (3, 3):
+            values = values.reshape(-1, 9)
+        if values.ndim != 2 or values.shape[1] != width:
+            what = f"have the shape {values.shape} for the form {self.name}"
+            raise InputError([Problem("rotations", what, f"give one row of {width} numbers for each measurement")])
+        self._check(values)
+        return self._converted(values)
+
+    def _check(self, values: Floats) -> None:
+        """InputError, with the rows that are no rotations."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            good: Bools = np.asarray(np.isfinite(values).all(axis=1))
+            if self.kind == "quaternion":
+                off = np.abs(np.linalg.norm(values, axis=1) - 1.0)
+                what, remedy = "is a quaternion whose norm is not 1", "check the columns, or divide it by its norm"
+            elif self.kind == "matrix":
+                matrix = values.reshape(-1, 3, 3)
+                square = np.einsum("kji,kjl->kil", matrix, matrix)
+                off = np.abs(square - np.eye(3)).max(axis=(1, 2), initial=0.0)
+                off = np.where(np.linalg.det(np.where(np.isfinite(matrix), matrix, 0.0)) > 0.0, off, np.inf)
+                what = "is no rotation matrix: its columns are not at right angles, not of length 1, or left-handed"
+                remedy = "check the columns and the frames"
+            else:
+                off, what, remedy = np.zeros(len(values)), "", ""
+        bad = np.flatnonzero(~(good & (off <= ROUNDED)))
+        problems = [
+            Problem(f"rotation of row {row}", what if good[row] else "holds a number that is not finite", remedy)
+            for row in bad.tolist()
+        ]
+        if problems:
+            raise InputError(problems[:50], omitted=max(0, len(problems) - 50))
+
+    def _converted(self, values: Floats) -> Floats:
+        if self.kind == "quaternion":
+            ordered = values if self.detail == "wxyz" else np.roll(values, 1, axis=1)
+            return _unit(ordered)
+        if self.kind == "matrix":
+            return quaternion_from_matrix(values.reshape(-1, 3, 3))
+        angles = values * ANGLES[self.unit]
+        if self.kind == "vector":
+            return quaternion_from_rotation_vector(angles)
+        return quaternion_from_euler(self.detail, angles)
+
+
+def quaternion_from_euler(sequence: str, angles: Floats) -> Floats:
+    """(N, 4) of three angles (N, 3) in rad, in the order of the letters: see the module."""
+    result: Floats | None = None
+    for letter, angle in zip(sequence, angles.T, strict=True):
+        turn = np.zeros((len(angles), 4))
+        turn[:, 0], turn[:, _AXES[letter.lower()]] = np.cos(0.5 * angle), np.sin(0.5 * angle)
+        if result is None:
+            result = turn
+        else:
+            result = quaternion_product(result, turn) if letter.isupper() else quaternion_product(turn, result)
+    assert result is not None
+    return normalised(result)
+
+
+def _unit(quaternion: Floats) -> Floats:
+    """Divided by their norms, but left as they are, bit for bit, where these are 1 already."""
+    norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return np.where(np.abs(norm - 1.0) <= 1e-12, quaternion, quaternion / norm)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The columns of a table of measurements, and how the columns of a foreign table are mapped to them.
+#
+#     x = Tx[m], y = Ty[m], z = Tz[m], r1 = A[deg], L1 = "leg 1", L2 = #14
+#
+# A target, "=", and the name of a column in the table, or "#" and its number from 1; in brackets its unit. A name that
+# holds a comma, a bracket or a space at an end stands in double quotes.
+
+SHARED_COLUMNS = [f"shared_s{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]  # of a study's tables, see PoseTable
+
+_ENTRY = re.compile(r'\s*([A-Za-z]\w*)\s*=\s*(?:"([^"]*)"|([^,\["]*?))\s*(?:\[\s*(\w*)\s*\])?\s*(?:,|$)')
+
+
+def reading_columns(legs: int) -> list[str]:
+    """The columns that every measurements.csv has, for n legs."""
+    return ["pose", "run", "x", "y", "z", "qw", "qx", "qy", "qz", *(f"L{i}" for i in range(1, legs + 1))]
+
+
+def override_columns(legs: int) -> list[str]:
+    """The optional columns: half-widths (mm, rad, mm) that replace those of campaign.toml row by row."""
+    return ["dx", "dy", "dz", "drx", "dry", "drz", *(f"dL{i}" for i in range(1, legs + 1))]
+
+
+@dataclass(frozen=True)
+class ColumnSource:
+    """A column of a foreign table: its name, or its number from 1; and its unit, where one is given."""
+
+    name: str
+    unit: str | None = None
+
+    def place(self, header: Sequence[str]) -> int | None:
+        """Which column it is, from 0; None where there is none, or several of that name."""
+        if re.fullmatch(r"#[1-9][0-9]{0,4}", self.name):
+            number = int(self.name[1:]) - 1
+            return number if number < len(header) else None
+        places = [place for place, name in enumerate(header) if name == self.name]
+        return places[0] if len(places) == 1 else None
+
+
+def column_map(text: str | Mapping[str, str], known: Iterable[str]) -> dict[str, ColumnSource]:
+    """The map in a text as above, or in a mapping such as {"x": "Tx[m]"}; targets must be among `known`.
+
+    Raises InputError with every entry that cannot be read.
+    """
+    whole = text if isinstance(text, str) else ", ".join(f"{target}={source}" for target, source in text.items())
+    problems, found, place = Problems(), dict[str, ColumnSource](), 0
+    names = list(known)
+    while place < len(whole) and not whole[place:].isspace():
+        match = _ENTRY.match(whole, place)
+        if match is None:
+            what = f"cannot be read from {shown(whole[place:].strip())} on"
+            problems.add(Problem("map", what, 'write target=column[unit], such as "x=Tx[m], y=Ty[m]"'))
+            break
+        place = match.end()
+        target, quoted, plain, unit = match.groups()
+        name = plain if quoted is None else quoted
+        if target not in names:
+            problems.add_unknown("map", f"unknown column {shown(target)}", target, names, _known(names), None)
+        elif target in found:
+            problems.add(Problem("map", f"{target} is given twice", "give it once"))
+        if not name:
+            problems.add(Problem("map", f"{target} has no column", "name the table's column after the ="))
+        if unit is not None and unit not in {*LENGTHS, *ANGLES}:
+            remedy = "give one of " + ", ".join([*LENGTHS, *ANGLES])
+            problems.add(Problem("map", f"{target} has the unknown unit {shown(unit)}", remedy))
+        found[target] = ColumnSource(name, unit)
+    problems.raise_any(YOUR_DATA)
+    return found
+
+
+def _known(names: list[str]) -> str:
+    return "the columns of a campaign are " + ", ".join(names)
+
+
+def is_angle(target: str) -> bool:
+    """Whether a column is an angle; else it is a length, a name, or a number without a unit."""
+    return target in ("r1", "r2", "r3", "rx", "ry", "rz", "drx", "dry", "drz")
+
+
+def is_length(target: str) -> bool:
+    return target in ("x", "y", "z", "dx", "dy", "dz") or re.fullmatch(r"d?L[1-9][0-9]*", target) is not None
+
+
+def unit_problem(target: str, unit: str | None) -> Problem | None:
+    """What is wrong with the unit that a column was given."""
+    if unit is None:
+        return None
+    allowed = list(ANGLES) if is_angle(target) else list(LENGTHS) if is_length(target) else []
+    if unit in allowed:
+        return None
+    remedy = "give one of " + ", ".join(allowed) if allowed else "give no unit"
+    return Problem("map", f"{target} cannot be in {unit}", remedy)
+
+
+def half_widths(stated: Floats, values: Mapping[str, Floats], legs: int, count: int) -> Floats:
+    """(N, 6 + n): the half-widths `stated` (6 + n,) for all rows, and those of override columns where not NaN."""
+    radii = np.tile(stated, (count, 1))
+    for column, name in enumerate(override_columns(legs)):
+        if name in values:
+            own = ~np.isnan(values[name])
+            radii[own, column] = values[name][own]
+    return radii
+
+
+def require(found: Iterable[str], needed: Iterable[str], where: str) -> None:
+    """InputError with each column that is needed and not there."""
+    have = set(found)
+    missing = [name for name in needed if name not in have]
+    if missing:
+        remedy = "map the table's columns to these names"
+        raise InputError([Problem(where, f"the column {name!r} is missing", remedy) for name in missing], see=YOUR_DATA)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Which leg model a campaign asks for: [model] in campaign.toml. What the names mean stands in `cpcal.calibration`.
+
+
+@dataclass(frozen=True, eq=False)
+class ModelChoice(Value):
+    """A model's name, and half-widths of its extra parameters, in their units, where they are not the default.
+
+    Raises InputError for what can belong to no model.
+    """
+
+    name: str
+    half_widths: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        widths = {str(k): float(v) for k, v in self.half_widths.items()}
+        object.__setattr__(self, "half_widths", frozen_mapping(widths))
+        problems = []
+        if not (self.name.isidentifier() and len(self.name) <= NAME_MAX):
+            problems.append(Problem("model", f"{shown(self.name)} cannot be a name", 'give one such as "gain"'))
+        for key, value in self.half_widths.items():
+            if not (key.isidentifier() and len(key) <= NAME_MAX):
+                problems.append(Problem("model", f"{shown(key)} cannot be a parameter", "give its name, such as s"))
+            if not (math.isfinite(value) and value >= 0.0):
+                what = f"the half-width of {shown(key)} is {value}"
+                problems.append(Problem("model", what, "give a number, 0 or more"))
+        if problems:
+            raise InputError(problems)

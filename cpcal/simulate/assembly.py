@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import (
     KinematicsError,
     Mechanisms,

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError
+from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
     Campaign,
@@ -39,7 +39,7 @@ from cpcal.robot import (
     quaternion_product,
     small_rotation,
 )
-from cpcal.robot.mechanisms import joint_phases
+from cpcal.robot.robot import joint_phases
 from cpcal.simulate.option_checks import OptionChecks
 from cpcal.simulate.workspace_poses import corner_count, workspace_poses
 

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Floats
 from cpcal.robot import (
     Pose,
     PoseTable,

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import (
     DELTALAB,
     Mechanisms,

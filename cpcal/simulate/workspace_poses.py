@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import Pose, PoseRange, quaternion_from_rotation_vector
 
 

@@ -33,7 +33,7 @@ from threading import RLock
 from types import FunctionType
 from typing import Any, TypeVar
 
-from cpcal.common.file_lock import exclusive
+from cpcal.common.files import exclusive
 
 QUIET = "CPCAL_QUIET"  # of the environment: set, compilation is not announced
 LONGEST = 120.0  # seconds to wait for another process

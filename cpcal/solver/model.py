@@ -4,33 +4,38 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial, wraps
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
+import numpy as np
 import numpy.typing as npt
+from flint import Ordering, fmpz_mpoly_ctx, fmpz_mpoly_vec
 
 from cpcal.common import numbers
 from cpcal.common.errors import ModelError
-from cpcal.common.names import listed
-from cpcal.execution.executors import Here, executor_for
-from cpcal.execution.stopping import heard
+from cpcal.common.files import listed
+from cpcal.common.numbers import stated
+from cpcal.common.values import Floats
+from cpcal.execution.executors import Here, executor_for, heard
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
-from cpcal.solver.certificate.exact_network import network_statement
-from cpcal.solver.certificate.recording import Recording
-from cpcal.solver.certificate.search_keeper import SearchKeeper
-from cpcal.solver.certificate.uncertified import certified
-from cpcal.solver.choice import AS_ASKED, CERTIFYING, Choice, SearchMethod, choice_to_minimize, choice_to_solve
+from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, Terms, network_statement
+from cpcal.solver.certificate.recording import Recording, SearchKeeper, certified
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import (
+    Clock,
     Contraction,
     Contractor,
+    Limits,
     Repeat,
     Strategy,
     Then,
@@ -39,30 +44,23 @@ from cpcal.solver.contract import (
     in_sequence,
     until,
 )
-from cpcal.solver.existence import Inside, UniquenessProver
-from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.limits import Limits
-from cpcal.solver.network import ConstraintNetwork, Expr
-from cpcal.solver.network.divisions import with_products
+from cpcal.solver.existence import Equalities, Inside, UniquenessProver, reads
+from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
+from cpcal.solver.interval.numbers import float_bounds
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, evaluate, polynomial_form
+from cpcal.solver.network.expression import as_expr, topological
+from cpcal.solver.network.forms import check_powers, with_products
 from cpcal.solver.optimize import Bracket, Minimum, minimize, run
-from cpcal.solver.questions import (
-    checked_limits,
-    named_contractors,
-    named_order,
-    named_strategy,
-    relaxed,
-    remaining,
-    resolution,
-    start_point,
-    width_sentence,
-    with_objective,
-)
 from cpcal.solver.row_use import row_use
 from cpcal.solver.search import (
+    ORDERS,
+    STRATEGIES,
     Contender,
+    Contracting,
     Divide,
     Event,
     Paving,
+    Priority,
     Process,
     Race,
     Search,
@@ -71,12 +69,385 @@ from cpcal.solver.search import (
     conclusion,
     spread_over,
 )
-from cpcal.solver.search.paving_checkpoint import PavingCheckpoint, checkpoint_of, raced
+from cpcal.solver.search.race import PavingCheckpoint, checkpoint_of, raced
 
 if TYPE_CHECKING:
     from distributed import Client
 
 __all__ = ["DEFAULT_CONTRACTORS", "Network", "Paving", "Solution"]
+
+# ------------------------------------------------------------------------------------------------------------------
+# What the verbs on a network are asked with, checked and put in the solver's own terms. Raises ModelError.
+
+FINE_WIDTH = 1e-6  # of the boxes about single points
+REACH = 100.0  # from 0, of boxes that are divided where solutions may run to infinity and nobody asks for a width
+_BOXES = 256  # about as many make up the set of solutions, or some times as many
+_DIVISIONS = 1000.0
+_WHOLE = 0.5  # so that boxes of whole numbers are points
+
+N = TypeVar("N", bound=ConstraintNetwork)
+
+
+def relaxed(network: N, relax: float) -> N:
+    """Equations between the same bounds, wider by `relax` on both sides."""
+    if not _is_number(relax) or not 0.0 <= relax < np.inf:
+        raise ModelError(f"relax={relax!r} is no tolerance: give a number of at least 0")
+    if not relax:
+        return network
+    out = copy(network)
+    low, high = as_expr(-float(relax)), as_expr(float(relax))
+    out._constraints = [
+        Constraint(c.body - c.lower, low, high) if c.lower.digest == c.upper.digest else c for c in network.constraints
+    ]
+    return out
+
+
+def with_objective(network: N, objective: Expr) -> tuple[N, str]:
+    """A network of whose components the objective is one, and the component's name."""
+    if not isinstance(objective, Expr) or objective.shape != () or objective.op in ("variable", "index"):
+        return network, network.component(objective)
+    network.check_owner(objective)
+    check_powers(network, [objective])
+    bounds = evaluate(network, objective, network.domain)
+    name = "objective"
+    while any(leaf.name == name for leaf in network.variables):
+        name += "_"
+    nowhere = bool(bounds.empty)  # it has a value: then no point satisfies the row below
+    bound = network.variable(name, domain=(0.0, 0.0) if nowhere else (float(bounds.lo), float(bounds.hi)))
+    network.add(objective <= bound)
+    return network, name
+
+
+def default_width(network: ConstraintNetwork, left: Callable[[], Box]) -> tuple[float, Floats]:
+    """1e-6 where solutions are single points; else what cuts `left`, which holds them, into some hundred boxes or more.
+
+    Solutions that leave `freedom` of the unknowns open form a set of that dimension: each of its directions gets its
+    share of the boxes. Widths count in `small_units`. And how far from 0 each component (n,) is divided: where `left`
+    is unbounded, up to `REACH`.
+    """
+    free, equations = network.domain.hi > network.domain.lo, Equalities.of(network)
+    freedom = int(free.sum()) - (0 if equations.reads else equations.count)
+    everywhere = np.full(len(free), np.inf)
+    if freedom <= 0:
+        return FINE_WIDTH, everywhere
+    widths = left().width
+    reach = np.where(np.isinf(widths), REACH, np.inf)
+    widest = float(np.max(np.minimum(widths, 2.0 * reach) / small_units(network), where=free, initial=0.0))
+    if not widest > 0.0:
+        return FINE_WIDTH, everywhere
+    width: float = min(widest * _BOXES ** (-1.0 / freedom), _WHOLE if network.whole.any() else np.inf)
+    width = max(width, 5e-324)  # of a domain next to the least float it is zero
+    return round(width, -math.floor(math.log10(width))), reach  # one digit
+
+
+def small_units(network: ConstraintNetwork) -> Floats:
+    """The unit of each component (n,): 1, or smaller where the whole domain is hardly wider than boxes about points.
+
+    So that a domain of a nanometre is divided, too: a thousand times at least.
+    """
+    widths = network.domain.width
+    small = (widths > 0.0) & (widths < _DIVISIONS * FINE_WIDTH)
+    return np.where(small, widths / (_DIVISIONS * FINE_WIDTH), 1.0)
+
+
+def width_sentence(width: float, reach: Floats) -> str:
+    """What `default_width` chose, to follow a sentence; empty for the width of single points."""
+    if width == FINE_WIDTH:
+        return ""
+    shape, chosen = "Solutions form curves or regions", f"width {stated(width)} was chosen"
+    said = f" {shape}: {chosen}, width=... asks for another."
+    if np.isfinite(reach).any():
+        said += f" They may run to infinity: further than {stated(REACH)} from 0 boxes are not divided."
+    return said
+
+
+def checked_width(width: float) -> float:
+    """A width that some box can have. Raises ModelError."""
+    if not _is_number(width) or not width > 0:
+        raise ModelError(f"width={width!r} is no width: give a positive number, below which boxes are not divided")
+    return float(width)
+
+
+def checked_limits(limits: Limits | None, **named: float | None) -> Limits:
+    """Limits that a search can reach, those `named` among them (fields of `Limits`). Raises ModelError."""
+    given_by_name = {field: value for field, value in named.items() if value is not None}
+    if limits is None:
+        limits = Limits()
+    elif not isinstance(limits, Limits):
+        raise ModelError(f"limits={limits!r} sets no limit: write cpcal.Limits(seconds=...) or cpcal.Limits(nodes=...)")
+    elif given_by_name:
+        raise ModelError("limits are given by limits=cpcal.Limits(...) or by their names, not both")
+    limits = replace(limits, **given_by_name)  # type: ignore[arg-type]  # checked here
+    given = (limits.seconds, limits.nodes, limits.gap, limits.gap_absolute)
+    if not all(value is None or (_is_number(value) and value >= 0) for value in given):
+        raise ModelError(f"{limits!r}: seconds, nodes and gaps are numbers of at least 0")
+    return limits
+
+
+def remaining(clock: Clock, before: int = 0) -> Limits:
+    """The limits of a clock with the seconds that are left, for a search that counts nodes `before` this call, too."""
+    given = clock.limits
+    left = None if given.seconds is None else max(0.0, clock.deadline - time.monotonic())
+    return replace(given, seconds=left, nodes=None if given.nodes is None else given.nodes + before)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def start_point(network: ConstraintNetwork, start: npt.ArrayLike, count: int) -> npt.NDArray[np.float64]:
+    """A point to start from, one finite number for each of the first `count` components. Raises ModelError."""
+    point = float_bounds(start)[0]
+    if point.shape != (count,) or not np.isfinite(point).all():
+        raise ModelError(f"start={start!r} is no point: give {count} finite numbers, in the order of `names`")
+    return np.concatenate([point, network.domain.hi[count:]])
+
+
+def named_strategy(
+    network: ConstraintNetwork,
+    strategy: str | Strategy,
+    width: float,
+    reach: Floats,
+    unit: Floats | float,
+    arithmetic: str,
+) -> Strategy:
+    if not isinstance(strategy, str):
+        if not hasattr(strategy, "split"):
+            raise ModelError(f"strategy={strategy!r} divides no box: give a name or an object with split(box)")
+        return strategy
+    if strategy in STRATEGIES:
+        return STRATEGIES[strategy](network, width).within(reach, unit)
+    return plugins.load_strategy(strategy, STRATEGIES)(network, width, arithmetic=arithmetic)
+
+
+def named_order(network: ConstraintNetwork, order: str) -> Priority:
+    if order not in ORDERS:
+        raise ModelError(f"no order is called {order!r}; there are: {', '.join(ORDERS)}")
+    return ORDERS[order](network)
+
+
+def resolution(
+    network: ConstraintNetwork, left: Callable[[], Box], width: float | None
+) -> tuple[float, Floats, Floats | float]:
+    """Below which width boxes are not divided, how far from 0 they are, and the unit of each component's width."""
+    if width is None:
+        return *default_width(network, left), small_units(network)
+    return checked_width(width), np.full(len(network.names), np.inf), 1.0
+
+
+def check_weights(named: list[tuple[str, Contractor]]) -> None:
+    """Raises ModelError where no certificate could come of it."""
+    if not Contracting(named).gives_weights:
+        given = ", ".join(called for called, _ in named)
+        raise ModelError(f"{given} give no weights: no certificate can be written; use lifted")
+
+
+def named_contractors(
+    network: ConstraintNetwork,
+    stated: ConstraintNetwork,
+    objective: str,
+    contractors: Sequence[str | Contractor],
+    arithmetic: str,
+    deadline: float,
+    *,
+    exact: bool,
+) -> list[tuple[str, Contractor]]:
+    """The contractors of a minimisation, of the rows of `stated`, by their names. Raises ModelError."""
+    parts = plugins.build_each(stated, contractors, objective=objective, arithmetic=arithmetic)
+    for part in parts:
+        until(part, deadline)
+    named = list(zip(map(plugins.name_of, contractors), parts, strict=True))
+    if network.whole.any() and exact:
+        raise ModelError("whole numbers are rounded, which no certificate says: leave the certificate out")
+    if network.whole.any():
+        named.append(("whole numbers", WholeNumbers(network.whole)))
+    if exact:
+        check_weights(named)
+    return named
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Which contractors and divisions suit a network, by its structure: what `solve` and `minimize` do without options.
+
+_LIFTED_UNKNOWNS, _LIFTED_PRODUCTS = 40, 1000  # beyond, linear programs of products take too long at each node
+_DENSE_UNKNOWNS = 100  # for the linear programs of beaumont, one row and two programs an unknown
+_TURNS = (16, 8)  # of hc4 and newton alone, and of cid and beaumont, where there is lifted
+_LIFTED_COEFFICIENTS = 4_000_000  # of one array of expressions, as of a matrix times the unknowns: some 100 MB
+_SLICES, _LEAST_SLICE, _LIFTED_SLICE = (2048, 16), 8, 32
+_CUBE = 4000  # of the unknowns: up to there a node takes some ten microseconds
+_SHALLOW = {"add", "sub", "neg", "mul", "sqr", "index", "sum", "constant", "variable", "power", "div"}
+
+
+@dataclass(frozen=True)
+class SearchMethod:
+    """Contractors, the strategy that divides, and how many nodes of it cost about as much as those of the others.
+
+    It gives way to the others after so many `turns`, and does not begin before the round `begins`.
+    """
+
+    contractors: tuple[str, ...]
+    strategy: str
+    slice: int
+    turns: int | None = None
+    begins: int = 0
+    consequences: bool = False  # of the equations, besides them
+
+    @property
+    def name(self) -> str:
+        besides = " with consequences of the equations" if self.consequences else ""
+        return f"{', '.join(self.contractors)}{besides} by {self.strategy}"
+
+
+CERTIFYING = (("lifted",), "it gives weights")
+AS_ASKED = (SearchMethod(("as asked",), "largest", 64),)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The methods that take turns, cheapest first, and why these."""
+
+    methods: tuple[SearchMethod, ...]
+    why: str
+    consequences: tuple[Constraint, ...] = ()  # what follows from the equations, for the methods that ask for it
+
+    def rows(self, network: ConstraintNetwork, method: SearchMethod) -> ConstraintNetwork:
+        """What the contractors of a method work on."""
+        out = copy(network)
+        out.add(self.consequences if method.consequences else ())
+        return out
+
+
+def choice_to_solve(network: ConstraintNetwork, deadline: float = math.inf) -> Choice:
+    """What to solve a network by; what is not polynomial at `deadline` (of time.monotonic()) counts as not."""
+    unknowns = int(np.sum(network.domain.hi > network.domain.lo))
+    equations = Equalities.of(network)
+    lifted = _lifts(network, deadline)
+    if equations.count != unknowns or equations.reads:
+        kind = "fewer equations than unknowns" if equations.count < unknowns else "more equations than unknowns"
+        why = f"{kind if not equations.reads else 'equations with readings'}: there is nothing for newton to prove"
+        return Choice((SearchMethod(("hc4", "lifted") if lifted else ("hc4",), "largest", 64),), why)
+    many, few = _TURNS if lifted else (None, None)
+    quick, slow = _slices(unknowns)
+    methods = [SearchMethod(("hc4", "newton"), by, quick, many) for by in ("largest", "smear-relative")]
+    more = consequences(network) if lifted else ()
+    if more:
+        methods.append(SearchMethod(("hc4", "newton"), "largest", quick, many, consequences=True))
+    methods.append(SearchMethod(("hc4", "cid", "newton"), "smear-relative", slow, few, begins=1))
+    if unknowns <= _DENSE_UNKNOWNS:
+        methods.append(SearchMethod(("hc4", "newton", "beaumont"), "smear-relative", slow, few, begins=1))
+    if lifted:
+        methods.append(SearchMethod(("hc4", "newton", "lifted"), "smear-relative", _LIFTED_SLICE, begins=1))
+        methods.append(SearchMethod(("lifted", "newton"), "largest", _LIFTED_SLICE, begins=1))
+    kind = "polynomial" if lifted else "not polynomial, or with too many products for lifted"
+    return Choice(tuple(methods), f"{unknowns} equations in as many unknowns, {kind}", more)
+
+
+def _slices(unknowns: int) -> tuple[int, int]:
+    """Nodes in a turn of hc4 and newton alone, and of cid and beaumont: a tenth of a second or so.
+
+    What newton takes for a box grows with the third power of the unknowns.
+    """
+    times = max(1.0, unknowns**3 / _CUBE)
+    quick, slow = (max(_LEAST_SLICE, int(nodes / times)) for nodes in _SLICES)
+    return quick, slow
+
+
+def choice_to_minimize(network: ConstraintNetwork, deadline: float = math.inf) -> tuple[tuple[str, ...], str]:
+    """The contractors to minimise by, and why; `deadline` as in `choice_to_solve`."""
+    if any(map(reads, network.constraints)):
+        return ("lifted",), "readings: lifted takes them at the ends that decide"
+    if not _lifts(network, deadline):
+        return ("hc4", "beaumont"), "no row is polynomial, or there are too many products for lifted"
+    left = [c for c in network.constraints if any(node.op not in _SHALLOW for node in topological((c.body,)))]
+    if left:
+        return ("hc4", "lifted", "beaumont"), f"{len(left)} constraints are not polynomial: beaumont linearises them"
+    return ("hc4", "lifted"), "polynomial, or with roots and divisions that are multiplied out"
+
+
+def _lifts(network: ConstraintNetwork, deadline: float) -> bool:
+    """Whether lifted has rows to work on, and not too many products."""
+    if any(map(reads, network.constraints)):
+        return True
+    if len(network.names) > _LIFTED_UNKNOWNS:
+        linear_time = all(len(c.body.shape) for c in network.constraints)
+        sizes = (math.prod(node.shape) for c in network.constraints for node in topological((c.body,)))
+        largest = max(sizes, default=0)
+        if not linear_time or largest * len(network.names) > _LIFTED_COEFFICIENTS:
+            return False
+    system = polynomial_form(network, get_arithmetic("float64"), deadline=deadline)
+    return bool(len(system.origin)) and len(system.monomials) <= _LIFTED_PRODUCTS
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Equations that follow from a network's polynomial equations, found by eliminating terms between them.
+#
+# Two equations whose products with monomials share a term give a third without it (an S-polynomial). What comes of it
+# by Buchberger's algorithm in whole numbers, stopped early, holds wherever the equations hold; the shorter ones of
+# lower
+# degree bound the unknowns far better than the sums of large terms they come from (F. Benhamou, L. Granvilliers:
+# Automatic generation of numerical redundancies for non-linear constraint solving, Reliable Computing 3, 1997).
+
+_LIMITS = (100, 60, 2000)  # polynomials, terms of one, bits of a coefficient: some milliseconds
+_UNKNOWNS, _EQUATIONS, _TERMS, _DEGREE = 30, 60, 60, 12  # of what is tried at all
+
+
+def consequences(network: ConstraintNetwork) -> tuple[Constraint, ...]:
+    """Equations that hold wherever the network's do, with no more terms and of no higher degree.
+
+    Equations that are not polynomial with exact coefficients take no part. Empty where nothing short follows.
+    """
+    size = len(network.names)
+    if size > _UNKNOWNS or not 2 <= Equalities.of(network).count <= _EQUATIONS:
+        return ()
+    given = _polynomials(network)
+    if len(given) < 2:
+        return ()
+    longest, highest = max(map(len, given)), max(len(m) for m in chain.from_iterable(given))
+    if longest > _TERMS or highest > _DEGREE:
+        return ()
+    context = fmpz_mpoly_ctx.get([f"x{k}" for k in range(size)], Ordering.degrevlex)
+    first: Any = fmpz_mpoly_vec([_whole(terms, context, size) for terms in given], context)
+    basis, _ = first.buchberger_naive(limits=_LIMITS)
+    known = {str(p.primitive()[1]) for p in first}
+    short = [p for p in basis if 2 <= len(p) <= longest and p.total_degree() <= highest]
+    unknowns = _unknowns(network)
+    return tuple(_expression(p, unknowns) == 0.0 for p in short if str(p.primitive()[1]) not in known)
+
+
+def _polynomials(network: ConstraintNetwork) -> list[Terms]:
+    """Of all equations that have an exact form: monomials with their coefficients."""
+    exact, out = ExactPolynomials(network), list[Terms]()
+    for root in Equalities.of(network).roots:
+        try:
+            out += [p.terms for p in exact.of(root).ravel() if any(p.terms)]
+        except NotStated:
+            continue
+    return out
+
+
+def _whole(terms: Terms, context: Any, size: int) -> Any:
+    """A polynomial with whole coefficients that has the same zeros."""
+    common = math.lcm(*(c.denominator for c in terms.values()))
+    powers = {m: tuple(m.count(k) for k in range(size)) for m in terms}
+    return context.from_dict({powers[m]: int(c * common) for m, c in terms.items()})
+
+
+def _unknowns(network: ConstraintNetwork) -> list[Expr]:
+    """The components in the order of `names`."""
+    return [leaf[index] for leaf in network.variables for index in np.ndindex(leaf.shape)]
+
+
+def _expression(polynomial: Any, unknowns: list[Expr]) -> Expr:
+    """Divided by a power of two, so that no coefficient is above 1."""
+    scale = 1 << max(int(c).bit_length() for c in polynomial.coeffs())
+    total = as_expr(0.0)
+    for exponents, coefficient in polynomial.to_dict().items():
+        term = as_expr(IntervalArray(*float_bounds(Fraction(int(coefficient), scale))))
+        for k, power in enumerate(exponents):
+            term = term * unknowns[k] ** int(power) if power else term
+        total = total + term
+    return total
+
 
 DEFAULT_CONTRACTORS = ("hc4", "lifted")
 

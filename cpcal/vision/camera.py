@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, shown
-from cpcal.common.values import Value, frozen_array
+from cpcal.common.values import Floats, Value, frozen_array
 from cpcal.solver.compiled import compiled
 
 # ------------------------------------------------------------------------------------------------------------------

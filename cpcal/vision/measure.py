@@ -9,8 +9,8 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats, Ints
 from cpcal.common.errors import CpcalError
+from cpcal.common.values import Floats, Ints
 from cpcal.robot import Pose
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import Dots, populations, refitted

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
 
-from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.common.errors import CpcalError, InputError, Problem
+from cpcal.common.values import Bools, Floats, Ints
 from cpcal.robot import Pose, normalised, quaternion_from_matrix
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera, Jet, bent, jets_by_coefficient, radial

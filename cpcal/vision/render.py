@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import Pose, transformed
 from cpcal.vision.camera import Camera
 from cpcal.vision.dots import observe_dots

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats, Indices
 from cpcal.common.errors import InputError, Problem, shown
-from cpcal.common.values import Value, frozen_array
+from cpcal.common.values import Floats, Indices, Value, frozen_array
 
 MOST_DOTS = 500  # what identification takes grows with the square, and with symmetries faster
 MOST_LINES = 20  # identifying rows

@@ -17,7 +17,7 @@ from cpcal.accuracy.findings import load_accuracy, save_accuracy
 from cpcal.accuracy.model_error import growth
 from cpcal.common.errors import InputError
 from cpcal.report.accuracy_page import write_accuracy
-from cpcal.report.accuracy_words import assumption, degrees_up, sentences
+from cpcal.report.words import assumption, degrees_up, sentences
 from cpcal.robot import central_pose, forward_kinematics
 from tests.accuracy.conftest import ERROR
 

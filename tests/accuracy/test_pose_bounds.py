@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from cpcal.accuracy import pose_bounds as bounds
+from cpcal.accuracy.accuracy import distances, true_poses
 from cpcal.accuracy.certified_set import SIZE, certified_set
-from cpcal.accuracy.estimates import distances, true_poses
-from cpcal.accuracy.pose_bounds import cell_bounds, pose_bounds
-from cpcal.accuracy.pose_cells import Cells
-from cpcal.accuracy.vectors import ENGINE, point
+from cpcal.accuracy.pose_bounds import ENGINE, Cells, cell_bounds, point, pose_bounds
 from cpcal.robot import (
     Pose,
     central_pose,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.certify.certified_ranges import MARGIN
+from cpcal.certify.ranges import MARGIN
 from cpcal.checker import Refused, check_run
 
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.certify import robust_leg
-from cpcal.certify.certify_robust import certify_robust
+from cpcal.certify import robust
+from cpcal.certify.robust import certify_robust
 from cpcal.checker import check
 from cpcal.checker.robust_claim import check_robust
 from cpcal.common.errors import InputError
 from cpcal.results.robust import load_robust
 from cpcal.simulate import simulate
-from cpcal.solver.optimize.hitting import hitting_set
+from cpcal.solver.optimize.minimum import hitting_set
 
 
 def campaign(measurements, wrong, seed=1, error=3.0):
@@ -52,7 +52,7 @@ def asked_of(folder, **options):
 def test_the_weakest_of_the_proofs_is_the_bound(tmp_path, monkeypatch):
     """A bad first guess is refuted at large errors too; the bound is what holds whichever measurement is wrong."""
     usual = asked_of(tmp_path / "usual")
-    monkeypatch.setattr(robust_leg._Search, "guessed", lambda search, outliers: frozenset({0}))
+    monkeypatch.setattr(robust._Search, "guessed", lambda search, outliers: frozenset({0}))
     leg = asked_of(tmp_path / "other")
     levels = [check(tmp_path / "other" / name).claims.eps_lo for name in leg.proofs]
     assert max(levels) > leg.eps_hi > leg.eps_lo == float(min(levels))
@@ -61,7 +61,7 @@ def test_the_weakest_of_the_proofs_is_the_bound(tmp_path, monkeypatch):
 
 def test_a_search_that_time_ended_states_no_bound_and_leaves_no_proofs(tmp_path, monkeypatch):
     """Two searches at a second each, where three do not settle it."""
-    monkeypatch.setattr(robust_leg, "time", SimpleNamespace(monotonic=count(0.0).__next__))
+    monkeypatch.setattr(robust, "time", SimpleNamespace(monotonic=count(0.0).__next__))
     leg = asked_of(tmp_path, time_limit=2.5)
     assert leg.searches == 3
     assert (leg.eps_lo, leg.proofs, leg.complete) == (0.0, (), False)

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.certify.projections import with_projections
+from cpcal.certify.ranges import with_projections
 from cpcal.checker import check
 from cpcal.cli import app
 from cpcal.files import campaign_sha256

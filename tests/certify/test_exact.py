@@ -12,7 +12,7 @@ import cpcal
 from cpcal.legs import leg_statement
 from cpcal.results import Options, proved_sentence
 from cpcal.simulate import true_robot
-from cpcal.solver.certificate.readings import at_point, holding
+from cpcal.solver.certificate.float_rows import at_point, holding
 
 
 def solves_exactly(campaign: cpcal.Campaign, leg: int, x: npt.ArrayLike) -> bool:

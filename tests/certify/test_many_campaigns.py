@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cpcal import Campaign, InputError, LegResult, PluginError, Robot, Verdict, certify, simulate
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.legs import residuals
 from cpcal.results import Options, proved_sentence
 from cpcal.robot import rotation_matrix

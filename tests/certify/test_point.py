@@ -14,7 +14,7 @@ from cpcal.checker import check
 from cpcal.legs import fit_model, leg_model, leg_statement, residuals
 from cpcal.robot import ModelChoice
 from cpcal.simulate import true_robot
-from cpcal.solver.certificate.readings import at_point, failing, holding
+from cpcal.solver.certificate.float_rows import at_point, failing, holding
 
 SMALL = {"extremal": False, "random_poses": 24}
 

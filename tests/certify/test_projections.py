@@ -10,9 +10,8 @@ import pytest
 from scipy.optimize import linprog
 
 import cpcal
-from cpcal.certify.certified_ranges import MARGIN, range_eps
-from cpcal.certify.projections import projections, with_projections
 from cpcal.certify.question import Question
+from cpcal.certify.ranges import MARGIN, projections, range_eps, with_projections
 from cpcal.legs import PARAMETERS, residuals
 from cpcal.simulate import true_robot
 

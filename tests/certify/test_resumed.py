@@ -6,10 +6,10 @@ import sys
 import pytest
 
 import cpcal
-from cpcal.certify.checkpoints import FOLDER
+from cpcal.certify.question import FOLDER
 from cpcal.common.errors import InputError
-from cpcal.execution.stopping import Reason, also_asked_by, heard
-from cpcal.solver.certificate.search_keeper import SearchKeeper
+from cpcal.execution.executors import Reason, also_asked_by, heard
+from cpcal.solver.certificate.recording import SearchKeeper
 
 OPTIONS = {"legs": [2, 3], "delta": 200.0}
 

@@ -4,8 +4,8 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.certify.certified_ranges import with_ranges
-from cpcal.certify.certify_robust import certify_robust
+from cpcal.certify.ranges import with_ranges
+from cpcal.certify.robust import certify_robust
 from cpcal.checker import certificate, check, check_run
 from cpcal.checker.files import Lines
 from cpcal.checker.robust_claim import check_robust
@@ -13,7 +13,7 @@ from cpcal.cli import app
 from cpcal.common.errors import InputError
 from cpcal.report import write_report
 from cpcal.results import Uncertified, save_result
-from cpcal.solver.certificate import affordable
+from cpcal.solver.certificate import recording
 
 runner = CliRunner()
 LOW = 100  # of work: less than any certificate of a leg takes
@@ -25,7 +25,7 @@ def campaign(request):
 
 
 def limited(monkeypatch, work):
-    monkeypatch.setattr(affordable, "WORK", work)
+    monkeypatch.setattr(recording, "WORK", work)
 
 
 @pytest.mark.parametrize("method", ["bound", "timeout"])
@@ -88,7 +88,7 @@ def test_a_small_certificate_is_not_checked_twice(campaign, tmp_path, monkeypatc
     def checked(*_):
         raise AssertionError("it is far below the limit")
 
-    monkeypatch.setattr(affordable, "check_lines", checked)
+    monkeypatch.setattr(recording, "check_lines", checked)
     assert cpcal.certify(campaign, legs=[1], delta=0.5, certificates=tmp_path).legs[0].certified
 
 

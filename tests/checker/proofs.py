@@ -15,10 +15,9 @@ from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.problem import Problem, Unknowns
 from cpcal.checker.rule import Rule, Weights
 from cpcal.solver import plugins
-from cpcal.solver.certificate.readings import failing, holding
-from cpcal.solver.certificate.recording import with_readings
-from cpcal.solver.certificate.statement import Statement, free, limits, number
-from cpcal.solver.certificate.writer import WeightProver, rounded
+from cpcal.solver.certificate.exact_network import Statement, free, limits, number
+from cpcal.solver.certificate.float_rows import failing, holding
+from cpcal.solver.certificate.recording import WeightProver, rounded, with_readings
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
 

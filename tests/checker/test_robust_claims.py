@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.certify.certify_robust import certify_robust
+from cpcal.certify.robust import certify_robust
 from cpcal.checker import Refused, check
 from cpcal.checker.files import Budget
 from cpcal.checker.robust_claim import check_robust, meeting

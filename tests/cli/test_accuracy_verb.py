@@ -54,13 +54,13 @@ def test_its_certificates_prove_the_sets_of_parameters_and_another_box_is_refuse
     save_accuracy(dataclasses.replace(found, delta=80.0), out)
     checked = CliRunner().invoke(app, ["verify", str(out)])
     assert checked.exit_code == 1
-    assert "set of leg 1, of another box: REFUSED" in checked.output
+    assert "accuracy.json: REFUSED, delta is not what is proved" in checked.output
     box = found.boxes[1]
     narrower = dataclasses.replace(box, hi=(box.lo[0], *box.hi[1:]))
     save_accuracy(dataclasses.replace(found, boxes=(found.boxes[0], narrower, *found.boxes[2:])), out)
     checked = CliRunner().invoke(app, ["verify", str(out)])
     assert checked.exit_code == 1
-    assert "set of leg 2: REFUSED" in checked.output
+    assert "accuracy.json: REFUSED, boxes[1].hi is not what is proved" in checked.output
 
 
 def test_a_question_about_nothing_and_a_run_that_is_not_one_are_refused(folder, tmp_path):

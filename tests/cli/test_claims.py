@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cpcal.checker.claims import Accepted, Claims, Point
-from cpcal.cli.claims import sentences
+from cpcal.cli.verify import sentences
 from cpcal.legs import PARAMETERS
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]\d+)?"

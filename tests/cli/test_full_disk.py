@@ -6,10 +6,10 @@ import pytest
 from typer.testing import CliRunner
 
 import cpcal
-from cpcal.certify.checkpoints import FOLDER
+from cpcal.certify.question import FOLDER
 from cpcal.cli import app
-from cpcal.common.atomic import draft_name, unwritable
 from cpcal.common.errors import OutputError
+from cpcal.common.files import draft_name, unwritable
 from cpcal.results import Uncertified
 from cpcal.solver.certificate.recording import Recording
 

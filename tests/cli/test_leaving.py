@@ -156,7 +156,7 @@ def test_too_little_memory_is_a_message_with_what_was_asked(campaign_folder, tmp
     def short(*_):
         raise MemoryError("Unable to allocate 7.5 GiB")
 
-    monkeypatch.setattr("cpcal.cli.certified_run.answered", short)
+    monkeypatch.setattr("cpcal.cli.certify.answered", short)
     done = CliRunner().invoke(app, ["certify", str(campaign_folder), "-o", str(tmp_path / "run")])
     assert done.exit_code == 2
     assert re.search(r"too little memory: 64 measurements .* 7\.5 GiB.* --resume", done.stderr), done.stderr

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
-from cpcal.cli.progress import ProgressLines, watch
-from cpcal.cli.show import show_result
+from cpcal.cli.certify import show_result
+from cpcal.cli.running import ProgressLines, watch
 from cpcal.legs import PLAIN
 from cpcal.solver.optimize import Bracket
 
@@ -23,7 +23,7 @@ _SIGNALLED = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from contextlib import contextmanager
-import cpcal.cli.certified_run
+import cpcal.cli.certify
 
 @contextmanager
 def stop(legs, gap, console):
@@ -32,7 +32,7 @@ def stop(legs, gap, console):
             os.kill(os.getpid(), signal.NAME)
     yield progress
 
-cpcal.cli.certified_run.watch = stop
+cpcal.cli.certify.watch = stop
 from cpcal.__main__ import main
 main()
 """
@@ -69,7 +69,7 @@ def test_a_signal_leaves_what_is_proved(campaign, tmp_path, name, status):
     assert "Interrupted" in outcome.stdout
     assert "Traceback" not in outcome.stderr
     data = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
-    assert data["interrupted"] is True
+    assert data["information"]["interrupted"] is True
     assert [leg["leg"] for leg in data["legs"]] == [1, 2]
     assert "REFUSED" not in CliRunner().invoke(app, ["verify", str(tmp_path)]).output
     assert [leg["certificate"] for leg in data["legs"]] == ["leg1.cert.jsonl", "leg2.cert.jsonl"]

@@ -134,6 +134,13 @@ def outer(box: dict[str, Any]) -> dict[str, Any]:
 
 
 FIRST = "leg1.cert.jsonl"
+
+
+def _numbers_alone(run: Path) -> None:
+    leg(certificate=None)(run)
+    (run / FIRST).unlink()
+
+
 TAMPERED: dict[str, Tamper] = {
     "eps_lo is a little more": leg(eps_lo=up),
     "eps_lo is a little less": leg(eps_lo=down),
@@ -158,7 +165,7 @@ TAMPERED: dict[str, Tamper] = {
     "the certificate is that of the other leg": leg(certificate="leg2.cert.jsonl"),
     "the certificate is outside": leg(certificate="../run/leg1.cert.jsonl"),
     "the certificate is called nothing": leg(certificate=None),
-    "numbers without a certificate": lambda run: leg(certificate=None)(run) or (run / FIRST).unlink(),
+    "numbers without a certificate": _numbers_alone,
     "not certified, with a certificate beside it": stated(lambda data: uncertified(data["legs"][0])),
     "certified, but with a reason not to be": told(not_certified="the search was interrupted"),
     "the leg is the third": leg(leg=3),

@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
-from tests.cli.test_tampering import FIRST, SMALL, certified, leg, stated, verify
+from tests.checker.forged.test_checker_run import uncertified
+from tests.cli.test_tampering import FIRST, SMALL, certified, leg, stated, told, verify
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,8 @@ def run(whole: Path, tmp_path: Path) -> Path:
 
 
 def test_ranges_that_are_not_certified_are_named_and_not_exported(run: Path) -> None:
-    leg(ranges=lambda old: old | {"certificate": None, "box": old["box"] | {"lo": [0.0] * 7, "hi": [0.0] * 7}})(run)
+    box = {"lo": [0.0] * 7, "hi": [0.0] * 7}
+    leg(ranges=lambda old: {"certificate": None, "information": {"eps": old["eps"], "box": old["box"] | box}})(run)
     (run / "ranges-leg1.cert.jsonl").unlink()
     done = verify(run)
     assert done.exit_code == 0
@@ -38,9 +40,9 @@ def test_ranges_that_are_not_certified_are_named_and_not_exported(run: Path) -> 
 
 
 def test_numbers_that_are_not_certified_are_not_exported_as_if_they_were(run: Path) -> None:
-    forged = {"certificate": None, "certified": False, "not_certified": "no certificate was asked for"}
-    leg(**forged, eps_lo=0.0, eps_hi=0.0, point=[0.0] * 7)(run)
-    stated(lambda data: data["options"].update(tolerance=1.0))(run)
+    stated(lambda data: uncertified(data["legs"][0]))(run)
+    told(not_certified="no certificate was asked for", eps_lo=0.0, eps_hi=0.0, point=[0.0] * 7)(run)
+    stated(lambda data: data["options"]["information"].update(tolerance=1.0))(run)
     (run / FIRST).unlink()
     exported = json.loads(CliRunner().invoke(app, ["export", str(run), "--format", "json"]).output)
     first, second = exported["legs"]

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
-from cpcal.common.atomic import unwritable
+from cpcal.common.files import unwritable
 from cpcal.files import campaign_sha256
 
 runner = CliRunner()
@@ -213,7 +213,7 @@ def test_an_answer_is_printed_even_if_the_disk_is_full(campaign, tmp_path, monke
     def full(_result, folder):
         raise unwritable(folder, OSError(28, "No space left on device"))
 
-    monkeypatch.setattr("cpcal.cli.certified_run.save_result", full)
+    monkeypatch.setattr("cpcal.cli.certify.save_result", full)
     outcome = run("certify", campaign, "-o", tmp_path, "--legs", "1", "--eps", "0.1")
     assert outcome.exit_code == 2
     assert "Leg 1: does not fit to within 0.1 mm" in outcome.stdout

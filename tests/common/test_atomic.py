@@ -10,9 +10,8 @@ import sys
 import pytest
 
 from cpcal import InputError
-from cpcal.common import atomic
-from cpcal.common.atomic import replacing, write_file, write_folder
-from cpcal.common.file_lock import scratch_folder
+from cpcal.common import files
+from cpcal.common.files import replacing, scratch_folder, write_file, write_folder
 
 
 def names(folder):
@@ -43,7 +42,7 @@ def test_a_failure_leaves_what_was_there(tmp_path):
 
 def test_a_link_under_the_drafts_name_is_not_followed(tmp_path, monkeypatch):
     (tmp_path / "precious").write_bytes(b"precious")
-    monkeypatch.setattr(atomic, "draft_name", lambda: ".known.draft")
+    monkeypatch.setattr(files, "draft_name", lambda: ".known.draft")
     (tmp_path / ".known.draft").symlink_to("precious")
     with pytest.raises(InputError, match="cannot be written"):
         write_file(tmp_path / "file", b"new")
@@ -80,7 +79,7 @@ def test_a_folder_appears_complete(tmp_path):
 
 
 def test_folders_of_killed_processes_are_removed_by_the_next_and_those_of_living_ones_stay(tmp_path, monkeypatch):
-    script = "from cpcal.common.file_lock import scratch_folder as f\nwith f(): print(flush=True); input()"
+    script = "from cpcal.common.files import scratch_folder as f\nwith f(): print(flush=True); input()"
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "env": environment}
     dead, living = (subprocess.Popen([sys.executable, "-c", script], **pipes) for _ in range(2))

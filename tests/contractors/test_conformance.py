@@ -33,8 +33,7 @@ from cpcal.solver.contract import (
 from cpcal.solver.existence import krawczyk
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.sample_networks import Case, boxes, cases
-from cpcal.solver.testing import CONFORMANCE, check_contractor
+from cpcal.solver.testing import CONFORMANCE, Case, boxes, cases, check_contractor
 
 Trial = tuple[Case, Contractor, Box, Contraction, str]
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import LinearSystem
-from contractors.interval_linear import enclose_gauss, enclose_krawczyk, enclose_rump
+from contractors.linear_system import enclose_gauss, enclose_krawczyk, enclose_rump
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, sqr
 

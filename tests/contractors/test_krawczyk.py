@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import HC4, Beaumont, Krawczyk
-from contractors.interval_rows import IntervalRows, beaumont, inequalities, krawczyk
+from contractors.krawczyk import IntervalRows, beaumont, inequalities, krawczyk
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot

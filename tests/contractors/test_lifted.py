@@ -11,20 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import HC4, Lifted
-from contractors.centred import Shift
-from contractors.monomials import column_bounds, product_rows
+from contractors.relaxation import Shift, column_bounds, product_rows
 from cpcal.calibration import least_squares
 from cpcal.legs import leg_box, leg_network
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate, true_robot
-from cpcal.solver.contract import Verdict
+from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Interval, get_arithmetic
-from cpcal.solver.limits import Limits
 from cpcal.solver.linear import Dense
-from cpcal.solver.linear.glop import Glop
+from cpcal.solver.linear.engine import Glop
 from cpcal.solver.network import ConstraintNetwork, norm, sqrt
-from cpcal.solver.network.restrict import restricted
-from cpcal.solver.network.term_operations import Monomial
+from cpcal.solver.network.network import restricted
+from cpcal.solver.network.polynomial import Monomial
 from cpcal.solver.optimize import minimize, run
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -14,7 +14,7 @@ from contractors.relaxation import Relaxation, Structure
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, polynomial_form, sqrt
 from cpcal.solver.network.monotone import DecisiveReadings
-from cpcal.solver.sample_networks import Case, cases
+from cpcal.solver.testing import Case, cases
 
 
 def rows_hold(net: ConstraintNetwork, box: Box, point: list[float], engine: str = "float64") -> list[bool]:

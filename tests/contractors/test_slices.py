@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import HC4, BoxConsistency, Cid, Newton, Shaving
-from contractors.slices import contract_all, cuts
+from contractors.shaving import contract_all, cuts
 from cpcal.solver.contract import Contraction, Contractor, Repeat
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork, sqr

@@ -10,14 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contractors import HC4, Lifted
-from contractors.directions import Directions, over_box
+from contractors.lifted import Directions, over_box
 from cpcal.calibration import least_squares
 from cpcal.legs import leg_box, leg_network, residuals
 from cpcal.simulate import simulate, true_robot
 from cpcal.solver.contract import SupportFunction
 from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.linear.engine import LinearSolution, LinearStatus
-from cpcal.solver.linear.glop import Glop
+from cpcal.solver.linear.engine import Glop, LinearSolution, LinearStatus
 from cpcal.solver.network import ConstraintNetwork
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -13,9 +13,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.execution.executors import Here, Processes, executor_for
+from cpcal.execution.executors import Here, Processes, Reason, also_asked_by, asked, executor_for, heard
 from cpcal.execution.outcomes import LostWorkerError, outcomes
-from cpcal.execution.stopping import Reason, also_asked_by, asked, heard
 
 
 def squared(number):

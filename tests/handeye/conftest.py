@@ -14,10 +14,11 @@ import pytest
 
 from cpcal.checker import Accepted, check
 from cpcal.checker.files import Budget
-from cpcal.handeye import verify_hand_eye
-from cpcal.handeye.frames_chain import Chain
-from cpcal.handeye.hand_eye_files import hand_eye_files
-from cpcal.handeye.hand_eye_study import HandEyeStudy
+from cpcal.handeye import verify as verify_hand_eye
+from cpcal.handeye.chain import Chain
+from cpcal.handeye.classical_answer import classical_answer
+from cpcal.handeye.files import hand_eye_files
+from cpcal.handeye.study import HandEyeStudy
 from cpcal.solver.interval import Box
 from tests.remembered import remembered
 
@@ -29,7 +30,7 @@ def judged_once() -> Iterator[None]:
     """What was accepted of the same bytes is not judged again; what is refused is judged each time."""
     claims: dict[object, Any] = {}
     answers: dict[object, Any] = {}
-    claimed, answer = verify_hand_eye._claimed, verify_hand_eye.classical_answer
+    claimed, answer = verify_hand_eye._claimed, classical_answer
 
     def of_study(study: HandEyeStudy) -> bytes:
         return b"".join(hand_eye_files(study).values())

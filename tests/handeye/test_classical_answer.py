@@ -5,10 +5,8 @@ import pytest
 
 from cpcal.common.errors import InputError
 from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.hand_eye_study import HandEyeStudy
 from cpcal.handeye.minimax_fit import excess, minimax_fit
-from cpcal.handeye.pixel_model import PARAMETERS, PixelModel, moved
-from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
+from cpcal.handeye.study import PARAMETERS, HandEyeStudy, PixelModel, moved, simulate_hand_eye
 from cpcal.robot import Pose
 
 SETUPS = ["eye-in-hand", "eye-to-hand"]

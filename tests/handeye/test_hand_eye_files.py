@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.handeye.hand_eye_files import load_hand_eye, save_hand_eye
-from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
+from cpcal.handeye.files import load_hand_eye, save_hand_eye
+from cpcal.handeye.study import simulate_hand_eye
 
 
 @pytest.fixture

@@ -18,19 +18,21 @@ from cpcal.checker import check
 from cpcal.checker.files import Budget
 from cpcal.common.errors import InputError
 from cpcal.handeye import wrong_images
-from cpcal.handeye.certify_hand_eye import Within, certify_hand_eye
-from cpcal.handeye.exact_errors import PlacedFrames, exact_errors, largest
-from cpcal.handeye.frame_equations import UNKNOWNS, unknowns_of
-from cpcal.handeye.frames_chain import _linked as prove_linked
-from cpcal.handeye.frames_proof import prove
-from cpcal.handeye.hand_eye_files import hand_eye_files
-from cpcal.handeye.hand_eye_result import AskedBox, load_hand_eye_result, save_hand_eye_result
-from cpcal.handeye.hand_eye_study import HandEyeFrames, HandEyeStudy
-from cpcal.handeye.parameter_ranges import parameter_ranges
-from cpcal.handeye.pose_pair_files import read_pose_pairs
-from cpcal.handeye.pose_pairs_study import study_of_pairs
-from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
-from cpcal.handeye.verify_hand_eye import verify_hand_eye, verify_wrong_images
+from cpcal.handeye.certify import (
+    AskedBox,
+    Within,
+    certify_hand_eye,
+    load_hand_eye_result,
+    parameter_ranges,
+    save_hand_eye_result,
+)
+from cpcal.handeye.chain import _linked as prove_linked
+from cpcal.handeye.chain import prove
+from cpcal.handeye.files import hand_eye_files
+from cpcal.handeye.rows import UNKNOWNS, PlacedFrames, exact_errors, largest, unknowns_of
+from cpcal.handeye.sources import read_pose_pairs, study_of_pairs
+from cpcal.handeye.study import HandEyeFrames, HandEyeStudy, simulate_hand_eye
+from cpcal.handeye.verify import verify_hand_eye, verify_wrong_images
 from cpcal.handeye.wrong_images import find_wrong_images, save_wrong_images
 from cpcal.robot import Pose, normalised, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
 from cpcal.solver.interval import Box

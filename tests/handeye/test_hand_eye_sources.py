@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.handeye.board_photos import PrintedBoard, study_of_photos
 from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.pose_pair_files import read_pose_pairs
-from cpcal.handeye.pose_pairs_study import study_of_pairs
-from cpcal.handeye.simulate_hand_eye import CAMERA, simulate_hand_eye
+from cpcal.handeye.sources import PrintedBoard, read_pose_pairs, study_of_pairs, study_of_photos
+from cpcal.handeye.study import CAMERA, simulate_hand_eye
 from cpcal.robot import Pose, inverse, quaternion_from_matrix
 from cpcal.vision.camera import Camera
 

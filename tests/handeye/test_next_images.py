@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.handeye.certify_hand_eye import Within, certify_hand_eye
-from cpcal.handeye.hand_eye_result import PARAMETERS
+from cpcal.handeye.certify import PARAMETERS, Within, certify_hand_eye
 from cpcal.handeye.next_images import next_poses
-from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
+from cpcal.handeye.study import simulate_hand_eye
 
 
 @pytest.fixture(scope="module")

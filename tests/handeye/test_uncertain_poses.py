@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpcal.handeye import frames_chain, minimax_fit
-from cpcal.handeye.certify_hand_eye import certify_hand_eye
+from cpcal.handeye import chain, minimax_fit
+from cpcal.handeye.certify import certify_hand_eye
+from cpcal.handeye.chain import nominal_poses, pose_domain, prove_pose
 from cpcal.handeye.classical_answer import classical_answer
-from cpcal.handeye.frame_equations import UNKNOWNS, unknowns_of
-from cpcal.handeye.image_pose_sets import nominal_poses, pose_domain, prove_pose
-from cpcal.handeye.pose_readings import ReadFrames, ReadingModel, read_study
-from cpcal.handeye.simulate_hand_eye import simulate_hand_eye
+from cpcal.handeye.rows import UNKNOWNS, unknowns_of
+from cpcal.handeye.study import ReadFrames, ReadingModel, read_study, simulate_hand_eye
 from cpcal.robot import quaternion_conjugate, quaternion_product, rotation_matrix
 from cpcal.solver.interval import Box
 
@@ -94,7 +93,7 @@ def test_a_time_limit_ends_the_images_of_a_chain_and_the_truth_stays_inside():
 
 def test_of_many_images_the_most_different_ones_narrow_the_ranges(monkeypatch):
     study, truth = uncertain("eye-in-hand")
-    monkeypatch.setattr(frames_chain, "_UNCERTAIN", 4)
+    monkeypatch.setattr(chain, "_UNCERTAIN", 4)
     said = []
     found = certify_hand_eye(study, tolerance=0.2, tell=said.append)
     assert sum("its pose is bounded" in text for text in said) == 4

@@ -25,7 +25,7 @@ from cpcal.legs import (
 )
 from cpcal.robot import ModelChoice, rotation_matrix
 from cpcal.simulate import true_robot
-from cpcal.solver.certificate.statement import NetworkStatement, number
+from cpcal.solver.certificate.exact_network import NetworkStatement, number
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.network import sqr
 from cpcal.solver.optimize import verify_point

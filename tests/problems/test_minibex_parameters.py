@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cpcal.problems.minibex_meaning import read_minibex
+from cpcal.problems.minibex import read_minibex
 
 
 def test_a_parameter_has_one_value_wherever_it_stands() -> None:

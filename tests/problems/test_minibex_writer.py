@@ -8,7 +8,7 @@ import pytest
 import cpcal
 from benchmarks.solver_problems import PROBLEMS
 from cpcal.common.errors import ModelError
-from cpcal.problems.minibex_meaning import read_minibex
+from cpcal.problems.minibex import read_minibex
 from cpcal.problems.minibex_writer import minibex_text
 from cpcal.problems.problem_files import load_problem
 

@@ -11,11 +11,10 @@ from typer.testing import CliRunner
 
 from cpcal.cli.app import app
 from cpcal.common.errors import InputError
-from cpcal.problems.answer import answer
-from cpcal.problems.nl_reader import read_nl
-from cpcal.solver.contract import Verdict
+from cpcal.problems.nl import read_nl
+from cpcal.problems.problem import answer
+from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import Box
-from cpcal.solver.limits import Limits
 from cpcal.solver.network import evaluate
 
 # minimise x0 x3 (x0 + x1 + x2) + x2 with x0 x1 x2 x3 >= 25 and x0^2 + x1^2 + x2^2 + x3^2 = 40, 1 <= x <= 5 (hs071);

@@ -8,8 +8,7 @@ import pytest
 import cpcal
 from cpcal.common.numbers import bracket_text
 from cpcal.legs import PLAIN
-from cpcal.report.advice import NextStep, advise
-from cpcal.report.fitted import fitted
+from cpcal.report.overview import NextStep, advise, fitted
 from cpcal.report.words import fit_sentence, short_fit
 from cpcal.robot import Campaign
 

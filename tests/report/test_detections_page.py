@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from tinyhtml5.parser import HTMLParser
 
-from cpcal.report.arrow_map import arrow_svg
-from cpcal.report.detections_page import MOST_ROWS, write_detections_page
+from cpcal.report.detections_page import MOST_ROWS, arrow_svg, write_detections_page
 from cpcal.vision.batch.detect import Detections
 from cpcal.vision.batch.study_images import Sample, SeenImage
 from cpcal.vision.camera import DELTALAB_CAMERA

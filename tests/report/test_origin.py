@@ -12,8 +12,7 @@ import cpcal
 from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import encoded
-from cpcal.report.origin import command, versions
-from cpcal.report.page import render
+from cpcal.report.page import command, render, versions
 from cpcal.results import Options
 
 

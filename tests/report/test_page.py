@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 import cpcal
-from cpcal.cli.show import show_result
+from cpcal.cli.certify import show_result
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import cpcal
 from cpcal.legs import PARAMETERS
 from cpcal.report.page import render
-from cpcal.report.panels import Panel, in_view, panel_svg, polygon
+from cpcal.report.svg import Panel, in_view, panel_svg, polygon
 from cpcal.results import Projection, Projections
 from tests.report.made import made_leg, made_result
 

@@ -9,7 +9,7 @@ from tinyhtml5.parser import HTMLParser
 
 import cpcal
 from cpcal.files import campaign_sha256
-from cpcal.report import paper
+from cpcal.report import study_report
 from cpcal.report.study_report import render_study, write_study_page
 from cpcal.results import CampaignNote
 from cpcal.robot import DELTALAB
@@ -30,9 +30,9 @@ def test_every_table_and_figure_has_its_heading_and_the_papers_values(study):
         assert page.count(f"<h3>Table {k}: ") == 1
     for text in ("<h3>Figures 3 and 4: ", "<h3>Figure 5: ", "Figure 6, ", "Figures 1 and 2 there", "Section 5.1.2"):
         assert text in page
-    for row in (*paper.TABLE_4, *paper.TABLE_5):
+    for row in (*study_report.TABLE_4, *study_report.TABLE_5):
         assert all(f"<td>{value:.4f}</td>" in page for value in row)
-    for value in (*paper.TABLE_7_CERTIFIED, *paper.TABLE_7_ATTAINED):
+    for value in (*study_report.TABLE_7_CERTIFIED, *study_report.TABLE_7_ATTAINED):
         assert f"<td>{value:.2f}</td>" in page
     assert "measurements are not public" in page
     assert page.count("Centred errors of ") == 12

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.cli.show import STYLES
+from cpcal.cli.certify import STYLES
 from cpcal.report.words import fit_sentence, short_fit
 from cpcal.results import (
     Bounded,

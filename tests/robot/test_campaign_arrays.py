@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cpcal.common.errors import InputError
 from cpcal.robot import DELTALAB, Campaign, Uncertainty, rotation_matrix
-from cpcal.robot.columns import ColumnSource, column_map
-from cpcal.robot.rotation_form import SEQUENCES, RotationForm
+from cpcal.robot.units import SEQUENCES, ColumnSource, RotationForm, column_map
 from cpcal.simulate import simulate
 
 pandas = pytest.importorskip("pandas")

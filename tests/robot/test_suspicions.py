@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cpcal.robot import DELTALAB, Robot, Uncertainty
-from cpcal.robot.suspicions import suspicions
+from cpcal.robot.mistakes import suspicions
 from cpcal.simulate import simulate
 
 GOOD = simulate(seed=1, joint_error=1.0, random_poses=20)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cpcal.robot import Pose, Robot, Uncertainty, inverse
-from cpcal.robot.rotation_form import quaternion_from_euler
+from cpcal.robot.units import quaternion_from_euler
 
 
 def changed(campaign, **changes):

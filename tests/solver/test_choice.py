@@ -8,11 +8,10 @@ import pytest
 import cpcal
 from contractors import HC4
 from cpcal.common.errors import ModelError
-from cpcal.solver.choice import choice_to_minimize, choice_to_solve
-from cpcal.solver.contract import Contraction, Verdict
+from cpcal.solver.contract import Contraction, Limits, Verdict
 from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.limits import Limits
-from cpcal.solver.network.polynomial_rows import PolynomialForms
+from cpcal.solver.model import choice_to_minimize, choice_to_solve
+from cpcal.solver.network.rewrite import PolynomialForms
 from cpcal.solver.search import Contender, Divide, LargestFirst, Race, Search
 
 

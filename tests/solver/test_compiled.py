@@ -26,7 +26,7 @@ LONG = "    x = x + 1.0\n" * 400
 SLOW = f"from cpcal.solver.compiled import compiled\n\n@compiled\ndef f(x):\n{LONG}    return x\n"
 HOLD = """
 import os, sys, time
-from cpcal.common.file_lock import exclusive
+from cpcal.common.files import exclusive
 exclusive(os.open(sys.argv[1], os.O_RDWR | os.O_CREAT))
 print(flush=True)
 time.sleep(100)

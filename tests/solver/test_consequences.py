@@ -10,9 +10,8 @@ import numpy as np
 
 import cpcal
 from cpcal.problems.problem_files import load_problem
-from cpcal.solver.consequences import consequences
-from cpcal.solver.contract import Verdict
-from cpcal.solver.limits import Limits
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.model import consequences
 
 PROBLEMS = Path(__file__).parents[2] / "benchmarks" / "problems"
 

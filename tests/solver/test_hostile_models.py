@@ -14,16 +14,14 @@ import pytest
 import cpcal
 from cpcal.checker import check
 from cpcal.common.errors import ModelError
-from cpcal.solver.certificate import uncertified
+from cpcal.solver.certificate import recording
 from cpcal.solver.certificate.recording import claims_of
-from cpcal.solver.contract import Verdict
+from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.existence import Inside, highest, upper_ends
 from cpcal.solver.interval import Box, Interval, IntervalArray, get_arithmetic
-from cpcal.solver.limits import Limits
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.equations import Equations
-from cpcal.solver.optimize.local_search import LocalSearch
-from cpcal.solver.optimize.witness import WitnessProver
+from cpcal.solver.optimize.local import LocalSearch
+from cpcal.solver.optimize.witness import Equations, WitnessProver
 
 
 def test_points_of_whole_numbers_that_solve_nothing_are_not_kept() -> None:
@@ -282,8 +280,8 @@ def test_a_certificate_that_the_checker_refuses_is_not_written(tmp_path: Path, m
     x = net.variable("x", domain=(-2, 2))
     net.add(x * x >= 1)
     false = {"enclosure": {"lo": ["0x1p+0"], "hi": ["0x1p+0"]}}
-    monkeypatch.setattr(uncertified, "claims_of", lambda *args: claims_of(*args) | false)
-    with pytest.raises(uncertified.UncertifiedError, match="would be refused: box 0 reaches out of the") as raised:
+    monkeypatch.setattr(recording, "claims_of", lambda *args: claims_of(*args) | false)
+    with pytest.raises(recording.UncertifiedError, match="would be refused: box 0 reaches out of the") as raised:
         net.minimize(x, certificate=tmp_path / "c", limits=Limits(nodes=1))
     assert raised.value.answer.verdict is not Verdict.PROVED
     assert "ot certified" in raised.value.answer.status

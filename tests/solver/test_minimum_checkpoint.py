@@ -13,8 +13,8 @@ import pytest
 
 import cpcal
 from cpcal.common.errors import InputError
-from cpcal.solver.certificate.uncertified import UncertifiedError
-from cpcal.solver.limits import Limits
+from cpcal.solver.certificate.recording import UncertifiedError
+from cpcal.solver.contract import Limits
 from cpcal.solver.optimize import Minimum
 
 LIFTED = {"gap": 1e-3}  # with a certificate

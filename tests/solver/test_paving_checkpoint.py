@@ -8,8 +8,8 @@ import pytest
 
 import cpcal
 from cpcal.common.errors import InputError
-from cpcal.solver import choice
-from cpcal.solver.limits import Limits
+from cpcal.solver import model
+from cpcal.solver.contract import Limits
 
 
 def ring(least: float = 1.0) -> cpcal.Network:
@@ -42,7 +42,7 @@ def answer(paving: cpcal.Paving) -> tuple[object, ...]:
     [(ring, {"width": 0.2, "inner": True}, 37), (ring, {"width": 0.2, "order": "breadth"}, 90), (points, {}, 7)],
 )
 def test_stopped_again_and_again_it_ends_in_the_same_answer(build, options, step, tmp_path, monkeypatch):
-    monkeypatch.setattr(choice, "_SLICES", (8, 8))  # short turns, so that several methods have some
+    monkeypatch.setattr(model, "_SLICES", (8, 8))  # short turns, so that several methods have some
     whole = answer(build().solve(**options))
     file, stops = tmp_path / "search", 0
     while True:

@@ -22,10 +22,8 @@ from flint import arb, ctx
 import cpcal
 from cpcal.checker import check
 from cpcal.common.errors import ModelError
-from cpcal.solver.contract import Verdict
-from cpcal.solver.limits import Limits
-from cpcal.solver.network.dag import topological
-from cpcal.solver.network.expression import Expr
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.network.expression import Expr, topological
 from cpcal.solver.network.operations import TABLE
 
 COUNT = int(os.environ.get("CPCAL_PLANTED", "300"))  # 20,000 at night

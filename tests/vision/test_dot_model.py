@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.vision_scenes import facing_poses, one
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.projection import centers_of, predict, predicted_centers

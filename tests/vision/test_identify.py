@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.vision_accuracy import KINDS, identified, spoiled
 from benchmarks.vision_scenes import facing_poses, found_dots, one
-from cpcal.common.arrays import Floats, Ints
+from cpcal.common.values import Floats, Ints
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.identify import Identification, Unidentified, identify
 from cpcal.vision.identify.identify import ACCIDENTS, MARGIN, apart, followed, hypotheses, hypothesis_of

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.vision_scenes import facing_poses, one
 from cpcal.robot import quaternion_product
-from cpcal.robot.rotation import quaternion_from_rotation_vector
+from cpcal.robot.kinematics import quaternion_from_rotation_vector
 from cpcal.solver.compiled import plain
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.dots import observe_dots, segmentation

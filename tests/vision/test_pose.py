@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.vision_accuracy import pose_error
 from benchmarks.vision_scenes import FACING, facing_poses, one
-from cpcal.common.arrays import Floats, Ints
 from cpcal.common.errors import InputError
+from cpcal.common.values import Floats, Ints
 from cpcal.robot import Pose, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
 from cpcal.vision.pose import NoPose, PoseEstimate, estimate_pose

@@ -10,10 +10,10 @@ from typing import Any
 
 from cpcal.cli.detect import show_detections
 from cpcal.cli.folders import made
-from cpcal.cli.progress import bar
-from cpcal.cli.shots import IMAGES, TABLES, shot_study, write_shots
+from cpcal.cli.running import bar
+from cpcal.cli.simulate import IMAGES, TABLES, shot_study, write_shots
 from cpcal.cli.talk import Talk
-from cpcal.common.atomic import write_file
+from cpcal.common.files import write_file
 from cpcal.robot import DELTALAB, Study
 from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect
 from cpcal.vision.batch.study_images import RenderedImages, study_table

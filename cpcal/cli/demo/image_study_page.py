@@ -8,9 +8,8 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from cpcal.cli.demo.image_study import ImageStudy
-from cpcal.common.arrays import Floats
-from cpcal.report.images import ImagesFound, Picture, picture
-from cpcal.report.study_tables import TextTable
+from cpcal.common.values import Floats
+from cpcal.report.study_report import ImagesFound, Picture, TextTable, picture
 from cpcal.robot import PoseTable, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.vision.batch.study_images import RenderedImages
 from cpcal.vision.files.detection import POSITION, QUATERNION, RMS, SIGMA, by_reason, values_of

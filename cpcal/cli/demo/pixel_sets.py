@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from cpcal.cli.certified_run import certified_into
+from cpcal.cli.certify import certified_into
 from cpcal.cli.demo.image_study import ImageStudy
 from cpcal.cli.folders import PIXEL_CAMPAIGN, PIXEL_RUN, PIXEL_SETS
 from cpcal.cli.talk import Talk
@@ -16,8 +16,7 @@ from cpcal.common.errors import ModelError
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.files import save_campaign
 from cpcal.files.run_folder import POSE_SETS, answers_into
-from cpcal.report.images import ImagesFound
-from cpcal.report.study_tables import TextTable
+from cpcal.report.study_report import ImagesFound, TextTable
 from cpcal.results import Result
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict

@@ -14,24 +14,21 @@ from cpcal.calibration.statistics import Of
 from cpcal.certify import certify
 from cpcal.certify.fits import certify_fits
 from cpcal.cli.calibrate import show_record, write_calibration
-from cpcal.cli.certified_run import certified_into, status_of
+from cpcal.cli.certify import certified_into, show_result, status_of
 from cpcal.cli.demo.image_study import SUBSET, WHOLE, ImageStudy, image_study
 from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.demo.pixel_sets import HALF_WIDTH, certify_pixels, with_sets
 from cpcal.cli.folders import CAMPAIGN, FITS, RUN, STUDY, TIMEOUT, check_new, is_earlier_demo, unwritable
-from cpcal.cli.progress import watch
-from cpcal.cli.show import show_result
-from cpcal.cli.status import Status
-from cpcal.cli.study_page import study_found
-from cpcal.cli.talk import Talk, talking
+from cpcal.cli.report import study_found
+from cpcal.cli.running import watch
+from cpcal.cli.talk import Status, Talk, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import stated
-from cpcal.execution.stopping import heard
+from cpcal.execution.executors import heard
 from cpcal.files import load_campaign, load_study, save_study
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
-from cpcal.report.images import IMAGES_NAME, save_images
-from cpcal.report.study_report import write_study_page
+from cpcal.report.study_report import IMAGES_NAME, save_images, write_study_page
 from cpcal.results import Result, save_result
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate_study

@@ -3,32 +3,352 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import tempfile
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from fractions import Fraction as F
+from functools import cached_property, partial
 from io import StringIO
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, BinaryIO, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.checker.problem import Problem
+from cpcal.checker import Refused
+from cpcal.checker import problem as exact
+from cpcal.checker.certificate import check_lines
+from cpcal.checker.files import WORK, Budget, Lines
+from cpcal.checker.header import problem_of
+from cpcal.checker.problem import Box as ExactBox
+from cpcal.checker.problem import Problem, Unknowns
+from cpcal.checker.rule import Row, Rule, Weights
 from cpcal.common import errors
-from cpcal.common.atomic import replacing
+from cpcal.common.errors import CpcalError, InputError
+from cpcal.common.errors import Problem as Trouble
+from cpcal.common.files import replacing
+from cpcal.common.values import Bools, Floats
+from cpcal.execution.checkpoint_file import Line, Regularly, garbled, kept, read_checkpoint
+from cpcal.execution.executors import asked
 from cpcal.solver.accounts import ContractorUse
-from cpcal.solver.certificate.affordable import check_affordable
-from cpcal.solver.certificate.readings import at_point, failing, stretchings
-from cpcal.solver.certificate.statement import Statement, limits, number
-from cpcal.solver.certificate.writer import WeightProver, line, written
+from cpcal.solver.certificate.exact_network import Statement, free, limits, number
+from cpcal.solver.certificate.float_rows import (
+    FloatRule,
+    Parts,
+    Product,
+    Square,
+    at_point,
+    failing,
+    rows_of,
+    stretchings,
+)
+from cpcal.solver.contract import Contraction, Step, StepWeights, Verdict, shrunk
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize import Minimum
-from cpcal.solver.search import Event, EventKind
+from cpcal.solver.optimize.bound import Saved
+from cpcal.solver.search import Event, EventKind, Proof
+
+# ------------------------------------------------------------------------------------------------------------------
+# Nobody is given a certificate that `cpcal verify` would refuse: it is checked before it is written.
+#
+# A whole check costs as much as the search. Of legs and of poses, whose claims are of one kind, it is made only where
+# its
+# work may come near the limit; of a minimisation of constraints that the certificate states itself, always.
+
+_WORK_A_BYTE = 250  # of the steps; up to 200 were seen, with the leg model "linear" and uncertain readings
+_SAMPLE = 4  # measurements
+_NEAR = 2  # an estimate within this factor of the limit is not trusted
+
+
+class UncheckableError(InputError):
+    """The checker refuses the certificate, mostly because its check takes too much work; it was not written."""
+
+
+def check_affordable(
+    where: str, lines: BinaryIO, problem: Problem, domain: Box, claims: Mapping[str, Any], work: int | None = None
+) -> None:
+    """Raise UncheckableError where the checker would refuse these lines.
+
+    `where`: the file that they are for; `work`: of the check, at most (default: what the checker spends).
+    """
+    most = WORK if work is None else work
+    needed = _NEAR * (_WORK_A_BYTE * lines.seek(0, 2) + _work_of_point(problem, claims))
+    if needed <= most and (problem.model is not None or problem.objective is None):
+        return
+    lines.seek(0)
+    counted = Lines(lines, Budget(most))
+    root = exact.Box(tuple(F(float(v)) for v in domain.lo), tuple(F(float(v)) for v in domain.hi))
+
+    def formed(header: dict[str, Any]) -> tuple[Problem, exact.Box]:
+        return (problem, root) if "campaign" in header else problem_of(header, counted, Path(where), None)
+
+    try:
+        check_lines(counted, formed)
+    except Refused as refused:
+        remedy = "use fewer measurements or constraints, or a wider gap; or leave the certificate out"
+        if refused.code != "limit":
+            remedy = "this is an error of ours, please report it; leave the certificate out"
+        raise UncheckableError([Trouble(where, f"would be refused: {refused.reason}", remedy)]) from None
+
+
+def _work_of_point(problem: Problem, claims: Mapping[str, Any]) -> int:
+    """About the work to show that the claimed point satisfies its measurements."""
+    point = claims["point"]
+    if point is None:
+        return 0
+    spent: list[int] = []
+    at = tuple(F(float.fromhex(v)) for v in point["at"])
+    x = Unknowns(exact.Box(at, at), spent.append)
+    holds = problem.chosen if point["holds"] == "all" else point["holds"]
+    sample = list(zip(holds, point["readings"] or [None] * len(holds), strict=True))[:: max(1, len(holds) // _SAMPLE)]
+    problem.unproved(x, [(k, "0" * len(problem.radii(k)) if signs is None else signs) for k, signs in sample])
+    return sum(spent) * len(holds) // max(1, len(sample))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Proposed steps, proved by the checker's own rule before they count for a certificate.
+#
+# A contractor proposes bounds with weights; they are shortened, and `Rule` says in exact arithmetic what they prove.
+# The
+# search goes on from the boxes that were proved, so what is written is what the checker will see.
+
+T = TypeVar("T")
+_BITS = (10, 14, 18, 24, 32, 53)  # of the largest weight: the first that prove nearly as much as was proposed
+_LOSS = 0.02  # of the width that was proposed, given away for shorter numbers
+_ROUNDING = 0.5  # of that loss: more may not be due to rounding
+_NEARLY = 0.9  # of a proved width: a proposed one below that was not proved
+
+
+class WeightProver:
+    """Proves what a contractor proposes on a box, as far as the rule goes. Steps without weights count for nothing."""
+
+    def __init__(self, statement: Statement) -> None:
+        self._statement = statement
+
+    def __call__(self, box: Box, proposed: Contraction) -> Proof:
+        table = _Table(self._statement, ExactBox(_fractions(box.lo), _fractions(box.hi)))
+        o = self._statement.problem.objective
+        cap = None if o is None else number(float(box.hi[o]))
+        table.take(proposed.steps)
+        lo, hi, bounds = box.lo.copy(), box.hi.copy(), []
+        steps: list[Step] = []
+        for step in proposed.steps:
+            if step.weights is None:
+                continue
+            if step.variable is None:
+                excluding = _within_limits(partial(_excluding, table, step.weights))
+                if excluding is not None:
+                    (weights,), rows = table.encoded([excluding])
+                    exclude = {"exclude": 0, "cap": cap, "rows": rows, "weights": weights}
+                    return Proof(Box.empty(box.names), (*steps, step), exclude, True)
+                continue
+            i = box.index(step.variable)
+            found = _within_limits(partial(_bound, table, i, step, _LOSS * _width(proposed.box, i)))
+            if found is None:
+                continue
+            proof, bound = found
+            if (step.side == "lo" and bound > lo[i]) or (step.side == "hi" and bound < hi[i]):
+                (lo if step.side == "lo" else hi)[i] = bound
+                bounds.append((i, step.side, number(bound), proof))
+                steps.append(step)
+        left, record = box.with_bounds(lo, hi), None
+        if bounds:
+            texts, rows = table.encoded([proof for *_, proof in bounds])
+            entries = [[*entry[:3], text] for entry, text in zip(bounds, texts, strict=True)]
+            record = {"pass": 0, "cap": cap, "rows": rows, "bounds": entries}
+        return Proof(left, tuple(steps), record, _complete(left, proposed.box))
+
+
+class _Table:
+    """The rows of one step, each with the reference reading that was chosen for it, and the rule on the box."""
+
+    def __init__(self, statement: Statement, box: ExactBox) -> None:
+        self._statement = statement
+        self._rows: list[Row] = []
+        self._places: dict[tuple[str, int], int] = {}
+        self.rule = Rule(statement.problem, box, self._rows, free)
+        self.fast = FloatRule(self.rule, statement.problem, self._rows)
+
+    def take(self, steps: Sequence[Step]) -> None:
+        """Choose the reading of every row that the steps speak of."""
+        named = (entry[:3] for step in steps if step.weights is not None for entry in step.weights.rows)
+        places = [place for row in dict.fromkeys(named) if (place := self._statement.place(*row)) is not None]
+        new = [place for place in dict.fromkeys(places) if place not in self._places]
+        self._places |= {place: n for n, place in enumerate(new, start=len(self._rows))}
+        first = len(self._rows)
+        self._rows += rows_of(self._statement.problem, self.rule.x, new)
+        _within_limits(partial(self.fast.form, range(first, len(self._rows))))
+
+    def _place(self, constraint: int, part: int, element: int) -> int | None:
+        """The number in the table of a polynomial row of the network; None where the statement has no such row."""
+        place = self._statement.place(constraint, part, element)
+        return None if place is None else self._places[place]
+
+    def proposed(self, weights: StepWeights) -> _Proposed:
+        """Weights as a contractor gives them, of rows of the table."""
+        placed = [self._place(*e[:3]) for e in weights.rows]
+        products = [(i, j, int(p), int(q)) for i, j, p, q, _ in weights.products]
+        squares = [(i, t) for i, t, _ in weights.tangents]
+        values = (np.array([e[-1] for e in kind]) for kind in (weights.rows, weights.products, weights.tangents))
+        known = [n is not None for n in placed]
+        parts = self.fast.parts([n for n in placed if n is not None], products, squares)
+        return _Proposed(placed, products, squares, tuple(values), parts, np.array(known, np.bool_))
+
+    def encoded(self, proofs: Sequence[Weights]) -> tuple[list[dict[str, Any]], list[list[Any]]]:
+        """The JSON of weights, and of the rows that they speak of."""
+        used = sorted({n for weights in proofs for n, _ in weights.rows})
+        places = {n: new for new, n in enumerate(used)}
+        texts = [
+            {
+                "rows": [[places[n], w] for n, w in weights.rows],
+                "products": weights.products,
+                "tangents": [[i, number(t), w] for i, t, w in weights.tangents],
+                "exponents": weights.exponents,
+            }
+            for weights in proofs
+        ]
+        return texts, [written(self._rows[n]) for n in used]
+
+
+@dataclass(frozen=True)
+class _Proposed:
+    """Weights (of rows, of products, of squares) that a contractor proposes, and what they are put on.
+
+    A row that the statement has not is None in `rows`, False in `known`, and missing in `parts`.
+    """
+
+    rows: list[int | None]
+    products: list[Product]
+    squares: list[Square]
+    weights: tuple[Floats, ...]
+    parts: Parts
+    known: Bools
+
+    def shortened(self, bits: int) -> Floats:
+        """Weights of the parts, as whole numbers of so many bits at most times a power of two."""
+        values, largest = self._placed
+        return np.asarray(np.ldexp(np.rint(np.ldexp(values, bits - largest)), largest - bits))
+
+    @cached_property
+    def _placed(self) -> tuple[Floats, npt.NDArray[np.intc]]:
+        """The weights of the parts, and the exponent of the largest of their kind."""
+        kinds = [self.weights[0][self.known], *self.weights[1:]]
+        largest = [_exponent(values) for values in self.weights]
+        return np.concatenate(kinds), np.repeat(np.array(largest, np.intc), [values.size for values in kinds])
+
+    def exact(self, bits: int) -> Weights:
+        """The checker's form of them; those that vanish are left out. Raises Refused where it has none."""
+        (rows, r), (products, p), (squares, t) = (whole(values, bits) for values in self.weights)
+        if not (all(-1000 <= e < 1000 for e in (r, p, t)) and all(np.isfinite(v).all() for v in self.weights)):
+            raise Refused("weights are too large or too small to be written", "limit")
+        kinds = zip(self.rows, rows, strict=True), zip(self.products, products, strict=True)
+        return Weights(
+            tuple((n, int(w)) for n, w in kinds[0] if w and n is not None),
+            tuple((*product, int(w)) for product, w in kinds[1] if w),
+            tuple((i, F(touch), int(w)) for (i, touch), w in zip(self.squares, squares, strict=True) if w),
+            (r, p, t),
+        )
+
+
+def written(row: Row) -> list[Any]:
+    """The JSON of a row; signs that are all 0 are left out."""
+    return [*row] if set(row[2]) & {"-", "+"} else [*row[:2]]
+
+
+def _within_limits(tried: Callable[[], T]) -> T | None:
+    """None where the checker would refuse, because a polynomial is too large for it."""
+    try:
+        return tried()
+    except Refused:
+        return None
+
+
+def _excluding(table: _Table, given: StepWeights) -> Weights | None:
+    proposed = table.proposed(given)
+    for bits in _BITS:
+        if table.fast.lowest(proposed.parts, proposed.shortened(bits))[0] > 0.0:
+            return proposed.exact(bits)
+    return next((weights for weights in map(proposed.exact, _BITS) if table.rule.excludes(weights)), None)
+
+
+def _bound(table: _Table, i: int, step: Step, loss: float) -> tuple[Weights, float]:
+    """The shortest weights, and the bound on unknown i that they prove, that lose little of what was proposed."""
+    assert step.weights is not None
+    proposed = table.proposed(step.weights)
+    doubtful = []  # what float64 arithmetic gives away may be all that is missing
+    for bits in _BITS:
+        proved, rounding = table.fast.bound(i, step.side, proposed.parts, proposed.shortened(bits))
+        if abs(proved - step.bound) <= loss:
+            return proposed.exact(bits), brief(F(proved), step.side == "lo", loss)
+        if not abs(proved - step.bound) > loss + rounding:
+            doubtful.append(bits)
+    if not rounding <= _ROUNDING * loss:
+        weights, bound = _exact_bound(table, i, step, [proposed.exact(b) for b in doubtful or [bits]], loss)
+        return weights, brief(bound, step.side == "lo", loss)
+    return proposed.exact(bits), brief(F(proved), step.side == "lo", loss)
+
+
+def _exact_bound(table: _Table, i: int, step: Step, tried: list[Weights], loss: float) -> tuple[Weights, F]:
+    """The first of the weights that lose little of what was proposed, or the last, and what they prove."""
+    for weights in tried:
+        proved = table.rule.bound(i, step.side, weights)
+        if abs(proved - F(step.bound)) <= F(loss):
+            break
+    return weights, proved
+
+
+def _complete(proved: Box, proposed: Box) -> bool:
+    """Whether what was proved is hardly wider than what was proposed."""
+    if proposed.is_empty:
+        return proved.is_empty
+    return not shrunk(proved.width, proposed.width, _NEARLY)
+
+
+def whole(values: Floats, bits: int) -> tuple[Floats, int]:
+    """Whole numbers that are nearly proportional to nonnegative ones, and the power of two between them."""
+    exponent = _exponent(values) - bits
+    return np.rint(np.ldexp(values, -exponent)), exponent
+
+
+def _exponent(values: Floats) -> int:
+    return math.frexp(values.max(initial=0.0))[1]
+
+
+def rounded(value: F, down: bool) -> float:
+    """The nearest float64 that is not above (below) a fraction."""
+    nearest = float(value)
+    if down and F(nearest) > value:
+        return math.nextafter(nearest, -math.inf)
+    if not down and F(nearest) < value:
+        return math.nextafter(nearest, math.inf)
+    return nearest
+
+
+def brief(value: F, down: bool, loss: float) -> float:
+    """A float64 with few digits that is at most about `loss` below (above) a fraction."""
+    if loss > 0.0:
+        unit = F(2) ** (math.frexp(loss)[1] - 1)
+        value = ((value / unit).__floor__() if down else (value / unit).__ceil__()) * unit
+    return rounded(value, down)
+
+
+def _width(box: Box, i: int) -> float:
+    return 0.0 if box.is_empty else float(box.hi[i] - box.lo[i])
+
+
+def _fractions(values: np.ndarray[Any, Any]) -> tuple[F, ...]:
+    return tuple(F(float(v)) for v in values)
+
+
+def line(value: Any) -> str:
+    return json.dumps(value, separators=(",", ":"), allow_nan=False) + "\n"
+
 
 Claims = dict[str, Any]  # line of a certificate
 
@@ -251,3 +571,127 @@ def _moved(signs: str) -> bool:
 
 def _valid(point: npt.NDArray[np.float64]) -> dict[str, Any]:
     return {"at": [number(v) for v in point], "holds": "all", "fails": []}
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What a minimisation keeps on disk while it works, so that another call can go on from there to the same answer.
+
+_LONG = 1.0  # seconds: a search that is not done twice
+
+
+class SearchKeeper:
+    """Keeps where one search stands, and its recording, every few seconds and at the end, if boxes are left then.
+
+    path    of the file; None: nothing is kept
+    of      what the file is of: it is refused for anything else
+    resume  begin where the file says, if there is one
+    """
+
+    def __init__(
+        self, path: Path | None, of: Mapping[str, str], recording: Recording | None, *, resume: bool = False
+    ) -> None:
+        self._path, self._of, self._recording, self._resume = path, of, recording, resume
+        self._saved: Callable[[], Saved] | None = None
+        self._regularly = Regularly()
+
+    def resumed(self) -> Saved | None:
+        """Where to go on, the recording brought there; None to begin. Raises InputError."""
+        if self._path is None or not (self._resume and self._path.exists()):
+            return None
+        lines = read_checkpoint(self._path, self._of)
+        try:
+            found = Saved.from_lines([line["search"] for line in lines if "search" in line])
+            steps = [line for line in lines if "search" not in line]
+            if (self._recording is None) != (not steps):
+                raise ValueError("it was kept with certificates, or without, and this run is not")
+            if self._recording is not None:
+                self._recording.restore(steps)
+            return found
+        except (KeyError, ValueError, TypeError, CpcalError) as error:
+            raise garbled(self._path, error) from None
+
+    def __call__(self, saved: Callable[[], Saved]) -> None:
+        """After every node: `saved` says where the search stands."""
+        self._saved = saved
+        if self._path is not None:
+            self._regularly(self._keep)
+
+    def end(self, found: Minimum) -> None:
+        """The search is over. Keep it where boxes are left, or it took long, for what comes next may be interrupted."""
+        torn = found.interrupted and not asked()  # an exception broke it off between any two lines
+        if not torn and (found.pending or found.seconds > _LONG):
+            self.keep()
+
+    def keep(self) -> None:
+        """Now."""
+        self._regularly.now(self._keep)
+
+    def done(self, found: Minimum) -> None:
+        """The answer is in its place: where nothing is left to go on with, the file goes."""
+        if self._path is not None and not (found.pending or found.interrupted):
+            self._path.unlink(missing_ok=True)
+
+    def _keep(self) -> None:
+        if self._path is None or self._saved is None:
+            return
+        if self._recording is None or self._recording.whole:
+            kept(self._path, self._of, self._lines(self._saved()))
+
+    def _lines(self, saved: Saved) -> Iterator[Line]:
+        for line in saved.lines():
+            yield {"search": line}
+        if self._recording is not None:
+            yield from self._recording.saved()
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What a certificate holds of an answer: all of it, its lower bound, or nothing. The certificate costs no answer.
+
+_NO_POINT = (
+    "the certificate proves the bound, not the point: no certificate can say yet that equations have a solution nearby"
+)
+
+
+class UncertifiedError(InputError):
+    """The certificate could not be written, or the checker refuses it; `answer` is what was found, not certified."""
+
+    answer: Minimum
+
+
+def certified(recording: Recording, path: str | os.PathLike[str], found: Minimum, domain: Box, name: str) -> Minimum:
+    """What was found, once its certificate is written and checked. Raises UncertifiedError.
+
+    A certificate says of a point that it satisfies every constraint exactly. A point that only stands for a solution of
+    equations in the box around it does not: then the certificate claims the lower bound and the enclosure alone.
+    """
+    claims = claims_of(found, domain, name)
+    why = _unsaid(recording.problem, claims)
+    if why:
+        found = _not_certified(found, why)
+        claims |= {"point": None, "epsilon": claims["epsilon"] and claims["epsilon"] | {"hi": None}}
+    try:
+        recording.write(path, claims)
+    except InputError as error:
+        raised = UncertifiedError(error.problems)
+        raised.answer = _not_certified(found, "; ".join(problem.what for problem in error.problems))
+        raise raised from None
+    return replace(found, contractors_used=recording.credited(found.contractors_used))
+
+
+def _unsaid(problem: Problem, claims: Claims) -> str:
+    """Why a certificate cannot say that the claimed point satisfies every constraint exactly; empty where it can."""
+    if claims["point"] is None:
+        return ""
+    at = tuple(F(float.fromhex(v)) for v in claims["point"]["at"])
+    x = exact.Unknowns(exact.Box(at, at), free)
+    try:
+        return "" if all(problem.holds(x, k, "") for k in problem.chosen) else _NO_POINT
+    except Refused as refused:
+        return f"the certificate proves the bound, not the point: {refused.reason}"
+
+
+def _not_certified(found: Minimum, why: str) -> Minimum:
+    """With what is missing in place of the proof."""
+    if found.verdict is Verdict.UNKNOWN:
+        return replace(found, status=f"{found.status} Not certified: {why}.")
+    return replace(found, verdict=Verdict.NOT_CERTIFIED, status=f"The gap is closed, but not certified: {why}.")

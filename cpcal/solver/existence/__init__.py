@@ -9,12 +9,26 @@ the infinity that proves nothing (`upper_ends`), because `max(-inf, nan)` is -in
 row at all (`sides`).
 """
 
-from cpcal.solver.existence.deadline import stop_flag
-from cpcal.solver.existence.equalities import Equalities, Linearization
-from cpcal.solver.existence.inside import Inside
-from cpcal.solver.existence.operators import Operator, hansen_sengupta, krawczyk, square_of
-from cpcal.solver.existence.quantified import ReadingConstraint, highest, reads, sides, upper_ends
-from cpcal.solver.existence.unique import Unique, UniquenessProver, prove_unique
+from cpcal.solver.existence.operators import (
+    Equalities,
+    Linearization,
+    Operator,
+    hansen_sengupta,
+    krawczyk,
+    square_of,
+    stop_flag,
+)
+from cpcal.solver.existence.unique import (
+    Inside,
+    ReadingConstraint,
+    Unique,
+    UniquenessProver,
+    highest,
+    prove_unique,
+    reads,
+    sides,
+    upper_ends,
+)
 
 __all__ = [
     "Equalities",

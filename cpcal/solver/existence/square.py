@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from cpcal.common.arrays import Floats, Ints
+from cpcal.common.values import Floats, Ints
 from cpcal.solver.compiled import compiled
 from cpcal.solver.interval.kernels import add, factor, meet, mul, sub
 from cpcal.solver.network.operations import CONTINUOUS, quality

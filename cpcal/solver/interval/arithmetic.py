@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Protocol
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.solver.interval.array import IntervalArray
-from cpcal.solver.interval.rounding import check_rounding
+from cpcal.solver.interval.float64 import check_rounding
+from cpcal.solver.interval.numbers import IntervalArray
 
 
 class Arithmetic(Protocol):

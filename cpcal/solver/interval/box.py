@@ -10,11 +10,10 @@ from typing import Any, NoReturn, Protocol, overload
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
-from cpcal.solver.interval.array import IntervalArray
+from cpcal.common.values import Floats
 from cpcal.solver.interval.float64 import Float64
-from cpcal.solver.interval.number import Number, float_bounds, round_down, round_up
+from cpcal.solver.interval.numbers import IntervalArray, Number, float_bounds, round_down, round_up
 from cpcal.solver.interval.scalar import Interval, format_bound
 
 _ENGINE = Float64()

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from cpcal.solver.compiled import compiled
-from cpcal.solver.interval.directed import ETA, MAX, quotient_above, quotient_below, sum_above, sum_below
+from cpcal.solver.interval.kernels import ETA, MAX, quotient_above, quotient_below, sum_above, sum_below
 
 Bounds = tuple[float, float]
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from cpcal.common.errors import ModelError
 from cpcal.common.numbers import rounded_down, rounded_up
-from cpcal.solver.interval.array import IntervalArray
 from cpcal.solver.interval.float64 import Float64
-from cpcal.solver.interval.number import Number, round_down, round_up
+from cpcal.solver.interval.numbers import IntervalArray, Number, round_down, round_up
 
 _ENGINE = Float64()
 _NUMBERS = (int, float, Rational, Decimal, np.integer, np.floating)

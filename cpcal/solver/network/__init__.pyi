@@ -2,9 +2,8 @@ from .expression import Constraint, Expr
 from .forms import CentredForm, evaluate
 from .mathematics import maximum, minimum, norm, sqr, sqrt
 from .network import ConstraintNetwork
-from .polynomial_rows import PolynomialSystem, polynomial_form
-from .rewrite import one_sided_rows
-from .rows_tape import rows_tape
+from .rewrite import PolynomialSystem, one_sided_rows, polynomial_form
+from .rows import rows_tape
 from .tape import Tape
 
 __all__ = [

@@ -11,10 +11,9 @@ import math
 
 import numpy as np
 
-from cpcal.common.arrays import Bools, Floats, Indices
+from cpcal.common.values import Bools, Floats, Indices
 from cpcal.solver.interval import Arithmetic, IntervalArray
-from cpcal.solver.network.centred_terms import centred_sums
-from cpcal.solver.network.coefficient_kernels import combined, occurring, products, summed
+from cpcal.solver.network.coefficient_kernels import centred_sums, combined, occurring, products, summed
 
 _MAX = np.finfo(np.float64).max
 _ETA = 5e-324

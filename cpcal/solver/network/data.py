@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import IntervalArray
-from cpcal.solver.interval.number import float_bounds
+from cpcal.solver.interval.numbers import float_bounds
 
 Data: TypeAlias = IntervalArray | npt.NDArray[np.intp]
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, NoReturn, Union
 
@@ -15,8 +16,32 @@ import numpy.typing as npt
 
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Interval, IntervalArray
-from cpcal.solver.network.dag import topological
 from cpcal.solver.network.data import broadcasts, checked, enclosed, freeze, is_thick, own, pair, positions
+
+# ------------------------------------------------------------------------------------------------------------------
+# Walks over the DAG of expressions, without recursion: a sum of thousands of terms is thousands of levels deep.
+
+
+def topological(roots: Iterable[Expr]) -> list[Expr]:
+    """All distinct nodes under `roots`, arguments first; equal expressions are one node."""
+    order: dict[bytes, Expr] = {}
+    stack: list[tuple[Expr, bool]] = [(root, False) for root in reversed(list(roots))]
+    while stack:
+        node, expanded = stack.pop()
+        if node.digest in order:
+            continue
+        if expanded:
+            order[node.digest] = node
+        else:
+            stack.append((node, True))
+            stack.extend((arg, False) for arg in reversed(node.args))
+    return list(order.values())
+
+
+def leaves(roots: Iterable[Expr]) -> Iterator[Expr]:
+    """The variables, constants and readings under `roots`, each once."""
+    return (node for node in topological(roots) if not node.args)
+
 
 Operand = Union["Expr", float, int, Interval, IntervalArray, npt.NDArray[Any], list[Any], tuple[Any, ...]]
 Shape = tuple[int, ...]

@@ -5,10 +5,22 @@ from __future__ import annotations
 import math
 
 from cpcal.solver.compiled import compiled
-from cpcal.solver.interval.directed import sum_above
 from cpcal.solver.interval.elementary import PI_HI, PIO2_HI
-from cpcal.solver.interval.functions import cos, exp, expm1, log, log1p, sin, tan
-from cpcal.solver.interval.inverse_functions import acosh, asinh, atanh, of_cosine, of_sine, of_tangent
+from cpcal.solver.interval.functions import (
+    acosh,
+    asinh,
+    atanh,
+    cos,
+    exp,
+    expm1,
+    log,
+    log1p,
+    of_cosine,
+    of_sine,
+    of_tangent,
+    sin,
+    tan,
+)
 from cpcal.solver.interval.kernels import (
     Bounds,
     add,
@@ -24,6 +36,7 @@ from cpcal.solver.interval.kernels import (
     sqr,
     sqrt,
     sub,
+    sum_above,
 )
 from cpcal.solver.network.operations import (
     ABS,

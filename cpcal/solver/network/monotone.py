@@ -12,7 +12,7 @@ import numpy as np
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray
 from cpcal.solver.network.network import ConstraintNetwork
 from cpcal.solver.network.rewrite import ReadingSets
-from cpcal.solver.network.rows_tape import rows_tape
+from cpcal.solver.network.rows import rows_tape
 
 
 class DecisiveReadings:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpcal.solver.interval import IntervalArray
 from cpcal.solver.interval.scalar import format_bound
-from cpcal.solver.network.dag import topological
+from cpcal.solver.network.expression import topological
 
 if TYPE_CHECKING:
     from cpcal.solver.network.expression import Constraint, Expr

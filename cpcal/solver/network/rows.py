@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network.expression import Expr
 from cpcal.solver.network.network import ConstraintNetwork
@@ -183,3 +183,12 @@ class Rows:
                 bend = 0.5 * np.abs(smallest + largest - 2.0 * center)
             worst = max(worst, float(np.max(bend, where=np.isfinite(bend), initial=0.0)))
         return worst
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The tape of a network's rows, which several contractors sweep over.
+
+
+def rows_tape(network: ConstraintNetwork) -> Tape:
+    """Of all rows `r <= 0`, in the order of the constraints; written once for a network and its copies."""
+    return network.once("rows", lambda: Tape(network, [row.expr for row in one_sided_rows(network)]))

@@ -2,22 +2,138 @@
 
 All in interval arithmetic. A constraint without readings is evaluated; for one with readings see
 `cpcal.solver.existence.ReadingConstraint`. Equations hold at no point of float64 numbers as a rule: a solution of them
-is proved to exist in a tiny box (see `cpcal.solver.optimize.equations`), on which everything else must hold.
+is proved to exist in a tiny box (see `cpcal.solver.optimize.witness`), on which everything else must hold.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
-from cpcal.solver.existence import ReadingConstraint, highest, reads, sides
+from cpcal.common.values import Bools, Floats, Indices
+from cpcal.solver.existence import Equalities, ReadingConstraint, UniquenessProver, highest, reads, sides, upper_ends
 from cpcal.solver.interval import Arithmetic, Box, IntervalArray, get_arithmetic
-from cpcal.solver.network import Constraint, ConstraintNetwork, Tape
-from cpcal.solver.network.dag import leaves
-from cpcal.solver.optimize.equations import Equations
+from cpcal.solver.network import Constraint, ConstraintNetwork, Expr, Tape, one_sided_rows
+from cpcal.solver.network.expression import leaves
+from cpcal.solver.network.monotone import DecisiveReadings
+from cpcal.solver.network.rewrite import ReadingSets, Row, one_sided
+from cpcal.solver.network.rows import Rows
+
+# ------------------------------------------------------------------------------------------------------------------
+# The equations of a network, as a proof of a feasible point needs them: a solution exists near an approximate one.
+#
+# Of m equations in n components, m components are unknowns; the others stay at the point's own values. The unknowns are
+# chosen far from the ends of their domains and so that the square Jacobian is far from singular.
+
+_SINGULAR = 1e-11  # of the largest pivot
+_WIDEST = 1e6  # of the distance to the ends of a domain, in units of the point
+_CORRECTIONS = 3
+_NEAR = 1e-9  # relative to the point: a component so near to an end of its domain is put there
+
+
+class Equations:
+    """Those without readings. `rest` is the network of everything else; `enter` says which components they hold."""
+
+    def __init__(self, network: ConstraintNetwork, engine: Arithmetic) -> None:
+        plain = network.without_constraints()
+        plain.add([c for c in network.constraints if not reads(c)])
+        self._domain, self._equalities = network.domain, Equalities(plain)
+        self._whole = network.whole
+        self.count, self.rest = self._equalities.count, self._equalities.rest
+        reach = self._equalities.tape.reach.leaf
+        self.enter = frozenset(reach[reach < len(network.names)].tolist())
+        self._network, self._engine = plain, engine
+        self._flat = [part for root in self._equalities.roots for part in _elements(root)]
+        self._provers: dict[tuple[int, ...], UniquenessProver] = {}  # by the equations that they are about
+
+    def within(self, domain: Box) -> Equations:
+        """The same in a part of the domain."""
+        other = copy(self)
+        other._domain = domain
+        return other
+
+    def estimate(self, point: Floats) -> tuple[Floats, Floats]:
+        """F (m,) and its Jacobian (m, n) at a point, without proof."""
+        return self._equalities.estimate(point)
+
+    def solved(self, point: Floats) -> Box | None:
+        """A tiny box around the point (n,) in which the equations have a solution; the others are single numbers."""
+        point, free = self._at_ends(point)
+        rows = self._open(point, free)
+        if not rows.size:
+            return Box(self._domain.names, point, point)
+        unknowns = self._unknowns(point, rows, free)
+        if unknowns is None:
+            return None
+        point = self._corrected(point, rows, unknowns)
+        found = self._prover(rows).among(point, unknowns).prove(Box(self._domain.names, point, point))
+        return None if found is None else found.box
+
+    def _at_ends(self, point: Floats) -> tuple[Floats, Bools]:
+        """The point with components that are next to an end of their domain put there; which ones are not."""
+        lo, hi = self._domain.lo, self._domain.hi
+        near = _NEAR * np.maximum(np.abs(point), 1.0)
+        low, high = point - lo <= near, hi - point <= near
+        return np.where(low, lo, np.where(high, hi, point)), ~(low | high | self._whole)
+
+    def _open(self, point: Floats, free: Bools) -> Indices:
+        """The equations that do not hold already, whatever the components are that are at no end: 0 times them, say."""
+        tape = self._equalities.tape
+        lo, hi = np.where(free, self._domain.lo, point), np.where(free, self._domain.hi, point)
+        with np.errstate(all="ignore"):
+            slots = tape.forward(self._engine, IntervalArray(lo[None], hi[None]))
+            values = tape.values(slots)
+            if not tape.defined(self._engine, slots):
+                return np.arange(self.count)
+        return np.flatnonzero((values.lo[0] != 0.0) | (values.hi[0] != 0.0))
+
+    def _prover(self, rows: Indices) -> UniquenessProver:
+        key = tuple(rows.tolist())
+        if key not in self._provers:
+            alone = self._network.without_constraints()
+            alone.add([self._flat[k] == 0.0 for k in key])
+            self._provers[key] = UniquenessProver(alone, self._engine)
+        return self._provers[key]
+
+    def _unknowns(self, point: Floats, rows: Indices, free: Bools) -> Indices | None:
+        jacobian = self.estimate(point)[1][rows]
+        lo, hi = self._domain.lo, self._domain.hi
+        with np.errstate(all="ignore"):
+            room = np.minimum(np.minimum(point - lo, hi - point), _WIDEST * np.maximum(np.abs(point), 1.0))
+            scaled = jacobian * np.where(free, room, 0.0)
+        if len(rows) > len(point) or not np.isfinite(scaled).all():
+            return None
+        from scipy import linalg  # here: it takes a third of a second to load
+
+        _, r, order = linalg.qr(scaled, mode="economic", pivoting=True)
+        pivots = np.abs(np.diag(r))
+        if not pivots[-1] > _SINGULAR * pivots[0]:
+            return None
+        return np.sort(order[: len(rows)])
+
+    def _corrected(self, point: Floats, rows: Indices, unknowns: Indices) -> Floats:
+        """Newton's method in the unknowns alone, as long as it stays in the domain."""
+        for _ in range(_CORRECTIONS):
+            value, jacobian = self.estimate(point)
+            new = point.copy()
+            try:
+                new[unknowns] -= np.linalg.solve(jacobian[np.ix_(rows, unknowns)], value[rows])
+            except np.linalg.LinAlgError:
+                break
+            if not np.isfinite(new).all() or (new < self._domain.lo).any() or (new > self._domain.hi).any():
+                break
+            point = new
+        return point
+
+
+def _elements(root: Expr) -> list[Expr]:
+    return [root] if not root.shape else list(root.reshape(-1))
+
 
 _TRIES = 60
 _PATIENCE = 6  # tries after which each must lower the worst row
@@ -145,3 +261,117 @@ class _Rows:
             if worst > 0.0 and not mended:
                 return worst, True
         return worst, False
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What proposing and proving points of one network takes, set up once for all questions about it.
+
+
+class Prepared:
+    """A network whose variable `objective` is to be minimised, over its domain or over parts of it.
+
+    Each part is made when it is first wanted: a search that begins with a proved point may never propose one.
+    """
+
+    def __init__(self, network: ConstraintNetwork, objective: str, engine: Arithmetic) -> None:
+        self.network, self.engine = network, engine
+        self.name, self.objective = objective, network.names.index(objective)
+
+    @cached_property
+    def rows(self) -> Rows:
+        return Rows(self.network)
+
+    @cached_property
+    def prover(self) -> WitnessProver:
+        return WitnessProver(self.network, self.objective, self.engine)
+
+    @cached_property
+    def minimax(self) -> bool:
+        """Whether every constraint may be mended by the objective."""
+        return all(self._enters(constraint) for constraint in self.network.constraints)
+
+    def _enters(self, constraint: Constraint) -> bool:
+        leaf = self.network.leaf_of(self.name)
+        return any(node is leaf for node in leaves((constraint.body, constraint.lower, constraint.upper)))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# A given point, element by element: is it proved to satisfy the constraints for some reading, or to fail for all?
+
+
+@dataclass(frozen=True)
+class PointVerdicts:
+    """For each element (along the constraints' leading axis, N of them): proved to hold, proved to fail, or neither."""
+
+    holds: Bools
+    fails: Bools
+
+
+def verify_point(
+    network: ConstraintNetwork,
+    point: npt.ArrayLike,
+    engine: Arithmetic,
+    reading: Sequence[ReadingConstraint] | None = None,
+) -> PointVerdicts:
+    """Verify a point (n,), one value for each component in the order of `names`.
+
+    Element k holds when THERE EXIST readings in their sets with which all constraints hold at k; it fails when some
+    constraint does not hold at k for any readings. Constraints of one element count for all. `reading`: those of the
+    network with readings, in their order, where they are set up already.
+    """
+    x = np.asarray(point, np.float64)
+    box = IntervalArray.point(x[None])
+    count = max((c.body.shape[0] for c in network.constraints if c.body.shape), default=1)
+    holds, fails = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+    for_some = np.zeros(count, dtype=np.intp)  # constraints at an element that hold, but not for all readings
+    set_up = iter(reading or [ReadingConstraint(network, c) for c in network.constraints if reads(c)])
+    with np.errstate(all="ignore"):
+        for constraint in network.constraints:
+            if reads(constraint):
+                good, all_readings = next(set_up).holding(engine, box, x)
+            else:
+                good = _holds(network, constraint, engine, box)
+                all_readings = np.ones_like(good)
+            holds &= _by_row(good, constraint, count, every=True)
+            for_some += ~_by_row(all_readings, constraint, count, every=True)
+        for row, lowest in _lowest(network, engine, x):
+            violated = np.zeros(int(np.prod(network.constraints[row.constraint].body.shape)), dtype=bool)
+            violated[slice(None) if row.elements is None else row.elements] = lowest > 0.0
+            fails |= _by_row(violated, network.constraints[row.constraint], count, every=False)
+    # two constraints that hold for some reading each need not hold for a common one
+    return PointVerdicts(holds & (for_some <= 1), fails)
+
+
+def _holds(network: ConstraintNetwork, constraint: Constraint, engine: Arithmetic, box: IntervalArray) -> Bools:
+    """Elements of a constraint without readings that hold."""
+    rows = one_sided(0, constraint)
+    tape = Tape(network, [*(row.expr for row in rows), constraint.body])
+    slots = tape.forward(engine, box)
+    good = np.full(int(np.prod(constraint.body.shape)), tape.defined(engine, slots))
+    for row in rows:
+        where = slice(None) if row.elements is None else row.elements
+        good[where] &= upper_ends(tape.value(slots, row.expr), good[where].size) <= 0.0
+    return good
+
+
+def _lowest(network: ConstraintNetwork, engine: Arithmetic, x: Floats) -> list[tuple[Row, Floats]]:
+    """For each one-sided row `r <= 0` a lower bound of its elements over all readings."""
+    decisive = DecisiveReadings(network, engine)
+    sets = decisive.on(Box(network.names, x, x))
+    rows = zip(one_sided_rows(network), sets, strict=True)
+    return [(row, _over_readings(decisive.tape, row, own, engine, x)) for row, own in rows]
+
+
+def _over_readings(tape: Tape, row: Row, decisive: ReadingSets, engine: Arithmetic, x: Floats) -> Floats:
+    values = tape.value(tape.forward(engine, IntervalArray.point(x[None]), decisive), row.expr)
+    lowest = np.where(values.empty, -np.inf, values.lo)
+    return np.broadcast_to(lowest.ravel(), (int(np.prod(row.expr.shape)),))
+
+
+def _by_row(flags: Bools, constraint: Constraint, count: int, *, every: bool) -> Bools:
+    """For each of `count` rows, whether every (or any) element of the constraint there has its flag set."""
+    if not constraint.body.shape:
+        return np.full(count, flags[0])
+    rows = flags.reshape((constraint.body.shape[0], -1))
+    out = np.asarray(rows.all(axis=1) if every else rows.any(axis=1))
+    return np.concatenate([out, np.full(count - len(out), every)])

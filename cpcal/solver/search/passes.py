@@ -10,13 +10,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from cpcal.common.values import Floats, Ints
 from cpcal.solver.accounts import ContractorUse
-from cpcal.solver.contract import Contraction, Contractor, Step, Then, contracted, elements, followed, gives_weights
-from cpcal.solver.interval import Box
+from cpcal.solver.contract import (
+    Contraction,
+    Contractor,
+    Step,
+    Strategy,
+    Then,
+    contracted,
+    elements,
+    followed,
+    gives_weights,
+    shrunk,
+    takes_batches,
+)
+from cpcal.solver.interval import Box, IntervalArray
+from cpcal.solver.search.search import Decision, EventKind, Node, Piece, difference
+from cpcal.solver.search.strategies import LargestFirst, RoundRobin, Smear
 
 Record = tuple[str, dict[str, Any]]  # a contractor's name, and a step as a certificate says it
 
@@ -132,3 +147,153 @@ def _taken_apart(name: str, contractor: Contractor) -> list[tuple[str, Contracto
     if not isinstance(contractor, Then):
         return [(name, contractor)]
     return [one for part in contractor.parts for one in _taken_apart(type(part).__name__.lower(), part)]
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Plain branch and prune on many boxes at a time: what `Divide` decides of single nodes, in arrays.
+#
+# It serves contractors that take batches and the strategies of `strategies`. Decisions are the same as one by one.
+
+_STRATEGIES = (LargestFirst, RoundRobin, Smear)
+
+
+class Batches:
+    """Contractors one after the other on the boxes of many nodes, which are then cut in two."""
+
+    def __init__(self, named: Sequence[tuple[str, Contractor]], strategy: Strategy) -> None:
+        self._named, self._strategy = named, strategy
+
+    @staticmethod
+    def serve(named: Sequence[tuple[str, Contractor]], strategy: Strategy) -> bool:
+        """Whether all of them work on arrays."""
+        return type(strategy) in _STRATEGIES and all(takes_batches(contractor) for _, contractor in named)
+
+    def __call__(self, nodes: Sequence[Node]) -> list[Decision]:
+        names = nodes[0].box.names
+        lo, hi = np.stack([node.box.lo for node in nodes]), np.stack([node.box.hi for node in nodes])
+        uses: list[list[ContractorUse]] = [[] for _ in nodes]
+        for name, contractor in self._named:
+            lo, hi = self._contracted(name, contractor, lo, hi, uses)
+        boxes = Box.rows(names, lo, hi)
+        depths = np.array([node.depth for node in nodes])
+        halves = self._halves(names, np.stack([b.lo for b in boxes]), np.stack([b.hi for b in boxes]), depths)
+        return [
+            Decision(kind, Contraction(box), pieces, tuple(use))
+            for box, use, (kind, pieces) in zip(boxes, uses, map(_next, boxes, halves), strict=True)
+        ]
+
+    @staticmethod
+    def _contracted(
+        name: str, contractor: Contractor, lo: Floats, hi: Floats, uses: list[list[ContractorUse]]
+    ) -> tuple[Floats, Floats]:
+        alive = np.flatnonzero(~np.isnan(lo).any(axis=1))
+        if alive.size:
+            left = contractor.contract_batch(IntervalArray(lo[alive], hi[alive]))  # type: ignore[attr-defined]
+            after_lo, after_hi = lo.copy(), hi.copy()
+            after_lo[alive], after_hi[alive] = np.maximum(lo[alive], left.lo), np.minimum(hi[alive], left.hi)
+            dead = ~(after_lo <= after_hi).all(axis=1)
+            moved = np.where(dead, 1, (after_lo > lo).sum(axis=1) + (after_hi < hi).sum(axis=1))
+            after_lo[dead], after_hi[dead] = np.nan, np.nan
+            lo, hi = after_lo, after_hi
+            counts = dict(zip(alive.tolist(), moved[alive].tolist(), strict=True))
+        else:
+            counts = {}
+        for k, use in enumerate(uses):
+            use.append(ContractorUse(name, 1, counts[k]) if k in counts else ContractorUse(name))
+        return lo, hi
+
+    def _halves(self, names: tuple[str, ...], lo: Floats, hi: Floats, depths: Ints) -> list[tuple[Piece, ...]]:
+        """The two pieces of every box, () where it is empty or fine enough."""
+        assert isinstance(self._strategy, LargestFirst)
+        component, cut = self._strategy.cuts(names, lo, hi, depths)
+        rows = np.flatnonzero(component >= 0)
+        upper, lower = hi[rows], lo[rows]
+        upper[np.arange(len(rows)), component[rows]] = cut[rows]
+        lower[np.arange(len(rows)), component[rows]] = cut[rows]
+        pieces: list[tuple[Piece, ...]] = [()] * len(lo)
+        first, second = Box.rows(names, lo[rows], upper), Box.rows(names, lower, hi[rows])
+        for k, one, two in zip(rows.tolist(), first, second, strict=True):
+            pieces[k] = (Piece(one), Piece(two))
+        return pieces
+
+
+def _next(box: Box, halves: tuple[Piece, ...]) -> tuple[EventKind, tuple[Piece, ...]]:
+    if box.is_empty:
+        return EventKind.PRUNED, ()
+    return (EventKind.SPLIT, halves) if halves else (EventKind.KEPT, (Piece(box),))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The process of plain branch and prune: contract a box, keep it if it is fine enough, else divide it.
+
+_BATCH = 64  # nodes
+
+
+@runtime_checkable
+class DepthStrategy(Protocol):
+    """A strategy that wants to know how many divisions led to a box."""
+
+    def split_at(self, box: Box, depth: int) -> tuple[Box, ...]: ...
+
+
+class Divide:
+    """The contractors on every box; `strategy` divides what they leave. A node's state is what was found of its box.
+
+    A box that `inside` proves to hold nothing but solutions is not divided. With `again` a box of which some width
+    shrank below that share is contracted once more before it is divided. `outside`: decisions say what was removed.
+    """
+
+    def __init__(
+        self,
+        contracting: Contracting | Contractor,
+        strategy: Strategy,
+        *,
+        inside: Callable[[Box], bool] | None = None,
+        again: float | None = None,
+        outside: bool = False,
+    ) -> None:
+        if not isinstance(contracting, Contracting):
+            contracting = Contracting([("", contracting)])
+        self._contracting = contracting
+        self._strategy, self._inside, self._again, self._outside = strategy, inside, again, outside
+        alone = inside is None and again is None and not (outside or contracting.proves)
+        self._batches = (
+            Batches(contracting.named, strategy) if alone and Batches.serve(contracting.named, strategy) else None
+        )
+
+    @property
+    def batch(self) -> int:
+        """How many nodes are best decided together: 1 where they are decided one by one."""
+        return 1 if self._batches is None else _BATCH
+
+    def all(self, nodes: Sequence[Node]) -> list[Decision]:
+        """The decisions about several nodes, at once where contractors and strategy take batches."""
+        if self._batches is None:
+            return [self(node) for node in nodes]
+        return self._batches(nodes)
+
+    def __call__(self, node: Node) -> Decision:
+        before = node.box if node.state is None else node.state
+        done = self._contracting.contract(node.box, before)
+        kind, pieces = self._next(node, before, done.contraction.box, done.found)
+        proves = self._contracting.proves  # else the two boxes of a node are one
+        children = tuple(Piece(piece, done.found.intersect(piece) if proves else piece) for piece in pieces)
+        removed = difference(node.box, done.contraction.box) if self._outside else None
+        return Decision(kind, done.contraction, children, done.uses, done.proof, removed)
+
+    def _next(self, node: Node, before: Box, box: Box, found: Box) -> tuple[EventKind, tuple[Box, ...]]:
+        if box.is_empty:
+            return EventKind.PRUNED, ()
+        if self._inside is not None and self._inside(box):
+            return EventKind.INSIDE, (box,)
+        if self._again is not None:
+            pairs = ((node.box, box), (before, found))
+            if any(shrunk(one.width, two.width, self._again) for one, two in pairs):
+                return EventKind.CONTRACTED, (box,)
+        pieces = divided(box, found, lambda part: split(self._strategy, part, node.depth))
+        return (EventKind.SPLIT, pieces) if pieces else (EventKind.KEPT, (box,))
+
+
+def split(strategy: Strategy, box: Box, depth: int) -> tuple[Box, ...]:
+    """The pieces of a box that `depth` divisions led to."""
+    return strategy.split_at(box, depth) if isinstance(strategy, DepthStrategy) else strategy.split(box)

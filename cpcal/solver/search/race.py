@@ -8,10 +8,43 @@ many rounds. All of it is counted in nodes, so that a race has one course.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
-from cpcal.solver.search.search import Event, EventKind, Search
+import numpy as np
+
+from cpcal.common.version import __version__
+from cpcal.execution.checkpoint_file import Regularly, garbled, kept, read_checkpoint
+from cpcal.execution.executors import asked
+from cpcal.solver.contract import Clock
+from cpcal.solver.interval import Box
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.search.search import Event, EventKind, Node, Piece, Search
+
+# ------------------------------------------------------------------------------------------------------------------
+# Boxes as values of JSON and back, to the last bit; infinite bounds are texts, an empty box is null.
+
+
+def bounds_of(box: Box) -> list[list[float | str]] | None:
+    """Lower and upper bounds."""
+    if box.is_empty:
+        return None
+    return [[v if math.isfinite(v) else str(v) for v in side.tolist()] for side in (box.lo, box.hi)]
+
+
+def box_of(names: tuple[str, ...], bounds: Any) -> Box:
+    """The box of `bounds_of`. Raises TypeError, ValueError."""
+    if bounds is None:
+        return Box.empty(names)
+    lo, hi = (np.array([float(v) for v in side], np.float64) for side in bounds)
+    if not len(lo) == len(hi) == len(names) or not (lo <= hi).all():
+        raise ValueError("a box is none")
+    return Box(names, lo, hi)
+
 
 _PROGRESS = 1 / 200  # of what is undecided: a turn that decides less is one without progress
 _DECIDED = (EventKind.PRUNED, EventKind.KEPT, EventKind.INSIDE)
@@ -108,3 +141,184 @@ class Race:
         others = "; ".join(c.name for c in started if c is not first)
         word = "ended first" if first.ended else "went on longest"
         return f"{first.name} {word}, in turns with {others}."
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Where a race of searches stands between two nodes, as lines of JSON; and a race brought there.
+
+_COUNTS = ("nodes", "rest", "back", "taken")
+_SHARES = ("decided", "before", "most")  # floats, which JSON keeps to the last bit
+
+Line = dict[str, Any]
+
+
+def lines_of(race: Race, nodes: int) -> Iterator[Line]:
+    """A head, then a line a box. The race must stand still meanwhile; `nodes`: of the whole race, to be told again."""
+    places = {id(contender): k for k, contender in enumerate(race.contenders)}
+    yield {
+        "nodes": nodes,
+        "rounds": race.rounds,
+        "place": race.place,
+        "first": None if race.first is None else places[id(race.first)],
+        "alive": [places[id(contender)] for contender in race.alive],
+        "contenders": [_standing(contender) for contender in race.contenders],
+    }
+    for k, contender in enumerate(race.contenders):
+        if contender.search is not None:
+            yield from ({"of": k, **line} for line in _boxes(contender.search))
+
+
+def brought_there(race: Race, names: tuple[str, ...], lines: Sequence[Mapping[str, Any]]) -> int:
+    """Bring a race that has not begun to where another one of the same contenders stood; the nodes that it had taken.
+
+    Raises KeyError, IndexError, TypeError, ValueError for lines that `lines_of` cannot have written.
+    """
+    head, *boxes = lines
+    standings = head["contenders"]
+    if [standing["name"] for standing in standings] != [contender.name for contender in race.contenders]:
+        raise ValueError("other methods take turns")
+    for k, (contender, standing) in enumerate(zip(race.contenders, standings, strict=True)):
+        for key in _COUNTS:
+            setattr(contender, key, int(standing[key]))
+        for key in _SHARES:
+            setattr(contender, key, float(standing[key]))
+        if standing["created"] is not None:
+            contender.search = contender.start()
+            _restore(contender.search, names, [line for line in boxes if line["of"] == k], int(standing["created"]))
+    race.rounds, race.place = int(head["rounds"]), int(head["place"])
+    race.first = None if head["first"] is None else race.contenders[int(head["first"])]
+    race.alive = [race.contenders[int(k)] for k in head["alive"]]
+    return int(head["nodes"])
+
+
+def _standing(contender: Contender) -> Line:
+    counted = {key: getattr(contender, key) for key in (*_COUNTS, *_SHARES)}
+    search = contender.search
+    return {"name": contender.name, "created": None if search is None else search.created, **counted}
+
+
+def _boxes(search: Search) -> Iterator[Line]:
+    begun = {node.serial for node in search.begun}
+    for node in search.begun:
+        yield _node("begun", node)
+    for node in search.undecided():
+        if node.serial not in begun:
+            yield _node("pending", node)
+    yield from ({"in": "kept", "box": bounds_of(piece.box)} for piece in search.kept)
+    yield from ({"in": "inside", "box": bounds_of(box)} for box in search.inside)
+    yield from ({"in": "outside", "box": bounds_of(box)} for box in search.outside)
+
+
+def _node(where: str, node: Node) -> Line:
+    line = {"in": where, "depth": node.depth, "serial": node.serial, "box": bounds_of(node.box)}
+    return line if node.state is None else line | {"found": bounds_of(node.state)}
+
+
+def _restore(search: Search, names: tuple[str, ...], lines: Iterable[Mapping[str, Any]], created: int) -> None:
+    nodes: dict[str, list[Node]] = {"begun": [], "pending": []}
+    boxes: dict[str, list[Box]] = {"kept": [], "inside": [], "outside": []}
+    for line in lines:
+        box = box_of(names, line["box"])
+        if line["in"] in boxes:
+            boxes[line["in"]].append(box)
+        else:
+            state = box_of(names, line["found"]) if "found" in line else None
+            nodes[line["in"]].append(Node(box, int(line["depth"]), int(line["serial"]), state))
+    search.restore(
+        nodes["pending"],
+        map(Piece, boxes["kept"]),
+        created,
+        begun=nodes["begun"],
+        inside=boxes["inside"],
+        outside=boxes["outside"],
+    )
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What `solve` keeps on disk while it works, so that another call can go on from there to the same answer.
+
+
+def checkpoint_of(network: ConstraintNetwork, options: Sequence[object]) -> dict[str, str]:
+    """Which problem and options a checkpoint is of, so that no other search goes on from it."""
+    asked = repr([_plain(option) for option in options])
+    return {"version": __version__, "problem": network.digest, "options": asked}
+
+
+def _plain(option: object) -> object:
+    """Contractors and strategies that are objects by the names of their classes."""
+    if isinstance(option, np.ndarray):
+        return option.tolist()
+    if isinstance(option, (list, tuple)):
+        return [_plain(part) for part in option]
+    return option if option is None or isinstance(option, (str, int, float)) else type(option).__name__
+
+
+class PavingCheckpoint:
+    """The file at `path`, of this network and these options of `solve`; with `path` None nothing is kept.
+
+    `resume`: begin where the file says, if there is one.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str] | None,
+        network: ConstraintNetwork,
+        options: Sequence[object],
+        *,
+        resume: bool,
+    ) -> None:
+        self._path = None if path is None else Path(path)
+        self._resume, self._names = resume, network.names
+        self._of: dict[str, str] = {}
+        if path is not None:
+            self._of = checkpoint_of(network, options)
+        self._race: Race | None = None
+        self._nodes = 0
+        self._regularly = Regularly()
+
+    def begin(self, race: Race) -> int:
+        """Bring the race to where it stood; how many nodes it had taken. Raises InputError."""
+        if self._path is None:
+            return 0
+        if self._resume and self._path.exists():
+            lines = read_checkpoint(self._path, self._of)
+            try:
+                self._nodes = brought_there(race, self._names, lines)
+            except (KeyError, IndexError, TypeError, ValueError) as error:
+                raise garbled(self._path, error) from None
+        return self._nodes
+
+    def after(self, race: Race, nodes: int) -> None:
+        """After every node."""
+        self._race, self._nodes = race, nodes
+        if self._path is not None:
+            self._regularly(self._keep)
+
+    def end(self, *, complete: bool) -> None:
+        """Keep what is left to do; where nothing is, the file goes."""
+        if self._path is None:
+            return
+        if complete:
+            self._path.unlink(missing_ok=True)
+        else:
+            self._regularly.now(self._keep)
+
+    def _keep(self) -> None:
+        if self._path is not None and self._race is not None:
+            kept(self._path, self._of, lines_of(self._race, self._nodes))
+
+
+def raced(race: Race, keeper: PavingCheckpoint, clock: Clock, progress: Callable[[Event], None] | None) -> int:
+    """Run the race, from where the checkpoint says, until it ends or is stopped; how many nodes it has taken in all."""
+    nodes = before = keeper.begin(race)
+    try:
+        for event in race:
+            nodes += 1
+            keeper.after(race, nodes)
+            if progress is not None:
+                progress(event)
+            if clock.over(nodes - before) or asked():
+                break
+    except KeyboardInterrupt:
+        pass
+    return nodes

@@ -7,18 +7,205 @@ the node: its box, and the `state` that the decision which made it handed on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+import heapq
+import pickle
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
 
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import Contraction
-from cpcal.solver.interval import Box
-from cpcal.solver.interval.rounding import check_rounding
-from cpcal.solver.search.frontier import Frontier
-from cpcal.solver.search.orders import Node, Priority, depth_first
-from cpcal.solver.search.regions import difference
+from cpcal.solver.interval import Box, Interval, IntervalArray
+from cpcal.solver.interval.float64 import Float64, check_rounding
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.rows import Rows
+
+# ------------------------------------------------------------------------------------------------------------------
+# The order in which the undecided boxes of a search are taken: lower priority first.
+
+
+@dataclass(frozen=True)
+class Node:
+    """An undecided box; `serial` counts nodes in order of creation, `state` is what the parent's decision handed on.
+
+    `decided`: the decision, where whoever made the parent's has made this one, too.
+    """
+
+    box: Box
+    depth: int
+    serial: int
+    state: Any = None
+    decided: Any = field(default=None, compare=False, repr=False)
+
+
+Priority = Callable[[Node], float]
+
+
+def depth_first(node: Node) -> float:
+    """The latest box first: few boxes wait at any time."""
+    return -float(node.serial)
+
+
+def breadth_first(node: Node) -> float:
+    """The least divided box first: what is known of the whole domain grows evenly."""
+    return float(node.depth)
+
+
+class BestFirst:
+    """The box first whose midpoint violates the constraints least (to first order nothing: by its worst row)."""
+
+    def __init__(self, network: ConstraintNetwork) -> None:
+        self._rows = Rows(network)
+
+    def __call__(self, node: Node) -> float:
+        values = self._rows.linearize(node.box.mid).values
+        worst = float(np.max(np.maximum(values, 0.0), initial=0.0))
+        return worst if np.isfinite(worst) else np.inf
+
+
+ORDERS: dict[str, Callable[[ConstraintNetwork], Priority]] = {
+    "depth": lambda network: depth_first,
+    "breadth": lambda network: breadth_first,
+    "best": BestFirst,
+}
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The undecided nodes of a search, the most urgent first. Many of them wait on disk, in the same order as in memory.
+
+IN_MEMORY = 100_000  # nodes, at most, if there is room on the disk: some 100 MB
+_CHUNK = 4096  # nodes that go to the disk, and come back, together
+_SOON = 256  # nodes
+_WASTE = 2**26  # bytes of the file that nobody needs any more
+
+Entry = tuple[float, int, Node]  # priority, serial
+
+
+@dataclass(frozen=True, order=True)
+class _Chunk:
+    """Nodes on disk, from the most urgent one on, whose priority and serial these are."""
+
+    priority: float
+    serial: int
+    offset: int
+    size: int
+    count: int
+
+    @property
+    def key(self) -> tuple[float, int]:
+        return self.priority, self.serial
+
+
+class Frontier:
+    """A queue of nodes by priority, then age. The file is without a name and goes with the process."""
+
+    def __init__(self, priority: Priority, in_memory: int | None = None) -> None:
+        self._priority, self._limit = priority, in_memory or IN_MEMORY
+        self._heap: list[Entry] = []
+        self._chunks: list[_Chunk] = []  # a heap, too
+        self._file: IO[bytes] | None = None
+
+    def __del__(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def __len__(self) -> int:
+        return len(self._heap) + self.on_disk
+
+    @property
+    def on_disk(self) -> int:
+        """How many of the nodes."""
+        return sum(chunk.count for chunk in self._chunks)
+
+    @property
+    def lowest(self) -> float | None:
+        """The priority of the most urgent node; None where there is none."""
+        firsts = [self._heap[0][0]] if self._heap else []
+        return min([*firsts, *(chunk.priority for chunk in self._chunks[:1])], default=None)
+
+    def __iter__(self) -> Iterator[Node]:
+        """All nodes, in no order; those on disk come and go."""
+        for chunk in tuple(self._chunks):
+            yield from (node for *_, node in self._read(chunk))
+        yield from (node for *_, node in tuple(self._heap))
+
+    def soon(self) -> list[Node]:
+        """Some of the most urgent nodes in memory, nearly in their order."""
+        return [node for *_, node in sorted(self._heap[:_SOON], key=lambda entry: entry[:2])]
+
+    def push(self, node: Node) -> None:
+        heapq.heappush(self._heap, (self._priority(node), node.serial, node))
+        if len(self._heap) > self._limit:
+            self._spill()
+
+    def extend(self, nodes: Iterable[Node]) -> None:
+        for node in nodes:
+            self.push(node)
+
+    def first(self) -> Node:
+        """The most urgent one."""
+        while self._chunks and not (self._heap and self._heap[0][:2] < self._chunks[0].key):
+            for entry in self._read(self._chunks[0]):
+                heapq.heappush(self._heap, entry)
+            heapq.heappop(self._chunks)
+        return self._heap[0][2]
+
+    def drop(self) -> None:
+        """Without what `first` has told."""
+        heapq.heappop(self._heap)
+
+    # Ctrl-C may strike between any two lines: what moves is in both places for a moment, never in none.
+
+    def _spill(self) -> None:
+        """The less urgent half goes to the disk; where there is no room, all stay."""
+        entries = sorted(self._heap, key=lambda entry: entry[:2])
+        half = self._limit // 2
+        try:
+            self._make_room()
+            chunks = [self._written(entries[k : k + _CHUNK]) for k in range(half, len(entries), _CHUNK)]
+        except OSError:
+            self._limit *= 2
+            return
+        for chunk in chunks:
+            heapq.heappush(self._chunks, chunk)
+        self._heap = entries[:half]  # sorted, so that it is a heap
+
+    def _written(self, entries: list[Entry]) -> _Chunk:
+        content = pickle.dumps(entries, pickle.HIGHEST_PROTOCOL)
+        assert self._file is not None
+        offset = self._file.seek(0, 2)
+        self._file.write(content)
+        self._file.flush()
+        return _Chunk(*entries[0][:2], offset, len(content), len(entries))
+
+    def _make_room(self) -> None:
+        """A file; a new one that holds what is still waiting, where much of it is not."""
+        if self._file is None:
+            self._file = tempfile.TemporaryFile(prefix="cpcal-")  # noqa: SIM115 - it goes with this object
+        used = sum(chunk.size for chunk in self._chunks)
+        if self._file.seek(0, 2) - used <= max(_WASTE, used):
+            return
+        fresh, moved = tempfile.TemporaryFile(prefix="cpcal-"), []  # noqa: SIM115
+        for chunk in self._chunks:
+            moved.append(replace(chunk, offset=fresh.tell()))
+            fresh.write(self._bytes(chunk))
+        fresh.flush()
+        before, self._file, self._chunks = self._file, fresh, moved
+        before.close()
+
+    def _read(self, chunk: _Chunk) -> list[Entry]:
+        entries: list[Entry] = pickle.loads(self._bytes(chunk))
+        return entries
+
+    def _bytes(self, chunk: _Chunk) -> bytes:
+        assert self._file is not None
+        self._file.seek(chunk.offset)
+        return self._file.read(chunk.size)
 
 
 class EventKind(Enum):
@@ -237,3 +424,81 @@ class Search(Iterator[Event]):
         if not (self._subtrees and piece.decided is not None):
             self._frontier.push(node)
         return node
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Sets of boxes: what is left of a box without another, which boxes touch, how much room they take.
+
+_ENGINE = Float64()
+
+
+def difference(box: Box, part: Box) -> tuple[Box, ...]:
+    """At most 2n boxes that cover `box` without `part`, a subset of it; they meet only at their faces."""
+    if part.is_empty:
+        return () if box.is_empty else (box,)
+    low, high = part.lo > box.lo, part.hi < box.hi
+    if not (low.any() or high.any()):
+        return ()
+    lo, hi = box.lo.copy(), box.hi.copy()
+    lower, upper = [], []
+    for k in np.flatnonzero(low | high).tolist():
+        for cut, end, other in ((low[k], part.lo[k], hi), (high[k], part.hi[k], lo)):
+            if cut:
+                before, other[k] = other[k], end
+                lower.append(lo.copy())
+                upper.append(hi.copy())
+                other[k] = before
+        lo[k], hi[k] = part.lo[k], part.hi[k]
+    return tuple(Box.rows(box.names, np.array(lower), np.array(upper)))
+
+
+def clusters(boxes: Sequence[Box]) -> npt.NDArray[np.intp]:
+    """For each box the number of its cluster: boxes that touch, and those that touch them, are one cluster.
+
+    Clusters are numbered in the order of their first box. Sorted by one component (of the most different ends), boxes
+    are compared only with those that begin before they end.
+    """
+    from scipy.sparse import coo_array  # here: it takes a third of a second to load
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(boxes)
+    if count == 0 or len(boxes[0]) == 0:
+        return np.zeros(count, dtype=np.intp)
+    lo, hi = np.stack([box.lo for box in boxes]), np.stack([box.hi for box in boxes])
+    by = int(np.argmax([len(np.unique(column)) for column in lo.T]))
+    order = np.argsort(lo[:, by], kind="stable")
+    lo, hi = lo[order], hi[order]
+    ends = np.searchsorted(lo[:, by], hi[:, by], side="right")
+    first, second = [], []
+    for i in range(count):
+        others = np.arange(i + 1, ends[i])
+        touching = others[((lo[others] <= hi[i]) & (hi[others] >= lo[i])).all(axis=1)]
+        first.append(np.full(len(touching), order[i]))
+        second.append(order[touching])
+    pairs = (np.concatenate(first), np.concatenate(second))
+    graph = coo_array((np.ones(len(pairs[0])), pairs), shape=(count, count))
+    label = np.asarray(connected_components(graph, directed=False)[1])
+    seen: dict[int, int] = {}
+    return np.array([seen.setdefault(int(k), len(seen)) for k in label], dtype=np.intp)
+
+
+def volume(boxes: Sequence[Box]) -> Interval:
+    """Enclosure of the sum of the boxes' volumes."""
+    full = [box for box in boxes if not box.is_empty]
+    if not full:
+        return Interval(0.0)
+    lo, hi = np.stack([box.lo for box in full]), np.stack([box.hi for box in full])
+    widths = _ENGINE.sub(IntervalArray.point(hi), IntervalArray.point(lo))
+    product = IntervalArray.point(np.ones(len(full)))
+    for k in range(lo.shape[1]):
+        product = _ENGINE.mul(product, widths[:, k])
+    total = _ENGINE.sum(product, 0)
+    return Interval(max(float(total.lo), 0.0), float(total.hi))
+
+
+def hull(boxes: Sequence[Box]) -> Box:
+    """The smallest box around some boxes (at least one)."""
+    out = boxes[0]
+    for box in boxes[1:]:
+        out = out.hull(box)
+    return out

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats, Ints
+from cpcal.common.values import Floats, Ints
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.interval.float64 import Float64
 from cpcal.solver.network import ConstraintNetwork

@@ -11,8 +11,8 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Floats
 from cpcal.robot import Pose, PoseTable, quaternion_from_rotation_vector, quaternion_product, transformed
 from cpcal.vision.batch.detect import ImageSource, in_parallel
 from cpcal.vision.camera import Camera

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError
+from cpcal.common.values import Floats
 from cpcal.robot import Pose, normalised, quaternion_from_matrix, quaternion_from_rotation_vector, quaternion_product
 from cpcal.vision.camera import Camera
 from cpcal.vision.projection import centers_of, mapped, predict

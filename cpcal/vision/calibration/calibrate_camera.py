@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
+from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.vision.calibration.adjustment import (
     DOTS_MIN,

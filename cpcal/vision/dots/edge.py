@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.solver.compiled import compiled
 from cpcal.vision.dots.segmentation import Grey
 from cpcal.vision.pose import factored, solved, substituted

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Bools, Floats, Ints
-from cpcal.common.values import frozen_array
+from cpcal.common.values import Bools, Floats, Ints, frozen_array
 from cpcal.solver.compiled import compiled
 from cpcal.vision.dots.edge import CUBIC, LINEAR, OUTSIDE, PLAIN, Edges, fitted_edges
 from cpcal.vision.dots.segmentation import (

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Bools, Floats, Ints
 from cpcal.solver.compiled import compiled
 from cpcal.vision.opencv import opencv
 from cpcal.vision.projection import determinants, median

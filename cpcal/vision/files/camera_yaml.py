@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, Problems, shown
+from cpcal.common.values import Floats
 from cpcal.files.tables import small_file
 from cpcal.vision.camera import BROWN, LENSES, PIXELS_MAX, Camera, implausible
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.common.values import Floats
 from cpcal.files.tables import csv_table, file_cell, guarded, open_regular, read_table
 from cpcal.robot import PoseTable
 

@@ -10,10 +10,9 @@ from types import ModuleType
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
-from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem, Problems, shown
-from cpcal.common.values import Value, frozen_array, frozen_mapping
+from cpcal.common.files import write_file
+from cpcal.common.values import Floats, Value, frozen_array, frozen_mapping
 from cpcal.files.settings import Table, TomlReader, matrix, provenance_lines, quoted, vector
 from cpcal.files.tables import small_file
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, LENSES, PIXELS_MAX, Camera, implausible

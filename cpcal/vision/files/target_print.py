@@ -19,9 +19,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from cpcal.common.arrays import Floats
-from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, Problem
+from cpcal.common.files import write_file
+from cpcal.common.values import Floats
 from cpcal.vision.target import Target
 
 _SIZES = {"a4": (210.0, 297.0), "a3": (297.0, 420.0), "a2": (420.0, 594.0), "a1": (594.0, 841.0), "a0": (841.0, 1189.0)}

@@ -29,8 +29,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import bdtrc
 
-from cpcal.common.arrays import Bools, Floats, Ints
 from cpcal.common.errors import CpcalError
+from cpcal.common.values import Bools, Floats, Ints
 from cpcal.vision.camera import Camera
 from cpcal.vision.identify.runs import CHOICES, RowMatches, collinear, match_rows, seeds, straightness
 from cpcal.vision.identify.views import (

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Bools, Floats, Ints
-from cpcal.common.values import frozen_array
+from cpcal.common.values import Bools, Floats, Ints, frozen_array
 from cpcal.vision.identify.views import View
 from cpcal.vision.projection import line_maps, mapped, on_line
 from cpcal.vision.target import Target

@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from cpcal.common.arrays import Bools, Floats, Ints
-from cpcal.common.values import frozen_array
+from cpcal.common.values import Bools, Floats, Ints, frozen_array
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import Camera
 from cpcal.vision.projection import fitted, mapped, median

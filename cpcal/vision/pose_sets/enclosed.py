@@ -11,7 +11,7 @@ import numpy.typing as npt
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import ByValue, frozen_array
 from cpcal.robot import Pose, normalised, quaternion_conjugate, quaternion_product
-from cpcal.robot.rotation import rotation_numerators
+from cpcal.robot.kinematics import rotation_numerators
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 
 ENGINE = get_arithmetic("float64")

@@ -24,17 +24,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats, Indices
-from cpcal.common.atomic import write_file
 from cpcal.common.errors import InputError, ModelError, Problem
+from cpcal.common.files import write_file
+from cpcal.common.values import Floats, Indices
 from cpcal.robot import Pose
-from cpcal.solver.certificate.exact_network import network_statement
+from cpcal.solver.certificate.exact_network import limits, network_statement
 from cpcal.solver.certificate.recording import Recording
-from cpcal.solver.certificate.statement import limits
 from cpcal.solver.contract import Contractor, Repeat
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.network.restrict import restricted
+from cpcal.solver.network.network import restricted
 from cpcal.solver.search import Contracting, Divide, LargestFirst, Search
 from cpcal.vision.pose_sets.enclosed import Motions, PoseBox, pose_box
 from cpcal.vision.pose_sets.pose_enclosure import Found, View, first_box, groups_of

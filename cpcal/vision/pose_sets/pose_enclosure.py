@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats, Indices
+from cpcal.common.values import Floats, Indices
 from cpcal.robot import Pose, normalised, quaternion_from_matrix
 from cpcal.solver import plugins
 from cpcal.solver.contract import Contractor, in_sequence, shrunk

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.solver.contract import Contractor, Repeat
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.model import Network

@@ -27,9 +27,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats, Indices
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import frozen_array
+from cpcal.common.values import Floats, Indices, frozen_array
 from cpcal.robot import Campaign, Pose, Robot
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import Camera

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats, Indices
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import frozen_array
+from cpcal.common.values import Floats, Indices, frozen_array
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.camera import Camera
 from cpcal.vision.pose_sets.enclosed import (

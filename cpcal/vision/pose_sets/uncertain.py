@@ -14,9 +14,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import InputError, Problem
-from cpcal.common.values import Value, frozen_array
+from cpcal.common.values import Floats, Value, frozen_array
 from cpcal.solver.interval import IntervalArray
 from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, Camera
 from cpcal.vision.pose_sets.enclosed import ENGINE, exact, stacked

@@ -15,7 +15,7 @@ import pytest
 
 from cpcal.checker import ExactCampaign, Refused
 from cpcal.files.folders import NAME
-from cpcal.solver.certificate.readings import at_point, holding, stretching
+from cpcal.solver.certificate.float_rows import at_point, holding, stretching
 from tests.checker.valid.exact_legs import in_fractions
 
 UP, DOWN = math.inf, -math.inf

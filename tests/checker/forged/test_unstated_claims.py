@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import cpcal
-from cpcal.certify.certified_ranges import with_ranges
+from cpcal.certify.ranges import with_ranges
 from cpcal.checker import check
 from cpcal.results import save_result
 from tests.checker.forged.test_checker_run import refused, up

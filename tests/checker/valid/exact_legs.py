@@ -11,7 +11,7 @@ from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial
 from cpcal.checker.leg import Measurement, leg_problem
 from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.problem import Problem, Unknowns
-from cpcal.solver.certificate.statement import free
+from cpcal.solver.certificate.exact_network import free
 
 Vector = list[F]
 SIDES = ("upper", "lower")

@@ -11,8 +11,8 @@ from cpcal.checker.exact_polynomial import FIELD, READINGS, Polynomial, combined
 from cpcal.checker.header import polynomial
 from cpcal.checker.problem import SIDES, Box, Problem, Unknowns
 from cpcal.checker.refusal import Refused
-from cpcal.solver.certificate.readings import failing, holding
-from cpcal.solver.certificate.statement import Stated, free
+from cpcal.solver.certificate.exact_network import Stated, free
+from cpcal.solver.certificate.float_rows import failing, holding
 
 UNKNOWNS = 4
 Given = dict[tuple[int, ...], F]

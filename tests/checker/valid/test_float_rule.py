@@ -11,9 +11,8 @@ import pytest
 
 from cpcal.checker.problem import Unknowns
 from cpcal.checker.rule import Weights
-from cpcal.common.arrays import Floats
-from cpcal.solver.certificate.float_rule import FloatRule, Parts
-from cpcal.solver.certificate.readings import row_of
+from cpcal.common.values import Floats
+from cpcal.solver.certificate.float_rows import FloatRule, Parts, row_of
 
 
 def some_weights(rng: random.Random, rows: int, n: int, exponents: tuple[int, int, int]) -> Weights:

@@ -15,7 +15,7 @@ import pytest
 import cpcal
 from cpcal.checker import Accepted, check
 from cpcal.solver.certificate.exact_network import network_statement
-from cpcal.solver.certificate.readings import at_point, failing, holding
+from cpcal.solver.certificate.float_rows import at_point, failing, holding
 
 PLACES = np.array([[4.0, 0.0, 1.0], [2.0, 3.5, 0.5], [-2.0, 3.0, 2.0], [-4.0, 0.5, 0.25], [-1.0, -4.0, 3.0],
                    [2.5, -3.0, 1.5], [0.5, 0.25, 5.0]])  # fmt: skip

@@ -12,8 +12,7 @@ import pytest
 import cpcal
 from cpcal.checker import check
 from cpcal.solver.certificate.exact_network import network_statement
-from cpcal.solver.certificate.recording import Recording, claims_at
-from cpcal.solver.certificate.uncertified import UncertifiedError
+from cpcal.solver.certificate.recording import Recording, UncertifiedError, claims_at
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
 from cpcal.solver.search import Decision, Event, EventKind, Node

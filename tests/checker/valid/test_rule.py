@@ -16,8 +16,8 @@ from cpcal.checker.leg import EXTRA, LegConstraint, formed, leg_formula
 from cpcal.checker.problem import Box as ExactBox
 from cpcal.checker.problem import Problem, Unknowns, beyond
 from cpcal.checker.rule import Weights
-from cpcal.solver.certificate.readings import failing, holding, row_of, stretching
-from cpcal.solver.certificate.statement import free
+from cpcal.solver.certificate.exact_network import free
+from cpcal.solver.certificate.float_rows import failing, holding, row_of, stretching
 from tests.checker.valid.exact_legs import (
     REACH,
     SIDES,

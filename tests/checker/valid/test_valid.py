@@ -18,7 +18,7 @@ import cpcal
 from cpcal.checker import ExactCampaign, check
 from cpcal.files.folders import NAME, save_campaign_json
 from cpcal.legs import leg_statement
-from cpcal.legs.leg_statement import exact_measurement
+from cpcal.legs.equation import exact_measurement
 from cpcal.results import save_result
 from tests.checker.valid.exact_legs import Exact, in_fractions
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from cpcal.common.errors import ModelError
 from cpcal.solver.interval import Box, Interval, IntervalArray
-from cpcal.solver.interval.number import float_bounds
+from cpcal.solver.interval.numbers import float_bounds
 
 LONG = np.longdouble(1) / 3
 REALS = st.one_of(

@@ -21,7 +21,7 @@ from cpcal.common.errors import InputError, RoundingError
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.interval.arb import Arb, float_above, float_below, precision
-from cpcal.solver.interval.rounding import check_rounding, next_down, next_up
+from cpcal.solver.interval.float64 import check_rounding, next_down, next_up
 
 MAX = 1.7976931348623157e308
 NORMAL = 2.0**-1022

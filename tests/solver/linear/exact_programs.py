@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 from cpcal.solver.linear import Dense, LinearEngine, LinearStatus, lower_bound
 

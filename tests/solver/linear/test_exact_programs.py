@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cpcal.solver.linear import Dense, LinearEngine
-from cpcal.solver.linear.glop import Glop
+from cpcal.solver.linear.engine import Glop
 from tests.solver.linear.exact_programs import KINDS, contradictions, main, program
 
 COUNT = 210
@@ -37,7 +37,7 @@ def test_the_kernel_ends_in_its_bounded_number_of_pivots_without_help(monkeypatc
     def asked(*_: object) -> None:
         raise AssertionError("GLOP was asked")
 
-    monkeypatch.setattr("cpcal.solver.linear.glop.Glop", asked)
+    monkeypatch.setattr("cpcal.solver.linear.engine.Glop", asked)
     for seed in range(COUNT):
         case = program(seed)
         if case.kind != "badly scaled":

@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 
 from cpcal.solver.interval import IntervalArray, get_arithmetic
 from cpcal.solver.linear import Dense, LinearEngine, LinearSolution, LinearStatus, lower_bound
-from cpcal.solver.linear.glop import Glop
+from cpcal.solver.linear.engine import Glop
 
 Floats = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)

@@ -18,8 +18,8 @@ from flint import arb, fmpq
 import cpcal
 from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.interval.arb import precision
-from cpcal.solver.network.engines import sweeps_of
 from cpcal.solver.network.operations import CONTINUOUS, TABLE
+from cpcal.solver.network.tape import sweeps_of
 
 COUNT = int(os.environ.get("CPCAL_EXAMPLES", "60"))
 BITS = 2400  # tell log1p(x) from x at the least float

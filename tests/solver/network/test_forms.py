@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.common.arrays import Floats
 from cpcal.common.errors import ModelError
+from cpcal.common.values import Floats
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.network import (
     CentredForm,

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.solver.interval import Arithmetic, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, maximum, minimum, norm, sqr, sqrt
 from cpcal.solver.network.operations import TABLE

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cpcal
-from cpcal.common.arrays import Floats
+from cpcal.common.values import Floats
 from cpcal.solver.interval import Arithmetic, Box, Interval, IntervalArray, get_arithmetic
 from cpcal.solver.network import (
     ConstraintNetwork,

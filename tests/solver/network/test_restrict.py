@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contractors import Lifted, structures
+from contractors import Lifted, lifted
 from cpcal.calibration import least_squares
 from cpcal.legs import leg_box, leg_network
 from cpcal.simulate import simulate
 from cpcal.solver.contract import Contractor
 from cpcal.solver.interval import Interval, IntervalArray, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, Expr, Tape, maximum, norm, sqr
-from cpcal.solver.network.restrict import restricted
+from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.testing import CONFORMANCE
 
@@ -77,10 +77,10 @@ def frugal(network: ConstraintNetwork, **options: Any) -> Contractor:
 
 
 def few_rows(monkeypatch: pytest.MonkeyPatch, telling: int) -> None:
-    monkeypatch.setattr(structures, "_MANY", 0)
-    monkeypatch.setattr(structures, "_MANY_EACH", 0)
-    monkeypatch.setattr(structures, "_TELLING", telling)
-    monkeypatch.setattr(structures, "_ENCLOSING", telling)
+    monkeypatch.setattr(lifted, "_MANY", 0)
+    monkeypatch.setattr(lifted, "_MANY_EACH", 0)
+    monkeypatch.setattr(lifted, "_TELLING", telling)
+    monkeypatch.setattr(lifted, "_ENCLOSING", telling)
 
 
 @pytest.mark.parametrize("telling", [1, 3])

@@ -14,8 +14,7 @@ from cpcal.solver.interval import get_arithmetic
 from cpcal.solver.linear import Dense
 from cpcal.solver.network.rows import Rows
 from cpcal.solver.optimize import Bracket, Minimum, Prepared, Witness, minimize
-from cpcal.solver.optimize.incumbent import Incumbent
-from cpcal.solver.optimize.local_minimum import fit, fit_of_many
+from cpcal.solver.optimize.local import Incumbent, fit, fit_of_many
 from cpcal.solver.optimize.minimum import status_of
 
 Problem = tuple[Network, str, float]

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.solver.contract import Verdict
-from cpcal.solver.limits import Limits
-from cpcal.solver.network.divisions import multiplied_out, with_products
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.network.forms import multiplied_out, with_products
 
 Problem = tuple[cpcal.Network, cpcal.Expr]
 

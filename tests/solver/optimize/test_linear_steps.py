@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from cpcal.solver.linear import Dense
-from cpcal.solver.linear.engine import LinearEngine
-from cpcal.solver.linear.glop import Glop
+from cpcal.solver.linear.engine import Glop, LinearEngine
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize.linear_steps import linear_steps
+from cpcal.solver.optimize.local import linear_steps
 
 
 def lens() -> ConstraintNetwork:

@@ -14,9 +14,8 @@ from cpcal.checker import check
 from cpcal.results import proved_sentence
 from cpcal.solver import plugins
 from cpcal.solver.accounts import TimeoutAnswer, Trial
-from cpcal.solver.contract import Composable, Contraction, Repeat, Step, Then
+from cpcal.solver.contract import Composable, Contraction, Limits, Repeat, Step, Then
 from cpcal.solver.interval import Box, get_arithmetic
-from cpcal.solver.limits import Limits
 from cpcal.solver.network import ConstraintNetwork, sqr
 from cpcal.solver.optimize import TimeoutOutcome, Witness, WitnessProver, ask, timeout
 from cpcal.solver.search import Contracting, LargestFirst

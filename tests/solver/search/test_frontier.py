@@ -7,9 +7,8 @@ import random
 import pytest
 
 from cpcal.solver.interval import Box
-from cpcal.solver.search import Node
-from cpcal.solver.search import frontier as module
-from cpcal.solver.search.frontier import Frontier
+from cpcal.solver.search import Node, search
+from cpcal.solver.search.search import Frontier
 
 
 def urgency(node: Node) -> float:
@@ -24,8 +23,8 @@ def some(count: int, seed: int) -> list[Node]:
 
 @pytest.mark.parametrize("waste", [0, 2**26])
 def test_the_order_is_that_of_memory_alone(monkeypatch: pytest.MonkeyPatch, waste: int) -> None:
-    monkeypatch.setattr(module, "_CHUNK", 7)
-    monkeypatch.setattr(module, "_WASTE", waste)
+    monkeypatch.setattr(search, "_CHUNK", 7)
+    monkeypatch.setattr(search, "_WASTE", waste)
     small, large, numbers = Frontier(urgency, 20), Frontier(urgency), random.Random(1)
     seen = 0
     for node in some(600, 2):

@@ -1,0 +1,205 @@
+"""The one way to write files: they appear complete or not at all, and a link planted under a draft's name is harmless.
+
+Drafts have names that cannot be guessed, are opened exclusively, and stand beside what they become.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import secrets
+import shutil
+import stat
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from shutil import rmtree
+from tempfile import gettempdir, mkdtemp
+from typing import BinaryIO
+
+from cpcal.common.errors import InputError, OutputError, Problem
+
+DRAFT = re.compile(r"\.[0-9a-f]{24}\.draft")
+_CHOOSE = "choose a place that can be written to"
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
+
+
+def unwritable(path: str | os.PathLike[str], error: OSError) -> InputError:
+    """What to raise when the system refuses to write to `path`."""
+    where = os.path.join(*(part for part in Path(path).parts if not DRAFT.fullmatch(part)))  # where it was to be
+    return OutputError([Problem(where, f"cannot be written: {error.strerror or error}", _CHOOSE)])
+
+
+def draft_name() -> str:
+    """A hidden name that nobody can foresee."""
+    return f".{secrets.token_hex(12)}.draft"
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """A stream whose bytes become the file `path` when the block ends without an error.
+
+    Raises InputError when the file cannot be written, or is there and no regular file.
+    """
+    target = Path(path).absolute()
+    draft = target.with_name(draft_name())
+    try:
+        _check_regular(target)
+        with os.fdopen(os.open(draft, _NEW, 0o666), "wb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(draft, target)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def write_file(path: str | os.PathLike[str], content: bytes | str) -> Path:
+    """Write one file, text as UTF-8, into a folder that is made if missing; its path. Raises InputError."""
+    if "\0" in os.fspath(path):
+        raise unwritable(path, OSError(0, "its name holds a NUL"))
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    with replacing(path) as stream:
+        stream.write(content if isinstance(content, bytes) else content.encode())
+    return Path(path)
+
+
+def write_folder(folder: Path, contents: Mapping[str, bytes], *, head: str) -> None:
+    """Write files into a folder. Raises InputError.
+
+    A new folder appears complete or not at all. In an existing one other files stay; `head`, without which the others
+    are refused, goes first and comes last: an interruption leaves a folder that is refused, never a mixture.
+    """
+    draft = folder.absolute().with_name(draft_name())
+    try:
+        draft.parent.mkdir(parents=True, exist_ok=True)
+        draft.mkdir()
+        for name, content in contents.items():
+            write_file(draft / name, content)
+        put_in_place(draft, folder, sorted(contents, key=lambda name: name == head), outdated=(head,))
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def put_in_place(draft: Path, folder: Path, names: list[str], *, outdated: tuple[str, ...]) -> None:
+    """Move files of `draft` into `folder` in this order, once those that are outdated are gone.
+
+    A folder that is not there yet comes into being whole. Raises OSError.
+    """
+    if not folder.exists():
+        draft.rename(folder)
+        return
+    for name in outdated:
+        (folder / name).unlink(missing_ok=True)
+    for name in names:
+        (draft / name).replace(folder / name)
+
+
+def _check_regular(target: Path) -> None:
+    """Raises OSError. A device, a FIFO or a folder is not replaced; a link is, and what it points to stays."""
+    try:
+        mode = target.lstat().st_mode
+    except FileNotFoundError:
+        return
+    if not (stat.S_ISREG(mode) or stat.S_ISLNK(mode)):
+        raise OSError(0, "it is there, and no regular file")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Locks on open files that the system takes back when the process ends, however it ends; folders that live as long.
+
+_LOCK = ".cpcal-scratch"
+
+
+def exclusive(descriptor: int) -> None:
+    """Lock the file for this process alone, without waiting.
+
+    Raises BlockingIOError while another process has it, OSError where there are no locks.
+    """
+    if os.name == "nt":
+        msvcrt = importlib.import_module("msvcrt")  # of Windows only
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:
+            raise BlockingIOError(*error.args) from None
+        return
+    fcntl = importlib.import_module("fcntl")  # of POSIX only
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """An empty folder for this block, in the system's temporary directory.
+
+    A killed process leaves its folder, but not the lock on it: such folders are removed first.
+    """
+    for lock in Path(gettempdir()).glob(f"cpcal-*/{_LOCK}"):
+        with suppress(OSError):  # it is another user's, or its process lives
+            descriptor = os.open(lock, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+            try:
+                exclusive(descriptor)
+                rmtree(lock.parent, ignore_errors=True)
+            finally:
+                os.close(descriptor)
+    held = None
+    while held is None:
+        folder = Path(mkdtemp(prefix="cpcal-"))
+        held = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o600)
+        with suppress(BlockingIOError):
+            exclusive(held)
+            if (folder / _LOCK).exists():
+                break
+        os.close(held)  # another process took it for one that was left, and removes it
+        held = None
+    place = folder / "files"
+    try:
+        place.mkdir()
+        yield place
+    finally:
+        os.close(held)
+        rmtree(folder, ignore_errors=True)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# What may name something, and what may be said of it: checked where names come in, for every kind of file and value.
+#
+# A printable name has no line breaks, control characters, invisible or direction-changing characters and no halves of
+# characters, so that it stays what it looks like in every message, table and page.
+
+NAME_MAX = 200  # characters
+TEXT_MAX = 20_000
+
+NAME_REMEDY = f"use at most {NAME_MAX} printable characters, on one line"
+TEXT_REMEDY = f"write at most {TEXT_MAX:,} printable characters, on one line"
+IDENTIFIER_REMEDY = f'use 1 to {NAME_MAX} printable characters, no "/", no space at the ends, not "." or ".."'
+
+
+def is_name(value: object) -> bool:
+    """Whether it can name a robot, a target or a field of a provenance."""
+    return isinstance(value, str) and value.isprintable() and len(value) <= NAME_MAX
+
+
+def is_text(value: object) -> bool:
+    """Whether it can be said in a provenance."""
+    return isinstance(value, str) and value.isprintable() and len(value) <= TEXT_MAX
+
+
+def is_identifier(value: object) -> bool:
+    """Whether it can name a pose, a run or an image; it may be a part of a file's path."""
+    if not (isinstance(value, str) and is_name(value)):
+        return False
+    return value not in ("", ".", "..") and "/" not in value and value == value.strip()
+
+
+def listed(names: Collection[str], most: int = 8) -> str:
+    """The first of them, and how many more there are."""
+    shown = ", ".join(list(names)[:most])
+    return f"{shown} and {len(names) - most} more" if len(names) > most else shown

@@ -1,0 +1,416 @@
+"""Points of a board in photographs, found by OpenCV: chessboard, ChArUco, or AprilTag and ArUco grids."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpcal.common.errors import InputError, Problem, Problems
+from cpcal.common.values import Floats, Indices
+from cpcal.files.tables import small_file
+from cpcal.handeye.study import HandEyeStudy, Setup
+from cpcal.robot import (
+    Pose,
+    Study,
+    central_pose,
+    forward_kinematics,
+    inverse,
+    normalised,
+    quaternion_from_matrix,
+    transformed,
+)
+from cpcal.vision.camera import Camera
+from cpcal.vision.files.image_file import image_files, image_path, read_image
+from cpcal.vision.files.plate_and_camera import camera_yaml
+from cpcal.vision.measure import NotMeasured, measure_pose
+from cpcal.vision.opencv import opencv
+from cpcal.vision.projection import predicted_centers
+from cpcal.vision.target import Target
+
+REMEDY = (
+    "write chessboard:COLUMNSxROWS:PITCH (inner corners), charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY (squares) or "
+    "grid:COLUMNSxROWS:MARKER:GAP:DICTIONARY; mm; dictionaries such as 4X4_50, APRILTAG_36h11; or target:FILE, a "
+    "target.toml"
+)
+
+Found = tuple[list[str], Floats, Floats]
+NOTHING: Found = ([], np.zeros((0, 2)), np.zeros((0, 3)))
+
+
+@dataclass(frozen=True)
+class PrintedBoard:
+    """What is printed. `lengths` in mm: pitch; square and marker; or marker and gap."""
+
+    kind: str
+    columns: int
+    rows: int
+    lengths: tuple[float, ...]
+    dictionary: str = ""
+
+    @staticmethod
+    def parsed(text: str) -> PrintedBoard:
+        """Of the form that REMEDY tells. Raises InputError."""
+        kind, *rest = text.split(":")
+        counts = {"chessboard": 1, "charuco": 2, "grid": 2}
+        try:
+            columns, rows = (int(part) for part in rest[0].lower().split("x"))
+            lengths = tuple(float(part) for part in rest[1 : 1 + counts[kind]])
+            (dictionary,) = rest[1 + counts[kind] :] or [""]
+        except (ValueError, KeyError, IndexError):
+            raise InputError([Problem("board", f"is {text!r:.80}", REMEDY)]) from None
+        named = bool(dictionary) == (kind != "chessboard")
+        if not named or len(lengths) < counts[kind] or min(columns, rows) < 2 or not min(lengths) > 0.0:
+            raise InputError([Problem("board", f"is {text!r:.80}", REMEDY)])
+        return PrintedBoard(kind, columns, rows, lengths, dictionary)
+
+    @property
+    def looks_the_same_turned(self) -> bool:
+        """A chessboard with two even or two odd counts of inner corners is its own picture turned by 180 degrees."""
+        return self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0
+
+
+def study_of_photos(
+    folder: Path, board: PrintedBoard, *, camera: Camera, poses: dict[str, tuple[float, ...]], setup: Setup
+) -> tuple[HandEyeStudy, list[str]]:
+    """A study of the photographs in a folder, and what was left out, in sentences.
+
+    poses   by the name of each photograph without its suffix: x, y, z, qw, qx, qy, qz of the hand in the base, mm
+
+    Raises InputError where no photograph has both a pose and a board, UnreadableImageError, MissingExtraError.
+    """
+    find = _finder(board)
+    return study_of_found(folder, lambda image: find(_grey(image)), camera=camera, poses=poses, setup=setup)
+
+
+def study_of_found(
+    folder: Path,
+    find: Callable[[Any], Found],
+    *,
+    camera: Camera,
+    poses: dict[str, tuple[float, ...]],
+    setup: Setup,
+) -> tuple[HandEyeStudy, list[str]]:
+    """As `study_of_photos`, with what `find` finds in an image: names, pixels (n, 2) and points (n, 3) in mm.
+
+    A photograph in a folder below goes by its path, as "folder/name", if its name alone has no pose.
+    """
+    seen: list[tuple[str, list[str], Floats, Floats]] = []
+    left: list[str] = []
+    for name in image_files(folder):
+        stem = next((key for key in (Path(name).stem, Path(name).with_suffix("").as_posix()) if key in poses), None)
+        if stem is None:
+            left.append(f"{name} has no pose")
+            continue
+        image = read_image(image_path(folder, name), (camera.width, camera.height))
+        names, pixels, points = find(image)
+        if len(names) < 6:
+            left.append(f"{name}: the board is not found")
+            continue
+        seen.append((stem, names, pixels, points))
+    if not seen:
+        what = "holds no photograph with a pose and the board: " + "; ".join(left[:3])
+        raise InputError([Problem(str(folder), what, "check the board, the poses' names, the camera's size")])
+    given = np.array([poses[stem] for stem, *_ in seen])
+    study = HandEyeStudy(
+        setup=setup,
+        camera=camera,
+        images=tuple(stem.replace("/", "-") for stem, *_ in seen),
+        poses=Pose(given[:, :3], given[:, 3:]),
+        image=np.concatenate([np.full(len(names), k) for k, (_, names, *_) in enumerate(seen)]),
+        names=tuple(name for _, names, *_ in seen for name in names),
+        pixels=np.concatenate([pixels for *_, pixels, _ in seen]),
+        points=np.concatenate([points for *_, points in seen]),
+    )
+    return study, left
+
+
+def _grey(image: Any) -> Any:
+    cv2 = opencv()
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+
+
+def _finder(board: PrintedBoard) -> Any:
+    """What finds names, pixels (n, 2) and points (n, 3) in a grey image."""
+    cv2 = opencv()
+    if board.kind == "chessboard":
+        return lambda grey: _chessboard(cv2, grey, board)
+    name = "DICT_" + board.dictionary.removeprefix("DICT_")
+    if not hasattr(cv2.aruco, name):
+        raise InputError([Problem("board", f"has the dictionary {board.dictionary!r:.40}", REMEDY)])
+    dictionary, size = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)), (board.columns, board.rows)
+    if board.kind == "charuco":
+        printed = cv2.aruco.CharucoBoard(size, board.lengths[0], board.lengths[1], dictionary)
+        detector = cv2.aruco.CharucoDetector(printed)
+        return lambda grey: _corners(detector.detectBoard(grey), np.asarray(printed.getChessboardCorners()))
+    printed = cv2.aruco.GridBoard(size, board.lengths[0], board.lengths[1], dictionary)
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    markers = cv2.aruco.ArucoDetector(dictionary, parameters)
+    return lambda grey: _markers(markers.detectMarkers(grey), printed)
+
+
+def _chessboard(cv2: Any, grey: Any, board: PrintedBoard) -> Found:
+    found, corners = cv2.findChessboardCornersSB(grey, (board.columns, board.rows), flags=cv2.CALIB_CB_ACCURACY)
+    if not found:
+        return NOTHING
+    pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(np.arange(board.columns), np.arange(board.rows)), axis=-1).reshape(-1, 2)
+    points = np.concatenate([board.lengths[0] * grid, np.zeros((len(grid), 1))], axis=1)
+    return [f"c{k}" for k in range(len(points))], pixels, points
+
+
+def _corners(detected: Any, board: Floats) -> Found:
+    corners, numbers, *_ = detected
+    if numbers is None or not len(numbers):
+        return NOTHING
+    places: Indices = np.asarray(numbers).ravel().astype(np.intp)
+    pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+    return [f"c{k}" for k in places], pixels, np.asarray(board, dtype=np.float64).reshape(-1, 3)[places]
+
+
+def _markers(detected: Any, board: Any) -> Found:
+    corners, numbers, *_ = detected
+    if numbers is None or not len(numbers):
+        return NOTHING
+    printed = zip(board.getIds().ravel().tolist(), board.getObjPoints(), strict=True)
+    known = {number: np.asarray(points, dtype=np.float64) for number, points in printed}
+    names, pixels, points = [], [], []
+    for number, four in zip(np.asarray(numbers).ravel().tolist(), corners, strict=True):
+        if number in known:
+            names += [f"m{number}c{k}" for k in range(4)]
+            pixels.append(np.asarray(four, dtype=np.float64).reshape(4, 2))
+            points.append(known[number].reshape(4, 3))
+    return (names, np.concatenate(pixels), np.concatenate(points)) if names else NOTHING
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Points of one of cpcal's own targets in photographs.
+
+TARGET = "target:"  # how --board names a target.toml
+
+
+def study_of_target_photos(
+    folder: Path, target: Target, *, camera: Camera, poses: dict[str, tuple[float, ...]], setup: Setup
+) -> tuple[HandEyeStudy, list[str]]:
+    """As `cpcal.handeye.sources.study_of_photos`, of photographs of a target.
+
+    An outline's centre is not the image of the dot's centre; the difference at the pose that the image shows is taken
+    off. Raises as that function does.
+    """
+
+    def find(image: Any) -> Found:
+        try:
+            seen = measure_pose(image, target, camera)
+        except NotMeasured:
+            return NOTHING
+        numbers = seen.numbers
+        bias = predicted_centers(target, camera, seen.pose) - camera.project(transformed(seen.pose, target.points))
+        return [f"d{n}" for n in numbers.tolist()], seen.centers - bias[numbers], target.points[numbers]
+
+    return study_of_found(folder, find, camera=camera, poses=poses, setup=setup)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The hand-eye study of a parallel robot's own study: its drawing and leg readings say where the platform is.
+#
+# The mobile frame is the hand: the camera stands beside the robot, the target is on the platform. The poses come from
+# the
+# drawing, whose errors they have; half-widths say how large these may be. The camera is taken as exact.
+
+
+def platform_poses(study: Study) -> dict[str, tuple[float, ...]]:
+    """By row of the calibration table (`pose/run`, or `pose/run/image`) the mobile frame in the base frame.
+
+    x, y, z in mm, then a unit quaternion, scalar first. Raises KinematicsError where the drawing cannot reach readings.
+    """
+    found = _poses(study)
+    rows = np.concatenate([found.position, found.quaternion], axis=1).tolist()
+    return {name: tuple(row) for name, row in zip(study.calibration.row_ids, rows, strict=True)}
+
+
+def _poses(study: Study) -> Pose:
+    readings = study.calibration.length
+    return forward_kinematics(study.robot, readings, central_pose(study.robot, readings.mean(axis=0)))
+
+
+def study_of_robot(study: Study) -> HandEyeStudy:
+    """Of the poses that the camera saw: one row of the calibration table for each configuration, its first.
+
+    Raises KinematicsError, and InputError as `study_of_pairs` does.
+    """
+    table = study.calibration
+    _, first = np.unique(table.pose, return_index=True)
+    chosen = np.sort(first)
+    hand = _poses(study)
+    return study_of_pairs(
+        Pose(hand.position[chosen], hand.quaternion[chosen]),
+        Pose(table.position[chosen], table.quaternion[chosen]),
+        setup="eye-to-hand",
+        names=tuple(table.row_ids[k].replace("/", "-") for k in chosen),
+    )
+
+
+def with_half_widths(study: HandEyeStudy, text: str) -> HandEyeStudy:
+    """Every pose uncertain by `MM,DEG` on each axis. Raises InputError."""
+    try:
+        position, angle = (float(part) for part in text.split(","))
+    except ValueError:
+        position = angle = np.nan
+    if not (0.0 <= position < 1e4 and 0.0 <= angle <= 30.0):
+        raise InputError([Problem("option --off", f"is {text!r:.60}", "give mm and degrees, such as 0.1,0.05")])
+    wide = [position] * 3 + [float(np.radians(angle))] * 3
+    return replace(study, pose_half_width=np.tile(wide, (len(study.images), 1)))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Hand-eye studies from what people have: pairs of poses, or photographs of a board.
+#
+# Pairs of poses say where the robot had its hand and where a camera saw a marker. They hold no pixels; four corners
+# of a
+# square of stated size stand in for the marker, seen at the stated pose by a stated camera without distortion. Then eps
+# is in pixels of that camera: a pixel is (distance / focal length) across the line of sight.
+
+STAND_IN = Camera(2000, 2000, np.array([1000.0, 1000.0]), np.array([999.5, 999.5]), np.zeros(5))
+
+
+def study_of_pairs(
+    hand: Pose, seen: Pose, *, setup: Setup, size: float = 100.0, camera: Camera = STAND_IN, names: tuple[str, ...] = ()
+) -> HandEyeStudy:
+    """A study whose pixels are those of a square board (3 x 3 points, `size` mm) at the poses where the camera saw it.
+
+    hand   (n, 3) mm and (n, 4): hand in base
+    seen   of the same n: target in camera
+
+    Raises InputError for poses that do not go together, or with the board behind the camera.
+    """
+    count = len(hand.position)
+    if len(seen.position) != count:
+        what = f"are {count} of the hand and {len(seen.position)} of the target"
+        raise InputError([Problem("poses", what, "give the same samples in the same order")])
+    side = size * np.array([-0.5, 0.0, 0.5])
+    board = np.array([[x, y, 0.0] for y in side for x in side])
+    points = np.einsum("nij,kj->nki", seen.rotation, board) + seen.position[:, None, :]
+    behind = np.flatnonzero((points[..., 2] <= 0.0).any(axis=1))
+    if len(behind):
+        what = f"put the target behind the camera in sample {behind[0] + 1}"
+        raise InputError([Problem("poses", what, "give the target in the camera frame, z along the line of sight")])
+    return HandEyeStudy(
+        setup=setup,
+        camera=camera,
+        images=names or tuple(f"sample{k + 1:03d}" for k in range(count)),
+        poses=hand,
+        image=np.repeat(np.arange(count), len(board)),
+        names=tuple(f"p{k + 1}" for _ in range(count) for k in range(len(board))),
+        pixels=camera.project(points).reshape(-1, 2),
+        points=np.tile(board, (count, 1)),
+    )
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Pairs of poses from files of other packages, all of them YAML.
+#
+# | package | file | what is read |
+# | --- | --- | --- |
+# | MoveIt (hand-eye calibration) | samples | a list of `effector_wrt_world`, `object_wrt_sensor`: 16 numbers by rows |
+# | OpenCV | `cv::FileStorage` or plain lists | `R_gripper2base`, `t_gripper2base`, `R_target2cam`, `t_target2cam` |
+# | easy_handeye2 | `NAME.samples` | a list under `samples` of `robot` and `tracking`, ROS transforms |
+# | ROS | transforms | the same with `hand` and `camera_marker`, ... |
+#
+# A ROS transform is `translation: {x, y, z}` in m and `rotation: {x, y, z, w}`. Translations are in m unless said.
+# With the camera beside the robot, easy_handeye2 stores under `robot` the base in the effector frame
+# (handeye_sampler.py,
+# `_get_transforms`); everything else is the hand in the base frame.
+
+_REMEDY = "give samples of MoveIt, OpenCV's four lists, or ROS transforms: see docs/hand-eye.md"
+_HAND = ("robot", "hand", "effector", "hand_world", "effector_wrt_world")
+_SEEN = ("tracking", "optical", "camera_marker", "object", "object_wrt_sensor")
+_MATRIX = 1e-3  # how far from a rotation a matrix may be
+_FARTHEST = 1e9  # of a number, in the file's units: beyond it is no length, and squares of it overflow
+_SHORTEST = 1e-6  # of a quaternion
+
+
+def read_pose_pairs(path: Path, *, setup: Setup = "eye-in-hand", metres: bool = True) -> tuple[Pose, Pose]:
+    """Hand in base and target in camera, (n, 3) mm and (n, 4), of a YAML file. Raises InputError."""
+    problems = Problems()
+    content = small_file(path, problems, _REMEDY)
+    problems.raise_any()
+    assert content is not None
+    document = camera_yaml().yaml_document(content, path)
+    base_in_hand = False
+    try:
+        if isinstance(document, dict) and "R_gripper2base" in document:
+            hand, seen = _opencv(document)
+        else:
+            samples = _samples(document)
+            hand, seen = ([_pose(sample[_key(sample, names)]) for sample in samples] for names in (_HAND, _SEEN))
+            base_in_hand = setup == "eye-to-hand" and all({"robot", "tracking"} <= set(one) for one in samples)
+    except OverflowError:  # of a whole number that no float holds, too
+        raise InputError([Problem(str(path), "holds a number that is not finite, or too large", _REMEDY)]) from None
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError([Problem(str(path), f"holds no pairs of poses: {error!s:.80}", _REMEDY)]) from None
+    scale = 1000.0 if metres else 1.0
+    stated = _scaled(hand, scale)
+    return inverse(stated) if base_in_hand else stated, _scaled(seen, scale)
+
+
+def _scaled(poses: list[tuple[Any, Any]], scale: float) -> Pose:
+    return Pose(np.array([p for p, _ in poses]) * scale, np.array([q for _, q in poses]))
+
+
+def _samples(document: Any) -> list[Any]:
+    samples = document.get("samples", document.get("transforms")) if isinstance(document, dict) else document
+    if not isinstance(samples, list) or not samples:
+        raise ValueError("no list of samples")
+    return samples
+
+
+def _key(sample: Any, names: Iterable[str]) -> str:
+    found = [name for name in names if name in sample]
+    if not found:
+        raise ValueError(f"a sample has none of {', '.join(names)}")
+    return found[0]
+
+
+def _pose(value: Any) -> tuple[Any, Any]:
+    if isinstance(value, dict):
+        value = value.get("transform", value)
+        t, q = value["translation"], value["rotation"]
+        turn = _numbers([float(q[a]) for a in "wxyz"], 4)
+        if not np.linalg.norm(turn) > _SHORTEST:
+            raise ValueError("a rotation is all zeros")
+        return _numbers([float(t[a]) for a in "xyz"], 3), normalised(turn)
+    matrix = _numbers(value, 4, 4)
+    return matrix[:3, 3], _rotation(matrix[:3, :3])
+
+
+def _opencv(document: dict[str, Any]) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+    def pairs(name: str) -> list[tuple[Any, Any]]:
+        turns, shifts = document[f"R_{name}"], document[f"t_{name}"]
+        if len(turns) != len(shifts):
+            raise ValueError(f"R_{name} and t_{name} have other lengths")
+        return [(_of_list(t, 3), _rotation(_of_list(r, 3, 3))) for r, t in zip(turns, shifts, strict=True)]
+
+    return pairs("gripper2base"), pairs("target2cam")
+
+
+def _of_list(value: Any, *shape: int) -> Floats:
+    return _numbers(value["data"] if isinstance(value, dict) else value, *shape)
+
+
+def _numbers(values: Any, *shape: int) -> Floats:
+    found = np.array(values, dtype=np.float64).reshape(shape)
+    if not (np.abs(found) < _FARTHEST).all():  # NaN is not
+        raise OverflowError
+    return found
+
+
+def _rotation(matrix: Floats) -> Floats:
+    if not np.abs(matrix @ matrix.T - np.eye(3)).max() < _MATRIX or not np.linalg.det(matrix) > 0.0:
+        raise ValueError("a matrix is no rotation")
+    return quaternion_from_matrix(matrix)

@@ -1,0 +1,404 @@
+"""A hand-eye study: poses of a robot's hand, and what a camera saw of a target in each.
+
+    x_ij = E H_i F p_j          point j of image i in the camera frame, mm
+
+| setup | E | H_i | F |
+| --- | --- | --- | --- |
+| eye-in-hand | hand in the camera frame | base in the hand frame, the inverse of the stated pose | target in the base |
+| eye-to-hand | base in the camera frame | hand in the base frame, the stated pose | target in the hand |
+
+"A in the B frame" is the motion that maps coordinates of A to those of B.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.values import Floats, Indices, Value, frozen_array
+from cpcal.robot import Pose, compose, inverse, quaternion_from_rotation_vector, quaternion_product, rotation_matrix
+from cpcal.robot.kinematics import normalised
+from cpcal.vision.camera import Camera
+
+Setup = Literal["eye-in-hand", "eye-to-hand"]
+SETUPS: tuple[Setup, ...] = ("eye-in-hand", "eye-to-hand")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HandEyeStudy(Value):
+    """Poses (n) of the hand in the base frame and points (N) that were seen.
+
+    images      their n names
+    poses       (n, 3) mm and (n, 4): hand in base
+    image       (N,) whole numbers, the image of each point
+    names       (N,) of the points
+    pixels      (N, 2) as measured, with the lens's distortion
+    points      (N, 3) mm in the target frame
+    half_width  (N,) px: the true pixel lies that near to the measured one; 0 where it is taken as exact
+    pose_half_width  (n, 6) mm and rad: the true pose is position + d, R(1, s) R(q) with |d| and |2 s| at most that on
+                each axis of the base frame; 0 where poses are taken as exact
+
+    Raises InputError for arrays that do not belong together.
+    """
+
+    setup: Setup
+    camera: Camera
+    images: tuple[str, ...]
+    poses: Pose
+    image: Indices
+    names: tuple[str, ...]
+    pixels: Floats
+    points: Floats
+    half_width: Floats = field(default_factory=lambda: np.zeros(0))
+    pose_half_width: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        count = len(self.image)
+        if self.setup not in SETUPS:
+            raise InputError([Problem("setup", f"is {self.setup!r}", f"give one of {', '.join(SETUPS)}")])
+        object.__setattr__(self, "pixels", frozen_array(self.pixels))
+        object.__setattr__(self, "points", frozen_array(self.points))
+        width = self.half_width if np.size(self.half_width) else np.zeros(count)
+        object.__setattr__(self, "half_width", frozen_array(width))
+        wide = self.pose_half_width if np.size(self.pose_half_width) else np.zeros((len(self.images), 6))
+        object.__setattr__(self, "pose_half_width", frozen_array(wide))
+        places = np.array(self.image, dtype=np.intp)
+        places.setflags(write=False)
+        object.__setattr__(self, "image", places)
+        shapes = (self.pixels.shape, self.points.shape, self.half_width.shape)
+        by_image = (self.poses.position.shape, self.pose_half_width.shape)
+        n = len(self.images)
+        if shapes != ((count, 2), (count, 3), (count,)) or by_image != ((n, 3), (n, 6)):
+            raise InputError([Problem("study", "has arrays that do not belong together", "see HandEyeStudy")])
+        if count and not 0 <= places.min() <= places.max() < len(self.images):
+            raise InputError([Problem("study", "has a point of an image without pose", "name the images by number")])
+
+    @property
+    def planar(self) -> bool:
+        """Whether all points have Z = 0."""
+        return not self.points[:, 2].any()
+
+    @property
+    def rays(self) -> Floats:
+        """(N, 2) pixels without the lens's distortion: what a pinhole of the same focal lengths and centre shows."""
+        return np.asarray(self.camera.center + self.camera.focal * self.camera.normalised(self.pixels))
+
+    @property
+    def motions(self) -> tuple[Floats, Floats]:
+        """Rotations (n, 3, 3) and translations (n, 3), mm, of H_i, in float64."""
+        turn, shift = rotation_matrix(self.poses.quaternion), self.poses.position
+        if self.setup == "eye-to-hand":
+            return turn, shift
+        back = np.swapaxes(turn, -1, -2)
+        return back, -np.einsum("nij,nj->ni", back, shift)
+
+    def part(self, chosen: Indices) -> HandEyeStudy:
+        """The study of some of the images, in their order."""
+        new = np.full(len(self.images), -1)
+        new[chosen] = np.arange(len(chosen))
+        kept = np.flatnonzero(new[self.image] >= 0)
+        return HandEyeStudy(
+            setup=self.setup,
+            camera=self.camera,
+            images=tuple(self.images[k] for k in chosen),
+            poses=Pose(self.poses.position[chosen], self.poses.quaternion[chosen]),
+            image=new[self.image[kept]],
+            names=tuple(self.names[k] for k in kept),
+            pixels=self.pixels[kept],
+            points=self.points[kept],
+            half_width=self.half_width[kept],
+            pose_half_width=self.pose_half_width[chosen],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class HandEyeFrames(Value):
+    """E and F: rotations (3, 3), translations (3,) mm."""
+
+    e_rotation: Floats
+    e_translation: Floats
+    f_rotation: Floats
+    f_translation: Floats
+
+    def __post_init__(self) -> None:
+        for name in ("e_rotation", "e_translation", "f_rotation", "f_translation"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
+
+    def in_camera(self, study: HandEyeStudy) -> Floats:
+        """x_ij (N, 3), mm."""
+        turn, shift = study.motions
+        on_target = study.points @ self.f_rotation.T + self.f_translation
+        moved = np.einsum("nij,nj->ni", turn[study.image], on_target) + shift[study.image]
+        return np.asarray(moved @ self.e_rotation.T + self.e_translation)
+
+    def residuals(self, study: HandEyeStudy) -> Floats:
+        """(N, 2) px: where a pinhole shows the points, less the undistorted pixels."""
+        x = self.in_camera(study)
+        return np.asarray(study.camera.center + study.camera.focal * x[:, :2] / x[:, 2:] - study.rays)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Residuals in pixels and their derivatives by twelve small motions of E and F.
+
+PARAMETERS = 12  # rotation vector of E (rad, camera frame), its translation, then those of F (frame of its values)
+
+
+class PixelModel:
+    """The residuals (2 N,) of frames, first all along u and then all along v; what the study alone decides is kept."""
+
+    def __init__(self, study: HandEyeStudy) -> None:
+        self.study, self.rays = study, study.rays
+        turn, shift = study.motions
+        self._turn, self._shift = turn[study.image], shift[study.image]
+        self.size = PARAMETERS
+
+    def __call__(self, frames: HandEyeFrames) -> Floats:
+        """(2 N,) px; infinite where a point is not in front of the camera."""
+        x = self._in_camera(frames)[0]
+        camera = self.study.camera
+        with np.errstate(divide="ignore", invalid="ignore"):
+            seen = camera.center + camera.focal * x[:, :2] / x[:, 2:]
+        return np.where(x[:, 2:] > 0.0, seen - self.rays, np.inf).T.ravel()
+
+    def _in_camera(self, frames: HandEyeFrames) -> tuple[Floats, Floats, Floats]:
+        turned = self.study.points @ frames.f_rotation.T
+        moved = np.einsum("nij,nj->ni", self._turn, turned + frames.f_translation) + self._shift
+        on = moved @ frames.e_rotation.T
+        return on + frames.e_translation, on, turned
+
+    def moved(self, frames: HandEyeFrames, step: Floats) -> HandEyeFrames:
+        return moved(frames, step)
+
+    def reach(self, frames: HandEyeFrames) -> Floats:
+        """A turn of 1 rad, and the way that it moves a point: (12,)."""
+        way = float(np.linalg.norm(frames.in_camera(self.study), axis=1).mean())
+        return np.tile(np.repeat([1.0, way], 3), 2)
+
+    def room(self, frames: HandEyeFrames) -> tuple[Floats, Floats]:
+        """No step is too far."""
+        return np.full(PARAMETERS, -np.inf), np.full(PARAMETERS, np.inf)
+
+    def jacobian(self, frames: HandEyeFrames) -> Floats:
+        """(2 N, 12) of the residuals by the motions of `moved`."""
+        _, on, turned = self._in_camera(frames)
+        of_f = frames.e_rotation @ self._turn  # (N, 3, 3)
+        by = np.concatenate([-cross(on), np.broadcast_to(np.eye(3), of_f.shape), -of_f @ cross(turned), of_f], axis=2)
+        return self.of_points(frames, by)
+
+    def of_points(self, frames: HandEyeFrames, by: Floats) -> Floats:
+        """(2 N, K) of the residuals, from derivatives (N, 3, K) of the points in the camera frame."""
+        x = self._in_camera(frames)[0]
+        focal, depth = self.study.camera.focal, x[:, 2]
+        rows = [focal[a] * (by[:, a] - (x[:, a] / depth)[:, None] * by[:, 2]) / depth[:, None] for a in (0, 1)]
+        return np.concatenate(rows)
+
+
+def cross(vectors: Floats) -> Floats:
+    """[v]x (N, 3, 3)."""
+    x, y, z = vectors.T
+    o = np.zeros_like(x)
+    return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], axis=1)
+
+
+def moved(frames: HandEyeFrames, step: Floats) -> HandEyeFrames:
+    """Frames turned and moved by a step (12,)."""
+
+    def turned(matrix: Floats, vector: Floats) -> Floats:
+        return np.asarray(rotation_matrix(quaternion_from_rotation_vector(vector)) @ matrix)
+
+    return HandEyeFrames(
+        turned(frames.e_rotation, step[:3]),
+        frames.e_translation + step[3:6],
+        turned(frames.f_rotation, step[6:9]),
+        frames.f_translation + step[9:],
+    )
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Residuals in pixels of frames and of readings of the robot's poses, and their derivatives.
+#
+# A reading of pose i is (position + d, R(1, w / 2) R), with d in mm and w in rad within its half-widths, in the base
+# frame. All points of an image have the same reading, so six unknowns an image say all that a robot error does.
+
+READING = 6  # unknowns of a reading: d and w
+
+
+@dataclass(frozen=True, eq=False)
+class ReadFrames(Value):
+    """Frames, and a reading (d, w) of each image's pose: (n, 6) mm and rad."""
+
+    frames: HandEyeFrames
+    readings: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "readings", frozen_array(self.readings))
+
+    @staticmethod
+    def stated(frames: HandEyeFrames, study: HandEyeStudy) -> ReadFrames:
+        """At the stated poses."""
+        return ReadFrames(frames, np.zeros((len(study.images), READING)))
+
+
+def read_study(study: HandEyeStudy, readings: Floats) -> HandEyeStudy:
+    """The study with each pose at its reading, taken as exact."""
+    turn = np.concatenate([np.ones((len(readings), 1)), 0.5 * readings[:, 3:]], axis=1)
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    poses = Pose(study.poses.position + readings[:, :3], quaternion_product(turn, study.poses.quaternion))
+    return replace(study, poses=poses, pose_half_width=np.zeros_like(readings))
+
+
+class ReadingModel:
+    """The residuals (2 N,) of frames with readings, first all along u and then all along v."""
+
+    def __init__(self, study: HandEyeStudy) -> None:
+        self.study = study
+        self.size = PARAMETERS + READING * len(study.images)
+
+    def __call__(self, at: ReadFrames) -> Floats:
+        """(2 N,) px; infinite where a point is not in front of the camera."""
+        return PixelModel(read_study(self.study, at.readings))(at.frames)
+
+    def blocks(self, at: ReadFrames) -> tuple[Floats, Floats]:
+        """Derivatives (2 N, 12) by the motions of the frames, and (2 N, 6) by those of each point's own reading."""
+        there = read_study(self.study, at.readings)
+        model, frames = PixelModel(there), at.frames
+        on = there.points @ frames.f_rotation.T + frames.f_translation
+        turn, _ = there.motions
+        own = frames.e_rotation @ turn[there.image]  # (N, 3, 3) of what is on the target's side of the pose
+        place = there.poses.position[there.image]
+        if there.setup == "eye-to-hand":
+            lever = np.einsum("nij,nj->ni", turn[there.image], on)
+            by = np.concatenate([np.broadcast_to(frames.e_rotation, own.shape), -frames.e_rotation @ cross(lever)], 2)
+        else:
+            by = np.concatenate([-own, own @ cross(on - place)], axis=2)
+        # R(1, w / 2) turns by (I + [w / 2]x) dw / (1 + |w / 2|^2) when w changes by dw
+        half = 0.5 * at.readings[:, 3:]
+        turned = (np.eye(3) + cross(half)) / (1.0 + np.sum(half**2, axis=1))[:, None, None]
+        by[:, :, 3:] = by[:, :, 3:] @ turned[there.image]
+        return model.jacobian(frames), model.of_points(frames, by)
+
+    def jacobian(self, at: ReadFrames) -> Floats:
+        """(2 N, size): frames first, then the readings image by image."""
+        frames, own = self.blocks(at)
+        whole = np.zeros((len(own), self.size))
+        whole[:, :PARAMETERS] = frames
+        place = PARAMETERS + READING * np.tile(self.study.image, 2)
+        for k in range(READING):
+            whole[np.arange(len(own)), place + k] = own[:, k]
+        return whole
+
+    def moved(self, at: ReadFrames, step: Floats) -> ReadFrames:
+        """By a step (size,), readings kept within their half-widths."""
+        width = self.study.pose_half_width
+        readings = np.clip(at.readings + step[PARAMETERS:].reshape(-1, READING), -width, width)
+        return ReadFrames(moved(at.frames, step[:PARAMETERS]), readings)
+
+    def reach(self, at: ReadFrames) -> Floats:
+        """What counts as a step of one: a turn of 1 rad, and the way that it moves a point."""
+        frames = PixelModel(self.study).reach(at.frames)
+        own = np.tile(np.repeat([frames[3], 1.0], 3), len(self.study.images))
+        return np.concatenate([frames, own])
+
+    def room(self, at: ReadFrames) -> tuple[Floats, Floats]:
+        """Least and greatest step (size,) that the half-widths leave."""
+        width, free = self.study.pose_half_width, np.full(PARAMETERS, np.inf)
+        low, high = (-width - at.readings).ravel(), (width - at.readings).ravel()
+        return np.concatenate([-free, low]), np.concatenate([free, high])
+
+
+def by_images(study: HandEyeStudy) -> list[Indices]:
+    """The places, among 2 N residuals, of each image's."""
+    both = np.tile(study.image, 2)
+    return [np.flatnonzero(both == k) for k in range(len(study.images))]
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Simulated hand-eye studies, with their truth.
+
+CAMERA = Camera(1280, 960, np.array([1000.0, 1000.0]), np.array([639.5, 479.5]), np.zeros(5))
+_TILT = np.radians(40.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedHandEye:
+    """A study and the frames that made it."""
+
+    study: HandEyeStudy
+    truth: HandEyeFrames
+
+
+def simulate_hand_eye(
+    *,
+    setup: Setup = "eye-in-hand",
+    images: int = 30,
+    corners: tuple[int, int] = (8, 6),
+    pitch: float = 30.0,
+    pixel_error: float = 0.2,
+    position_error: float = 0.0,
+    rotation_error: float = 0.0,
+    camera: Camera = CAMERA,
+    seed: int = 0,
+) -> SimulatedHandEye:
+    """A board of `corners` at `pitch` mm, seen from 500 to 800 mm under tilts up to 40 degrees.
+
+    pixel_error     px, rotation_error rad, position_error mm: errors are uniform in plus and minus that, on each axis
+
+    The hand-eye rotation is any rotation, its translation within 150 mm; the other frame is anywhere within a metre.
+    """
+    random = np.random.default_rng(seed)
+    grid = np.stack(np.meshgrid(np.arange(corners[0]), np.arange(corners[1])), axis=-1).reshape(-1, 2)
+    flat = pitch * (grid - (np.array(corners) - 1) / 2.0)
+    board = np.concatenate([flat, np.zeros((len(flat), 1))], axis=1)
+    seen = _views(images, random)
+    on_hand = Pose(random.uniform(-150.0, 150.0, 3), normalised(random.normal(size=4)))
+    far = Pose(random.uniform(-1000.0, 1000.0, 3), normalised(random.normal(size=4)))
+    if setup == "eye-in-hand":  # camera on the hand, target in the base
+        e, f = inverse(on_hand), far
+        poses = inverse(compose(compose(on_hand, seen), inverse(far)))
+    else:  # target on the hand, base in the camera
+        e, f = far, on_hand
+        poses = compose(compose(inverse(far), seen), inverse(on_hand))
+    if setup == "eye-in-hand":
+        poses = Pose(poses.position, poses.quaternion)
+    turned = quaternion_from_rotation_vector(random.uniform(-rotation_error, rotation_error, (images, 3)))
+    stated = Pose(
+        poses.position + random.uniform(-position_error, position_error, (images, 3)),
+        normalised(quaternion_product(turned, poses.quaternion)),
+    )
+    x = np.einsum("nij,kj->nki", rotation_matrix(seen.quaternion), board) + seen.position[:, None, :]
+    pixels = camera.project(x) + random.uniform(-pixel_error, pixel_error, (images, len(board), 2))
+    count = len(board)
+    study = HandEyeStudy(
+        setup=setup,
+        camera=camera,
+        images=tuple(f"image{k + 1:03d}" for k in range(images)),
+        poses=stated,
+        image=np.repeat(np.arange(images), count),
+        names=tuple(f"p{k + 1}" for _ in range(images) for k in range(count)),
+        pixels=pixels.reshape(-1, 2),
+        points=np.tile(board, (images, 1)),
+    )
+    return SimulatedHandEye(study, HandEyeFrames(_matrix(e), e.position, _matrix(f), f.position))
+
+
+def _matrix(pose: Pose) -> Floats:
+    return rotation_matrix(pose.quaternion)
+
+
+def _views(images: int, random: np.random.Generator) -> Pose:
+    """Poses of the target in the camera frame."""
+    axis = random.uniform(0.0, 2.0 * np.pi, images)
+    tilt = _TILT * np.sqrt(random.uniform(0.1, 1.0, images))
+    leaning = quaternion_from_rotation_vector(
+        np.stack([tilt * np.cos(axis), tilt * np.sin(axis), np.zeros(images)], axis=1)
+    )
+    roll = random.uniform(-np.pi, np.pi, images)
+    rolled = quaternion_from_rotation_vector(np.stack([np.zeros(images), np.zeros(images), roll], axis=1))
+    place = np.stack(
+        [random.uniform(-100.0, 100.0, images), random.uniform(-70.0, 70.0, images), random.uniform(500, 800, images)],
+        axis=1,
+    )
+    return Pose(place, normalised(quaternion_product(leaning, rolled)))

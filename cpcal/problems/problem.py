@@ -1,0 +1,180 @@
+"""A problem to be solved: a network, and what is to be minimised or maximised."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from cpcal.common.errors import InputError, ModelError
+from cpcal.common.numbers import at_most, bracket_text
+from cpcal.solver.certificate.recording import UncertifiedError
+from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.interval import Box
+from cpcal.solver.model import Network, Paving
+from cpcal.solver.network import Expr
+from cpcal.solver.optimize import Bracket, Minimum
+from cpcal.solver.search import Event
+
+
+@dataclass(frozen=True, eq=False)
+class StatedProblem:
+    """objective  None: all solutions are asked for
+    maximize   whether the objective is to be as large as can be
+    integer    names of components that take whole numbers only"""
+
+    network: Network
+    objective: Expr | None = None
+    maximize: bool = False
+    integer: tuple[str, ...] = ()
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# A problem's answer: all solutions, or the best value bracketed; and its JSON (docs/solve.md).
+
+FORMAT = "cpcal-solution/1"
+_WORDS = {verdict: verdict.value for verdict in Verdict} | {Verdict.REFUTED: "infeasible"}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """paving   all solutions, where there is no objective
+    best     lo, hi: the objective's best value lies between; point: where the value nearer to us is attained, or None
+    verdict  PROVED: complete, or the bracket closed to the gap; REFUTED: there is no solution; UNKNOWN: a limit came
+             first; NOT_CERTIFIED: as PROVED, but the certificate that was asked for does not hold all of it
+    pending  boxes that were left
+    uncertified  why a certificate that was asked for could not be written
+    """
+
+    problem: StatedProblem
+    verdict: Verdict
+    status: str
+    nodes: int
+    seconds: float
+    pending: int = 0
+    paving: Paving | None = None
+    best: Minimum | None = None
+    uncertified: InputError | None = None
+
+    @property
+    def method(self) -> str:
+        """Contractors and strategy, and why these; rows that one of them cannot use."""
+        found = self.best or self.paving
+        if found is None:
+            return ""
+        unused = "" if found.row_use is None else found.row_use.sentence
+        return f"{found.method.rstrip('.')}. {unused[:1].upper()}{unused[1:]}." if unused else found.method
+
+    @property
+    def objective(self) -> tuple[float, float] | None:
+        """The bracket of the objective as it was asked for: of a maximum the signs are turned."""
+        if self.best is None:
+            return None
+        lo, hi = self.best.lo, self.best.hi
+        return (-hi, -lo) if self.problem.maximize else (lo, hi)
+
+    @property
+    def point(self) -> dict[str, float] | None:
+        """The components of the best point that is proved to be a solution."""
+        if self.best is None or self.best.witness is None:
+            return None
+        return dict(zip(self.problem.network.names, self.best.witness.point.tolist(), strict=False))
+
+    def to_json(self) -> bytes:
+        """Bounds that are not finite are null."""
+        names = self.problem.network.names
+        solutions = [] if self.paving is None else self.paving.solutions
+        bracket = self.objective
+        document = {
+            "format": FORMAT,
+            "status": "complete" if self.verdict is not Verdict.UNKNOWN else "limit reached",
+            "verdict": _WORDS[self.verdict],
+            "sentence": self.status,
+            "solutions": [{"status": _WORDS[s.verdict], "box": _box(s.box, names)} for s in solutions],
+            "objective": None
+            if bracket is None
+            else {"lo": _number(bracket[0]), "hi": _number(bracket[1]), "point": self.point},
+            "pending": self.pending,
+            "nodes": self.nodes,
+            "seconds": round(self.seconds, 3),
+            "method": self.method,
+            "width": None if self.paving is None else self.paving.width,
+            "rows": self._rows(),
+        }
+        return (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+    def _rows(self) -> dict[str, int | dict[str, int]] | None:
+        """How many rows there are, how many a contractor cannot use, and how many none can."""
+        found = self.best or self.paving
+        use = None if found is None else found.row_use
+        return None if use is None else {"all": use.rows, "unused": dict(use.unused), "used by none": use.by_none}
+
+
+def answer(
+    problem: StatedProblem,
+    *,
+    width: float | None = None,
+    limits: Limits | None = None,
+    certificate: str | os.PathLike[str] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    searched: Callable[[Event], None] | None = None,
+    bracketed: Callable[[Bracket], None] | None = None,
+) -> Answer:
+    """Solve, or minimise, the problem; `checkpoint`, `resume`, `workers` and `scheduler` are those of `Network.solve`.
+
+    `searched` is told of every box of a search, `bracketed` of every bracket of a minimisation.
+
+    Raises ModelError for what the solver cannot take, InputError for a checkpoint of other things.
+    """
+    start, network = time.monotonic(), problem.network
+    kept: Any = {"checkpoint": checkpoint, "resume": resume, "workers": workers, "scheduler": scheduler}
+    if problem.objective is None:
+        if certificate is not None:
+            raise ModelError("a certificate is written of a minimisation: this problem has no objective")
+        found = network.solve(width=width, limits=limits, progress=searched, **kept)
+        unknown = sum(s.verdict is Verdict.UNKNOWN for s in found.solutions)
+        verdict = Verdict.UNKNOWN if not found.complete else Verdict.PROVED if found.solutions else Verdict.REFUTED
+        pending = 0 if found.complete else unknown
+        return Answer(problem, verdict, found.status, found.nodes, time.monotonic() - start, pending, paving=found)
+    objective = -problem.objective if problem.maximize else problem.objective
+    why: InputError | None = None
+    try:
+        best = network.minimize(objective, limits=limits, certificate=certificate, progress=bracketed, **kept)
+    except UncertifiedError as error:
+        best, why = error.answer, error
+    return Answer(
+        problem,
+        best.verdict,
+        _sentence(problem, best),
+        best.nodes,
+        time.monotonic() - start,
+        best.pending,
+        best=best,
+        uncertified=why,
+    )
+
+
+def _sentence(problem: StatedProblem, best: Minimum) -> str:
+    """The solver's, where what was asked for is the smallest value; of the largest one of its own."""
+    if not problem.maximize or best.verdict in (Verdict.REFUTED, Verdict.NOT_CERTIFIED):
+        return best.status
+    lo, hi = -best.hi, -best.lo
+    if best.verdict is Verdict.PROVED:
+        least, most = bracket_text(lo, hi, 10)
+        return f"The largest value lies in [{least}, {most}]: proved."
+    return f"The largest value is at most {at_most(hi, 10)}; a limit came first."
+
+
+def _box(box: Box, names: tuple[str, ...]) -> dict[str, list[float | None]]:
+    return {name: [_number(box[name].lo), _number(box[name].hi)] for name in names}
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,224 @@
+"""Real numbers as users write them, enclosed by float64 bounds: exact where a float64 equals them, else outward."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from numbers import Rational
+from typing import Any, SupportsFloat, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.common.errors import ModelError
+from cpcal.common.values import Floats
+
+Number: TypeAlias = int | float | Rational | SupportsFloat
+
+_EXACT_INTEGERS = 2**53  # every integer up to here is a float64
+
+
+def round_down(value: Number) -> float:
+    """The greatest float64 that is at most value. NaN stays NaN; ModelError for what is no real number."""
+    real = _comparable(value)
+    nearest = _nearest(real)
+    return math.nextafter(nearest, -math.inf) if nearest > real else nearest
+
+
+def round_up(value: Number) -> float:
+    """The least float64 that is at least value. NaN stays NaN; ModelError for what is no real number."""
+    real = _comparable(value)
+    nearest = _nearest(real)
+    return math.nextafter(nearest, math.inf) if nearest < real else nearest
+
+
+def float_bounds(values: object) -> tuple[Floats, Floats]:
+    """The greatest float64s below and the least above an array of numbers; one array where both agree.
+
+    Takes numbers, nested sequences of them and arrays. A string is no number and neither is a bool: both are
+    refused, as complex numbers and arrays with a meaning beyond their numbers (masks, units) are. Raises ModelError.
+    An array of float64 comes back as it is, not copied.
+    """
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values, values
+    if type(values) is float:
+        array = np.asarray(values)
+        return array, array
+    array = _as_array(values)
+    if _fits(array):
+        exact = array.astype(np.float64)
+        return exact, exact
+    if array.dtype.kind not in "iufO":
+        raise ModelError(
+            f"{reprlib.repr(values)} holds no real numbers ({array.dtype}): give ints, floats or fractions"
+        )
+    numbers = array.ravel().tolist()
+    lo, hi = (np.array([rounded(v) for v in numbers], np.float64) for rounded in (round_down, round_up))
+    lo, hi = lo.reshape(array.shape), hi.reshape(array.shape)
+    return (lo, lo) if np.array_equal(lo, hi, equal_nan=True) else (lo, hi)
+
+
+def _comparable(value: object) -> Any:
+    """The same number, of a type that compares with floats exactly."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool)):
+        return value
+    if isinstance(value, np.integer):
+        return int(value)
+    if isinstance(value, np.floating):  # a longdouble may lie between two float64s
+        return Fraction(*value.as_integer_ratio()) if np.isfinite(value) else float(value)
+    if isinstance(value, Decimal):
+        return math.nan if value.is_nan() else value
+    if isinstance(value, Rational) and not isinstance(value, bool):
+        return Fraction(int(value.numerator), int(value.denominator))
+    raise ModelError(f"{reprlib.repr(value)} is no real number: give an int, a float, a Fraction or a Decimal")
+
+
+def _nearest(value: Any) -> float:
+    """The float64 nearest to value, infinite beyond their range."""
+    try:
+        return float(value)
+    except OverflowError:  # an int or a fraction
+        return math.inf if value > 0 else -math.inf
+
+
+def _as_array(values: object) -> np.ndarray[Any, Any]:
+    """The numbers as they were given: numpy alone would round a list that mixes types."""
+    if isinstance(values, np.ndarray) and type(values) not in (np.ndarray, np.memmap):
+        kind = type(values).__name__
+        raise ModelError(f"a {kind} is more than its numbers: pass what it means as a plain array (numpy.asarray)")
+    if hasattr(values, "__array__"):
+        return np.asarray(values)
+    if not isinstance(values, Sequence) or isinstance(values, (str, bytes)):
+        scalar = np.empty((), dtype=object)
+        scalar[()] = values
+        return scalar
+    try:
+        array = np.array(values, dtype=object)
+    except ValueError as error:
+        raise ModelError(f"{reprlib.repr(values)} is no array: {error}") from None
+    plain = all(type(v) is float for v in array.ravel().tolist())
+    return array.astype(np.float64) if plain else array
+
+
+def _fits(array: np.ndarray[Any, Any]) -> bool:
+    """Whether float64 holds every element exactly."""
+    kind, size = array.dtype.kind, int(array.dtype.itemsize)
+    if kind == "f":
+        return size <= 8
+    if kind not in "iu":
+        return False
+    least, most = int(array.min(initial=0)), int(array.max(initial=0))
+    return size <= 4 or (least >= -_EXACT_INTEGERS and most <= _EXACT_INTEGERS)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Arrays of intervals: two float64 arrays of the same shape. The plain data that the engines work on.
+
+
+@dataclass(frozen=True, eq=False)
+class IntervalArray:
+    """Intervals `[lo, hi]`, elementwise. NaN in both bounds is the empty interval, and propagates.
+
+    Bounds may be infinite; `lo` is never +inf and `hi` never -inf.
+    """
+
+    lo: Floats
+    hi: Floats
+
+    @classmethod
+    def point(cls, values: npt.ArrayLike) -> IntervalArray:
+        """The degenerate intervals `[v, v]`. Raises ModelError for numbers that no float64 equals."""
+        lo, hi = float_bounds(values)
+        if lo is not hi:
+            raise ModelError("no float64 equals one of these numbers: enclose them by IntervalArray.around(v, 0)")
+        return cls(lo, lo)
+
+    @classmethod
+    def around(cls, center: npt.ArrayLike, radius: npt.ArrayLike) -> IntervalArray:
+        """Enclosure of `[center - radius, center + radius]`; shapes broadcast, radius >= 0."""
+        (lowest, highest), (_, reach) = float_bounds(center), float_bounds(radius)
+        lowest, highest, reach = np.broadcast_arrays(lowest, highest, reach)
+        exact = reach == 0.0
+        with np.errstate(over="ignore"):
+            lo = np.where(exact, lowest, np.nextafter(lowest - reach, -np.inf))
+            hi = np.where(exact, highest, np.nextafter(highest + reach, np.inf))
+        return cls(lo, hi)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.lo.shape
+
+    @property
+    def ndim(self) -> int:
+        return self.lo.ndim
+
+    @property
+    def empty(self) -> npt.NDArray[np.bool_]:
+        """Which elements are the empty interval."""
+        return np.isnan(self.lo)
+
+    @property
+    def mid(self) -> Floats:
+        """A finite float64 in each interval, near its middle (NaN where empty)."""
+        if self.lo is self.hi and np.isfinite(self.lo).all():
+            return self.lo
+        if np.isfinite(self.lo).all() and np.isfinite(self.hi).all():
+            mid = np.asarray(0.5 * self.lo + 0.5 * self.hi)
+            np.maximum(mid, self.lo, out=mid)  # halves of subnormal numbers round
+            return np.asarray(np.minimum(mid, self.hi, out=mid))
+        lo_infinite, hi_infinite = np.isinf(self.lo), np.isinf(self.hi)
+        biggest = np.finfo(np.float64).max
+        with np.errstate(invalid="ignore"):
+            mid = 0.5 * self.lo + 0.5 * self.hi
+            mid = np.where(lo_infinite & hi_infinite, 0.0, mid)
+            mid = np.where(lo_infinite & ~hi_infinite, np.minimum(self.hi, -biggest), mid)
+            mid = np.where(hi_infinite & ~lo_infinite, np.maximum(self.lo, biggest), mid)
+            return np.clip(mid, self.lo, self.hi)
+
+    @property
+    def rad(self) -> Floats:
+        """An upper bound of the distance from `mid` to either end."""
+        mid = self.mid
+        with np.errstate(over="ignore"):
+            rad = np.maximum(self.hi - mid, mid - self.lo)
+            return np.asarray(np.where(rad == 0.0, 0.0, np.nextafter(rad, np.inf)))
+
+    @property
+    def mag(self) -> Floats:
+        """The largest absolute value in each interval."""
+        return np.maximum(np.abs(self.lo), np.abs(self.hi))
+
+    def intersect(self, other: IntervalArray) -> IntervalArray:
+        """Elementwise intersection (broadcasts); disjoint intervals give the empty one."""
+        lo = np.maximum(self.lo, other.lo)
+        hi = np.minimum(self.hi, other.hi)
+        empty = ~(lo <= hi)
+        if empty.any():
+            lo, hi = np.where(empty, np.nan, lo), np.where(empty, np.nan, hi)
+        return IntervalArray(lo, hi)
+
+    def hull(self, other: IntervalArray) -> IntervalArray:
+        """Elementwise convex hull of the union; the empty interval is neutral."""
+        return IntervalArray(np.fmin(self.lo, other.lo), np.fmax(self.hi, other.hi))
+
+    def subset(self, other: IntervalArray) -> npt.NDArray[np.bool_]:
+        """Which elements lie inside those of `other`; the empty interval lies inside all."""
+        return np.asarray(self.empty | ((self.lo >= other.lo) & (self.hi <= other.hi)))
+
+    def __getitem__(self, index: Any) -> IntervalArray:
+        return IntervalArray(self.lo[index], self.hi[index])
+
+    def reshape(self, shape: tuple[int, ...]) -> IntervalArray:
+        return IntervalArray(self.lo.reshape(shape), self.hi.reshape(shape))
+
+    def broadcast_to(self, shape: tuple[int, ...]) -> IntervalArray:
+        if self.lo.shape == shape:
+            return self
+        lo = np.broadcast_to(self.lo, shape)
+        return IntervalArray(lo, lo if self.hi is self.lo else np.broadcast_to(self.hi, shape))

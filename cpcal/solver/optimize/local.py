@@ -1,0 +1,594 @@
+"""A local minimum by linear programs, each about the point before: for optima that are vertices. Proves nothing.
+
+Where as many rows hold with equality at an optimum as there are components, such steps converge quadratically, and
+each costs a program of a few dozen microseconds. Elsewhere they end without an answer, and `LocalSearch` goes on with
+SLSQP.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Iterator
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cpcal.common.values import Floats
+from cpcal.solver.contract import Limits
+from cpcal.solver.existence import reads
+from cpcal.solver.interval import Box
+from cpcal.solver.linear import Dense, LinearEngine
+from cpcal.solver.linear.engine import LinearStatus
+from cpcal.solver.network import ConstraintNetwork
+from cpcal.solver.network.network import restricted
+from cpcal.solver.network.rows import Rows, RowValues
+from cpcal.solver.optimize.witness import Equations, Prepared, Witness, WitnessProver
+
+_STEPS = 20
+_SETTLED = 1e-11  # a step below this, in scales, ends it
+_HOLDS = 1e-9  # by which a row may be violated in the end, in units of its gradient
+_SMALLEST = 1e-6  # of the trust region: an optimum that is no vertex takes ever shorter steps
+
+
+def linear_steps(
+    rows: Rows,
+    cost: Floats,
+    box: Box,
+    start: Floats,
+    engine: LinearEngine,
+    *,
+    scale: Floats,
+    margin: float = 0.0,
+    deadline: float = math.inf,
+) -> Floats | None:
+    """A vertex near `start` (n,) at which `cost @ x` is least among the points of a box where all rows hold; None where
+    the steps do not end in one.
+
+    `margin`: by how much, in units of its gradient in components over their `scale`, every row holds to first order.
+    """
+    point = np.clip(start, box.lo, box.hi)
+    at, radius, penalty = rows.linearize(point), 1.0, 0.0
+    for _ in range(_STEPS):
+        if time.monotonic() > deadline:
+            return None
+        found = _program(at, point, cost, box, engine, scale, radius, margin)
+        if found is None:
+            return None
+        step, weight = found
+        penalty = max(penalty, 2.0 * weight)
+        new = np.clip(point + step, box.lo, box.hi)
+        length = float(np.max(np.abs(step) / scale, initial=0.0))
+        there = rows.linearize(new)
+        excess = _excess(there, scale)
+        if length <= _SETTLED:
+            return new if excess <= _HOLDS else None
+        before = _excess(at, scale)
+        promised = penalty * before - float(cost @ step)
+        gained = penalty * (before - excess) - float(cost @ step)
+        if gained > 0.1 * promised or length <= 100.0 * _SETTLED:
+            point, at = new, there
+            radius = min(2.0 * radius, 1.0) if gained > 0.75 * promised else radius
+        else:
+            radius = 0.25 * min(radius, length)
+        if radius < _SMALLEST:
+            return None
+    return None
+
+
+def _program(
+    at: RowValues,
+    point: Floats,
+    cost: Floats,
+    box: Box,
+    engine: LinearEngine,
+    scale: Floats,
+    radius: float,
+    margin: float,
+) -> tuple[Floats, float] | None:
+    """The best step in a trust region, where the linearised rows hold, and the sum of the rows' multipliers."""
+    unit = scale * radius
+    matrix, size = at.jacobian * unit, _sizes(at, scale)
+    limits = -at.values / size - margin
+    if not (np.isfinite(matrix).all() and np.isfinite(limits).all()):
+        return None
+    lower, upper = np.maximum((box.lo - point) / unit, -1.0), np.minimum((box.hi - point) / unit, 1.0)
+    engine.load(matrix / (size * radius)[:, None], limits / radius, lower, upper)
+    solution = engine.minimize(cost * unit)
+    if solution.status is not LinearStatus.OPTIMAL:
+        return None
+    return np.asarray(solution.point * unit), float(solution.multipliers.sum()) / radius
+
+
+def _sizes(at: RowValues, scale: Floats) -> Floats:
+    return np.asarray(np.maximum(np.abs(at.jacobian * scale).max(axis=1, initial=0.0), 1e-300))
+
+
+def _excess(at: RowValues, scale: Floats) -> float:
+    """By how much the worst row is violated, in units of its gradient."""
+    return float(np.max(at.values / _sizes(at, scale), initial=0.0))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# A local minimum by sequential linear programming. Proposes a point; proves nothing.
+#
+# Minimises one variable (the objective, say eps) subject to the rows of a network, each at the readings in
+# their sets that suit it best. For `|g_k(x)| <= eps` this is Chebyshev approximation: the optimum is a
+# vertex, so the steps converge quadratically.
+
+_ITERATIONS = 60
+_PENALTY = 1e3  # weight of a violated row that the objective cannot mend, per unit
+_TOLERANCE = 1e-13  # relative decrease below which the fit has converged
+_ROUGH = 1e-3  # and while measurements may still be missing
+_SMALLEST_RADIUS = 1e-12  # of the trust region, relative to the box
+_MANY = 2048  # elements of constraints, beyond which those that matter are looked for
+_WORST = 64  # of each side of a constraint, those that enter at a time
+_EXTENSIONS = 8  # times that they enter
+_FLOOR = 1e-12  # an objective below this is small enough whatever the model promises
+
+
+@dataclass(frozen=True)
+class _State:
+    """A point whose objective component has been moved to its smallest value; the rows there; the merit."""
+
+    point: Floats
+    rows: RowValues
+    merit: float
+
+
+class _Problem:
+    def __init__(self, rows: Rows, objective: int, box: Box) -> None:
+        self._rows, self.objective, self._box = rows, objective, box
+        self.free = np.arange(len(box.names)) != objective
+        width = np.where(np.isfinite(box.width), box.width, np.maximum(np.abs(box.mid), 1.0))
+        self.scale = np.where(self.free, np.maximum(width, 1e-300), 1.0)
+
+    def state(self, point: Floats) -> _State:
+        point = np.where(self.free, np.clip(point, self._box.lo, self._box.hi), point)
+        rows = self._rows.linearize(point)
+        excess = rows.values
+        slope = rows.jacobian[:, self.objective]
+        mended = slope < -1e-12
+        move = float(np.max(excess[mended] / -slope[mended], initial=-np.inf))
+        if np.isfinite(move):
+            point = point.copy()
+            point[self.objective] += move
+            rows = RowValues(rows.values + slope * move, rows.jacobian)
+            excess = rows.values
+        worst = float(np.max(excess[~mended], initial=0.0))
+        merit = float(point[self.objective]) + _PENALTY * max(worst, 0.0)
+        return _State(point, rows, merit if np.isfinite(merit) else np.inf)
+
+    def step(self, state: _State, radius: float, engine: LinearEngine) -> Floats | None:
+        """The step to the minimum of the linearised problem within the trust region, or None."""
+        reach = np.where(self.free, radius * self.scale, max(abs(state.merit), radius))
+        lower = np.where(self.free, np.maximum(-1.0, (self._box.lo - state.point) / reach), -1.0)
+        upper = np.where(self.free, np.minimum(1.0, (self._box.hi - state.point) / reach), 1.0)
+        matrix = state.rows.jacobian * reach
+        largest = np.maximum(np.abs(matrix).max(axis=1, initial=0.0), 1e-300)
+        slack = -state.rows.values
+        engine.load(
+            matrix / largest[:, None],
+            np.maximum(slack, 0.0) / largest,
+            np.minimum(lower, 0.0),
+            np.maximum(upper, 0.0),
+        )
+        cost = np.zeros(len(reach))
+        cost[self.objective] = 1.0
+        solution = engine.minimize(cost)
+        if solution.status is not LinearStatus.OPTIMAL:
+            return None
+        return np.asarray(reach * solution.point)
+
+
+def fit_of_many(
+    network: ConstraintNetwork,
+    rows: Rows,
+    objective: int,
+    start: Floats,
+    engine: LinearEngine,
+    domain: Box | None = None,
+) -> Floats:
+    """The same in the network's domain (or a part of it), for many measurements: of those that matter, which are few.
+
+    Measurements that the fitted point violates more than it may are added, and the fit goes on.
+    """
+    box = network.domain if domain is None else domain
+    if sum(int(np.prod(c.body.shape)) for c in network.constraints) <= _MANY:
+        return fit(rows, objective, box, start, engine)
+    point, chosen = np.asarray(start, np.float64), [np.zeros(0, np.intp)] * len(network.constraints)
+    some: Rows | None = None
+    for _ in range(_EXTENSIONS):
+        worst = rows.likely(box.with_bounds(point, point), _WORST)
+        more = [np.union1d(old, new) for old, new in zip(chosen, worst, strict=True)]
+        if all(len(new) == len(old) for new, old in zip(more, chosen, strict=True)):
+            break
+        chosen = more
+        some = Rows(restricted(network, chosen))
+        point = fit(some, objective, box, point, engine, _ROUGH)
+    return point if some is None else fit(some, objective, box, point, engine)
+
+
+def fit(
+    rows: Rows, objective: int, box: Box, start: Floats, engine: LinearEngine, tolerance: float = _TOLERANCE
+) -> Floats:
+    """A local minimiser in `box`, from `start` (n,); `objective` is the component to minimise.
+
+    It ends where the next step promises a relative decrease below `tolerance`.
+
+    The objective's own lower bound is ignored: a negative optimum means room to spare.
+    """
+    problem = _Problem(rows, objective, box)
+    state = problem.state(np.asarray(start, np.float64))
+    radius = 0.1
+    for _ in range(_ITERATIONS if np.isfinite(state.merit) else 0):
+        step = problem.step(state, radius, engine)
+        if step is None:
+            break
+        promised = -float(step[objective])
+        if not promised > tolerance * max(abs(state.merit), _FLOOR):
+            break
+        trial = problem.state(state.point + step)
+        length = float(np.max(np.abs(step / problem.scale), where=problem.free, initial=0.0))
+        gained = (state.merit - trial.merit) / promised
+        if gained > 0.0:
+            state = trial
+        if gained > 0.75 and length > 0.9 * radius:
+            radius *= 4.0
+        elif gained > 0.25:
+            radius = min(radius, 10.0 * length) if length > 0.0 else radius
+        else:
+            radius = 0.25 * min(radius, length) if length > 0.0 else 0.25 * radius
+        if radius < _SMALLEST_RADIUS:
+            break
+    return state.point
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Local minima of general problems: proposes points that are nearly optimal and a little inside. Proves nothing.
+#
+# First linear programs about one point after the other, which end where the optimum is a vertex. Then, from any start,
+# SLSQP (scipy); after it one linear program moves its point so that the equations hold to rounding and every inequality
+# with a small margin, by the shortest step. A proof in outward rounded arithmetic needs that margin: at the optimum
+# itself rounding alone would violate each active row.
+
+MARGINS = (1e-12, 1e-11, 1e-10, 1e-9, 3e-9)  # in the unit of a row: its gradient times the components' scales
+_SEARCH_ITERATIONS = 100
+_GRACE = 0.5  # seconds that a local method has beyond the time limit: without any point there is no upper bound
+_LARGEST = 600  # rows and components, beyond which a dense local method takes too long
+_REACH = 1e-5  # how far, in scales, the linear program moves at most
+_ROUNDS = 4
+
+_WIDE = 1e4  # a domain beyond this says nothing about the size of its component
+
+
+class LocalSearch:
+    """Local minimisation over one network's domain, or a part of it, of these `rows`.
+
+    `applies` where the network is small and has no readings. It stops at `deadline` (of time.monotonic()), where it is.
+    """
+
+    def __init__(
+        self,
+        network: ConstraintNetwork,
+        rows: Rows,
+        objective: int,
+        equations: Equations,
+        deadline: float = math.inf,
+        domain: Box | None = None,
+    ) -> None:
+        self._deadline, self._domain = deadline, network.domain if domain is None else domain
+        self._objective, self._equations = objective, equations
+        self._whole = network.whole
+        self._rows = Rows(equations.rest) if equations.count else rows
+        size = sum(int(np.prod(c.body.shape)) for c in network.constraints)
+        self.applies = max(size, len(network.names)) <= _LARGEST and not any(map(reads, network.constraints))
+
+    def proposals(self, start: Floats) -> Iterator[Floats]:
+        """Points to prove, the best first: each with a larger margin than the one before."""
+        scale = self._scale(start)
+        yield from self._vertices(start, scale)
+        point = self._slsqp(start, scale)
+        if point is not None and self._whole.any():
+            point = self._slsqp(np.where(self._whole, np.round(point), point), scale, fixed=True)
+        if point is None:
+            return
+        for margin in MARGINS:
+            inside = self.inside(point, margin, scale)
+            if inside is not None:
+                yield inside
+
+    def _vertices(self, start: Floats, scale: Floats) -> Iterator[Floats]:
+        """The optimum that linear programs reach, where it is a vertex of inequalities: see `linear_steps`."""
+        if self._equations.count or self._whole.any():
+            return
+        cost = np.zeros(len(start))
+        cost[self._objective] = 1.0
+        for margin in MARGINS:
+            found = linear_steps(
+                self._rows, cost, self._domain, start, Dense(), scale=scale, margin=margin, deadline=self._deadline
+            )
+            if found is None:
+                return
+            yield found
+            start = found
+
+    def inside(self, point: Floats, margin: float, scale: Floats) -> Floats | None:
+        """A point near the given one that holds the equations, and the inequalities with a margin, to first order."""
+        for _ in range(_ROUNDS):
+            step = self._step(point, margin, scale)
+            if step is None:
+                return None
+            point = np.clip(point + step, self._domain.lo, self._domain.hi)
+            if float(np.max(np.abs(step) / scale, initial=0.0)) < 1e-13:
+                break
+        return point
+
+    def _step(self, point: Floats, margin: float, scale: Floats) -> Floats | None:
+        rows = self._rows.linearize(point)
+        matrix, right = self._scaled(rows, scale, margin)
+        value, jacobian = self._equations.estimate(point)
+        equal = jacobian * scale
+        if not (np.isfinite(matrix).all() and np.isfinite(right).all() and np.isfinite(equal).all()):
+            return None
+        near = right < _REACH * np.abs(matrix).sum(axis=1)  # the others can not be reached
+        size = np.abs(equal).sum(axis=1) + 1e-300
+        with np.errstate(all="ignore"):
+            limits, missing = right[near] / _REACH, -value / size / _REACH
+        if not (np.isfinite(limits).all() and np.isfinite(missing).all()):  # a row that no step mends
+            return None
+        low = np.clip((self._domain.lo - point) / scale, -_REACH, 0.0) / _REACH
+        high = np.clip((self._domain.hi - point) / scale, 0.0, _REACH) / _REACH
+        low, high = np.where(self._whole, 0.0, low), np.where(self._whole, 0.0, high)
+        linprog: Any = _scipy().linprog  # typed for other arguments than these
+        n = len(point)  # the step is p - q, of the least sum |p| + |q|: where it need not move, it does not
+        found = linprog(
+            np.ones(2 * n),
+            A_ub=_twice(matrix[near]) if near.any() else None,
+            b_ub=limits if near.any() else None,
+            A_eq=_twice(equal / size[:, None]) if len(equal) else None,
+            b_eq=missing if len(equal) else None,
+            bounds=np.stack([np.zeros(2 * n), np.concatenate([high, -low])], axis=1),
+            method="highs",
+            options={"primal_feasibility_tolerance": 1e-10},
+        )
+        return None if found.x is None else np.asarray((found.x[:n] - found.x[n:]) * _REACH * scale)
+
+    def _scaled(self, rows: RowValues, scale: Floats, margin: float) -> tuple[Floats, Floats]:
+        matrix = rows.jacobian * scale
+        size = np.maximum(np.abs(matrix).max(axis=1, initial=0.0), 1e-300)
+        return matrix / size[:, None], -rows.values / size - margin
+
+    def _scale(self, start: Floats) -> Floats:
+        width = self._domain.width
+        usual = np.maximum(np.abs(start), 1.0)
+        return np.where(np.isfinite(width) & (width < _WIDE) & (width > 0.0), width, usual)
+
+    def _slsqp(self, start: Floats, scale: Floats, *, fixed: bool = False) -> Floats | None:
+        """A local minimum in scaled components, or wherever it stops; `fixed`: whole numbers stay as they are."""
+        stay = self._whole & fixed
+        lo = np.where(stay, start, self._domain.lo) / scale
+        hi = np.where(stay, start, self._domain.hi) / scale
+        known = _Known(self._rows, self._equations, scale, max(self._deadline, time.monotonic() + _GRACE))
+        constraints = [
+            {"type": "ineq", "fun": lambda y: -known(y)[0], "jac": lambda y: -known(y)[1]},
+            {"type": "eq", "fun": lambda y: known(y)[2], "jac": lambda y: known(y)[3]},
+        ]
+        direction = np.zeros(len(start))
+        direction[self._objective] = 1.0
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            try:
+                last = (
+                    _scipy()
+                    .minimize(
+                        lambda y: float(y[self._objective]),
+                        np.clip(start / scale, lo, hi),
+                        jac=lambda y: direction,
+                        bounds=list(zip(lo, hi, strict=True)),
+                        constraints=constraints if self._equations.count else constraints[:1],
+                        method="SLSQP",
+                        options={"maxiter": _SEARCH_ITERATIONS, "ftol": 1e-13},
+                    )
+                    .x
+                )
+            except _LateError:
+                last = known.last
+            except (ValueError, np.linalg.LinAlgError):
+                return None
+        point = np.asarray(last * scale)
+        return np.clip(point, self._domain.lo, self._domain.hi) if np.isfinite(point).all() else None
+
+
+def _scipy() -> Any:
+    """scipy's optimisers, which take half a second to load: few problems come here."""
+    from scipy import optimize
+
+    return optimize
+
+
+class _LateError(Exception):
+    """The time limit came first."""
+
+
+class _Known:
+    """Values and derivatives at the last point that was asked about, each row in units of its gradient there first.
+
+    Raises _LateError after `deadline`; `last` is the point that was asked about before.
+    """
+
+    def __init__(self, rows: Rows, equations: Equations, scale: Floats, deadline: float) -> None:
+        self._rows, self._equations, self._scale, self._deadline = rows, equations, scale, deadline
+        self.last: Floats
+        self._at: bytes = b""
+        self._found: tuple[Floats, Floats, Floats, Floats]
+        self._sizes: tuple[Floats, Floats] | None = None
+
+    def __call__(self, y: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        if y.tobytes() != self._at:
+            if self._at and time.monotonic() > self._deadline:
+                raise _LateError
+            self._at, self.last = y.tobytes(), y.copy()
+            rows = self._rows.linearize(y * self._scale)
+            value, jacobian = self._equations.estimate(y * self._scale)
+            matrix, equal = rows.jacobian * self._scale, jacobian * self._scale
+            if self._sizes is None:
+                self._sizes = (_size(matrix), _size(equal))
+            one, two = self._sizes
+            found = rows.values / one, matrix / one[:, None], value / two, equal / two[:, None]
+            self._found = tuple(_finite(part) for part in found)  # type: ignore[assignment]
+        return self._found
+
+
+def _finite(values: Floats) -> Floats:
+    return np.asarray(np.nan_to_num(values, nan=1e10, posinf=1e10, neginf=-1e10))
+
+
+def _size(matrix: Floats) -> Floats:
+    return np.asarray(np.clip(np.abs(matrix).max(axis=1, initial=0.0), 1e-6, 1e12))
+
+
+def _twice(matrix: Floats) -> Floats:
+    return np.concatenate([matrix, -matrix], axis=1)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The best point that is proved so far: the one thing that the nodes of a branch and bound have in common.
+
+
+@dataclass(frozen=True)
+class Known:
+    """The best point that is proved, and how often points were proposed."""
+
+    witness: Witness | None
+    calls: int
+
+
+class Incumbent:
+    """Proves points that local fits propose, and says what a box can still improve. It only ever gets better."""
+
+    def __init__(
+        self,
+        prepared: Prepared,
+        limits: Limits,
+        deadline: float = np.inf,
+        *,
+        domain: Box | None = None,
+        best: Known | None = None,
+    ) -> None:
+        self.objective = prepared.objective
+        self.domain = prepared.network.domain if domain is None else domain
+        self._prepared, self._limits, self._deadline = prepared, limits, deadline
+        self._one_value = bool(self.domain.lo[self.objective] == self.domain.hi[self.objective])
+        self.calls = 0  # of `propose`
+        self.witness: Witness | None = None if best is None else best.witness
+
+    @property
+    def hi(self) -> float:
+        """Its objective; infinite while there is none."""
+        return np.inf if self.witness is None else self.witness.value
+
+    @property
+    def gap(self) -> float:
+        """The width at which a bracket below it counts as closed."""
+        return max(self._limits.gap * abs(self.hi), self._limits.gap_absolute)
+
+    @property
+    def floor(self) -> float:
+        """The second-order effect of the readings at it (0 without one)."""
+        return 0.0 if self.witness is None else self._prepared.rows.second_order(self.witness.point)
+
+    @property
+    def served(self) -> bool:
+        """Whether another fit can wait while boxes shrink: there is a point, or a fit found none for the one value."""
+        return self.witness is not None or (self._one_value and self._prepared.minimax and self.calls > 0)
+
+    @property
+    def state(self) -> Known:
+        """What decisions depend on."""
+        return Known(self.witness, self.calls)
+
+    def at(self, state: Known) -> Incumbent:
+        """Another one of the same problem, in that state."""
+        other = copy(self)
+        other.witness, other.calls = state.witness, state.calls
+        return other
+
+    def learn(self, state: Known, since: Known) -> None:
+        """Keep what another one has found from the state `since` on, if it is better."""
+        self.calls += state.calls - since.calls
+        if state.witness is not None and state.witness.value < self.hi:
+            self.witness = state.witness
+
+    @np.errstate(all="ignore")  # fits run where numbers overflow, too: what they propose is proved or dropped
+    def propose(self, start: Floats) -> bool:
+        """Fit from a point and keep what is proved, if it is better; whether it is.
+
+        Where every constraint bounds the objective, the sequence of linear programs ends in the optimum, a vertex,
+        which tells whether there is a point for one value that is asked about, too.
+        Other problems have a local search that takes longer: it runs at the first proposals, then ever less often.
+        """
+        self.calls += 1
+        better, o = False, self.objective
+        if not np.isfinite(self.domain.hi[o] - self.domain.lo[o]):  # the middle of a half-line is of no use
+            start = start.copy()
+            start[o] = np.clip(0.0, self.domain.lo[o], self.domain.hi[o])
+        if self._one_value and self._keep(start):  # no other point is better
+            return True
+        if self._prepared.minimax or not self._local.applies:
+            prepared = self._prepared
+            better = self._keep(fit_of_many(prepared.network, prepared.rows, o, start, Dense(), self.domain))
+        better = better or (not self._one_value and self._keep(start))
+        if self._local.applies and not (self._prepared.minimax and (better or self._one_value)) and _due(self.calls):
+            for point in self._local.proposals(start):
+                kept = self._keep(point)
+                better = better or kept
+                if kept or self._known_better(point):
+                    break
+        return better
+
+    @cached_property
+    def _prover(self) -> WitnessProver:
+        return self._prepared.prover.within(self.domain)
+
+    @cached_property
+    def _local(self) -> LocalSearch:
+        prepared, equations = self._prepared, self._prover.equations
+        return LocalSearch(prepared.network, prepared.rows, self.objective, equations, self._deadline, self.domain)
+
+    def _known_better(self, point: Floats) -> bool:
+        """Whether the point is no improvement, whatever its margin."""
+        return bool(point[self.objective] >= self.hi)
+
+    def _keep(self, point: Floats) -> bool:
+        """Prove a point; keep it if it is better."""
+        if self._known_better(point) and not self._prepared.minimax:
+            return False
+        witness = self._prover.prove(point)
+        if witness is None or witness.value >= self.hi:
+            return False
+        self.witness = witness
+        return True
+
+    def cut(self, box: Box) -> Box:
+        """Drop what is worse than it."""
+        name = box.names[self.objective]
+        return box.replace(name, hi=min(float(box.hi[self.objective]), self.hi))
+
+    def closed(self, box: Box) -> bool:
+        """Whether the box can raise the bracket's lower end no further than the gap asked for."""
+        return not box.is_empty and bool(box.lo[self.objective] >= self.hi - self.gap)
+
+    def settled(self, box: Box) -> bool:
+        """Whether dividing the box is pointless: it is closed, or down to the second order of the readings."""
+        return self.closed(box) or (not box.is_empty and bool(box.lo[self.objective] >= self.hi - self.floor))
+
+
+def _due(call: int) -> bool:
+    """1, 2, 3, 4, 6, 8, 12, 16, 24, ..."""
+    power = 1 << (call.bit_length() - 1)
+    return call == power or 2 * call == 3 * power
