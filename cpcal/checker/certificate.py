@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction as F
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from .rule import Row, Rule, Weights
 
 _MOST_OPEN = 100_000  # boxes
 _MOST_BOUNDS = 2_000_000  # of all open boxes
+_LONG_LINE, _LONG_STEP = 1000, 20_000  # bytes and work of a step: what it leaves is remembered where it takes more
 
 
 def check(certificate: Path, campaign: Path | ExactCampaign | None = None, *, work: int | Budget = WORK) -> Accepted:
@@ -85,6 +87,7 @@ class _Check:
         self.steps, self.next_name = 0, 1
 
     def accepted(self, header: dict[str, Any]) -> Accepted:
+        self.about = header.get("campaign"), header.get("leg"), self.problem.model, self.problem.chosen
         self.claims = self._claims(self.lines.following("the claims"))
         for step in self.lines:
             self.steps += 1
@@ -156,7 +159,7 @@ class _Check:
             return
         cap, rows, what = given
         bounds = [(*bound, Weights(*weights)) for *bound, weights in (what if kind == "pass" else [[what]])]
-        left = self._proved(self._capped(box, cap), rows, bounds)
+        left = self._known(self._capped(box, cap), rows, bounds)
         if left is not None:
             self.open[name] = left
 
@@ -170,8 +173,8 @@ class _Check:
             raise Refused("a cap is below that of the claims")
         return box.replaced(o, hi=min(box.hi[o], cap)) if box.lo[o] <= cap else None
 
-    def _proved(self, box: Box | None, rows: tuple[Row, ...], proofs: list[tuple[Any, ...]]) -> Box | None:
-        """What is left of the box with the bounds that are proved; an exclusion is a proof without a bound."""
+    def _known(self, box: Box | None, rows: tuple[Row, ...], proofs: list[tuple[Any, ...]]) -> Box | None:
+        """As `_proved`, at once where another certificate about the same problem took this step from the same box."""
         spoken = [k for _, k, _ in rows]
         if not self.chosen.issuperset(spoken):
             raise Refused("a measurement that is left out has a weight")
@@ -180,6 +183,20 @@ class _Check:
         self.used.update(spoken)
         if box is None:
             return None
+        budget, text = self.lines.budget, self.lines.text
+        if not self.problem.model or len(text) < _LONG_LINE:
+            return self._proved(box, rows, proofs)
+        key, before = (self.about, box, sha256(text).digest()), budget.left
+        if key in budget.known:
+            found: Box | None = budget.known[key]
+            return found
+        found = self._proved(box, rows, proofs)
+        if before - budget.left > _LONG_STEP:
+            budget.known[key] = found
+        return found
+
+    def _proved(self, box: Box, rows: tuple[Row, ...], proofs: list[tuple[Any, ...]]) -> Box | None:
+        """What is left of the box with the bounds that are proved; an exclusion is a proof without a bound."""
         rule, lo, hi = Rule(self.problem, box, rows, self.lines.spend), list(box.lo), list(box.hi)
         rule.form(n for *_, weights in proofs for n, weight in weights.rows if weight)
         for *bound, weights in proofs:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .certificate import check
 from .claims import Accepted
-from .files import POSE_SET_SUFFIX, ROBUST_NAME, WORK
+from .files import POSE_SET_SUFFIX, ROBUST_NAME, RUN_WORK, WORK
 from .refusal import Refused, Unusable
 from .run import check_run
 
@@ -23,18 +23,16 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser("checker", description="Check the certificates of a run in exact arithmetic.")
     parser.add_argument("target", type=Path, help="the folder of a run, or a certificate (*.cert.jsonl)")
     parser.add_argument("--campaign", type=Path, help="the campaign.json that a certificate speaks of")
-    parser.add_argument(
-        "--work", type=int, default=WORK, help="what the check may cost, in tenths of a microsecond, about"
-    )
+    parser.add_argument("--work", type=int, help="what the check may cost, in tenths of a microsecond, about")
     given = parser.parse_args(arguments)
     try:
         if given.target.name.endswith(POSE_SET_SUFFIX) or any(given.target.glob("*" + POSE_SET_SUFFIX)):
-            return _pose_sets(given.target, given.work)
+            return _pose_sets(given.target, given.work or RUN_WORK)
         if (given.target / ROBUST_NAME).is_file():
-            return _robust(given.target, given.work)
+            return _robust(given.target, given.work or WORK)
         if given.target.is_dir():
-            return _run(given.target, given.work)
-        print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work))}")
+            return _run(given.target, given.work or RUN_WORK)
+        print(f"PROVED: {stated(check(given.target, given.campaign, work=given.work or WORK))}")
         return PROVED
     except Refused as reason:
         print(f"REFUSED: {reason}")

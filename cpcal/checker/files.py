@@ -7,14 +7,15 @@ import hashlib
 import json
 import re
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from .readers import shown
 from .refusal import Refused, Unusable
 
-WORK = 100_000_000  # of a whole run: see docs/certificate-format.md, "Limits"
+WORK = 100_000_000  # of one certificate, or of a robust claim: see docs/certificate-format.md, "Limits"
+RUN_WORK = 240_000_000  # of all legs of a run, or of all pose sets of a folder
 ROBUST_NAME, POSE_SET_SUFFIX = "robust.json", ".pose.json"  # files of claims other than those of a run
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
 
@@ -153,6 +154,7 @@ class Budget:
 
     def __init__(self, most: int) -> None:
         self.most = self.left = most
+        self.known: dict[Hashable, Any] = {}  # what long steps leave, which other certificates of a run have too
 
     def spend(self, work: int) -> None:
         self.left -= work
@@ -165,7 +167,7 @@ class Lines:
     """The objects of a certificate, line by line; `spend` counts the work that its check costs."""
 
     def __init__(self, stream: BinaryIO, budget: Budget) -> None:
-        self._stream, self._budget, self.line = stream, budget, 0
+        self._stream, self.budget, self.line, self.text = stream, budget, 0, b""
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         while line := self._stream.readline(LONGEST_LINE + 1):
@@ -173,6 +175,7 @@ class Lines:
             if len(line) > LONGEST_LINE:
                 raise Refused("the line is longer than 4 MiB", "limit")
             self.spend(200 + 2 * len(line))
+            self.text = line
             yield parsed(line)
 
     def following(self, what: str) -> dict[str, Any]:
@@ -182,4 +185,4 @@ class Lines:
         raise Refused(f"the file ends before {what}, or it is empty")
 
     def spend(self, work: int) -> None:
-        self._budget.spend(work)
+        self.budget.spend(work)

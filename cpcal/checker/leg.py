@@ -19,7 +19,7 @@ PARAMETERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "l")
 EXTRA = {"plain": (), "gain": ("s",), "linear": ("s", "cx", "cy", "cz", "tx", "ty", "tz"), "lateral": ("h",)}
 _SURE = ("plain", "lateral")
 _KEPT = 4096  # measurements
-_BATCH, _HELD = 256, 1 << 20  # measurements at once; bytes, about, that what is formed for them takes meanwhile
+_BATCH, _HELD = 256, 16 << 20  # measurements at once; bytes, about, that what is formed for them takes meanwhile
 Quaternion = list[Traced]
 
 
@@ -105,8 +105,8 @@ def formed(legs: Sequence[LegConstraint], names: tuple[str, ...]) -> Iterator[tu
     for start in range(0, len(legs), _BATCH):
         batch = legs[start : start + _BATCH]
         columns, units = taken(batch)
-        bits = formula.bits(columns, units)
-        batch[0].x.spend(3 * formula.notes + len(batch) * (60 + formula.notes * (1 + (bits * bits >> 18))))
+        work, bits = formula.cost(columns, units)
+        batch[0].x.spend(3 * formula.notes + len(batch) * (60 + work))
         step = max(1, _HELD // (formula.notes * (64 + bits // 8) + 1))
         for k in range(0, len(batch), step):
             some = [column if isinstance(column, int) else column[k : k + step] for column in columns]

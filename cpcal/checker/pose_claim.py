@@ -15,7 +15,7 @@ from typing import Any
 from .bounds import Bounds, Vector, between, half_turn, minus, number, product, rotation, total, transposed
 from .certificate import check_lines
 from .claims import Accepted
-from .files import POSE_SET_SUFFIX, WORK, Budget, Lines, content, opened, parsed
+from .files import POSE_SET_SUFFIX, RUN_WORK, Budget, Lines, content, opened, parsed
 from .header import stated_problem
 from .lens import View
 from .pose_rows import Stated, fixed_constraints, motion_row, pose_row
@@ -62,15 +62,16 @@ class PoseSetChecked:
     refused: str | None = None
 
 
-def check_pose_sets(folder: Path, *, work: int = WORK) -> list[PoseSetChecked]:
+def check_pose_sets(folder: Path, *, work: int = RUN_WORK) -> list[PoseSetChecked]:
     """What is proved of every image of a folder. Raises Unusable where there is nothing to check.
 
-    `work`: what the check of each image may cost, and as much for each wrong dot, up to three.
+    `work`: what the check of all of them may cost.
     """
     claims = sorted(folder.glob("*" + POSE_SET_SUFFIX))
     if not claims:
         raise Unusable(f"{shown(folder.name)} holds no pose set (*{POSE_SET_SUFFIX})")
-    found = [check_pose_set(path, work=work) for path in claims]
+    budget = Budget(work)
+    found = [check_pose_set(path, work=budget) for path in claims]
     named = {file for one in found for file in one.certificates}
     others = sorted({path.name for path in folder.glob("*.cert.jsonl")} - named)
     if others and not any(one.refused for one in found):
@@ -78,18 +79,21 @@ def check_pose_sets(folder: Path, *, work: int = WORK) -> list[PoseSetChecked]:
     return found
 
 
-def check_pose_set(path: Path, *, work: int = WORK) -> PoseSetChecked:
-    """What is proved by one claim and the certificates beside it. Raises Unusable where it cannot be read."""
+def check_pose_set(path: Path, *, work: int | Budget = RUN_WORK) -> PoseSetChecked:
+    """What is proved by one claim and the certificates beside it. Raises Unusable where it cannot be read.
+
+    `work`: what it may cost, or what is left for a folder.
+    """
     name = path.name.removesuffix(POSE_SET_SUFFIX)
     try:
-        return _checked(path, name, work)
+        return _checked(path, name, work if isinstance(work, Budget) else Budget(work))
     except Refused as error:
         return PoseSetChecked(name, refused=str(error))
     except (KeyError, TypeError, ValueError, IndexError, RecursionError, OverflowError, MemoryError):
         return PoseSetChecked(name, refused="holds a value of the wrong kind")
 
 
-def _checked(path: Path, name: str, work: int) -> PoseSetChecked:
+def _checked(path: Path, name: str, budget: Budget) -> PoseSetChecked:
     form, inputs, outliers, refuted, pose, position, turn, chains = _CLAIM(parsed(content(path)))
     if form != POSE_SET_FORMAT:
         raise Refused(f"the format is not {POSE_SET_FORMAT}")
@@ -103,9 +107,7 @@ def _checked(path: Path, name: str, work: int) -> PoseSetChecked:
         raise Refused("radii are stated of what is refuted, or are missing")
     if len(chains) > _MOST_CHAINS or any(len(stages) > _MOST_STAGES for stages in chains):
         raise Refused(f"it has more than {_MOST_CHAINS} chains, or one of more than {_MOST_STAGES}", "limit")
-    chain = _Chain(
-        path.parent, f"cpcal pose set {digest}", sight, [number(v) for v in pose], work * min(1 + outliers, 4)
-    )
+    chain = _Chain(path.parent, f"cpcal pose set {digest}", sight, [number(v) for v in pose], budget)
     boxes = [chain.left(stages) for stages in chains]
     if not chains or meeting([used for used, _ in boxes], outliers, chain.budget.spend):
         raise Refused("so many wrong dots could spoil all of its chains of certificates")
@@ -146,9 +148,9 @@ def stretch(s: Vector) -> Bounds:
 class _Chain:
     """Checks chains of certificates about one pose."""
 
-    def __init__(self, folder: Path, about: str, sight: Sight, pose: list[Bounds], work: int) -> None:
+    def __init__(self, folder: Path, about: str, sight: Sight, pose: list[Bounds], budget: Budget) -> None:
         self.folder, self.about, self.sight, self.pose = folder, about, sight, pose
-        self.budget, self._named = Budget(work), set[str]()
+        self.budget, self._named = budget, set[str]()
 
     def left(self, stages: tuple[Any, ...]) -> tuple[frozenset[int], list[Bounds] | None]:
         """The dots that a chain needs, and what it leaves of (W, s); None: nothing."""

@@ -76,7 +76,8 @@ class Program:
 
     def raised(self, i: int, degree: Degree) -> int:
         """The place of v[i] with a degree raised by that."""
-        return self._times(i, self._place(degree, self.ones, degree)) if any(degree) else i
+        one = self._place(degree, self.ones, degree)
+        return one if i == self.unit else self._times(i, one)
 
     def _number(self, value: int) -> int:
         return self._place(value, self.whole, value)
@@ -112,26 +113,37 @@ class Formula:
             if k in needed:
                 needed.update(i for pair in sums[k] for i in pair)
         self.notes = sum(len(pairs) for k, pairs in sums.items() if k in needed)
+        degrees: dict[int, Degree] = {k: (1 - kind, kind) for k, kind in enumerate(program.kinds)}
+        degrees |= {**dict.fromkeys(program.whole, (0, 0)), **program.ones}
+        products = [0, 0, 0]  # of the bits of numbers of the kinds 0 0, 0 1, 1 1: in all multiplications together
         own = {k for k, shared in enumerate(program.shared) if not shared}  # differ from measurement to measurement
         self._shared: list[tuple[int, list[tuple[int, int]]]] = []
         self._columns: list[tuple[int, tuple[int, int], list[tuple[int, int]]]] = []
         for k, pairs in sums.items():
             if k not in needed:
                 continue
+            for i, j in pairs:
+                (p, q), (r, t) = degrees[i], degrees[j]
+                products = [products[0] + p * r, products[1] + p * t + q * r, products[2] + q * t]
+            degrees[k] = p + r, q + t
             if own.isdisjoint(i for pair in pairs for i in pair):
                 self._shared.append((k, pairs))
             else:
                 own.add(k)
                 pairs.sort(key=own.isdisjoint)  # the first of them is a column
                 self._columns.append((k, pairs[0], pairs[1:]))
+        self._products = tuple(products)
 
-    def bits(self, given: Sequence[Column], units: Degree) -> int:
-        """Of the longest number that may come up."""
+    def cost(self, given: Sequence[Column], units: Degree) -> tuple[int, int]:
+        """The work for each measurement, and the bits of the longest number that may come up."""
         longest = list(units)
         for kind, column in zip(self._program.kinds, given, strict=True):
             one = column.bit_length() if isinstance(column, int) else max(map(int.bit_length, column))
             longest[kind] = max(longest[kind], one)
-        return sum(d * size for d, size in zip(self._program.highest, longest, strict=True))
+        a, b = longest
+        one, other, last = self._products
+        bits = self._program.highest[0] * a + self._program.highest[1] * b
+        return self.notes + (one * a * a + other * a * b + last * b * b >> 17), bits
 
     def run(self, given: Sequence[Column], units: Degree) -> list[Iterable[int]]:
         """The numbers at the places for what the program is given, in these units; shared ones without end."""
@@ -182,8 +194,8 @@ class Traced:
         more = degree[0] - self.degree[0], degree[1] - self.degree[1]
         if not any(more):
             return self.terms
-        unit, raised = self.program.unit, self.program.raised
-        return {m: [(raised(i, more), unit, factor)] for m, (i, factor) in self.settled().items()}
+        raised = self.program.raised
+        return {m: [(raised(i, more), j, factor) for i, j, factor in parts] for m, parts in self.terms.items()}
 
     def settled(self) -> dict[int, tuple[int, int]]:
         """Place and factor of every coefficient."""
@@ -194,7 +206,10 @@ class Traced:
 
     def __mul__(self, other: Traced) -> Traced:
         terms: dict[int, Parts] = {}
-        ours, theirs = self.settled(), other.settled()
+        ours = self.settled()
+        if ours == {0: (self.program.unit, 1)}:
+            return other
+        theirs = other.settled()
         for m, (i, f) in ours.items():
             for n, (j, g) in theirs.items():
                 terms.setdefault(m + n, []).append((i, j, f * g))

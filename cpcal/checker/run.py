@@ -12,7 +12,7 @@ from typing import Any
 from .certificate import check
 from .claims import Accepted
 from .exact_campaign import NAME, ExactCampaign
-from .files import WORK, Budget, content, parsed
+from .files import RUN_WORK, Budget, content, parsed
 from .leg import EXTRA, PARAMETERS, check_model
 from .readers import finite, shown
 from .refusal import Refused, Unusable
@@ -37,7 +37,7 @@ class LegChecked:
     ranges: Accepted | None = None  # of the parameters at a tolerance
 
 
-def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
+def check_run(folder: Path, *, work: int = RUN_WORK) -> list[LegChecked]:
     """What is proved of every leg of the run.
 
     Raises Unusable where there is nothing to check, Refused where the run as a whole is not what it says.
@@ -46,7 +46,7 @@ def check_run(folder: Path, *, work: int = WORK) -> list[LegChecked]:
     return [check_leg() for check_leg in leg_checks(folder, work=work)]
 
 
-def leg_checks(folder: Path, *, work: int = WORK) -> list[Callable[[], LegChecked]]:
+def leg_checks(folder: Path, *, work: int = RUN_WORK) -> list[Callable[[], LegChecked]]:
     """The run as a whole is checked; what is given checks each of its legs. Raises as `check_run`."""
     if not folder.is_dir():
         raise Unusable(f"{shown(folder.name)} is no folder")

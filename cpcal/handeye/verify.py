@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.checker import Accepted, Refused, Unusable, check
+from cpcal.checker.files import RUN_WORK, Budget
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import stated
 from cpcal.handeye.certify import AskedBox, judged, load_hand_eye_result, parameter_ranges, ranges_tolerance
@@ -57,7 +58,6 @@ from cpcal.solver.certificate.exact_network import Stated, number
 from cpcal.solver.certificate.recording import line
 from cpcal.solver.interval import Box
 
-_WORK = 500_000_000  # what the check of one certificate may cost, in multiplications
 _APART = 1e-3  # of the deviations of a least-squares answer, or of the box: how far one computed again may be
 _ROUNDING = np.tile([1e-9] * 3 + [1e-6] * 3, 2)  # rad and mm: the same where pixels fit without error
 _LARGEST = 1e9  # of a nominal pose (mm) and of a cut's weights: beyond it float64 may overflow
@@ -87,6 +87,7 @@ class _Run:
 
     def __init__(self, run: Path) -> None:
         self.run, self.study = run, load_hand_eye(run)
+        self.budget = Budget(RUN_WORK)  # of all certificates
         self.named: set[str] = set()  # certificates: one may be named once, or a small run could take long to check
 
     def checks(self) -> tuple[Callable[[], str], ...]:
@@ -149,7 +150,7 @@ class _Run:
             if not name or "\0" in name or Path(name).name != name or name in self.named:
                 raise NotAsStated(f"{name!r:.60} is no name of a certificate, or named twice")
             self.named.add(name)
-        return _claimed(self.run, chain, study, box, eps, center)
+        return _claimed(self.run, chain, study, box, eps, center, self.budget)
 
 
 def check_readings(study: HandEyeStudy, readings: tuple[Reading, ...]) -> None:
@@ -335,10 +336,12 @@ class _Checked:
     last: tuple[int, ...]  # those that its last step speaks of
 
 
-def _claimed(run: Path, chain: Chain, study: HandEyeStudy, box: Box, eps: float, center: PlacedFrames) -> ChainClaim:
+def _claimed(
+    run: Path, chain: Chain, study: HandEyeStudy, box: Box, eps: float, center: PlacedFrames, budget: Budget
+) -> ChainClaim:
     steps, last = 0, tuple[tuple[str, str], ...]()
     for one in chain.images:
-        checked = _image(run, one, study, box, eps)
+        checked = _image(run, budget, one, study, box, eps)
         steps += checked.accepted.steps
         if checked.accepted.claims.infeasible:
             if chain.links or chain.pixels or len(chain.images) > 1:
@@ -353,9 +356,9 @@ def _claimed(run: Path, chain: Chain, study: HandEyeStudy, box: Box, eps: float,
         if hull is not None:
             box = _float_box(hull, name)
         if link is None:
-            checked = _pixels(run / name, study, box, eps)
+            checked = _pixels(run / name, budget, study, box, eps)
         else:
-            checked = _links(run / name, chain.images, link.cuts, study, box, center)
+            checked = _links(run / name, budget, chain.images, link.cuts, study, box, center)
         infeasible, hull = checked.accepted.claims.infeasible, checked.accepted.claims.enclosure
         steps += checked.accepted.steps
         last = () if link else tuple(dict.fromkeys(_of_pixels(study, checked.last)))
@@ -373,7 +376,7 @@ def _float_box(hull: tuple[tuple[F, ...], tuple[F, ...]], name: str) -> Box:
     return Box(UNKNOWNS, lo, hi)
 
 
-def _image(run: Path, one: ImagePoseSet, study: HandEyeStudy, frames: Box, eps: float) -> _Checked:
+def _image(run: Path, budget: Budget, one: ImagePoseSet, study: HandEyeStudy, frames: Box, eps: float) -> _Checked:
     if one.image not in study.images or len(one.nominal.turn) != 9 or len(one.nominal.place) != 3:
         raise NotAsStated(f"{one.certificate} is of no image of the study")
     if not max(map(abs, (*one.nominal.turn, *one.nominal.place))) < _LARGEST:
@@ -382,7 +385,7 @@ def _image(run: Path, one: ImagePoseSet, study: HandEyeStudy, frames: Box, eps: 
     items = pose_statements(study, image, one.nominal, eps)
     domain = pose_domain(study, image, one.nominal, frames)
     known = {item.name: k for k, item in enumerate(items)}
-    checked = _checked(run / one.certificate, POSE.names, domain, known, lambda k: items[k])
+    checked = _checked(run / one.certificate, budget, POSE.names, domain, known, lambda k: items[k])
     hull = checked.accepted.claims.enclosure
     if checked.accepted.claims.infeasible:
         if one.lo or one.hi:
@@ -394,6 +397,7 @@ def _image(run: Path, one: ImagePoseSet, study: HandEyeStudy, frames: Box, eps: 
 
 def _links(
     path: Path,
+    budget: Budget,
     images: tuple[ImagePoseSet, ...],
     cuts: tuple[Cut, ...],
     study: HandEyeStudy,
@@ -407,23 +411,28 @@ def _links(
         raise NotAsStated("a cut has weights that are too large, or none")
     items = Links(study, images, nominal_turn(center), box).statements(cuts)
     known = {item.name: k for k, item in enumerate(items)}
-    found = _checked(path, UNKNOWNS, box, known, lambda k: items[k])
+    found = _checked(path, budget, UNKNOWNS, box, known, lambda k: items[k])
     if not {known[cut.name] for cut in cuts} <= set(found.constraints):
         raise NotAsStated(f"{path.name} does not use a cut that is stated")
     return found
 
 
-def _pixels(path: Path, study: HandEyeStudy, box: Box, eps: float) -> _Checked:
+def _pixels(path: Path, budget: Budget, study: HandEyeStudy, box: Box, eps: float) -> _Checked:
     if study.pose_half_width.any():
         raise NotAsStated(f"{path.name} speaks of pixels as if the robot's poses were exact")
-    return _checked(path, UNKNOWNS, box, _numbers(study), ExactRows(study, eps).stated)
+    return _checked(path, budget, UNKNOWNS, box, _numbers(study), ExactRows(study, eps).stated)
 
 
 def _checked(
-    path: Path, unknowns: tuple[str, ...], domain: Box, known: Mapping[str, int], stated: Callable[[int], Stated]
+    path: Path,
+    budget: Budget,
+    unknowns: tuple[str, ...],
+    domain: Box,
+    known: Mapping[str, int],
+    stated: Callable[[int], Stated],
 ) -> _Checked:
     """A certificate that is accepted, of constraints that are those known by name, and of that box."""
-    accepted = check(path, work=_WORK)
+    accepted = check(path, work=budget)
     box = tuple(number(v) for v in domain.lo), tuple(number(v) for v in domain.hi)
     if tuple(tuple(number(v) for v in side) for side in (accepted.lo, accepted.hi)) != box:
         raise NotAsStated(f"{path.name} speaks of another box")

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from cpcal.checker import Accepted, check
+from cpcal.checker.files import Budget
 from cpcal.handeye import verify as verify_hand_eye
 from cpcal.handeye.chain import Chain
 from cpcal.handeye.classical_answer import classical_answer
@@ -34,9 +35,9 @@ def judged_once() -> Iterator[None]:
     def of_study(study: HandEyeStudy) -> bytes:
         return b"".join(hand_eye_files(study).values())
 
-    def remembered_claim(run: Path, chain: Chain, study: HandEyeStudy, box: Box, *more: object) -> Any:
+    def remembered_claim(run: Path, chain: Chain, study: HandEyeStudy, box: Box, *more: Any) -> Any:
         files = [path.read_bytes() for name in chain.certificates if (path := run / name).exists()]
-        whole = chain, box.lo.tolist(), box.hi.tolist(), more, of_study(study), files
+        whole = chain, box.lo.tolist(), box.hi.tolist(), more[:-1], more[-1].most, of_study(study), files
         key = sha256(repr(whole).encode()).digest()
         if key not in claims:
             claims[key] = claimed(run, chain, study, box, *more)  # type: ignore[arg-type]
@@ -50,8 +51,8 @@ def judged_once() -> Iterator[None]:
 
     known = remembered(check)
 
-    def checked(path: Path, **options: int) -> Accepted:
-        return known(path, **options) if path.is_file() else check(path, **options)
+    def checked(path: Path, *, work: Budget) -> Accepted:
+        return known(path) if path.is_file() else check(path, work=work)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(verify_hand_eye, "check", checked)

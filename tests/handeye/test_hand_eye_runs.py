@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cpcal.checker import check
+from cpcal.checker.files import Budget
 from cpcal.common.errors import InputError
 from cpcal.handeye import wrong_images
 from cpcal.handeye.certify import (
@@ -235,6 +237,21 @@ def test_runs_are_verified_and_read_back(exact, uncertain, wrong):
         assert [accepted for accepted, _ in verify_hand_eye(run.folder)] == [True] * 5
         assert load_hand_eye_result(run.folder) == run.result
     assert [accepted for accepted, _ in verify_wrong_images(wrong.folder)] == [True] * 4
+
+
+def test_all_certificates_of_a_run_have_one_budget(exact, monkeypatch):
+    """What each costs is less than what is refused here."""
+    costs = []
+    for path in exact.folder.glob("*.cert.jsonl"):
+        budget = Budget(1 << 40)
+        check(path, work=budget)
+        costs.append(budget.most - budget.left)
+    for name, value in (("check", check), ("RUN_WORK", sum(costs) - 1)):
+        monkeypatch.setattr(f"{verify_hand_eye.__module__}.{name}", value)
+    assert max(costs) < sum(costs) - 1
+    refused = [sentence for accepted, sentence in verify_hand_eye(exact.folder) if not accepted]
+    assert len(refused) == 1
+    assert f"more work than the {sum(costs) - 1}" in refused[0]
 
 
 def test_the_wrong_image_is_named_and_proved(wrong):

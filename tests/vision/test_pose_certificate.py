@@ -11,7 +11,7 @@ from benchmarks.pose_sets import drawn_pose
 from benchmarks.uncertain_poses import shown
 from cpcal.checker.bounds import Bounds, between
 from cpcal.checker.lens import Cameras
-from cpcal.checker.pose_claim import check_pose_set
+from cpcal.checker.pose_claim import check_pose_set, check_pose_sets
 from cpcal.checker.readers import dyadic
 from cpcal.common.errors import InputError
 from cpcal.robot import Pose, transformed
@@ -151,6 +151,10 @@ def test_wrong_dots_are_found_out_and_certified(tmp_path: Path) -> None:
     none = check_pose_set(tmp_path / "none.pose.json")
     assert none.refused is None
     assert none.radii is None
+    work = 2_000_000  # enough for the smaller one, which comes first: one budget holds for the folder
+    first, second = check_pose_sets(tmp_path, work=work)
+    assert first.refused is None
+    assert "more work than the 2000000" in (second.refused or "")
 
 
 def test_nothing_is_written_of_nothing(tmp_path: Path) -> None:

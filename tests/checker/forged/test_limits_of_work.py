@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 
 from cpcal.checker import Refused, Unusable, check
+from cpcal.checker.files import Budget
+from cpcal.checker.leg import leg_formula
 from cpcal.files.folders import NAME
 
 
@@ -68,6 +70,42 @@ def test_too_much_work(tmp_path: Path, network_proof: Any) -> None:
     with pytest.raises(Refused, match="more work than") as caught:
         check(path, work=high)
     assert caught.value.line == len(lines) + 1
+
+
+def test_a_step_of_two_certificates_costs_once(
+    tmp_path: Path, uncertain_proof: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """If it is the same to the last byte, from the same box, about the same leg; another one is checked."""
+    path, campaign = tmp_path / "c.jsonl", uncertain_proof.folder / NAME
+    budget, spent = Budget(1 << 40), []
+    monkeypatch.setattr("cpcal.checker.certificate._LONG_LINE", 0)
+    monkeypatch.setattr("cpcal.checker.certificate._LONG_STEP", 1000)
+
+    def checked(lines: list[Any]) -> Any:
+        path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+        before = budget.left
+        try:
+            return check(path, campaign, work=budget)
+        finally:
+            spent.append(before - budget.left)
+
+    assert checked(uncertain_proof.lines) == checked(uncertain_proof.lines)
+    assert 2 * spent[1] < spent[0]
+    wider = uncertain_proof.copy()
+    for side, less in (("lo", "-0x1p-20"), ("hi", "0x1p-20")):
+        wider[0][side][0] = float.hex(float.fromhex(wider[0][side][0]) + float.fromhex(less))
+    with pytest.raises(Refused):
+        checked(wider)
+    assert 2 * spent[2] > spent[0]
+    less = uncertain_proof.copy()
+    next(line for line in less if "bounds" in line)["bounds"][0][3]["rows"] = []
+    with pytest.raises(Refused, match="prove less"):
+        checked(less)
+
+
+def test_the_linear_model_with_reading_sets_is_no_more_work_than_its_terms_need() -> None:
+    """A row has 5,837; each was once formed, changed in sign, and added, which took 19,586 multiplications."""
+    assert leg_formula("linear", True, 2, ("upper",)).formula.notes < 13_500
 
 
 def test_too_many_terms(verdict: Any, network_proof: Any, monkeypatch: pytest.MonkeyPatch) -> None:
