@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from typer.testing import CliRunner
@@ -93,7 +94,7 @@ def pose_sets(folder: Path) -> None:
     enclose_pose(boxes, targets, cameras, certificate=folder / "run" / "one", sources={"camera.toml": b"its bytes"})
 
 
-def hand_eye(folder: Path, **changes: float) -> None:
+def hand_eye(folder: Path, **changes: Any) -> None:
     """Of six images; with errors of the robot its poses are uncertain."""
     study = simulate_hand_eye(images=6, corners=(3, 3), pitch=80.0, seed=5, **changes).study
     if changes:

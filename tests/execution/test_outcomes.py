@@ -112,7 +112,7 @@ def test_a_worker_that_is_stopped_does_not_hold_up_a_stop(monkeypatch, again):
         pool.submit(os.kill, pid, signal.SIGSTOP)
         while state(pid) != "T":
             time.sleep(0.01)
-        monkeypatch.setattr("cpcal.execution.stopping._note.insisted", again)
+        monkeypatch.setattr("cpcal.execution.executors._note.insisted", again)
         began = time.monotonic()
         with also_asked_by(lambda: Reason.INTERRUPTED if time.monotonic() > began + 0.5 else None):
             assert [one.value for one in outcomes(pool, most, until_asked, range(2))] in ([], [0], [1])
