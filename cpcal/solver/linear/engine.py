@@ -342,6 +342,9 @@ class BoxProgram:
     The programs are in u = (x - mid) / rad, each row scaled to a largest coefficient of 1; `count` were solved.
     """
 
+    @np.errstate(
+        over="ignore", invalid="ignore"
+    )  # a program that overflows proposes nothing; what is proved is NaN-safe
     def __init__(
         self, matrix: Floats, rhs: Floats, box: IntervalArray, arithmetic: Arithmetic, engine: LinearEngine
     ) -> None:
@@ -352,7 +355,9 @@ class BoxProgram:
         self._scale = np.where(largest > 0.0, largest, 1.0)
         self._engine, self.count = engine, 0
         n = matrix.shape[1]
-        engine.load(inner / self._scale[:, None], (rhs - matrix @ box.mid) / self._scale, -np.ones(n), np.ones(n))
+        rows, right = inner / self._scale[:, None], (rhs - matrix @ box.mid) / self._scale
+        finite = np.isfinite(rows).all(axis=1) & np.isfinite(right)  # a row that overflows proposes nothing
+        engine.load(np.where(finite[:, None], rows, 0.0), np.where(finite, right, 0.0), -np.ones(n), np.ones(n))
 
     def minimize(self, k: int, sign: float) -> LinearSolution:
         """The least `sign * u_k`."""

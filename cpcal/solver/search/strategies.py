@@ -29,6 +29,7 @@ def bisect(box: Box, component: int) -> tuple[Box, ...]:
     return box.replace(name, hi=cut), box.replace(name, lo=cut)
 
 
+@np.errstate(over="ignore")  # what doubles beyond all floats is cut at the largest
 def _middle(lo: Floats, hi: Floats) -> Floats:
     """Half way; of an unbounded interval a number that doubles its distance from zero, so that halves get finite."""
     low, high = np.isinf(lo), np.isinf(hi)
