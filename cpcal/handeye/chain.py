@@ -82,10 +82,9 @@ def frame_rows(study: HandEyeStudy, eps: float) -> tuple[Quadratics, Indices]:
 # The target's pose in the camera frame, from the pixels of one image alone: a certified box of all that explain them.
 #
 # In image i the points are x = A (S (p - c) + u) + b, with a nominal pose (A, b) of the points' middle c. Unknown are
-# the
-# turn S (9 entries, near I) and the shift u (3), mm, both along the target's axes. The rows of the pixels are linear in
-# them; S S' = I, S' S = I and S = cof S hold to within what float64 makes of the robot's rotations. No frames and no
-# robot pose enter, so what is proved holds whatever errors the robot has.
+# the turn S (9 entries, near I) and the shift u (3), mm, both along the target's axes. The rows of the pixels are
+# linear in them; S S' = I, S' S = I and S = cof S hold to within what float64 makes of the robot's rotations. No frames
+# and no robot pose enter, so what is proved holds whatever errors the robot has.
 
 TURN, SHIFT = range(9), range(9, 12)
 POSE = Layout(
@@ -238,17 +237,16 @@ def about_pose(study: HandEyeStudy, image: int, eps: float) -> str:
 # Rows that tie the frames to the certified poses of single images, through the robot's pose and its readings.
 #
 # With G = (A S, A (u - S c) + b) the target's pose in the camera frame, X G = H' F for a reading H' of the robot's
-# pose.
-# Written with L, K, P of `_sides` (H stated, V what a reading turns by, less I, and d what it shifts by):
+# pose. Written with L, K, P of `_sides` (H stated, V what a reading turns by, less I, and d what it shifts by):
 #
 #     L R_X A - K R_F = -L R_X A (S - I) + V' L R_X A S
 #     L (R_X b + t_X) - K (t_F + R_F c) + P = -L R_X A u + V z +- d        z: from the hand to the target's middle c
 #
 # The left sides are linear in the 24 unknowns. The right sides are bounded over a box of frames: S and u by the image's
 # certificate, readings by half-widths; V is a skew matrix w x . with |w_j| <= r_j, plus at most |r|^2 / 2. Both
-# equations
-# are stated along the target's axes, as they lie for a nominal R_X (the rows times U0' = (L R_X0 A)'), and the second
-# along the base's axes too: the errors of images are least known along the first, those of robots along the second.
+# equations are stated along the target's axes, as they lie for a nominal R_X (the rows times U0' = (L R_X0 A)'), and
+# the second along the base's axes too: the errors of images are least known along the first, those of robots along the
+# second.
 #
 # All equations of an image share its errors. A combination of them (`Cut`) is bounded by what the errors do to it as a
 # whole, which is less than the sum of what they do to each.
@@ -269,7 +267,7 @@ class Cut:
 
     @property
     def name(self) -> str:
-        """Of its row; weights have few digits, see `link_cuts`."""
+        """Of its row; weights have few digits, see `useful_cuts`."""
         return f"{self.image} cut {' '.join(f'{weight:g}' for weight in self.weights)}"
 
 
@@ -585,10 +583,10 @@ def _between(one: _Image, x: Floats) -> Cut | None:
 # ------------------------------------------------------------------------------------------------------------------
 # A chain of proofs at one tolerance: single images, what ties them together, then all pixels.
 #
-# 1. Certified poses of the target in single images (`image_pose_sets`): no frames, no robot pose.
-# 2. Rows that tie these together by the robot's motions (`pose_links`): from any frames to a small box, in turns, for
+# 1. Certified poses of the target in single images (`prove_pose`): no frames, no robot pose.
+# 2. Rows that tie these together by the robot's motions (`prove_links`): from any frames to a small box, in turns, for
 #    what uncertain poses move depends on the box.
-# 3. The pixels of all images (`frames_proof`), where the robot's poses are exact.
+# 3. The pixels of all images (`prove`), where the robot's poses are exact.
 #
 # Each link begins with the box that the one before left. An image without a pose, or an empty box, refutes all.
 

@@ -358,8 +358,7 @@ def stated_line(c: Stated) -> dict[str, Any]:
 # Given frames in exact rational arithmetic: what their largest error is, in every image, and where points stand.
 #
 # This is the upper end of the bracket. Frames are given by quaternions and positions in float64, taken as exact; R(q)
-# is
-# divided by |q|^2.
+# is divided by |q|^2.
 
 Vector = list[F]
 Matrix = list[Vector]

@@ -220,8 +220,7 @@ def study_of_target_photos(
 # The hand-eye study of a parallel robot's own study: its drawing and leg readings say where the platform is.
 #
 # The mobile frame is the hand: the camera stands beside the robot, the target is on the platform. The poses come from
-# the
-# drawing, whose errors they have; half-widths say how large these may be. The camera is taken as exact.
+# the drawing, whose errors they have; half-widths say how large these may be. The camera is taken as exact.
 
 
 def platform_poses(study: Study) -> dict[str, tuple[float, ...]]:

@@ -409,6 +409,8 @@ def _links(
         raise NotAsStated("an image stands twice in the chain, or a cut is of none")
     if not all(0.0 < max(map(abs, cut.weights)) < _LARGEST for cut in cuts):
         raise NotAsStated("a cut has weights that are too large, or none")
+    if len({cut.name for cut in cuts}) < len(cuts):
+        raise NotAsStated("a cut is stated twice")
     items = Links(study, images, nominal_turn(center), box).statements(cuts)
     known = {item.name: k for k, item in enumerate(items)}
     found = _checked(path, budget, UNKNOWNS, box, known, lambda k: items[k])

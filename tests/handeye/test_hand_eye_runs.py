@@ -416,6 +416,8 @@ UNCERTAIN = {
     "bounds of no pose": (put("lower", "images", 0, "lo", to=[0.0]), "lower end", "leaves no pose, and bounds are"),
     "another weight of a cut": (
         put("ranges", "chain", "links", -1, "cuts", 0, "weights", 3, to=plus(1.0)), "ranges", "the study's|not use"),
+    "a cut that is stated twice": (
+        put("ranges", "chain", "links", -1, "cuts", to=lambda one: [*one, one[-1]]), "ranges", "a cut is stated twice"),
     "pixels of poses that are not exact": (
         put("ranges", "chain", "pixels", to=["lower-image-1.cert.jsonl"]), "ranges", "as if the robot's poses were"),
     "a wider search": (put("asked", "reach", to=3000.0), "ranges", "speaks of another box"),

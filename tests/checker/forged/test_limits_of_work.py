@@ -94,7 +94,7 @@ def test_a_step_of_two_certificates_costs_once(
     wider = uncertain_proof.copy()
     for side, less in (("lo", "-0x1p-20"), ("hi", "0x1p-20")):
         wider[0][side][0] = float.hex(float.fromhex(wider[0][side][0]) + float.fromhex(less))
-    with pytest.raises(Refused):
+    with pytest.raises(Refused, match="prove less"):
         checked(wider)
     assert 2 * spent[2] > spent[0]
     less = uncertain_proof.copy()
