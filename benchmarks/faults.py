@@ -32,8 +32,9 @@ from multiprocessing import forkserver, resource_tracker
 from typing import Any
 
 from cpcal.execution import executors
-from cpcal.execution.executors import asked, executor_for, heard
+from cpcal.execution.executors import executor_for
 from cpcal.execution.outcomes import outcomes
+from cpcal.execution.stopping import asked, heard
 
 _TASKS = 12
 

@@ -21,7 +21,7 @@ import numpy as np
 
 import cpcal
 from benchmarks.machine import machine
-from cpcal.execution.executors import resident_bytes, within_memory
+from cpcal.execution.stopping import resident_bytes, within_memory
 from cpcal.solver.certificate.recording import UncertifiedError
 from cpcal.solver.optimize import Bracket
 from cpcal.solver.search import search

@@ -30,7 +30,7 @@ import numpy as np
 
 import cpcal
 from benchmarks.methods.codac import contract
-from cpcal.execution.executors import Reason, also_asked_by, heard
+from cpcal.execution.stopping import Reason, also_asked_by, heard
 from cpcal.problems.problem import StatedProblem, answer
 from cpcal.problems.problem_files import load_problem
 from cpcal.solver.contract import Verdict

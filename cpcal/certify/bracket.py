@@ -16,11 +16,10 @@ import numpy.typing as npt
 from cpcal.certify.question import Question, chosen_model
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats, Indices
-from cpcal.execution.executors import asked
+from cpcal.execution.stopping import asked
 from cpcal.files.folders import keep_beside
-from cpcal.legs import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement, model_jacobian
+from cpcal.legs import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
 from cpcal.results import SupportProof, Uncertified, VerifiedPoint
-from cpcal.results.result import Determination
 from cpcal.results.verdict import calls_sentence
 from cpcal.robot import Campaign
 from cpcal.solver.accounts import ContractorUse, Found, Trial, total_use
@@ -501,26 +500,3 @@ def _certified(
     with Recording(statement, Box((*model.parameters, "eps"), at_eps, at_eps)) as recording:
         recording.write(path, claims_verified(at_eps, eps, good, bad))
     return good, bad
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Which parameters the measurements of a leg leave open: the rank of its Jacobian, in floating point.
-
-# Of the equations' change (root mean square), when each column of the Jacobian is scaled to one: a direction of the
-# parameters that changes them less is not told from an error of 0.01 mm within some 10 mm.
-_SEEN = 1e-3
-_SHARE = 0.1  # of a parameter in such a direction, from which it is called undetermined
-
-
-def determination(campaign: Campaign, leg: int, x: Floats, model: LegModel) -> Determination:
-    """At parameters x (n,) of one leg and the centres of the reading sets."""
-    jacobian = model_jacobian(campaign, leg, x, model)
-    scale = np.sqrt(np.mean(jacobian**2, axis=0))
-    columns = jacobian / np.where(scale > 0.0, scale, 1.0) / np.sqrt(len(jacobian))
-    few = len(columns) < columns.shape[1]
-    _, values, right = np.linalg.svd(columns, full_matrices=few)  # of many rows the left side alone fills the memory
-    seen = np.zeros(len(right), dtype=bool)
-    seen[: len(values)] = values > _SEEN
-    hidden = np.linalg.norm(right[~seen], axis=0)
-    names = tuple(name for name, share in zip(model.parameters, hidden, strict=True) if share > _SHARE)
-    return Determination(measurements=len(jacobian), of=len(right), rank=int(seen.sum()), undetermined=names)

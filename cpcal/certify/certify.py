@@ -16,7 +16,6 @@ from cpcal.certify.bracket import (
     PreparedLeg,
     by_bound,
     by_timeout,
-    determination,
     prove_support,
     verified_center,
 )
@@ -32,11 +31,13 @@ from cpcal.certify.question import (
     placed,
 )
 from cpcal.certify.ranges import projections_of, range_eps, ranges_of
+from cpcal.certify.undetermined import determination
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
-from cpcal.execution.executors import Here, Place, asked, executor_for, heard, within_memory
+from cpcal.execution.executors import Here, Place, executor_for
+from cpcal.execution.stopping import asked, heard, within_memory
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.legs import LegModel, built_in, exactly_read

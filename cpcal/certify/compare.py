@@ -12,7 +12,8 @@ from typing import Any
 from cpcal.certify.certify import LOADS, answered, checked_options, with_certificates
 from cpcal.certify.question import HERE, Question, answers, chosen_model
 from cpcal.common.errors import Problem
-from cpcal.execution.executors import Here, Place, executor_for, heard
+from cpcal.execution.executors import Here, Place, executor_for
+from cpcal.execution.stopping import heard
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into

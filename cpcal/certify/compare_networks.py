@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.execution.executors import heard
+from cpcal.execution.stopping import heard
 from cpcal.files.run_folder import COMPARED, answers_into
 from cpcal.results import Comparison, Entry
 from cpcal.solver.certificate.exact_network import NotStated

@@ -9,7 +9,7 @@ import numpy as np
 
 from cpcal.calibration import LegEquations, Observability, column_scale, fit, observability
 from cpcal.calibration.leg_equations import robust_scale
-from cpcal.certify.bracket import determination
+from cpcal.certify.undetermined import determination
 from cpcal.common.numbers import about
 from cpcal.common.values import Bools, Floats
 from cpcal.legs import PLAIN

@@ -19,8 +19,9 @@ from cpcal.common.files import scratch_folder
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.execution.checkpoint_file import garbled, kept, read_checkpoint
-from cpcal.execution.executors import Here, Place, Processes, Stopped, asked
+from cpcal.execution.executors import Here, Place, Processes
 from cpcal.execution.outcomes import LostWorkerError, outcomes
+from cpcal.execution.stopping import Stopped, asked
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import decoded, encoded

@@ -31,7 +31,8 @@ from cpcal.common.files import write_file
 from cpcal.common.numbers import at_most
 from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
-from cpcal.execution.executors import Here, Place, Reason, Stopped, asked, executor_for, heard
+from cpcal.execution.executors import Here, Place, executor_for
+from cpcal.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import ROBUST, answers_into
 from cpcal.legs import LegModel, leg_box, leg_network

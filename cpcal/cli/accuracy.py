@@ -14,7 +14,8 @@ from cpcal.accuracy.findings import Accuracy, save_accuracy
 from cpcal.accuracy.workspace import Workspace
 from cpcal.checker import Refused, Unusable, check_run
 from cpcal.cli.folders import check_target, output_path
-from cpcal.cli.talk import Status, Talk, talking
+from cpcal.cli.status import Status
+from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.files import load_campaign, load_campaign_json
 from cpcal.files.run_folder import ACCURACY, answers_into

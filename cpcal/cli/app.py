@@ -11,8 +11,8 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from cpcal.cli.running import leaving, refuse_empty
-from cpcal.cli.talk import (
+from cpcal.cli.leaving import leaving, refuse_empty
+from cpcal.cli.status import (
     CHECK_STATUS_HELP,
     HAND_EYE_STATUS_HELP,
     IMPORT_STATUS_HELP,
@@ -21,7 +21,7 @@ from cpcal.cli.talk import (
     VERIFY_STATUS_HELP,
 )
 from cpcal.common.version import __version__
-from cpcal.execution.executors import raising
+from cpcal.execution.stopping import raising
 
 
 class Verb(NamedTuple):

@@ -18,15 +18,20 @@ from rich.text import Text
 
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.question import HERE, Checkpoints, Progress, Question
-from cpcal.cli.folders import check_target, check_writable, output_path, read_campaign
-from cpcal.cli.running import Running, bar, watch
-from cpcal.cli.talk import Status, Talk, grouped, record, talking
+from cpcal.cli.folders import check_target, check_writable, output_path
+from cpcal.cli.grouped import grouped
+from cpcal.cli.progress import bar, watch
+from cpcal.cli.running import Running
+from cpcal.cli.status import Status
+from cpcal.cli.suspected import read_campaign
+from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.files import scratch_folder
 from cpcal.common.numbers import bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.common.version import __version__
-from cpcal.execution.executors import Here, Place, Processes, Reason, Stopped, asked, give_up
+from cpcal.execution.executors import Here, Place, Processes
 from cpcal.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
+from cpcal.execution.stopping import Reason, Stopped, asked, give_up
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import REPORT_NAME, RUN, answers_into, locked

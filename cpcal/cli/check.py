@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from cpcal.certify.data_check import DataCheck, check_data, expected
-from cpcal.cli.talk import Status, terminal
+from cpcal.cli.status import Status
+from cpcal.cli.terminal import terminal
 from cpcal.common.errors import printable
 from cpcal.common.numbers import about
 from cpcal.files import load_campaign

@@ -15,12 +15,16 @@ from rich.text import Text
 from cpcal.certify import COMPARED
 from cpcal.certify.compare import compared, comparison_question
 from cpcal.cli.certify import STYLES, Engine, names_of, numbers_of
-from cpcal.cli.folders import check_target, output_path, read_campaign
+from cpcal.cli.folders import check_target, output_path
+from cpcal.cli.grouped import grouped
 from cpcal.cli.running import Where
-from cpcal.cli.talk import Status, Talk, grouped, record, talking
+from cpcal.cli.status import Status
+from cpcal.cli.suspected import read_campaign
+from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, printable
 from cpcal.common.numbers import nearest
-from cpcal.execution.executors import Place, Reason, asked
+from cpcal.execution.executors import Place
+from cpcal.execution.stopping import Reason, asked
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
 from cpcal.report.comparison_page import (

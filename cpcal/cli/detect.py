@@ -10,11 +10,11 @@ import numpy as np
 import typer
 
 from cpcal.cli.folders import check_writable, made
-from cpcal.cli.running import bar
+from cpcal.cli.progress import bar
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed, write_file
-from cpcal.execution.executors import heard
+from cpcal.execution.stopping import heard
 from cpcal.files.settings import table_bytes
 from cpcal.report.detections_page import write_detections_page
 from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect

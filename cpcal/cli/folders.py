@@ -7,12 +7,9 @@ from pathlib import Path
 
 import typer
 
-from cpcal.common.errors import InputError, Problem, printable
+from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import unwritable
-from cpcal.files import load_campaign
 from cpcal.files.run_folder import FolderKind, check_replaceable
-from cpcal.robot import Campaign
-from cpcal.robot.mistakes import suspicions
 
 __all__ = ["check_new", "check_target", "check_writable", "made", "output_path", "unwritable"]
 
@@ -77,19 +74,3 @@ def made(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise unwritable(folder, error) from None
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Campaigns as verbs read them: what looks mixed up is said on stderr before the work begins.
-
-
-def read_campaign(folder: Path) -> Campaign:
-    """The campaign in a folder; see `warn`. Raises InputError."""
-    return warn(load_campaign(folder))
-
-
-def warn(campaign: Campaign) -> Campaign:
-    """Say on stderr what looks wrong with the campaign."""
-    for sentence in suspicions(campaign):
-        typer.echo(printable(f"cpcal: warning: {sentence}"), err=True)
-    return campaign

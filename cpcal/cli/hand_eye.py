@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from cpcal.cli.folders import check_writable, output_path
-from cpcal.cli.talk import Status, Talk, talking
+from cpcal.cli.status import Status
+from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.files import listed
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, rounded_down, rounded_up

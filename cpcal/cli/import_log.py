@@ -14,7 +14,9 @@ from rich.table import Table
 
 from cpcal.certify.data_check import mistake_in
 from cpcal.cli.folders import check_new, output_path
-from cpcal.cli.talk import Status, grouped, terminal
+from cpcal.cli.grouped import grouped
+from cpcal.cli.status import Status
+from cpcal.cli.terminal import terminal
 from cpcal.common.errors import InputError, Problem, Problems, printable
 from cpcal.common.numbers import about, nearest
 from cpcal.files import LogSettings, campaign_of_log, load_settings, read_log, save_campaign

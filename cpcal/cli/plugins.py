@@ -7,7 +7,7 @@ from collections.abc import Callable
 from rich import box
 from rich.table import Table
 
-from cpcal.cli.talk import terminal
+from cpcal.cli.terminal import terminal
 from cpcal.common.errors import ClashError, CpcalError, printable
 from cpcal.legs import leg_model, models
 from cpcal.solver import plugins as registry

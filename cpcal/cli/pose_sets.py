@@ -12,12 +12,12 @@ import numpy as np
 import typer
 
 from cpcal.cli.folders import check_target, output_path
-from cpcal.cli.running import bar
+from cpcal.cli.progress import bar
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.cli.verify_pose_sets import NUMBERS, TABLE, say_assumptions
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most
-from cpcal.execution.executors import heard
+from cpcal.execution.stopping import heard
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.tables import file_cell, guarded
 from cpcal.solver.contract import Verdict

@@ -10,7 +10,8 @@ import typer
 from cpcal.calibration import RECORD_NAME, load_record
 from cpcal.certify.fits import load_fits
 from cpcal.cli.folders import CAMPAIGN, FITS, PIXEL_RUN, PIXEL_SETS, RUN, TIMEOUT, check_writable, output_path
-from cpcal.cli.talk import Status, terminal
+from cpcal.cli.status import Status
+from cpcal.cli.terminal import terminal
 from cpcal.cli.verified_folders import other_fits, stated_otherwise
 from cpcal.cli.verify import check_all, checked_certificate, checked_legs, result_of
 from cpcal.common.errors import InputError, Problem, printable

@@ -12,9 +12,12 @@ from rich.table import Table
 
 from cpcal.certify.robust import certify_robust
 from cpcal.cli.certify import Center, numbers_of
-from cpcal.cli.folders import check_target, output_path, read_campaign
+from cpcal.cli.folders import check_target, output_path
+from cpcal.cli.grouped import grouped
 from cpcal.cli.running import Where
-from cpcal.cli.talk import Status, Talk, grouped, record, talking
+from cpcal.cli.status import Status
+from cpcal.cli.suspected import read_campaign
+from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.numbers import bracket_text
 from cpcal.files.run_folder import ROBUST
 from cpcal.results.robust import RobustResult

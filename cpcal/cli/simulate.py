@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from cpcal.cli.folders import check_new, unwritable
-from cpcal.cli.running import bar
-from cpcal.cli.talk import grouped
+from cpcal.cli.grouped import grouped
+from cpcal.cli.progress import bar
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import save_campaign, save_study
 from cpcal.files.settings import STUDY_NAME, study_bytes

@@ -9,12 +9,15 @@ from typing import Annotated
 import typer
 
 from cpcal.cli.folders import check_writable
-from cpcal.cli.running import Running, search_progress
-from cpcal.cli.talk import Status, Talk, grouped, record, talking
+from cpcal.cli.grouped import grouped
+from cpcal.cli.running import Running
+from cpcal.cli.search_progress import search_progress
+from cpcal.cli.status import Status
+from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
-from cpcal.execution.executors import asked
+from cpcal.execution.stopping import asked
 from cpcal.problems.nl import sol_bytes
 from cpcal.problems.problem import Answer, answer
 from cpcal.problems.problem_files import load_problem

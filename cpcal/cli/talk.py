@@ -2,132 +2,29 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import logging
 import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from enum import IntEnum
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
-from rich.text import Text
 
 from cpcal.cli.folders import output_path, unwritable
+from cpcal.cli.grouped import grouped
+from cpcal.cli.terminal import terminal
 from cpcal.common.errors import printable
 from cpcal.common.version import __version__
 from cpcal.solver.compiled import QUIET
 
-# ------------------------------------------------------------------------------------------------------------------
-# Consoles: what verbs print goes through one.
-
-_WIDE = 120  # where there is no terminal to fit
-
-
-class _Terminal(Console):
-    """Reads no markup in what it prints, and shows hidden characters as escapes: names forge no line."""
-
-    def render_str(self, text: str, **options: Any) -> Text:
-        return super().render_str(printable(text), **options)
-
-
-def terminal(*, stderr: bool = False, quiet: bool = False) -> Console:
-    """A console that prints text as it is, but for hidden characters; a quiet one prints nothing."""
-    console = _Terminal(stderr=stderr, quiet=quiet, markup=False, emoji=False, highlight=False)
-    if not console.is_terminal:
-        console.width = _WIDE
-    return console
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Exit statuses: what they mean.
-
-
-class Status(IntEnum):
-    ANSWERED = 0
-    UNKNOWN = 1
-    UNUSABLE = 2
-    INTERNAL = 3
-    INTERRUPTED = 130
-    TERMINATED = 143
-
-
-STATUS_HELP = (
-    "Exit status: **0** every leg answered, or with --tolerance every leg passes, **1** some leg undecided (a limit "
-    "came first, or the search ended at the second-order effect of the readings, or where contractors end), or "
-    "with --tolerance some leg that does not pass, **2** unusable input (one message lists every problem), **3** an "
-    "internal error (please report it), **130** interrupted by Ctrl-C or **143** terminated by SIGTERM, with what was "
-    "proved until then written and printed."
-)
-
-HAND_EYE_STATUS_HELP = (
-    "Exit status: **0** the bracket is closed, or with --tolerance the tolerance is met, **1** the bracket is open, or "
-    "with --tolerance it is not met or undecided, **2** unusable input (one message lists every problem), **3** an "
-    "internal error (please report it), **130** interrupted, **143** terminated."
-)
-
-SOLVE_STATUS_HELP = (
-    "Exit status: **0** complete (that there is no solution is an answer too), **1** a limit came first, or the "
-    "certificate does not hold all of the answer, **2** unusable input, **3** an internal error, **130** interrupted, "
-    "**143** terminated."
-)
-
-VERIFY_STATUS_HELP = "Exit status: **0** every certificate proved, **1** one refused, **2** unusable input."
-
-CHECK_STATUS_HELP = (
-    "Exit status: **0** nothing looks wrong, **1** something is to be looked at (each with a sentence), "
-    "**2** unusable input."
-)
-
-IMPORT_STATUS_HELP = (
-    "Exit status: **0** the campaign was written (or looks right, with --preview), **1** nothing was written, since "
-    "the data look mixed up, **2** unusable input."
-)
-
-
-# ------------------------------------------------------------------------------------------------------------------
-# Options of a command as the fields of a dataclass: `Annotated[type, typer.Option(...)] = default`.
-
 T = TypeVar("T")
-
-
-def grouped(options: type[Any], parameter: str = "options") -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """A command with a parameter that is such a dataclass takes its fields as options of the command line."""
-
-    def decorate(command: Callable[..., T]) -> Callable[..., T]:
-        hints = get_type_hints(options, include_extras=True)
-        known = inspect.signature(command, eval_str=True).parameters.values()
-        own = [one for one in known if one.name != parameter]
-        names = [field.name for field in fields(options)]
-        added = [
-            inspect.Parameter(
-                field.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=inspect.Parameter.empty if field.default is MISSING else field.default,
-                annotation=hints[field.name],
-            )
-            for field in fields(options)
-        ]
-
-        @wraps(command)
-        def run(**given: Any) -> T:
-            chosen = options(**{name: given.pop(name) for name in names})
-            return command(**given, **{parameter: chosen})
-
-        del run.__wrapped__  # or its signature would count
-        run.__signature__ = inspect.Signature([*own, *added])  # type: ignore[attr-defined]
-        run.__annotations__ = {parameter.name: parameter.annotation for parameter in (*own, *added)}
-        return run
-
-    return decorate
-
 
 _PANEL = "What is said"
 _LOGGER = logging.getLogger("cpcal")

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy, CertifiedBox, load_accuracy
-from cpcal.certify.bracket import determination
 from cpcal.certify.fits import FITS_NAME, CertifiedFits, VerifiedFit, load_fits
+from cpcal.certify.undetermined import determination
 from cpcal.checker import ROBUST_NAME, Accepted, ExactCampaign, Refused, Unusable
 from cpcal.checker.leg import EXTRA
 from cpcal.checker.robust_claim import check_robust

@@ -17,7 +17,8 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
 from cpcal.common.errors import CpcalError
-from cpcal.execution.executors import PATIENCE, Place, Processes, Reason, Stopped, asked, dask_status, insisted
+from cpcal.execution.executors import PATIENCE, Place, Processes, dask_status
+from cpcal.execution.stopping import Reason, Stopped, asked, insisted
 from cpcal.execution.threads import linear_algebra_on_one_thread
 
 A = TypeVar("A")

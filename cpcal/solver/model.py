@@ -25,7 +25,8 @@ from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
 from cpcal.common.numbers import stated
 from cpcal.common.values import Floats
-from cpcal.execution.executors import Here, executor_for, heard
+from cpcal.execution.executors import Here, executor_for
+from cpcal.execution.stopping import heard
 from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, Terms, network_statement

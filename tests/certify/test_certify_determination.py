@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpcal
-from cpcal.certify.bracket import determination
+from cpcal.certify.undetermined import determination
 from cpcal.legs import PLAIN
 from cpcal.results import Explained, Undetermined, verdict_of
 

@@ -8,7 +8,7 @@ import pytest
 import cpcal
 from cpcal.certify.question import FOLDER
 from cpcal.common.errors import InputError
-from cpcal.execution.executors import Reason, also_asked_by, heard
+from cpcal.execution.stopping import Reason, also_asked_by, heard
 from cpcal.solver.certificate.recording import SearchKeeper
 
 OPTIONS = {"legs": [2, 3], "delta": 200.0}

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.cli import app
 from cpcal.cli.certify import show_result
-from cpcal.cli.running import ProgressLines, watch
+from cpcal.cli.progress import ProgressLines, watch
 from cpcal.legs import PLAIN
 from cpcal.solver.optimize import Bracket
 

@@ -13,8 +13,9 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.execution.executors import Here, Processes, Reason, also_asked_by, asked, executor_for, heard
+from cpcal.execution.executors import Here, Processes, executor_for
 from cpcal.execution.outcomes import LostWorkerError, outcomes
+from cpcal.execution.stopping import Reason, also_asked_by, asked, heard
 
 
 def squared(number):
@@ -112,7 +113,7 @@ def test_a_worker_that_is_stopped_does_not_hold_up_a_stop(monkeypatch, again):
         pool.submit(os.kill, pid, signal.SIGSTOP)
         while state(pid) != "T":
             time.sleep(0.01)
-        monkeypatch.setattr("cpcal.execution.executors._note.insisted", again)
+        monkeypatch.setattr("cpcal.execution.stopping._note.insisted", again)
         began = time.monotonic()
         with also_asked_by(lambda: Reason.INTERRUPTED if time.monotonic() > began + 0.5 else None):
             assert [one.value for one in outcomes(pool, most, until_asked, range(2))] in ([], [0], [1])
@@ -150,7 +151,7 @@ def test_two_places_are_refused():
 
 _ORPHANS = """
 import os, signal, sys, time
-from cpcal.execution.executors import Processes
+from cpcal.execution.executors import (Processes)
 
 if __name__ == "__main__":
     pool = Processes(2)

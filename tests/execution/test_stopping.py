@@ -13,7 +13,7 @@ import cpcal
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.question import Question
 from cpcal.checker import check
-from cpcal.execution.executors import (
+from cpcal.execution.stopping import (
     Reason,
     Stopped,
     also_asked_by,

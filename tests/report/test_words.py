@@ -78,7 +78,7 @@ def test_a_bracket_is_closed_only_where_that_is_proved(verdict, hi, undecided, s
 @pytest.mark.parametrize("verdict", Verdict)
 def test_at_one_eps_only_a_verdict_is_proved(verdict):
     said = proved_sentence(Options(eps=0.5), leg(1, 0.0, 0.5, verdict=verdict))
-    assert said.endswith(": proved.") is (verdict is not Verdict.UNKNOWN)
+    assert said.endswith(": proved.") is (verdict in (Verdict.PROVED, Verdict.REFUTED))
     assert said.startswith("No x") is (verdict is Verdict.REFUTED)
 
 

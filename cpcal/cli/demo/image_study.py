@@ -10,7 +10,7 @@ from typing import Any
 
 from cpcal.cli.detect import show_detections
 from cpcal.cli.folders import made
-from cpcal.cli.running import bar
+from cpcal.cli.progress import bar
 from cpcal.cli.simulate import IMAGES, TABLES, shot_study, write_shots
 from cpcal.cli.talk import Talk
 from cpcal.common.files import write_file

@@ -19,12 +19,13 @@ from cpcal.cli.demo.image_study import SUBSET, WHOLE, ImageStudy, image_study
 from cpcal.cli.demo.image_study_page import images_found
 from cpcal.cli.demo.pixel_sets import HALF_WIDTH, certify_pixels, with_sets
 from cpcal.cli.folders import CAMPAIGN, FITS, RUN, STUDY, TIMEOUT, check_new, is_earlier_demo, unwritable
+from cpcal.cli.progress import watch
 from cpcal.cli.report import study_found
-from cpcal.cli.running import watch
-from cpcal.cli.talk import Status, Talk, talking
+from cpcal.cli.status import Status
+from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import stated
-from cpcal.execution.executors import heard
+from cpcal.execution.stopping import heard
 from cpcal.files import load_campaign, load_study, save_study
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN

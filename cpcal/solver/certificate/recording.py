@@ -35,7 +35,7 @@ from cpcal.common.errors import Problem as Trouble
 from cpcal.common.files import replacing
 from cpcal.common.values import Bools, Floats
 from cpcal.execution.checkpoint_file import Line, Regularly, garbled, kept, read_checkpoint
-from cpcal.execution.executors import asked
+from cpcal.execution.stopping import asked
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.certificate.exact_network import Statement, free, limits, number
 from cpcal.solver.certificate.float_rows import (

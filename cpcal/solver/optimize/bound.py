@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats
-from cpcal.execution.executors import Place, Stopped, asked
+from cpcal.execution.executors import Place
 from cpcal.execution.outcomes import Shared
+from cpcal.execution.stopping import Stopped, asked
 from cpcal.solver.accounts import ContractorUse, Found, total_use
 from cpcal.solver.compiled import TimeUp, compiling_until
 from cpcal.solver.contract import Contraction, Contractor, Limits, Step, Strategy, shrunk

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpcal.execution.executors import asked
+from cpcal.execution.stopping import asked
 from cpcal.solver.accounts import ContractorUse, TimeoutAnswer, Trial, total_use
 from cpcal.solver.contract import Limits, Strategy
 from cpcal.solver.interval import Box

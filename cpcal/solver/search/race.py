@@ -19,7 +19,7 @@ import numpy as np
 
 from cpcal.common.version import __version__
 from cpcal.execution.checkpoint_file import Regularly, garbled, kept, read_checkpoint
-from cpcal.execution.executors import asked
+from cpcal.execution.stopping import asked
 from cpcal.solver.contract import Clock
 from cpcal.solver.interval import Box
 from cpcal.solver.network import ConstraintNetwork

@@ -19,8 +19,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from cpcal.common.values import Bools, Floats, Ints
-from cpcal.execution.executors import Here, Place, Reason, Stopped, asked
+from cpcal.execution.executors import Here, Place
 from cpcal.execution.outcomes import Shared
+from cpcal.execution.stopping import Reason, Stopped, asked
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.contract import Contraction
 from cpcal.solver.interval import Box
