@@ -81,7 +81,9 @@ class WrongImages:
     left_out: tuple[str, ...] = field(metadata=checked("images of the study; all others are explained by the point"))
     groups: tuple[RefutedGroup, ...]
     blamed: tuple[tuple[str, tuple[RefutedGroup, ...]], ...] = field(
-        metadata=checked("images left out, each once, and in all of its groups; these as `groups`, at one eps")
+        metadata=checked(
+            "images left out, each once, and in all of its groups; these as `groups`, at one eps; none claims less"
+        )
     )
     version: str = field(metadata=INFORMED)
     asked_tolerance: float = field(metadata=informed("tolerance"))

@@ -799,4 +799,5 @@ def test_every_change_outside_of_the_information_is_refused(exact, uncertain, wr
                 return False
 
         assert verified()
-        assert list(accepted_changes(folder / name, verified)) == []
+        less = re.compile(r"blamed: .* to \[\]")  # who names no image claims nothing of any
+        assert [change for change in accepted_changes(folder / name, verified) if not less.fullmatch(change)] == []
