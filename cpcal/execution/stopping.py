@@ -1,0 +1,191 @@
+"""Long work is asked to stop, and stops at the next safe moment with what it has proved.
+
+A signal that raises an exception between any two lines tears a step apart, or is lost where the exception is dropped.
+So a signal only leaves a note here, and work looks at it between its steps: `asked()`. Signals belong to the process,
+and so does the note. A second signal does what the first would have done without us.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from enum import IntEnum
+from types import FrameType
+from typing import Any
+
+
+class Reason(IntEnum):
+    """Why work is asked to stop; the value is the exit status that says so."""
+
+    MEMORY = 1
+    DESERTED = 2
+    INTERRUPTED = 130
+    TERMINATED = 143
+
+    @property
+    def sentence(self) -> str:
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    Reason.MEMORY: "stopped at the memory limit",
+    Reason.DESERTED: "stopped, since nobody is there to do the work",
+    Reason.INTERRUPTED: "interrupted",
+    Reason.TERMINATED: "terminated",
+}
+
+
+class Stopped(KeyboardInterrupt):
+    """Work ended before there was anything to answer. Where nobody catches it, it is a KeyboardInterrupt."""
+
+    def __init__(self, reason: Reason) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+    def __str__(self) -> str:
+        return self.reason.sentence
+
+
+Handler = Callable[[int, FrameType | None], Any] | int | signal.Handlers | None
+
+
+class _Note:
+    """What this process was asked. `sources` are asked too: a worker's coordinator, a limit of memory."""
+
+    def __init__(self) -> None:
+        self.reason: Reason | None = None
+        self.heard = self.insisted = False
+        self.sources: list[Callable[[], Reason | None]] = []
+
+
+_note = _Note()
+
+
+def asked() -> Reason | None:
+    """Why the work of this process should stop now; None while it may go on."""
+    return _note.reason or next(filter(None, (source() for source in _note.sources)), None)
+
+
+def insisted() -> bool:
+    """Whether a second signal came: there is no time to end well."""
+    return _note.insisted
+
+
+def give_up(reason: Reason) -> None:
+    """Ask this process itself to stop, until the end of the outermost `heard`; outside of one nothing changes."""
+    if _note.heard and _note.reason is None:
+        _note.reason = reason
+
+
+@contextmanager
+def heard(*, terminate: bool = False) -> Iterator[None]:
+    """While in the block the first Ctrl-C (and SIGTERM, with `terminate`) is a note that `asked` shows.
+
+    The note is gone at the end. Inside another such block, or in a thread that gets no signals, nothing changes.
+    """
+    if _note.heard or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before: dict[int, Handler] = {}
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if _note.reason is None:
+            _note.reason = Reason(128 + number)
+            return
+        _note.insisted = True
+        earlier = before[number]
+        if callable(earlier):
+            earlier(number, frame)
+        else:
+            leave_at_once(number, frame)
+
+    _note.heard = True
+    try:
+        for wanted in (signal.SIGINT, *([signal.SIGTERM] if terminate else [])):
+            if signal.getsignal(wanted) not in (signal.SIG_IGN, None):  # a background job of a shell ignores Ctrl-C
+                before[wanted] = signal.getsignal(wanted)
+                signal.signal(wanted, note)
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
+        _note.heard, _note.insisted, _note.reason = False, False, None
+
+
+def from_now_on_asked_by(source: Callable[[], Reason | None]) -> None:
+    """Until the process ends `asked` looks at this, too."""
+    _note.sources.append(source)
+
+
+@contextmanager
+def also_asked_by(source: Callable[[], Reason | None]) -> Iterator[None]:
+    """While in the block `asked` looks at this, too."""
+    _note.sources.append(source)
+    try:
+        yield
+    finally:
+        _note.sources.remove(source)
+
+
+def resident_bytes() -> int:
+    """Bytes that this process has in memory now; where the system does not tell, the most so far; else 0."""
+    try:
+        with open("/proc/self/statm", "rb") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):
+        pass
+    try:
+        resource = importlib.import_module("resource")  # of POSIX only
+    except ImportError:
+        return 0
+    unit = 1 if sys.platform == "darwin" else 1024
+    return int(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * unit
+
+
+@contextmanager
+def within_memory(limit: int | None) -> Iterator[None]:
+    """While in the block the process is asked to stop once it takes more than so many bytes."""
+    if limit is None:
+        yield
+        return
+    beyond: list[Reason] = []  # for good, even if some is given back
+
+    def source() -> Reason | None:
+        if not beyond and resident_bytes() > limit:
+            beyond.append(Reason.MEMORY)
+        return beyond[0] if beyond else None
+
+    with also_asked_by(source):
+        yield
+
+
+@contextmanager
+def raising() -> Iterator[None]:
+    """While in the block SIGTERM is an exception, as Ctrl-C is, so that what was begun is tidied up."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise Stopped(Reason(128 + number))
+
+    numbers = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) not in (signal.SIG_IGN, None)]
+    before = {number: signal.signal(number, stop) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
+
+
+def leave_at_once(number: int, frame: FrameType | None) -> None:
+    """A handler: the process ends now, with one sentence; what is on disk stays as it is."""
+    with suppress(OSError, ValueError):
+        shown = "\x1b[?25h" if sys.stderr.isatty() else ""  # a progress display may have hidden the cursor
+        os.write(2, f"{shown}cpcal: {Reason(128 + number).sentence}\n".encode())
+    os._exit(128 + number)
