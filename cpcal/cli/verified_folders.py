@@ -12,15 +12,14 @@ from dataclasses import replace
 from fractions import Fraction
 from math import inf
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy, CertifiedBox, load_accuracy
-from cpcal.certify.fits import FITS_NAME, CertifiedFits, VerifiedFit, load_fits
 from cpcal.certify.undetermined import determination
 from cpcal.checker import ROBUST_NAME, Accepted, ExactCampaign, Refused, Unusable
 from cpcal.checker.leg import EXTRA
-from cpcal.checker.robust_claim import check_robust
 from cpcal.checker.run import all_of_it
 from cpcal.cli.talk import Talk
 from cpcal.cli.verify import Legs, result_of, tell
@@ -32,7 +31,6 @@ from cpcal.files.codec import differing
 from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.run_folder import REPORT_NAME, unfinished
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
-from cpcal.report.comparison_page import SUMMARY_TABLE, row_of, summary_table
 from cpcal.report.words import notices
 from cpcal.results import (
     COMPARISON_NAME,
@@ -52,6 +50,9 @@ from cpcal.results import (
 from cpcal.results.robust import load_robust
 from cpcal.robot import Campaign
 from cpcal.solver.interval import Box
+
+if TYPE_CHECKING:
+    from cpcal.certify.fits import CertifiedFits, VerifiedFit
 
 Claimed = Mapping[str, Accepted]  # what the certificates of a folder prove, by their names
 
@@ -154,6 +155,8 @@ def _determined(campaign: Campaign, leg: int, at: Floats, model: LegModel, delta
 
 def others_verified(folder: Path, claimed: Claimed, talk: Talk) -> bool:
     """Whether the certificates claim what the folder's compare.json, fits.json or accuracy.json states."""
+    from cpcal.certify.fits import FITS_NAME, load_fits  # what this kind of folder needs; the others start sooner
+
     name = next((name for name in (COMPARISON_NAME, FITS_NAME, ACCURACY_NAME) if (folder / name).exists()), None)
     try:
         if name == COMPARISON_NAME:
@@ -319,6 +322,8 @@ def _unnamed(named: Sequence[str | None], claimed: Claimed) -> Iterator[str]:
 
 def robust_verified(folder: Path, talk: Talk) -> bool:
     """Check the folder and say what is proved. Raises InputError where there is nothing to check."""
+    from cpcal.checker.robust_claim import check_robust  # what this kind of folder needs; the others start sooner
+
     try:
         legs, stated = check_robust(folder), load_robust(folder)
     except Unusable as reason:
@@ -344,6 +349,12 @@ def robust_verified(folder: Path, talk: Talk) -> bool:
 
 def campaigns_verified(runs: Path, verified: Callable[[Path], bool], talk: Talk) -> bool:
     """Each run of a folder, and the table of them all. Raises InputError."""
+    from cpcal.report.comparison_page import (  # what this kind of folder needs; the others start sooner
+        SUMMARY_TABLE,
+        row_of,
+        summary_table,
+    )
+
     try:
         text = (runs / SUMMARY_TABLE).read_bytes()
     except OSError as error:

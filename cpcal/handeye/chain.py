@@ -267,8 +267,8 @@ class Cut:
 
     @property
     def name(self) -> str:
-        """Of its row; weights have few digits, see `useful_cuts`."""
-        return f"{self.image} cut {' '.join(f'{weight:g}' for weight in self.weights)}"
+        """Of its row."""
+        return f"{self.image} cut {' '.join(map(str, self.weights))}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,7 @@ ESTIMATES = (
     "files",
     "cli/demo/image_study_page.py",
     "cli/detect.py",
-    "cli/target.py",
+    "cli/camera.py",
     "report/svg.py",  # coordinates of drawings, and ticks, which are round numbers
 )
 
