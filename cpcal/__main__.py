@@ -58,7 +58,7 @@ def _refuse_where_libraries_have_no_room() -> None:
         return
     needed = 2**29 + (os.cpu_count() or 1) * 2**26  # numpy's and scipy's buffers: 32 MiB each
     if limit < needed:
-        what = f"limited to {round(limit / 1e6)} MB (ulimit -v), and libraries need {round(needed / 1e6)} MB"
+        what = f"limited to {int(limit / 1e6)} MB (ulimit -v), and libraries need {int(needed / 1e6)} MB"
         sys.stderr.write(f"cpcal: too little memory: the address space is {what}\n")
         sys.exit(2)
     import scipy.linalg  # noqa: F401

@@ -178,7 +178,7 @@ class TasksAtWork(Generic[A, T]):
         elif status in ("closing", "closed") or time.monotonic() > self._reached + DESERTED:
             self.running.clear()
             raise LostWorkerError(
-                f"the scheduler is gone: it did not answer for {round(DESERTED)} s, or the client is closed"
+                f"the scheduler is gone: it did not answer for {int(DESERTED)} s, or the client is closed"
             )
 
     def cancel(self) -> None:
