@@ -286,3 +286,13 @@ def test_a_certificate_that_the_checker_refuses_is_not_written(tmp_path: Path, m
     assert raised.value.answer.verdict is not Verdict.PROVED
     assert "ot certified" in raised.value.answer.status
     assert not (tmp_path / "c").exists()
+
+
+def test_a_division_by_a_negative_power_keeps_its_solutions():
+    """Multiplied out, `x^-2 / x^-4` lost its x^4: the planted networks found it (seed 10307 of 20,000)."""
+    net = cpcal.Network()
+    x = net.variable("x", domain=(2.0, 3.0))
+    net.add(x**-2 / x**-4 >= 6.25)
+    best = net.minimize(x)
+    assert best.verdict is Verdict.PROVED
+    assert best.lo <= 2.5 <= best.hi

@@ -287,9 +287,8 @@ class _Ratio:
             return args[0][0] * args[1][0], args[0][1] + args[1][1]
         if node.op == "div":
             (top, below), (divisor, above) = args
-            if _constant(divisor):
-                return top / divisor, below
-            return _times(top, above.elements()), below + self._factors(divisor)
+            top = _times(top, above.elements())
+            return (top / divisor, below) if _constant(divisor) else (top, below + self._factors(divisor))
         if node.op == "sqr":
             return args[0][0] * args[0][0], args[0][1] + args[0][1]
         if node.op == "power" and node.parameter < 0 and not args[0][1]:
