@@ -27,7 +27,7 @@ def main(arguments: Sequence[str]) -> int:
     given = parser.parse_args(arguments)
     try:
         if given.target.name.endswith(POSE_SET_SUFFIX) or any(given.target.glob("*" + POSE_SET_SUFFIX)):
-            return _pose_sets(given.target, given.work or RUN_WORK)
+            return _pose_sets(given.target, given.work or 0)
         if (given.target / ROBUST_NAME).is_file():
             return _robust(given.target, given.work or WORK)
         if given.target.is_dir():
@@ -80,7 +80,7 @@ def _robust(folder: Path, work: int) -> int:
 def _pose_sets(target: Path, work: int) -> int:
     from .pose_claim import check_pose_set, check_pose_sets
 
-    found = check_pose_sets(target, work=work) if target.is_dir() else [check_pose_set(target, work=work)]
+    found = check_pose_sets(target, work=work) if target.is_dir() else [check_pose_set(target, work=work or RUN_WORK)]
     for one in found:
         radii = "no pose" if one.radii is None else f"position and rotation +-{[-_down(-v) for v in one.radii]}"
         print(f"{one.name}: {f'REFUSED: {one.refused}' if one.refused else f'PROVED: {radii}, {one.digest[:16]}'}")

@@ -29,6 +29,7 @@ POSE_SET_FORMAT = "cpcal-pose-set/2"
 _MOST_DOTS = 10_000
 _MOST_CHAINS = 64
 _MOST_STAGES = 16  # of a chain
+_IMAGE_WORK = 30_000_000  # of a folder's image: four times what 133 dots take, for some that may be wrong
 _ROW_WORK, _CAMERA_WORK = 26_000, 12_000  # of a row, and more for each number of t
 
 _ROW = entry(whole(_MOST_DOTS), whole(5), dyadic, dyadic)
@@ -62,15 +63,15 @@ class PoseSetChecked:
     refused: str | None = None
 
 
-def check_pose_sets(folder: Path, *, work: int = RUN_WORK) -> list[PoseSetChecked]:
+def check_pose_sets(folder: Path, *, work: int = 0) -> list[PoseSetChecked]:
     """What is proved of every image of a folder. Raises Unusable where there is nothing to check.
 
-    `work`: what the check of all of them may cost.
+    `work`: what the check of all of them may cost; 0 for what so many images need.
     """
     claims = sorted(folder.glob("*" + POSE_SET_SUFFIX))
     if not claims:
         raise Unusable(f"{shown(folder.name)} holds no pose set (*{POSE_SET_SUFFIX})")
-    budget = Budget(work)
+    budget = Budget(work or max(RUN_WORK, _IMAGE_WORK * len(claims)))
     found = [check_pose_set(path, work=budget) for path in claims]
     named = {file for one in found for file in one.certificates}
     others = sorted({path.name for path in folder.glob("*.cert.jsonl")} - named)
