@@ -43,6 +43,7 @@ def test_errors_are_found(wrong):
     assert errors(wrong) != []
 
 
+@pytest.mark.peers
 @pytest.mark.skipif(not VNU or shutil.which("java") is None, reason="no java, or CPCAL_VNU_JAR does not name vnu.jar")
 def test_the_nu_checker_finds_nothing(page, study_page, tmp_path):
     assert nu(page) == []

@@ -94,6 +94,7 @@ def test_the_pdf_has_every_dot_at_its_place_and_a_bar_of_100_mm(target):
     assert max(np.ptp(line[:, 0]) for line in lines) == pytest.approx(100.0, abs=2e-6)
 
 
+@pytest.mark.peers
 @pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm is not installed")
 def test_the_printed_page_is_seen_as_the_target(tmp_path):
     print_target(SMALL, tmp_path / "target.pdf")
