@@ -1,0 +1,373 @@
+"""Contracts a box by rows of degree two, with a proof of every step: linear programs propose, the checker's rule
+decides.
+
+In the coordinates u of a box a row is linear but for products u_i u_j. A product is either a column of the programs,
+tied to its factors by the bound products (McCormick, and tangents of a square), or it is bounded by its coefficient.
+Programs without columns take a millisecond and do for narrow boxes; those with columns contract boxes of all rotations.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction as F
+from typing import Any, Protocol
+
+import numpy as np
+
+from cpcal.checker.exact_polynomial import Spend
+from cpcal.checker.problem import Box, Problem
+from cpcal.checker.rule import Rule, Weights
+from cpcal.common.values import Bools, Floats, Indices
+from cpcal.solver.certificate.exact_network import free, number
+from cpcal.solver.certificate.recording import brief, rounded, whole
+from cpcal.solver.linear import Dense, LinearSolution, LinearStatus
+
+Terms = dict[tuple[int, ...], int]
+_MET = 1e-3  # a bound that some vertex meets to this (in [-1, 1]) needs no program
+_WORTH = 0.02  # of a half-width: what a bound must gain to be kept
+_TANGENTS = (-1.0, -0.5, 0.5, 1.0)
+_BITS = (14, 24, 40)  # of the largest weight: the first that prove nearly as much as was proposed
+_LOSS = 0.02  # of what a bound gains, given away for shorter numbers
+_PAYS = 0.7  # median share of the widths that programs without columns must leave, or less
+_PASSES = 80
+
+
+class TaggedRows(Protocol):
+    """Rows by side and number, each at most zero at every solution: polynomials with whole coefficients."""
+
+    @property
+    def unknowns(self) -> tuple[str, ...]: ...
+    def tags(self) -> Any: ...
+    def row(self, side: str, k: int, /) -> Terms: ...
+    def problem(self, spend: Spend, /) -> Problem: ...
+
+
+class System:
+    """Rows as arrays: constants (M,), linear (M, n) and products (M, P) of pairs (P, 2), in float64.
+
+    `lifted` says which products may be columns; `asked`: the unknowns that are bounded.
+    """
+
+    def __init__(self, rows: TaggedRows, lifted: Callable[[int, int], bool], asked: Sequence[int]) -> None:
+        self.problem, self.asked = rows.problem(free), asked
+        self.tags: list[tuple[str, int]] = list(rows.tags())
+        names = rows.unknowns
+        place: dict[tuple[int, int], int] = {}
+        self.constant = np.zeros(len(self.tags))
+        self.linear = np.zeros((len(self.tags), len(names)))
+        entries: list[tuple[int, int, float]] = []
+        for n, tag in enumerate(self.tags):
+            terms = rows.row(*tag)
+            shift = max((c.bit_length() for c in terms.values()), default=0)
+            for m, c in terms.items():
+                cut = max(c.bit_length() - 64, 0)
+                value = math.ldexp(c >> cut, cut - shift)
+                if not m:
+                    self.constant[n] = value
+                elif len(m) == 1:
+                    self.linear[n, m[0]] = value
+                else:
+                    i, j = sorted(m)
+                    entries.append((n, place.setdefault((i, j), len(place)), value))
+        self.pairs = np.array(list(place), dtype=np.intp).reshape(-1, 2)
+        self.products = np.zeros((len(self.tags), len(place)))
+        for n, p, value in entries:
+            self.products[n, p] = value
+        self.lifted = np.array([lifted(int(i), int(j)) for i, j in self.pairs], dtype=np.bool_)
+        self.square = self.pairs[:, 0] == self.pairs[:, 1]
+
+    def centred(self, center: Floats, radius: Floats) -> tuple[Floats, Floats, Floats]:
+        """Constants, linear and products in u, where x = center + radius u."""
+        i, j = self.pairs.T
+        constant = self.constant + self.linear @ center + self.products @ (center[i] * center[j])
+        spread = np.zeros((len(self.pairs), len(center)))
+        np.add.at(spread, (np.arange(len(i)), i), center[j])
+        np.add.at(spread, (np.arange(len(i)), j), center[i])
+        return constant, (self.linear + self.products @ spread) * radius, self.products * (radius[i] * radius[j])
+
+
+class _Programs:
+    """The linear programs of a system on one box."""
+
+    def __init__(self, system: System, lo: Floats, hi: Floats, columns: Bools) -> None:
+        self.system, self.count = system, 0
+        self.center, self.radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
+        constant, linear, products = system.centred(self.center, self.radius)
+        chosen = np.flatnonzero(columns & (np.abs(products).max(axis=0, initial=0.0) > 0.0))
+        beside = np.where(system.square, np.maximum(-products, 0.0), np.abs(products))
+        beside[:, chosen] = 0.0
+        matrix = np.concatenate([linear, products[:, chosen]], axis=1)
+        rhs = beside.sum(axis=1) - constant
+        scale = np.abs(matrix).max(axis=1)
+        kept = np.flatnonzero((scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs))
+        self._tags, self._scale = kept.tolist(), scale[kept]
+        size = linear.shape[1]
+        self._bounds, above, sides = _bound_products(chosen, system)
+        lower = -np.ones(size + len(chosen))
+        lower[size:][system.square[chosen]] = 0.0
+        self._engine, self._size = Dense(), size
+        self._engine.load(
+            np.concatenate([above, matrix[kept] / self._scale[:, None]]),
+            np.concatenate([sides, rhs[kept] / self._scale]),
+            lower,
+            np.ones(size + len(chosen)),
+        )
+        self._width = size + len(chosen)
+
+    def minimize(self, i: int, sign: float) -> LinearSolution:
+        objective = np.zeros(self._width)
+        objective[i] = sign
+        self.count += 1
+        return self._engine.minimize(objective)
+
+    def weights(self, solution: LinearSolution) -> _Proposed:
+        rows: list[tuple[int, float]] = []
+        products: list[tuple[int, int, int, int, float]] = []
+        tangents: list[tuple[int, float, float]] = []
+        for place, weight in zip(solution.rows.tolist(), solution.multipliers.tolist(), strict=True):
+            if place >= len(self._bounds):
+                place -= len(self._bounds)
+                rows.append((self._tags[place], weight / float(self._scale[place])))
+                continue
+            i, j, p, q, t = self._bounds[place]
+            if i == j:
+                tangents.append((i, t, weight))
+            else:
+                products.append((i, j, p, q, weight))
+        return _Proposed(rows, products, tangents)
+
+
+def _bound_products(chosen: Indices, system: System) -> tuple[list[tuple[int, int, int, int, float]], Floats, Floats]:
+    """Rows (K, columns) and right sides that tie the columns of the chosen products to their factors."""
+    size, kinds = system.linear.shape[1], list[tuple[int, int, int, int, float]]()
+    entries: list[tuple[int, float, int, float, int, float]] = []
+    sides: list[float] = []
+    for column, pair in enumerate(chosen.tolist(), start=size):
+        i, j = system.pairs[pair].tolist()
+        if i == j:
+            kinds += [(i, i, 0, 0, t) for t in _TANGENTS]
+            entries += [(i, 2.0 * t, i, 0.0, column, -1.0) for t in _TANGENTS]
+            sides += [t * t for t in _TANGENTS]
+            continue
+        for p, q in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            kinds.append((i, j, p, q, 0.0))
+            entries.append((i, -p, j, -q, column, -p * q))
+            sides.append(1.0)
+    matrix = np.zeros((len(entries), size + len(chosen)))
+    for k, (i, a, j, b, column, c) in enumerate(entries):
+        matrix[k, i] += a
+        matrix[k, j] += b
+        matrix[k, column] = c
+    return kinds, matrix, np.array(sides)
+
+
+@dataclass(frozen=True)
+class _Proposed:
+    """Weights of rows, by their places in the system, of products and of squares."""
+
+    rows: list[tuple[int, float]]
+    products: list[tuple[int, int, int, int, float]]
+    tangents: list[tuple[int, float, float]]
+
+    def whole(self, bits: int) -> Weights:
+        """As whole numbers of so many bits; rows by their places in the system."""
+        kinds = (self.rows, self.products, self.tangents)
+        found, exponents = zip(*(whole(np.array([e[-1] for e in kind]), bits) for kind in kinds), strict=True)
+        rows, products, tangents = (
+            [(*e[:-1], int(w)) for e, w in zip(kind, values.tolist(), strict=True) if w]
+            for kind, values in zip(kinds, found, strict=True)
+        )
+        squares = tuple((i, F(t), w) for i, t, w in tangents)
+        return Weights(tuple(rows), tuple(products), squares, exponents)
+
+
+@dataclass
+class Contracted:
+    """What is left of a box, None for nothing, and the steps of the certificate that prove it.
+
+    `last`: sides and numbers of the rows of the last step; `open`: whether time or patience ended the search.
+    """
+
+    left: Box | None
+    steps: list[dict[str, Any]] = field(default_factory=list)
+    programs: int = 0
+    last: tuple[tuple[str, int], ...] = ()
+    ended: str = ""
+
+
+def contracted(
+    system: System,
+    root: Box,
+    *,
+    narrow: Callable[[Floats], bool],
+    gain: float,
+    splits: Sequence[int] = (),
+    most_boxes: int = 1,
+    end: float = math.inf,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Contracted:
+    """Contract until nothing is left or a pass gains less than a share `gain` of every width; then halve the widest of
+    the unknowns `splits`, in at most so many boxes."""
+    found = Contracted(None)
+    open_, left, fresh = [(0, root)], list[Box](), 1
+    while open_:
+        name, box = open_.pop()
+        box_left = _Descent(system, name, box, narrow, gain, end, found, tell).result
+        if box_left is None:
+            continue
+        if not splits or fresh + 2 > 2 * most_boxes or time.monotonic() > end:
+            left.append(box_left)
+            continue
+        i = max(splits, key=lambda k: box_left.hi[k] - box_left.lo[k])
+        cut = F(rounded((box_left.lo[i] + box_left.hi[i]) / 2, True))
+        found.steps.append({"split": name, "unknown": i, "at": number(cut), "into": [fresh, fresh + 1]})
+        open_ += [(fresh, box_left.replaced(i, hi=cut)), (fresh + 1, box_left.replaced(i, lo=cut))]
+        fresh += 2
+    if left:
+        sides = [zip(*(getattr(box, side) for box in left), strict=True) for side in ("lo", "hi")]
+        found.left = Box(tuple(map(min, sides[0])), tuple(map(max, sides[1])))
+    return found
+
+
+class _Descent:
+    """Passes over one box."""
+
+    def __init__(
+        self, system: System, name: int, box: Box, narrow: Callable[[Floats], bool], gain: float, end: float,
+        found: Contracted, tell: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self.system, self.name, self.found = system, name, found
+        self.result: Box | None = box
+        for _ in range(_PASSES):
+            assert self.result is not None
+            if time.monotonic() > end:
+                found.ended = "time"
+                break
+            before = self.result
+            small = narrow(np.array([float(b - a) / 2 for a, b in zip(before.lo, before.hi, strict=True)]))
+            moved = self._pass(before, system.lifted & False) if small else False
+            if self.result is None:
+                break
+            if not moved or np.median(_shares(before, self.result, system.asked)) > _PAYS:
+                if not self._pass(self.result, system.lifted) and not moved:
+                    break
+                if self.result is None:
+                    break
+            shares = _shares(before, self.result, system.asked)
+            tell(f"widest {float(max(b - a for a, b in zip(self.result.lo, self.result.hi, strict=True))):.3g}")
+            if shares.min() > 1.0 - gain:
+                break
+
+    def _pass(self, box: Box, columns: Bools) -> bool:
+        """Two programs for each unknown; what is proved of them is a step. Whether anything is."""
+        system = self.system
+        lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
+        programs = _Programs(system, lo, hi, columns)
+        prover = _Prover(system, box)
+        lowest, highest = np.full(len(lo), np.inf), np.full(len(lo), -np.inf)
+        for i in system.asked:
+            for side, sign in (("lo", 1.0), ("hi", -1.0)):
+                met = lowest[i] < -1.0 + _MET if sign > 0.0 else highest[i] > 1.0 - _MET
+                if programs.radius[i] == 0.0 or met:
+                    continue
+                solution = programs.minimize(i, sign)
+                if solution.status is LinearStatus.INFEASIBLE:
+                    if prover.exclude(programs.weights(solution)):
+                        self.found.programs += programs.count
+                        self.found.steps.append(prover.step(self.name))
+                        self.found.last = prover.tags
+                        self.result = None
+                        return True
+                    continue
+                if solution.status is not LinearStatus.OPTIMAL:
+                    continue
+                u = solution.point[: len(lo)]
+                np.minimum(lowest, u, out=lowest)
+                np.maximum(highest, u, out=highest)
+                if sign * u[i] >= -1.0 + _WORTH:
+                    prover.bound(i, side, float(programs.center[i] + programs.radius[i] * u[i]),
+                                 programs.weights(solution), sign * u[i] + 1.0, programs.radius[i])  # fmt: skip
+        self.found.programs += programs.count
+        if not prover.bounds:
+            return False
+        self.found.steps.append(prover.step(self.name))
+        self.found.last = prover.tags
+        self.result = prover.left
+        return True
+
+
+class _Prover:
+    """Exact bounds on one box."""
+
+    def __init__(self, system: System, box: Box) -> None:
+        self._system, self.left = system, box
+        self._rule = Rule(system.problem, box, [(*tag, "") for tag in system.tags], free)
+        self.bounds: list[tuple[int, str, F, Weights]] = []
+        self._excluding: Weights | None = None
+
+    def exclude(self, proposed: _Proposed) -> bool:
+        for bits in _BITS:
+            weights = proposed.whole(bits)
+            if self._rule.excludes(weights):
+                self._excluding = weights
+                return True
+        return False
+
+    def bound(self, i: int, side: str, value: float, proposed: _Proposed, gain: float, radius: float) -> None:
+        """Keep a bound near `value`, if it is proved to be better than what there is."""
+        loss, best = _LOSS * gain * radius, None
+        for bits in _BITS:
+            weights = proposed.whole(bits)
+            proved = self._rule.bound(i, side, weights)
+            if best is None or (proved > best[0]) == (side == "lo"):
+                best = proved, weights
+            if abs(float(proved) - value) <= loss:
+                break
+        assert best is not None
+        proved, weights = best
+        kept = F(brief(proved, side == "lo", loss))
+        lo, hi = self.left.lo[i], self.left.hi[i]
+        if kept > lo if side == "lo" else kept < hi:
+            self.bounds.append((i, side, kept, weights))
+            if side == "lo":
+                self.left = self.left.replaced(i, lo=kept)
+            else:
+                self.left = self.left.replaced(i, hi=kept)
+
+    @property
+    def tags(self) -> tuple[tuple[str, int], ...]:
+        return tuple(self._system.tags[n] for n in self._used())
+
+    def _used(self) -> list[int]:
+        all_ = [self._excluding] if self._excluding else [weights for *_, weights in self.bounds]
+        return sorted({n for weights in all_ for n, _ in weights.rows})
+
+    def step(self, name: int) -> dict[str, Any]:
+        """As a certificate holds it."""
+        used = self._used()
+        places = {n: new for new, n in enumerate(used)}
+
+        def text(weights: Weights) -> dict[str, Any]:
+            return {
+                "rows": [[places[n], w] for n, w in weights.rows],
+                "products": weights.products,
+                "tangents": [[i, number(t), w] for i, t, w in weights.tangents],
+                "exponents": weights.exponents,
+            }
+
+        rows = [[*self._system.tags[n]] for n in used]
+        if self._excluding:
+            return {"exclude": name, "cap": None, "rows": rows, "weights": text(self._excluding)}
+        bounds = [[i, side, number(value), text(weights)] for i, side, value, weights in self.bounds]
+        return {"pass": name, "cap": None, "rows": rows, "bounds": bounds}
+
+
+def _shares(before: Box, after: Box, asked: Sequence[int]) -> Floats:
+    """What is left of the widths."""
+    found = [
+        float((after.hi[i] - after.lo[i]) / (before.hi[i] - before.lo[i])) for i in asked if before.hi[i] > before.lo[i]
+    ]
+    return np.array(found or [1.0])
