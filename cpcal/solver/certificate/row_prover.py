@@ -108,7 +108,7 @@ class _Programs:
         self._bounds, above, sides = _bound_products(chosen, system)
         lower = -np.ones(size + len(chosen))
         lower[size:][system.square[chosen]] = 0.0
-        self._engine, self._size = Dense(), size
+        from cpcal.solver.linear.engine import Glop; import os; self._engine, self._size = (Glop() if os.environ.get("GLOP") else Dense()), size
         self._engine.load(
             np.concatenate([above, matrix[kept] / self._scale[:, None]]),
             np.concatenate([sides, rhs[kept] / self._scale]),
