@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .certificate import check
 from .claims import Accepted
-from .files import POSE_SET_SUFFIX, ROBUST_NAME, RUN_WORK, WORK
+from .files import POSE_SET_SUFFIX, ROBUST_NAME, RUN_WORK, STUDY_NAME, WORK
 from .refusal import Refused, Unusable
 from .run import check_run
 
@@ -28,6 +28,8 @@ def main(arguments: Sequence[str]) -> int:
     try:
         if given.target.name.endswith(POSE_SET_SUFFIX) or any(given.target.glob("*" + POSE_SET_SUFFIX)):
             return _pose_sets(given.target, given.work or 0)
+        if (given.target / STUDY_NAME).is_file():
+            return _hand_eye(given.target, given.work or RUN_WORK)
         if (given.target / ROBUST_NAME).is_file():
             return _robust(given.target, given.work or WORK)
         if given.target.is_dir():
@@ -75,6 +77,16 @@ def _robust(folder: Path, work: int) -> int:
     if not any(leg.lo is not None or leg.hi is not None for leg in legs):
         raise Unusable("no leg is certified")
     return PROVED
+
+
+def _hand_eye(folder: Path, work: int) -> int:
+    from .hand_eye import check_hand_eye
+
+    found = check_hand_eye(folder, work=work)
+    for _, sentence in found:
+        print(sentence)
+    print("Not judged here: whether the centre of the box is the least-squares answer; `cpcal verify` computes that.")
+    return PROVED if all(accepted for accepted, _ in found) else REFUSED
 
 
 def _pose_sets(target: Path, work: int) -> int:

@@ -16,7 +16,11 @@ from .refusal import Refused, Unusable
 
 WORK = 100_000_000  # of one certificate, or of a robust claim: see docs/certificate-format.md, "Limits"
 RUN_WORK = 240_000_000  # of all legs of a run, or of all pose sets of a folder
-ROBUST_NAME, POSE_SET_SUFFIX = "robust.json", ".pose.json"  # files of claims other than those of a run
+ROBUST_NAME, POSE_SET_SUFFIX, STUDY_NAME = (
+    "robust.json",
+    ".pose.json",
+    "study.json",
+)  # files of claims other than those of a run
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
 
 

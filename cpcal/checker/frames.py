@@ -10,7 +10,7 @@ is multiplied by the square of its pose's quaternion, whose rotation is a ration
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import cached_property
@@ -80,7 +80,7 @@ def turn_equation(part: Sequence[int], k: int) -> Terms:
     if k < 12:
         lines = [[part[3 * a + b] if k < 6 else part[3 * b + a] for b in AXES] for a in AXES]
         a, b = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))[k % 6]
-        found = {(min(i, j), max(i, j)): 1 for i, j in zip(lines[a], lines[b], strict=True)}
+        found: Terms = {(min(i, j), max(i, j)): 1 for i, j in zip(lines[a], lines[b], strict=True)}
         return found | {(): -1} if a == b else found
     a, b = divmod(k - 12, 3)
     p, q, s, t = (a + 1) % 3, (a + 2) % 3, (b + 1) % 3, (b + 2) % 3
@@ -94,7 +94,7 @@ class Rows:
 
     def __init__(
         self, study: Study, stage: str, images: Sequence[int], eps: F, hand: Vector, board: Vector,
-        sets: dict[int, tuple[Vector, Vector]], frames: Box | None,
+        sets: Mapping[int, tuple[Vector, Vector]], frames: Box | None,
     ) -> None:  # fmt: skip
         if stage == "frames" and study.uncertain:
             raise Refused("the pixels of all images are tied by exact poses only")
@@ -161,15 +161,16 @@ class Rows:
     def row(self, side: str, k: int) -> Terms:
         """At most zero at every solution, times some number above zero. Raises Refused for one that is none."""
         kind, sign = side[:-1], 1 if side[-1] == "+" else -1
+        limit: F | int = 0
         if kind in "uv":
             if k >= len(self.study.image) or self.study.image[k] not in self.images:
                 raise Refused(f"there is no row {side} {k}")
             found = self._pixel(k, "uv".index(kind), sign)
             return {m: c for m, c in found.items() if c}
         if kind == "turn":
-            found, limit = turn_equation(self._part(k // EQUATIONS), k % EQUATIONS), 0
+            found = turn_equation(self._part(k // EQUATIONS), k % EQUATIONS)
         elif kind == "tie" and k < 6 and self.stage != "image":
-            found, limit = self._tie(*divmod(k, 3)), 0
+            found = self._tie(*divmod(k, 3))
         elif kind == "link" and self.stage == "links" and k // 12 in self.images:
             found, limit = self._link(*divmod(k, 12))
         elif kind == "pose" and self.stage == "frames" and k // 12 in self.sets:
@@ -230,7 +231,7 @@ class Rows:
         above, below = value.as_integer_ratio()
         if j < 9:
             a, d = divmod(j, 3)
-            found = {(R_X[3 * b + a], R_F[3 * c + d]): turn[b][c] for b in AXES for c in AXES}
+            found: Terms = {(R_X[3 * b + a], R_F[3 * c + d]): turn[b][c] for b in AXES for c in AXES}
             unit = 0
         else:
             found, unit = self._seen(image, j - 9, (0, 0, 0)), self._mm
@@ -373,6 +374,17 @@ def asked_box(center: Vector, reach: F, angle: F | None, hand: Vector, board: Ve
         ends.append(_sum([ends[T_F[a]], *(_times(ends[R_F[3 * a + d]], (board[d],) * 2) for d in AXES)]))
     lo = tuple(F((low * _OUTWARD).__floor__(), _OUTWARD) for low, _ in ends)
     return Box(lo, tuple(F((high * _OUTWARD).__ceil__(), _OUTWARD) for _, high in ends))
+
+
+def holds(placed: Vector, center: Vector, reach: F, angle: F | None) -> bool:
+    """Whether frames (14 numbers) are in the box about others."""
+    origin = (F(0),) * 3
+    box = asked_box(center, reach, angle, origin, origin)
+    at: list[F] = []
+    for k in (0, 7):
+        rows, norm = rotation(dyadics(placed[k + 3 : k + 7]).values)
+        at += [*(F(v, norm) for row in rows for v in row), *placed[k : k + 3]]
+    return all(lo <= v <= hi for lo, v, hi in zip(box.lo, at, box.hi, strict=False))
 
 
 def _sine_above(angle: F) -> F:

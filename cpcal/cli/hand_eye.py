@@ -11,6 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from cpcal.checker.files import STUDY_NAME
 from cpcal.cli.folders import check_writable, output_path
 from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, talking
@@ -26,7 +27,7 @@ from cpcal.handeye.certify import (
     load_hand_eye_result,
     save_hand_eye_result,
 )
-from cpcal.handeye.files import hand_eye_files, load_hand_eye, load_hand_poses
+from cpcal.handeye.files import load_hand_eye, load_hand_poses, study_json
 from cpcal.handeye.legs_in_frames import JOINTS, legs_in_frames
 from cpcal.handeye.next_images import ChosenPose, next_poses
 from cpcal.handeye.study import HandEyeStudy
@@ -70,8 +71,7 @@ def hand_eye(
     check_replaceable(folder, HANDEYE)
     loaded = _chosen(load_hand_eye(study), images)
     with answers_into(folder, HANDEYE) as draft:
-        for name, content in hand_eye_files(loaded).items():
-            (draft / name).write_bytes(content)
+        (draft / STUDY_NAME).write_bytes(study_json(loaded))
         found = certify_hand_eye(
             loaded,
             within=Within.parsed(within),
@@ -228,8 +228,7 @@ def wrong_images(
     check_replaceable(folder, HANDEYE_WRONG)
     loaded = load_hand_eye(study)
     with answers_into(folder, HANDEYE_WRONG) as draft:
-        for name, content in hand_eye_files(loaded).items():
-            (draft / name).write_bytes(content)
+        (draft / STUDY_NAME).write_bytes(study_json(loaded))
         found = find_wrong_images(
             loaded,
             outliers,

@@ -289,14 +289,10 @@ def _verified(folder: Path, talk: Talk) -> bool:
             f"{folder.name}: REFUSED, {' and '.join(heads)} are the answers of two commands, which share no folder"
         )
         return False
-    if heads == [HANDEYE.head]:
+    if heads in ([HANDEYE.head], [HANDEYE_WRONG.head]):
         from cpcal.handeye.verify import verify_hand_eye
 
         return _all_accepted(verify_hand_eye(folder), talk)
-    if heads == [HANDEYE_WRONG.head]:
-        from cpcal.handeye.verify import verify_wrong_images
-
-        return _all_accepted(verify_wrong_images(folder), talk)
     if heads == [RUN.head]:
         with legs_beside(folder) as legs:
             from cpcal.cli.verified_folders import run_verified  # while the legs are being checked
@@ -316,9 +312,9 @@ def _verified(folder: Path, talk: Talk) -> bool:
 def _same_campaign(target: Path, campaign: Path, talk: Talk) -> bool:
     """Whether the run's campaign, or hand-eye study, is the one in the folder. Raises InputError."""
     if any((target / kind.head).exists() for kind in (HANDEYE, HANDEYE_WRONG)):
-        from cpcal.handeye.files import load_hand_eye
+        from cpcal.handeye.files import load_hand_eye, load_study_json
 
-        if load_hand_eye(target) == load_hand_eye(campaign):
+        if load_study_json(target) == load_hand_eye(campaign):
             return True
         talk.say("study: REFUSED, the hand-eye study is another one")
         return False

@@ -49,10 +49,8 @@ COMPARED = FolderKind("compare.json", (r"compare\.html",))
 ACCURACY = FolderKind("accuracy.json", (r"accuracy\.html",))
 FITTED = FolderKind("fits.json")
 ROBUST = FolderKind("robust.json")
-HANDEYE = FolderKind(
-    "handeye.json", (r"handeye\.html", r"handeye\.toml", r"camera\.toml", r"poses\.csv", r"points\.csv")
-)
-HANDEYE_WRONG = FolderKind("handeye-wrong.json", (r"handeye\.toml", r"camera\.toml", r"poses\.csv", r"points\.csv"))
+HANDEYE = FolderKind("handeye.json", (r"handeye\.html", r"study\.json"))
+HANDEYE_WRONG = FolderKind("handeye-wrong.json", (r"study\.json",))
 POSE_SETS = FolderKind("sets.csv", (r"[\w.-]+\.pose\.json",))
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from cpcal.common.numbers import at_least, bracket_text, rounded_down, rounded_up
 from cpcal.handeye.certify import HandEyeResult
-from cpcal.handeye.rows import exact_rotation
+from cpcal.robot import normalised, rotation_matrix
 
 
 def hand_eye_text(found: HandEyeResult, form: str) -> str:
@@ -70,7 +70,7 @@ def _easy_handeye(found: HandEyeResult) -> str:
 
 def _urdf(found: HandEyeResult) -> str:
     """A fixed joint; rpy are turns about fixed axes x, y, z in that order, rad."""
-    r = [[float(v) for v in row] for row in exact_rotation(found.point.camera_quaternion)]
+    r = rotation_matrix(normalised(found.point.camera_quaternion)).tolist()
     roll, yaw = math.atan2(r[2][1], r[2][2]), math.atan2(r[1][0], r[0][0])
     pitch = math.asin(max(-1.0, min(1.0, -r[2][0])))
     told = [f"  {line}" for line in _told(found, "")]
@@ -101,7 +101,7 @@ def _opencv(found: HandEyeResult) -> str:
         (camera, point.camera_position, point.camera_quaternion),
         (target, point.target_position, point.target_quaternion),
     ):
-        turn = [repr(float(v)) for row in exact_rotation(quaternion) for v in row]
+        turn = [repr(v) for row in rotation_matrix(normalised(quaternion)).tolist() for v in row]
         lines += _matrix(f"R_{name}", 3, turn) + _matrix(f"t_{name}", 1, [repr(v) for v in position])
     return "\n".join(lines) + "\n"
 

@@ -96,7 +96,6 @@ def _context(found: HandEyeResult) -> dict[str, Any]:
         "support": _support(found),
         "remarks": found.remarks,
         "uncertain": found.uncertain,
-        "certificates": len(found.lower.certificates) + len(ranges.chain.certificates),
         "programs": f"{found.programs:,}",
         "seconds": about(found.seconds),
         "version": found.version,

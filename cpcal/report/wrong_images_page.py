@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from cpcal.checker.hand_eye import above, errors, largest
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, at_least, at_most, nearest
-from cpcal.handeye.rows import above, exact_errors, largest
+from cpcal.handeye.certify import exact_readings
+from cpcal.handeye.model import exact_study
 from cpcal.handeye.study import HandEyeStudy
 from cpcal.handeye.words import frames_of, wrong_sentences
 from cpcal.handeye.wrong_images import WrongImages
@@ -36,7 +38,7 @@ def _context(study: HandEyeStudy, found: WrongImages) -> dict[str, Any]:
         "outliers": found.outliers,
         "sentences": wrong_sentences(found),
         "verdict": ("explained", "proved") if len(proved) == len(found.left_out) else ("undecided", "not all proved"),
-        "tolerance": at_most(found.tolerance, 5),
+        "tolerance": at_most(found.asked_tolerance, 5),
         "errors": Markup(_errors(study, found)),  # made by us
         "blamed": [(image, [_listed(reason.images, image) for reason in why]) for image, why in found.blamed],
         "groups": [_listed(group.images, "") for group in found.groups],
@@ -59,12 +61,14 @@ def _errors(study: HandEyeStudy, found: WrongImages) -> str:
         readings = [(0.0,) * 6] * len(study.images)
         for k, reading in zip(kept, found.readings, strict=True):
             readings[k] = reading
-    errors = exact_errors(study, found.point, readings)
+    excess = errors(exact_study(study), found.point.numbers, exact_readings(readings))
     drawn = []
     for k, name in enumerate(study.images):
-        worst = largest([errors[n] for n in np.flatnonzero(study.image == k)])
+        worst = largest(excess[n] for n in np.flatnonzero(study.image == k))
         drawn.append((name, math.inf if worst is None else above(worst), k in kept))
-    return image_errors_svg(drawn, found.eps_hi, found.tolerance, "Largest error of the best frames in each image")
+    return image_errors_svg(
+        drawn, found.eps_hi, found.asked_tolerance, "Largest error of the best frames in each image"
+    )
 
 
 def _listed(images: tuple[str, ...], without: str) -> str:

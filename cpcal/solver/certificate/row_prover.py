@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction as F
+from operator import le
 from typing import Any, Protocol
 
 import numpy as np
@@ -108,7 +109,7 @@ class _Programs:
         self._bounds, above, sides = _bound_products(chosen, system)
         lower = -np.ones(size + len(chosen))
         lower[size:][system.square[chosen]] = 0.0
-        from cpcal.solver.linear.engine import Glop; import os; self._engine, self._size = (Glop() if os.environ.get("GLOP") else Dense()), size
+        self._engine = Dense()
         self._engine.load(
             np.concatenate([above, matrix[kept] / self._scale[:, None]]),
             np.concatenate([sides, rhs[kept] / self._scale]),
@@ -204,22 +205,31 @@ def contracted(
     *,
     narrow: Callable[[Floats], bool],
     gain: float,
+    derived: Sequence[int] = (),
     splits: Sequence[int] = (),
     most_boxes: int = 1,
     end: float = math.inf,
-    tell: Callable[[str], None] = lambda text: None,
+    tell: Callable[[Box | None], None] = lambda box: None,
 ) -> Contracted:
     """Contract until nothing is left or a pass gains less than a share `gain` of every width; then halve the widest of
-    the unknowns `splits`, in at most so many boxes."""
+    the unknowns `splits`, in at most so many boxes.
+
+    narrow   of half-widths: whether programs without columns are worth a try
+    derived  unknowns that are bounded once, at the end
+    """
     found = Contracted(None)
     open_, left, fresh = [(0, root)], list[Box](), 1
     while open_:
         name, box = open_.pop()
-        box_left = _Descent(system, name, box, narrow, gain, end, found, tell).result
+        descent = _Descent(system, name, box, narrow, gain, end, found, tell)
+        box_left = descent.result
         if box_left is None:
             continue
-        if not splits or fresh + 2 > 2 * most_boxes or time.monotonic() > end:
-            left.append(box_left)
+        if not splits or fresh + 1 > 2 * most_boxes - 2 or time.monotonic() > end:
+            if derived and found.steps:
+                descent.bound(derived)
+            if descent.result is not None:
+                left.append(descent.result)
             continue
         i = max(splits, key=lambda k: box_left.hi[k] - box_left.lo[k])
         cut = F(rounded((box_left.lo[i] + box_left.hi[i]) / 2, True))
@@ -237,38 +247,44 @@ class _Descent:
 
     def __init__(
         self, system: System, name: int, box: Box, narrow: Callable[[Floats], bool], gain: float, end: float,
-        found: Contracted, tell: Callable[[str], None],
+        found: Contracted, tell: Callable[[Box | None], None],
     ) -> None:  # fmt: skip
-        self.system, self.name, self.found = system, name, found
+        self.system, self.name, self.found, self.narrow = system, name, found, narrow
         self.result: Box | None = box
         for _ in range(_PASSES):
-            assert self.result is not None
+            before = self.result
+            if before is None:
+                break
             if time.monotonic() > end:
                 found.ended = "time"
                 break
-            before = self.result
-            small = narrow(np.array([float(b - a) / 2 for a, b in zip(before.lo, before.hi, strict=True)]))
-            moved = self._pass(before, system.lifted & False) if small else False
-            if self.result is None:
-                break
-            if not moved or np.median(_shares(before, self.result, system.asked)) > _PAYS:
-                if not self._pass(self.result, system.lifted) and not moved:
-                    break
-                if self.result is None:
-                    break
-            shares = _shares(before, self.result, system.asked)
-            tell(f"widest {float(max(b - a for a, b in zip(self.result.lo, self.result.hi, strict=True))):.3g}")
-            if shares.min() > 1.0 - gain:
+            self._best_pass(before)
+            tell(self.result)
+            if self.result is None or _shares(before, self.result, system.asked).min() > 1.0 - gain:
                 break
 
-    def _pass(self, box: Box, columns: Bools) -> bool:
-        """Two programs for each unknown; what is proved of them is a step. Whether anything is."""
+    def _best_pass(self, box: Box) -> None:
+        """Without columns of products where that is worth a try, and with them where it gained too little."""
+        if self.narrow(np.array([float(b - a) / 2 for a, b in zip(box.lo, box.hi, strict=True)])):
+            self._pass(box, np.zeros_like(self.system.lifted), self.system.asked)
+            if self.result is None or np.median(_shares(box, self.result, self.system.asked)) <= _PAYS:
+                return
+        assert self.result is not None
+        self._pass(self.result, self.system.lifted, self.system.asked)
+
+    def bound(self, unknowns: Sequence[int]) -> None:
+        """These, on what is left."""
+        assert self.result is not None
+        self._pass(self.result, self.system.lifted, unknowns)
+
+    def _pass(self, box: Box, columns: Bools, asked: Sequence[int]) -> None:
+        """Two programs for each unknown that is asked for; what is proved of them is a step."""
         system = self.system
         lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
         programs = _Programs(system, lo, hi, columns)
         prover = _Prover(system, box)
         lowest, highest = np.full(len(lo), np.inf), np.full(len(lo), -np.inf)
-        for i in system.asked:
+        for i in asked:
             for side, sign in (("lo", 1.0), ("hi", -1.0)):
                 met = lowest[i] < -1.0 + _MET if sign > 0.0 else highest[i] > 1.0 - _MET
                 if programs.radius[i] == 0.0 or met:
@@ -280,7 +296,7 @@ class _Descent:
                         self.found.steps.append(prover.step(self.name))
                         self.found.last = prover.tags
                         self.result = None
-                        return True
+                        return
                     continue
                 if solution.status is not LinearStatus.OPTIMAL:
                     continue
@@ -291,12 +307,11 @@ class _Descent:
                     prover.bound(i, side, float(programs.center[i] + programs.radius[i] * u[i]),
                                  programs.weights(solution), sign * u[i] + 1.0, programs.radius[i])  # fmt: skip
         self.found.programs += programs.count
-        if not prover.bounds:
-            return False
-        self.found.steps.append(prover.step(self.name))
-        self.found.last = prover.tags
-        self.result = prover.left
-        return True
+        if prover.bounds:
+            self.found.steps.append(prover.step(self.name))
+            self.found.last = prover.tags
+            left = prover.left
+            self.result = left if all(map(le, left.lo, left.hi)) else None
 
 
 class _Prover:
