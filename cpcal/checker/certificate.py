@@ -19,7 +19,7 @@ from .header import problem_of
 from .problem import Box, Problem, Unknowns
 from .readers import Reader, anything, ascending, choice, dyadic, entry, many, maybe, record, signs, whole
 from .refusal import Refused
-from .rule import Row, Rule, Weights
+from .rule import Row, Rule, Weights, meeting
 
 _MOST_OPEN = 100_000  # boxes
 _MOST_BOUNDS = 2_000_000  # of all open boxes
@@ -60,6 +60,8 @@ def _schema(problem: Problem) -> dict[str, Reader]:
         "exponents": entry(exponent, exponent, exponent),
     }
     weights, rows = record(fields), many(row)
+    if problem.wrong:
+        weights = many(weights)
     point = {"at": vector, "holds": anything, "readings": maybe(many(signs(reading))), "fails": rows}
     claims = {
         "cap": cap,
@@ -160,7 +162,9 @@ class _Check:
             self._split(box, *given)
             return
         cap, rows, what = given
-        bounds = [(*bound, Weights(*weights)) for *bound, weights in (what if kind == "pass" else [[what]])]
+        proofs = what if kind == "pass" else [[what]]
+        several = bool(self.problem.wrong)
+        bounds = [(*b, tuple(Weights(*w) for w in (sets if several else (sets,)))) for *b, sets in proofs]
         left = self._known(self._capped(box, cap), rows, bounds)
         if left is not None:
             self.open[name] = left
@@ -180,7 +184,7 @@ class _Check:
         spoken = [k for _, k, _ in rows]
         if not self.chosen.issuperset(spoken):
             raise Refused("a measurement that is left out has a weight")
-        if any(n >= len(rows) for *_, weights in proofs for n, _ in weights.rows):
+        if any(n >= len(rows) for *_, sets in proofs for weights in sets for n, _ in weights.rows):
             raise Refused("a weight is on a row that the step has not")
         self.used.update(spoken)
         self.last = rows
@@ -201,17 +205,25 @@ class _Check:
     def _proved(self, box: Box, rows: tuple[Row, ...], proofs: list[tuple[Any, ...]]) -> Box | None:
         """What is left of the box with the bounds that are proved; an exclusion is a proof without a bound."""
         rule, lo, hi = Rule(self.problem, box, rows, self.lines.spend), list(box.lo), list(box.hi)
-        rule.form(n for *_, weights in proofs for n, weight in weights.rows if weight)
-        for *bound, weights in proofs:
+        rule.form(n for *_, sets in proofs for weights in sets for n, weight in weights.rows if weight)
+        for *bound, sets in proofs:
+            if self.problem.wrong:
+                tags = ({self.problem.tag(*rows[n][:2]) for n, weight in one.rows if weight} for one in sets)
+                family = (frozenset(tag for tag in found if tag is not None) for found in tags)
+                if meeting(family, self.problem.wrong, self.lines.spend):
+                    raise Refused("so many wrong dots could spoil all of its weights", "proof")
             if not bound:
-                if rule.excludes(weights):
+                if all(map(rule.excludes, sets)):
                     return None
                 raise Refused("the weights do not exclude the box", "proof")
             i, side, value = bound
-            self.lines.spend(100)
-            proved = rule.bound(i, side, weights)
-            if proved < value if side == "lo" else proved > value:
-                raise Refused(f"the weights prove less than the bound on unknown {i}", "proof")
+            for weights in sets:
+                self.lines.spend(100)
+                proved = rule.bound(i, side, weights)
+                if (proved < value if side == "lo" else proved > value) and not (
+                    self.problem.wrong and rule.excludes(weights)
+                ):
+                    raise Refused(f"the weights prove less than the bound on unknown {i}", "proof")
             if side == "lo":
                 lo[i] = max(lo[i], value)
             else:

@@ -25,7 +25,7 @@ from .problem import Box, Problem
 from .program import dyadics
 from .readers import anything, array, ascending, choice, dyadic, finite, many, maybe, record, shown, text, whole
 from .refusal import Refused, Unusable
-from .robust_claim import meeting
+from .rule import meeting
 from .run import STRANGE, Json, compare, exact, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
@@ -120,9 +120,9 @@ def _check_lens(study: Study, pixels: list[list[F]], distortion: Sequence[F]) ->
         for a in (0, 1):
             if abs(study.center[a] + study.focal[a] * bent[a] - pixel[a]) > _LENS:
                 raise Refused("holds an undistorted pixel that is another one")
-    numbers = [bound(v) for v in (*study.focal, *study.center, k1, k2, p1, p2, k3)]
-    radius = bound(F((farthest * 2**60).__ceil__(), 2**60)).root.most
-    assert Cameras(numbers, [[] for _ in numbers], False, radius).least
+    numbers = (*study.focal, *study.center, k1, k2, p1, p2, k3)
+    radius = bound(F((farthest * 2**60).__ceil__(), 2**60)).root.hi
+    assert Cameras(numbers, [()] * 9, False, F(radius, 1 << 160)).least
 
 
 # given frames -------------------------------------------------------------------------------------------------------

@@ -1,11 +1,13 @@
-"""The camera of a pose set: which directions a pixel box shows, and how far a dot's centre and its image's are apart.
+"""The camera of a pose set: a pixel to the first order in direction and camera, and how far the centre of a dot's image
+is from the image of its centre.
 
 docs/certificate-format.md, "Pose sets", has the formulas and why they hold.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction as F
 from functools import cached_property
 from itertools import pairwise
@@ -13,112 +15,114 @@ from itertools import pairwise
 from .bounds import ONE, TWO, UNIT, ZERO, Bounds, Vector, between, inner, number, total
 from .refusal import Refused
 
-CELLS, BIAS_CELLS, ROUNDS, BIAS_ROUNDS, NEAREST = 24, 24, 3, 3, 40
-_STRAIGHT = (ONE, ONE, *[ZERO] * 7)  # a camera without distortion
-_UNITS = tuple(tuple(ONE if i in (0, 1, j) else ZERO for i in range(9)) for j in range(4, 9))
+CELLS, NEAREST = 24, 40
+_NEWTON = 12
 _PAIRS = ((0, 0), (0, 1), (1, 1))
-_ANY = (UNIT, UNIT, UNIT)  # normals
-_DEPTHS = between(F(0), F(1, NEAREST))  # radius / Z
+_HALF, _QUARTER = between(F(1, 2), F(1, 2)), between(F(1, 4), F(1, 4))
+Forms = list[tuple[Bounds, Vector]]  # of quantities that are linear in k1, k2, p1, p2, k3: constants and coefficients
 
 
-@dataclass(frozen=True)
-class Bent:
-    """On a box of directions: d, its slopes (by x, mixed, by y), and its curvatures xxx, xxy, xyy, yyy."""
-
-    value: Vector
-    slopes: Vector
-    curves: Vector
-
-    @property
-    def least(self) -> Bounds:
-        """No eigenvalue of a Jacobian is below the lower end."""
-        along, mixed, down = self.slopes
-        a, b = along - mixed.size, down - mixed.size
-        return Bounds(min(a.lo, b.lo), min(a.hi, b.hi))
-
-    def applied(self, x: Vector) -> list[Bounds]:
-        """The Jacobian times x."""
-        along, mixed, down = self.slopes
-        return [along * x[0] + mixed * x[1], mixed * x[0] + down * x[1]]
-
-
-def bent(x: Vector, numbers: Vector) -> Bent:
-    k1, k2, p1, p2, k3 = numbers[4:]
+def values(x: Vector) -> Forms:
+    """d (2) at directions x."""
     u, v = x
     uu, vv, uv = u.square, v.square, u * v
     s = uu + vv
-    g = ONE + s * (k1 + s * (k2 + s * k3))
-    g1 = k1 + s * (TWO * k2 + s * k3.times(3))
-    g2 = TWO * k2 + s * k3.times(6)
-    value = [
-        u * g + TWO * p1 * uv + p2 * (s + TWO * uu),
-        v * g + TWO * p2 * uv + p1 * (s + TWO * vv),
+    s2, mixed = s.square, TWO * uv
+    s3 = s2 * s
+    return [
+        (u, [u * s, u * s2, mixed, s + TWO * uu, u * s3]),
+        (v, [v * s, v * s2, s + TWO * vv, mixed, v * s3]),
     ]
-    slopes = [
-        g + TWO * g1 * uu + TWO * p1 * v + p2.times(6) * u,
-        TWO * g1 * uv + TWO * p1 * u + TWO * p2 * v,
-        g + TWO * g1 * vv + p1.times(6) * v + TWO * p2 * u,
+
+
+def slopes(x: Vector) -> Forms:
+    """Derivatives of d: of the first component by x, by y (as of the second by x), of the second by y."""
+    u, v = x
+    uu, vv, uv = u.square, v.square, u * v
+    s = uu + vv
+    s2 = s.square
+    s3, four, six = s2 * s, s.times(4), s2.times(6)
+    return [
+        (ONE, [s + TWO * uu, s2 + four * uu, v.times(2), u.times(6), s3 + six * uu]),
+        (ZERO, [uv.times(2), four * uv, u.times(2), v.times(2), six * uv]),
+        (ONE, [s + TWO * vv, s2 + four * vv, v.times(6), u.times(2), s3 + six * vv]),
     ]
-    curves = [
-        p2.times(6) + g1.times(6) * u + g2.times(4) * uu * u,
-        TWO * p1 + TWO * g1 * v + g2.times(4) * uu * v,
-        TWO * p2 + TWO * g1 * u + g2.times(4) * vv * u,
-        p1.times(6) + g1.times(6) * v + g2.times(4) * vv * v,
-    ]
-    return Bent(value, slopes, curves)
+
+
+def curves(x: Vector) -> Forms:
+    """Second derivatives of d: xxx, xxy, xyy, yyy."""
+    u, v = x
+    uu, vv = u.square, v.square
+    s = uu + vv
+    s2 = s.square
+    two, six = number(2), number(6)
+
+    def straight(w: Bounds, ww: Bounds, p: tuple[Bounds, Bounds]) -> Vector:
+        return [w.times(6), s.times(12) * w + ww.times(8) * w, *p, s2.times(18) * w + s.times(24) * ww * w]
+
+    def across(w: Bounds, other: Bounds, p: tuple[Bounds, Bounds]) -> Vector:
+        return [w.times(2), s.times(4) * w + other.times(8) * w, *p, s2.times(6) * w + s.times(24) * other * w]
+
+    forms = (
+        straight(u, uu, (ZERO, six)),
+        across(v, uu, (two, ZERO)),
+        across(u, vv, (ZERO, two)),
+        straight(v, vv, (six, ZERO)),
+    )
+    return [(ZERO, form) for form in forms]
 
 
 @dataclass(frozen=True)
-class View:
-    """A box of pixels, a ray of the field, the directions that it shows with the lens's slopes there, the lens at the
-    ray."""
+class Linear:
+    """A pixel to the first order: F = value + slope (x - x0) + by . t + e with |e| <= rest, for directions x in the
+    field and cameras t for which F is in the box of pixels."""
 
-    pixels: Vector
-    ray: Vector
-    x: Vector
-    slopes: Vector
-    at: Bent
+    ray: tuple[F, F]
+    value: Vector
+    slope: Sequence[Vector]
+    by: Sequence[Vector]
+    rest: Vector
+    size: Bounds  # of |x - x0|, at most
 
 
 class Cameras:
     """Those whose nine numbers are `center + spread t`, |t| <= 1 if `ball`, else |t_j| <= 1; field: r <= radius."""
 
-    def __init__(self, center: Vector, spread: list[Vector], ball: bool, radius: Bounds) -> None:
-        self.center, self.spread, self.ball, self.radius = list(center), spread, ball, radius
-        self.size = len(spread[0])
-        self.reach = [self.most(row) for row in spread]
-        self.numbers = [c.around(r) for c, r in zip(center, self.reach, strict=True)]
-        if min(self.numbers[0].lo, self.numbers[1].lo, radius.lo) <= 0:
+    def __init__(self, center: Sequence[F], spread: Sequence[Sequence[F]], ball: bool, radius: F) -> None:
+        self.center, self.spread = [number(v) for v in center], [[number(v) for v in row] for row in spread]
+        self.ball, self.radius, self.size = ball, number(radius), len(spread[0])
+        self.reach = [self.most(row) for row in self.spread]
+        self.numbers = [c.around(r) for c, r in zip(self.center, self.reach, strict=True)]
+        self._floats = [float(v) for v in center]
+        if min(self.numbers[0].lo, self.numbers[1].lo, self.radius.lo) <= 0:
             raise Refused("a focal length or the field may be zero", "run", 0)
-
-    def over(self, x: Vector, *names: str) -> Bent:
-        """The lens on a box of directions, in `names` for all cameras: it is linear in its numbers."""
-        at = bent(x, self.center)
-        if not self.size:
-            return at
-        plain, units = bent(x, _STRAIGHT), [bent(x, unit) for unit in _UNITS]
-
-        def wide(name: str) -> list[Bounds]:
-            out = []
-            for i, value in enumerate(getattr(at, name)):
-                by = [getattr(one, name)[i] - getattr(plain, name)[i] for one in units]
-                out.append(value.around(self.most(self._by_t(by))))
-            return out
-
-        return replace(at, **{name: wide(name) for name in names})
-
-    def _by_t(self, by: Vector) -> list[Bounds]:
-        """What is linear in the lens's five numbers, by t."""
-        return [inner(by, [row[j] for row in self.spread[4:]]) for j in range(self.size)]
 
     def most(self, row: Vector) -> Bounds:
         """The largest value of row . t."""
         return total(c.square for c in row).root.most if self.ball else total(c.size for c in row)
 
-    def _cells(self, count: int) -> list[list[Bounds]]:
+    def _by_t(self, by: Vector) -> list[Bounds]:
+        """What is linear in the lens's five numbers, by t."""
+        return [inner(by, [row[j] for row in self.spread[4:]]) for j in range(self.size)]
+
+    def at_center(self, forms: Forms) -> list[Bounds]:
+        return [constant + inner(by, self.center[4:]) for constant, by in forms]
+
+    def over(self, forms: Forms) -> list[Bounds]:
+        """For all cameras."""
+        at = self.at_center(forms)
+        return [v.around(self.most(self._by_t(by))) for v, (_, by) in zip(at, forms, strict=True)] if self.size else at
+
+    def least_slope(self, x: Vector) -> Bounds:
+        """No eigenvalue of the lens's Jacobian on a box of directions is below the lower end (Gershgorin)."""
+        along, mixed, down = self.over(slopes(x))
+        a, b = along - mixed.size, down - mixed.size
+        return Bounds(min(a.lo, b.lo), min(a.hi, b.hi))
+
+    def cells(self) -> list[list[Bounds]]:
         """Squares that cover the field."""
         radius, out = self.radius, []
-        cuts = [radius * (number(2 * k - count) / number(count)) for k in range(count + 1)]
+        cuts = [radius * (number(2 * k - CELLS) / number(CELLS)) for k in range(CELLS + 1)]
         sides = [Bounds(a.lo, b.hi) for a, b in pairwise(cuts)]
         for x in sides:
             out += [[x, y] for y in sides if (x.square + y.square).lo <= radius.square.hi]
@@ -127,96 +131,106 @@ class Cameras:
     @cached_property
     def least(self) -> Bounds:
         """A number above zero that no slope in the field is below."""
-        least = min(self.over(x, "slopes").least.lo for x in self._cells(CELLS))
+        least = min(self.least_slope(x).lo for x in self.cells())
         if least <= 0:
             raise Refused("the lens may turn back within its field", "run", 0)
         return Bounds(least, least)
 
-    def directions(self, pixels: Vector, ray: Vector) -> list[Bounds]:
-        """The directions of the field that a pixel box shows; `ray` is any of the field."""
-        if (ray[0].square + ray[1].square).hi > self.radius.square.lo:
-            raise Refused("a ray is outside the field", "run", 0)
-        value = self.over(ray, "value").value
-        away = [(pixels[k] - self.numbers[2 + k]) / self.numbers[k] - value[k] for k in range(2)]
-        size, least = (away[0].size.square + away[1].size.square).root, self.least
-        for _ in range(ROUNDS):
-            here = self.over([x.around(size / least) for x in ray], "slopes").least
-            least = Bounds(max(least.lo, here.lo), max(least.lo, here.lo))
-        box = [x.around(size / least) for x in ray]
-        along, mixed, down = self.over(box, "slopes").slopes
-        a, b, d = along.middle, mixed.middle, down.middle
-        determinant = (a * d - b * b).middle
-        back = [
-            [(d / determinant).middle, -(b / determinant).middle],
-            [-(b / determinant).middle, (a / determinant).middle],
-        ]
-        slopes, out = ((along, mixed), (mixed, down)), []
-        for k in range(2):
-            rest = [(ONE if k == j else ZERO) - inner(back[k], [row[j] for row in slopes]) for j in range(2)]
-            step = inner(back[k], away) + total(r * (x - y) for r, x, y in zip(rest, box, ray, strict=True))
-            moved = ray[k] + step
-            out.append(Bounds(max(moved.lo, box[k].lo), min(moved.hi, box[k].hi)))
-        return out
+    def ray(self, pixels: Vector) -> tuple[F, F]:
+        """A direction near the one that the centre of the cameras shows in the middle of a box of pixels."""
+        fx, fy, cx, cy, k1, k2, p1, p2, k3 = self._floats
+        a, b = (F(p.middle.lo, 1 << 160) for p in pixels)
+        du, dv = (float(a) - cx) / fx, (float(b) - cy) / fy
+        u, v = du, dv
+        for _ in range(_NEWTON):
+            s = u * u + v * v
+            g, g1 = 1.0 + s * (k1 + s * (k2 + s * k3)), k1 + s * (2.0 * k2 + s * 3.0 * k3)
+            off = (
+                u * g + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u) - du,
+                v * g + 2.0 * p2 * u * v + p1 * (s + 2.0 * v * v) - dv,
+            )
+            along, mixed = g + 2.0 * g1 * u * u + 2.0 * p1 * v + 6.0 * p2 * u, 2.0 * (g1 * u * v + p1 * u + p2 * v)
+            down = g + 2.0 * g1 * v * v + 6.0 * p1 * v + 2.0 * p2 * u
+            det = along * down - mixed * mixed
+            if not 1e-6 < abs(det) < 1e6:
+                break
+            u, v = u - (down * off[0] - mixed * off[1]) / det, v - (along * off[1] - mixed * off[0]) / det
+        try:
+            found = F(u), F(v)
+        except (ValueError, OverflowError):
+            found = F(0), F(0)
+        if found[0] ** 2 + found[1] ** 2 > self.field**2:
+            raise Refused("a box of pixels shows nothing of the camera's field", "run", 0)
+        return found
 
     @cached_property
-    def field_bias(self) -> Bounds:
-        """The largest component of the bias of a dot that is seen anywhere, in pixels."""
-        parts = [part for x in self._cells(BIAS_CELLS) for part in self.bias(x, _DEPTHS, _ANY)]
-        most = max(part.size.hi for part in parts)
-        return Bounds(most, most)
+    def field(self) -> F:
+        return F(self.radius.lo, 1 << 160)
 
-    def bias_anywhere(self, pixels: Vector, ray: Vector) -> list[Bounds]:
-        """The bias of a dot whose image's centre is in a pixel box, whatever the pose."""
-        bias = [ZERO.around(self.field_bias)] * 2
-        for _ in range(BIAS_ROUNDS):
-            x = self.directions([p - b for p, b in zip(pixels, bias, strict=True)], ray)
-            found = self.bias(x, _DEPTHS, _ANY)
-            bias = [Bounds(max(a.lo, b.lo), min(a.hi, b.hi)) for a, b in zip(found, bias, strict=True)]
-        return bias
+    def linear(self, pixels: Vector) -> Linear:
+        """About the middle of a box of pixels.
+
+        With |F(x, t) - F(x0, t)| <= a there, |x - x0| <= a / (f m) = rho, m the lens's least slope in the field, and
+        then that within rho of x0: the field and a disc are convex.
+        """
+        ray = self.ray(pixels)
+        x0 = [number(v) for v in ray]
+        form, slope_form = values(x0), slopes(x0)
+        d, (along, mixed, down) = self.at_center(form), self.at_center(slope_form)
+        focal, wide = self.center[:2], self.numbers[:2]
+        value = [c + f * v for c, f, v in zip(self.center[2:4], focal, d, strict=True)]
+        by, second = [], []
+        for k in range(2):
+            head = [d[0] if k == 0 else ZERO, d[1] if k else ZERO, ONE if k == 0 else ZERO, ONE if k else ZERO]
+            numbers = [*head, *(focal[k] * v for v in form[k][1])]
+            by.append([inner(numbers, [row[j] for row in self.spread]) for j in range(self.size)])
+            second.append(self.reach[k] * self.most(self._by_t(form[k][1])) if self.size else ZERO)
+        away = [
+            ((p - v).size + self.most(b) + e) / f.least
+            for p, v, b, e, f in zip(pixels, value, by, second, wide, strict=True)
+        ]
+        size = total(a.square for a in away).root.most
+        rho = size / self.least
+        near = self.least_slope([x.around(rho) for x in x0])
+        rho = (size / Bounds(max(near.lo, self.least.lo), max(near.lo, self.least.lo))).most
+        box = [x.around(rho) for x in x0]
+        rows = [[along, mixed], [mixed, down]]
+        slope = [[focal[k] * part for part in rows[k]] for k in range(2)]
+        anywhere = self.over(slope_form)
+        curved = [c.size for c in self.over(curves(box))]
+        rest = []
+        for k in range(2):
+            changed = total((wide[k] * anywhere[k + i] - slope[k][i]).size for i in range(2)) if self.size else ZERO
+            bent = curved[k] + TWO * curved[k + 1] + curved[k + 2]
+            rest.append((second[k] + changed * rho + _HALF * wide[k].size * bent * rho.square).most)
+        return Linear(ray, value, slope, by, rest, rho)
+
+    @cached_property
+    def field_bias(self) -> list[Bounds]:
+        """A bound of the bias of a dot that is seen anywhere, whatever its pose."""
+        depths, anyhow = between(F(0), F(1, NEAREST)), (UNIT, UNIT, UNIT)
+        parts = [part for x in self.cells() for part in self.bias(x, depths, anyhow)]
+        return [ZERO.around(Bounds(0, max(part.size.hi for part in parts)))] * 2
 
     def bias(self, x: Vector, tau: Bounds, normal: Vector) -> list[Bounds]:
         """Centroid of a dot's image less the image of its centre, in pixels: at directions x, tau = radius / Z."""
         away, spread = _ellipse(x, tau, normal)
         center = [a + b for a, b in zip(x, away, strict=True)]
         size = [spread[0].root, spread[2].root]
-        around = self.over([c.around(s.most) for c, s in zip(center, size, strict=True)], "slopes", "curves")
-        if around.least.lo <= 0:
+        box = [c.around(s.most) for c, s in zip(center, size, strict=True)]
+        least = self.least_slope(box)
+        if least.lo <= 0:
             raise Refused("the lens may turn back within the image of a dot", "proof")
         share = between(F(0), F(1))
-        way = self.over([a + b * share for a, b in zip(x, away, strict=True)], "slopes")
-        more = _bent_center(self.over(center, "slopes"), around, spread, size)
-        return [f * (a + b) for f, a, b in zip(self.numbers[:2], way.applied(away), more, strict=True)]
-
-    def view(self, pixels: Vector, ray: Vector) -> View:
-        """What the planes of a box of pixels are made of."""
-        x = self.directions(pixels, ray)
-        return View(pixels, ray, x, self.over(x, "slopes").slopes, bent(ray, self.center))
-
-    def plane(self, view: View, side: int) -> tuple[list[Bounds], list[Bounds]]:
-        """g and k: g . X + Z k . t <= 0 for all points X whose pixel is in the box; sides 0, 1 above, 2, 3 below."""
-        k, x0, own, pixels, x, slopes, at = side % 2, view.ray, self.center, view.pixels, view.x, view.slopes, view.at
-        near = [own[k] * at.slopes[k].middle, own[k] * at.slopes[k + 1].middle]
-        slope = [self.numbers[k] * slopes[k], self.numbers[k] * slopes[k + 1]]
-        rest = total((a - b) * (c - d) for a, b, c, d in zip(slope, near, x, x0, strict=True))
-        by_numbers = _by_numbers(x0, own, k, at)
-        shared = [inner(by_numbers, [row[j] for row in self.spread]) for j in range(self.size)]
-        lens = self.most(self._by_t(by_numbers[4:]))
-        lost = (rest.size + self.reach[k] / own[k] * lens).most
-        middle = inner(near, x0) - own[2 + k] - own[k] * at.value[k]
-        if side < 2:
-            return [*near, -(pixels[k].most + middle + lost)], shared
-        return [*(-n for n in near), pixels[k].least + middle - lost], [-s for s in shared]
+        way = self.over(slopes([a + b * share for a, b in zip(x, away, strict=True)]))
+        around = self.over(slopes(box)), self.over(curves(box))
+        more = _bent_center(self.over(slopes(center)), *around, least, spread, size)
+        return [f * (a + b) for f, a, b in zip(self.numbers[:2], _applied(way, away), more, strict=True)]
 
 
-def _by_numbers(x: Vector, numbers: Vector, k: int, at: Bent) -> list[Bounds]:
-    """Derivatives of pixel k by the nine numbers."""
-    u, v = x
-    w, s, uv = x[k], u.square + v.square, u * v
-    tangential = [TWO * uv, s + TWO * w.square]
-    first, second = tangential if k == 0 else tangential[::-1]
-    lens = [w * s, w * s.square, first, second, w * (s.square * s)]
-    head = [at.value[0], ZERO, ONE, ZERO] if k == 0 else [ZERO, at.value[1], ZERO, ONE]
-    return [*head, *(numbers[k] * part for part in lens)]
+def _applied(slope: Vector, x: Vector) -> list[Bounds]:
+    along, mixed, down = slope
+    return [along * x[0] + mixed * x[1], mixed * x[0] + down * x[1]]
 
 
 def _ellipse(x: Vector, tau: Bounds, normal: Vector) -> tuple[list[Bounds], list[Bounds]]:
@@ -235,27 +249,28 @@ def _ellipse(x: Vector, tau: Bounds, normal: Vector) -> tuple[list[Bounds], list
     return away, spread
 
 
-def _bent_center(at: Bent, around: Bent, spread: Vector, size: Vector) -> list[Bounds]:
-    """How far the lens moves the centroid."""
-    (xx, xy, yy), (xxx, xxy, xyy, yyy) = around.slopes, around.curves
+def _bent_center(
+    at: Vector, around: Vector, curved: Vector, least: Bounds, spread: Vector, size: Vector
+) -> list[Bounds]:
+    """How far the lens moves the centroid: slopes at its centre, slopes and curvatures over the ellipse's box."""
+    (xx, xy, yy), (xxx, xxy, xyy, yyy) = around, curved
     weight = xx * yy - xy.square
-    weight = Bounds(max(weight.lo, around.least.least.square.lo), weight.hi)
+    weight = Bounds(max(weight.lo, least.least.square.lo), weight.hi)
     by = (xxx * yy + xx * xyy - TWO * xy * xxy, xxy * yy + xx * yyy - TWO * xy * xyy)
     more = weight.most / weight.least - ONE
-    quarter = ONE / TWO.times(2)
-    most = [quarter * size[i] * size[j] for i, j in _PAIRS]
-    mean = [quarter * part for part in spread]
+    most = [_QUARTER * size[i] * size[j] for i, j in _PAIRS]
+    mean = [_QUARTER * part for part in spread]
 
     def average(coefficient: Bounds, p: int) -> Bounds:
         return (coefficient.middle * mean[p]).around(coefficient.radius * most[p].most)
 
     a = [total(average(by[j], i + j) for j in range(2)) / weight for i in range(2)]
     out = []
-    for k, moved in enumerate(at.applied(a)):
+    for k, moved in enumerate(_applied(at, a)):
         b = ZERO
         for p in range(3):
-            curve = around.curves[k + p]
+            curve = curved[k + p]
             part = average(curve, p).around(curve.size * more * most[p].most)
             b = b + part.times(2 if p == 1 else 1)
-        out.append(moved + b / TWO)
+        out.append(moved + _HALF * b)
     return out

@@ -1,4 +1,9 @@
-"""Checks pose sets: from boxes of pixels, camera and target to a box of poses, by chains of certificates.
+"""Checks pose sets: from boxes of pixels, camera and target to a box of poses.
+
+A claim names certificates. A *first* one begins with all poses, and holds those that show all of its dots. A later one
+begins where others end, and holds all poses that show all dots of the claim but at most q of them; it leaves out dots
+that no pose of the box where it begins shows, which are wrong for sure. Several first ones of different dots give a box
+together: no more than q of them have a wrong dot.
 
 docs/certificate-format.md, "Pose sets", is the specification.
 """
@@ -7,33 +12,28 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction as F
 from pathlib import Path
 from typing import Any
 
-from .bounds import Bounds, Vector, between, half_turn, minus, number, product, rotation, total, transposed
+from .bounds import Bounds, between
 from .certificate import check_lines
-from .claims import Accepted
 from .files import POSE_SET_SUFFIX, RUN_WORK, Budget, Lines, content, opened, parsed
-from .header import stated_problem
-from .lens import View
-from .pose_rows import Stated, fixed_constraints, motion_row, pose_row
-from .pose_sight import FARTHEST, Sight, sight_of
-from .problem import Box, Constraint, Problem
-from .readers import choice, dyadic, entry, many, maybe, record, shown, text, whole
+from .header import FORMAT
+from .problem import Box, Problem
+from .readers import ascending, choice, dyadic, many, maybe, record, shown, text, whole
 from .refusal import Refused, Unusable
-from .robust_claim import meeting
+from .sight import Rows, Sight, ends, rounded, sight_of, turned
 
-POSE_SET_FORMAT = "cpcal-pose-set/2"
+POSE_SET_FORMAT = "cpcal-pose-set/3"
 _MOST_DOTS = 10_000
-_MOST_CHAINS = 64
-_MOST_STAGES = 16  # of a chain
-_IMAGE_WORK = 30_000_000  # of a folder's image: four times what 133 dots take, for some that may be wrong
-_ROW_WORK, _CAMERA_WORK = 26_000, 12_000  # of a row, and more for each number of t
+_MOST_CERTIFICATES = 64
+_IMAGE_WORK = 30_000_000  # of a folder's image
+_FIELD_WORK, _CAMERA_WORK = 4_000_000, 600_000  # of a camera's field, and more for each number of t
+_FAILING_WORK = 60_000  # of a dot that is shown to be wrong
 
-_ROW = entry(whole(_MOST_DOTS), whole(5), dyadic, dyadic)
-_STAGE = record({"certificate": text, "power": whole(1000, -1000), "rows": many(_ROW)})
 _CLAIM = record(
     {
         "format": text,
@@ -43,7 +43,19 @@ _CLAIM = record(
         "pose": many(dyadic, 7),
         "position_radius": maybe(many(dyadic, 3)),
         "rotation_radius": maybe(many(dyadic, 3)),
-        "chains": many(many(_STAGE)),
+        "wrong": ascending(_MOST_DOTS),
+        "after": many(text),
+    }
+)
+_HEADER = record(
+    {
+        "format": choice(FORMAT),
+        "pose_set": text,
+        "dots": ascending(_MOST_DOTS),
+        "outliers": whole(_MOST_DOTS),
+        "wrong": ascending(_MOST_DOTS),
+        "turn": many(dyadic, 4),
+        "after": many(text),
     }
 )
 
@@ -95,142 +107,165 @@ def check_pose_set(path: Path, *, work: int | Budget = RUN_WORK) -> PoseSetCheck
 
 
 def _checked(path: Path, name: str, budget: Budget) -> PoseSetChecked:
-    form, inputs, outliers, refuted, pose, position, turn, chains = _CLAIM(parsed(content(path)))
+    form, inputs, outliers, refuted, pose, position, turn, wrong, after = _CLAIM(parsed(content(path)))
     if form != POSE_SET_FORMAT:
         raise Refused(f"the format is not {POSE_SET_FORMAT}")
-    digest = hashlib.sha256(
-        json.dumps(inputs, sort_keys=True, separators=(",", ":"), ensure_ascii=True).encode("ascii")
-    ).hexdigest()
     sight = sight_of(inputs)
     if inputs["name"] != name:
         raise Refused("it speaks of another image than its file is named after")
     if refuted != (position is None) or refuted != (turn is None):
         raise Refused("radii are stated of what is refuted, or are missing")
-    if len(chains) > _MOST_CHAINS or any(len(stages) > _MOST_STAGES for stages in chains):
-        raise Refused(f"it has more than {_MOST_CHAINS} chains, or one of more than {_MOST_STAGES}", "limit")
-    chain = _Chain(path.parent, f"cpcal pose set {digest}", sight, [number(v) for v in pose], budget)
-    boxes = [chain.left(stages) for stages in chains]
-    if not chains or meeting([used for used, _ in boxes], outliers, chain.budget.spend):
-        raise Refused("so many wrong dots could spoil all of its chains of certificates")
-    for _, left in boxes:
-        if left is not None and refuted:
-            raise Refused("a pose is not excluded")
-    if not refuted:
-        _compare_radii([_radii(left, chain) for _, left in boxes if left is not None], (*position, *turn))
+    if not any(pose[3:]):
+        raise Refused("a quaternion is zero")
+    budget.spend(_FIELD_WORK + _CAMERA_WORK * sight.cameras.size)
+    digest = digest_of(inputs)
+    certificates = Certificates(path.parent, digest, sight, outliers, budget)
+    about, left = certificates.joined(after)
+    if left is not None and wrong:
+        certificates.show_wrong(wrong, about, left)
+        left = None if len(wrong) > outliers else left
+    if (left is None) != refuted:
+        raise Refused("a pose is not excluded" if refuted else "it states radii where no pose is left")
+    radii = None
+    if left is not None:
+        radii = (*position, *turn)
+        _compare_radii(sight.radii(left, about, pose), radii)
     files = tuple((file["name"], file["sha256"]) for file in inputs["files"])
-    radii = None if refuted else (*position, *turn)
-    named = tuple(file for stages in chains for file, *_ in stages)
-    return PoseSetChecked(name, len(sight.dots), outliers, digest, files, pose, radii, named)
+    return PoseSetChecked(name, len(sight.dots), outliers, digest, files, pose, radii, tuple(certificates.known))
 
 
-def _compare_radii(proved: list[Vector], stated: tuple[F, ...]) -> None:
-    """The stated radii are the widest that some chain proves, rounded up."""
-    for i, value in enumerate(stated):
-        widest, radius = max((radii[i].hi for radii in proved), default=0), between(value, value)
-        if widest > radius.lo:
+def digest_of(inputs: dict[str, Any]) -> str:
+    """SHA-256 of the canonical JSON: keys sorted, no white space."""
+    canonical = json.dumps(inputs, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return hashlib.sha256(canonical.encode("ascii")).hexdigest()
+
+
+def _compare_radii(proved: Sequence[Bounds], stated: Sequence[F]) -> None:
+    """The stated radii are those that are proved, rounded up."""
+    for found, value in zip(proved, stated, strict=True):
+        radius = between(value, value)
+        if found.hi > radius.lo:
             raise Refused("its certificates prove a wider box than it states")
-        if radius.hi > widest + (widest >> 40) + 1:
+        if radius.hi > found.hi + (found.hi >> 40) + 1:
             raise Refused("it states a wider box than its certificates prove")
 
 
-def _radii(left: list[Bounds], chain: _Chain) -> Vector:
-    """Of the poses of a box of (W, s), those of larger and smaller plates too."""
-    moved = [w.size / stretch(left[3:]).least for w in left[:3]]
-    turned = [s.size.times(2) for s in left[3:]]
-    moved = [m + more for m, more in zip(moved, chain.sight.by_scale(chain.pose, moved, turned), strict=True)]
-    return [*moved, *turned]
+@dataclass(frozen=True)
+class Part:
+    """A certificate: of which dots, about which quaternion, after which others; what is left, None for nothing."""
+
+    dots: tuple[int, ...]
+    turn: tuple[F, ...]
+    after: tuple[str, ...]
+    left: Box | None
 
 
-def stretch(s: Vector) -> Bounds:
-    """1 + s.s"""
-    return number(1) + total(part.square for part in s)
+def joined(parts: Sequence[Part], outliers: int) -> tuple[tuple[F, ...], Box | None]:
+    """The box of all poses that show all dots but so many, and the quaternion that it is about. Raises Refused.
+
+    Of first certificates without common dots, `outliers` at most have a wrong one: the pose is in the boxes of all
+    others.
+    """
+    if len(parts) == 1 and parts[0].after:
+        return parts[0].turn, parts[0].left
+    used = [dot for part in parts for dot in part.dots]
+    if not parts or len(set(used)) < len(used) or any(part.after or part.turn != parts[0].turn for part in parts):
+        raise Refused("it rests on certificates that give no box together")
+    boxes = [part.left for part in parts if part.left is not None]
+    wrong = outliers - (len(parts) - len(boxes))
+    if wrong < 0:
+        return parts[0].turn, None
+    if len(boxes) <= wrong:
+        raise Refused("so many wrong dots could spoil all of its certificates")
+    held = len(boxes) - wrong - 1
+    lo = tuple(sorted(ends)[held] for ends in zip(*(box.lo for box in boxes), strict=True))
+    hi = tuple(sorted(ends)[-1 - held] for ends in zip(*(box.hi for box in boxes), strict=True))
+    return parts[0].turn, Box(lo, hi) if all(a <= b for a, b in zip(lo, hi, strict=True)) else None
 
 
-class _Chain:
-    """Checks chains of certificates about one pose."""
+def rows_of(sight: Sight, dots: Sequence[int], turn: Sequence[F], before: tuple[Sequence[F], Box] | None) -> Rows:
+    """Of a certificate about a quaternion: a first one, or one that begins with a box about another quaternion."""
+    if before is None:
+        return Rows(sight, dots, turn, sight.anywhere(), placed=False)
+    about, box = before
+    held = ends(box)
+    root = rounded([*turned(held[:9], about, turn), *held[9:12]], sight.cameras.size)
+    return Rows(sight, dots, turn, root, placed=True)
 
-    def __init__(self, folder: Path, about: str, sight: Sight, pose: list[Bounds], budget: Budget) -> None:
-        self.folder, self.about, self.sight, self.pose = folder, about, sight, pose
-        self.budget, self._named = budget, set[str]()
 
-    def left(self, stages: tuple[Any, ...]) -> tuple[frozenset[int], list[Bounds] | None]:
-        """The dots that a chain needs, and what it leaves of (W, s); None: nothing."""
-        used, box, first = set[int](), None, True
-        for file, power, rows in stages:
-            if not first and box is None:
-                raise Refused("a certificate follows one that leaves nothing")
-            accepted = self._certificate(file, power, rows, None if first else box)
-            used.update(dot for dot, *_ in rows)
-            box, first = self._after(accepted, first), False
-        if first:
-            raise Refused("a chain has no certificate")
-        return frozenset(used), box
+class Certificates:
+    """Those of a claim about at most so many wrong dots; each is checked once."""
 
-    def _certificate(self, file: str, power: int, rows: Any, before: list[Bounds] | None) -> Accepted:
-        """One that is accepted, and speaks of what is assumed. `before`: (W, s) that it must begin with."""
+    def __init__(self, folder: Path, digest: str, sight: Sight, outliers: int, budget: Budget) -> None:
+        self.folder, self.digest, self.sight, self.outliers, self.budget = folder, digest, sight, outliers, budget
+        self.known: dict[str, Part | None] = {}
+
+    def joined(self, files: Iterable[str]) -> tuple[tuple[F, ...], Box | None]:
+        return joined([self.part(file) for file in files], self.outliers)
+
+    def part(self, file: str) -> Part:
         if "/" in file or "\\" in file or file.startswith("."):
             raise Refused(f"names no certificate of its folder: {shown(file)}")
-        if file in self._named:
-            raise Refused(f"names the certificate {shown(file)} twice")
-        self._named.add(file)
-        kept: list[Constraint] = []
+        if file not in self.known:
+            if len(self.known) == _MOST_CERTIFICATES:
+                raise Refused(f"it has more than {_MOST_CERTIFICATES} certificates", "limit")
+            self.known[file] = None
+            self.known[file] = self._read(file)
+        found = self.known[file]
+        if found is None:
+            raise Refused(f"{shown(file)} rests on itself")
+        return found
 
-        def formed(header: dict[str, Any]) -> tuple[Problem, Box]:
-            problem, root, items = stated_problem(header, lines)
-            if header["about"] != self.about:
-                raise Refused("the certificate is about other pixels, another camera or another target", "run")
-            kept.extend(items)
-            return problem, root
+    def show_wrong(self, dots: Sequence[int], turn: Sequence[F], box: Box) -> None:
+        """Raises Refused for a dot that some pose of a box may show."""
+        if dots and dots[-1] >= len(self.sight.dots):
+            raise Refused("it names a dot that is not there")
+        rows = rows_of(self.sight, dots, turn, (turn, box))
+        for k in dots:
+            self.budget.spend(_FAILING_WORK * (1 + self.sight.cameras.size))
+            if not rows.fails(k):
+                raise Refused(f"it is not proved that dot {k} is wrong", "proof")
+
+    def _read(self, file: str) -> Part:
+        header: list[Any] = []
+
+        def formed(given: dict[str, Any]) -> tuple[Problem, Box]:
+            header.extend(_HEADER(given))
+            rows, wrong = self._rows(*header)
+            return replace(rows.problem(self.budget.spend), wrong=wrong, tag=rows.dot_of), rows.root
 
         try:
             with opened(self.folder / file) as stream:
-                lines = Lines(stream, self.budget)
-                accepted = check_lines(lines, formed)
-            lines.spend(len(rows) * (_ROW_WORK + _CAMERA_WORK * self.sight.cameras.size))
-            self._follows(Stated(accepted, kept), power, rows, before)
+                accepted = check_lines(Lines(stream, self.budget), formed)
+            if not accepted.claims.infeasible and accepted.claims.enclosure is None:
+                raise Refused("it claims no enclosure")
         except (Refused, Unusable) as error:
             code = error.code if isinstance(error, Refused) else "run"
             raise Refused(f"{shown(file)}: {error}", code, 0) from None
-        return accepted
+        _, _, dots, _, _, turn, after = header
+        claims = accepted.claims
+        return Part(
+            dots, turn, after, None if claims.infeasible or claims.enclosure is None else Box(*claims.enclosure)
+        )
 
-    def _follows(self, stated: Stated, power: int, rows: Any, before: list[Bounds] | None) -> None:
-        """Whether all constraints follow from what is assumed, on the box where they are used."""
-        sight, root = self.sight, stated.root
-        motions = before is None
-        size = 9 if motions else 6 + sight.cameras.size
-        if len(root) != size or len(rows) > len(stated.rows) or stated.objective:
-            raise Refused("it has other unknowns or constraints than a pose set has", "run")
-        if before is None:
-            assumed = [Bounds(-FARTHEST.hi, FARTHEST.hi)] * 3 + [number(0).around(number(1))] * 6
-        else:
-            assumed = [*before, *([number(0).around(number(1))] * sight.cameras.size)]
-        if any(a.lo < b.lo or a.hi > b.hi for a, b in zip(assumed, root, strict=True)):
-            raise Refused("it begins with less than there is", "proof")
-        given = stated.rows[: len(rows)]
-        place, kept = None if before is None else sight.about(self.pose, root), dict[Any, View]()
-        for polynomial, (dot, side, x, y) in zip(given, rows, strict=True):
-            if dot >= len(sight.dots):
-                raise Refused("a row is of a dot that is not there")
-            view = sight.view(dot, (x, y), place, kept)
-            if place is None:
-                implied = motion_row(sight, polynomial, dot, side, view, root)
-            else:
-                implied = pose_row(sight, place, polynomial, dot, side, view, power)
-            if not implied:
-                raise Refused(f"row {side} of dot {dot} does not follow from what is assumed", "proof")
-        fixed_constraints(stated, len(rows), motions, sight.cameras)
-
-    def _after(self, accepted: Accepted, first: bool) -> list[Bounds] | None:
-        """What a certificate leaves, in (W, s)."""
-        if accepted.claims.infeasible:
-            return None
-        hull = accepted.claims.enclosure
-        if hull is None:
-            raise Refused("a certificate claims no enclosure")
-        box = [between(lo, hi) for lo, hi in zip(*hull, strict=True)]
-        if not first:
-            return box[:6]
-        turned, position = self.sight.mobile_in_base(box)
-        s = half_turn(product(turned, transposed(rotation(self.pose[3:]))))
-        moved = minus(position, self.pose[:3])
-        return [*(m * stretch(s) for m in moved), *s]
+    def _rows(
+        self, _: str, digest: str, dots: Sequence[int], outliers: int, wrong: Sequence[int], turn: Sequence[F],
+        after: Sequence[str],
+    ) -> tuple[Rows, int]:  # fmt: skip
+        if digest != self.digest:
+            raise Refused("the certificate is about other pixels, another camera or another target", "run")
+        if not dots or dots[-1] >= len(self.sight.dots) or set(dots) & set(wrong):
+            raise Refused("it names no dots, a wrong one, or one that is not there")
+        if not any(turn):
+            raise Refused("a quaternion is zero")
+        if not after:
+            if outliers or wrong:
+                raise Refused("a first certificate is of dots that are all right")
+            return rows_of(self.sight, dots, turn, None), 0
+        about, box = self.joined(after)
+        if box is None:
+            raise Refused("it follows what leaves nothing")
+        if outliers != self.outliers - len(wrong):
+            raise Refused("it allows for another number of wrong dots than the claim")
+        self.show_wrong(wrong, about, box)
+        return rows_of(self.sight, dots, turn, (about, box)), outliers

@@ -169,6 +169,10 @@ class Problem:
     settled: Callable[[Unknowns, Sequence[Any], str], Iterator[Polynomial]] = settled_constraints
     held: Callable[[Sequence[Any], tuple[str, ...]], Iterator[bool]] = held_constraints
     in_box: bool = True  # whether rows come in the coordinates u of a box, or in x
+    wrong: int = (
+        0  # so many tags may be wrong: a step then has several sets of weights, and these spoil no more than some
+    )
+    tag: Callable[[str, int], int | None] = lambda side, k: None  # of a row
 
     def row(self, x: Unknowns, side: str, k: int, signs: str) -> Polynomial:
         """In u, at most zero at every solution in the box: at the reference reading, less the penalties."""

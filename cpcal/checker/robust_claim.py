@@ -5,7 +5,7 @@ docs/certificate-format.md, "Robust claims", is the specification.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction as F
 from pathlib import Path
@@ -13,11 +13,11 @@ from typing import Any
 
 from .claims import Accepted
 from .exact_campaign import NAME, ExactCampaign
-from .exact_polynomial import Spend
 from .files import ROBUST_NAME, WORK, Budget, content, parsed
 from .leg import check_model
 from .readers import finite, shown
 from .refusal import Refused, Unusable
+from .rule import meeting
 from .run import STRANGE, Certificates, Json, compare, exact, nothing_beside, of_the_box, of_the_problem, reason_of
 
 ROBUST_FORMAT = "cpcal-robust/2"
@@ -124,20 +124,3 @@ def _of_the_point(leg: Json, accepted: Accepted, kept: list[int]) -> Iterator[tu
     yield "eps_hi", exact(leg["eps_hi"]), claims.eps_hi
     at = () if claims.point is None else claims.point.at[:-1]
     yield "point", [exact(v) for v in leg["point"]], list(at)
-
-
-def meeting(family: Iterable[frozenset[int]], most: int, spend: Spend) -> bool:
-    """Whether some `most` numbers meet all sets: one of each set that is not met is tried after the other."""
-
-    def met(left: list[frozenset[int]], budget: int) -> bool:
-        if not left:
-            return True
-        if budget == 0:
-            return False
-        for k in min(left, key=len):
-            spend(20 + len(left))
-            if met([one for one in left if k not in one], budget - 1):
-                return True
-        return False
-
-    return met(sorted(set(family), key=len), most)

@@ -89,3 +89,20 @@ class Rule:
     def _least(self, p: Polynomial) -> F:
         self.x.spend(100 + 2 * p.size)
         return least(p, signed(len(self.x)))
+
+
+def meeting(family: Iterable[frozenset[int]], most: int, spend: Spend) -> bool:
+    """Whether some `most` numbers meet all sets: one of each set that is not met is tried after the other."""
+
+    def met(left: list[frozenset[int]], budget: int) -> bool:
+        if not left:
+            return True
+        if budget == 0:
+            return False
+        for k in min(left, key=len):
+            spend(20 + len(left))
+            if met([one for one in left if k not in one], budget - 1):
+                return True
+        return False
+
+    return met(sorted(set(family), key=len), most)

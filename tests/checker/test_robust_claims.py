@@ -12,7 +12,8 @@ import cpcal
 from cpcal.certify.robust import certify_robust
 from cpcal.checker import Refused, check
 from cpcal.checker.files import Budget
-from cpcal.checker.robust_claim import check_robust, meeting
+from cpcal.checker.robust_claim import check_robust
+from cpcal.checker.rule import meeting
 from cpcal.files import load_campaign_json
 from cpcal.results.robust import load_robust
 from cpcal.simulate import simulate

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction as F
 from operator import le
 from typing import Any, Protocol
@@ -49,12 +49,17 @@ class TaggedRows(Protocol):
 class System:
     """Rows as arrays: constants (M,), linear (M, n) and products (M, P) of pairs (P, 2), in float64.
 
-    `lifted` says which products may be columns; `asked`: the unknowns that are bounded.
+    `lifted` says which products may be columns; `asked`: the unknowns that are bounded. So many of what rows are of may
+    be `wrong`, as `owner` says by side and number.
     """
 
-    def __init__(self, rows: TaggedRows, lifted: Callable[[int, int], bool], asked: Sequence[int]) -> None:
-        self.problem, self.asked = rows.problem(free), asked
+    def __init__(
+        self, rows: TaggedRows, lifted: Callable[[int, int], bool], asked: Sequence[int], *, wrong: int = 0,
+        owner: Callable[[str, int], int | None] = lambda side, k: None,
+    ) -> None:  # fmt: skip
+        self.problem, self.asked, self.wrong = rows.problem(free), asked, wrong
         self.tags: list[tuple[str, int]] = list(rows.tags())
+        self.owner = [owner(*tag) for tag in self.tags]
         names = rows.unknowns
         place: dict[tuple[int, int], int] = {}
         self.constant = np.zeros(len(self.tags))
@@ -93,7 +98,9 @@ class System:
 class _Programs:
     """The linear programs of a system on one box."""
 
-    def __init__(self, system: System, lo: Floats, hi: Floats, columns: Bools) -> None:
+    def __init__(
+        self, system: System, lo: Floats, hi: Floats, columns: Bools, without: frozenset[int] = frozenset()
+    ) -> None:
         self.system, self.count = system, 0
         self.center, self.radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
         constant, linear, products = system.centred(self.center, self.radius)
@@ -103,7 +110,10 @@ class _Programs:
         matrix = np.concatenate([linear, products[:, chosen]], axis=1)
         rhs = beside.sum(axis=1) - constant
         scale = np.abs(matrix).max(axis=1)
-        kept = np.flatnonzero((scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs))
+        useful = (scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs)
+        if without:
+            useful &= [owner not in without for owner in system.owner]
+        kept = np.flatnonzero(useful)
         self._tags, self._scale = kept.tolist(), scale[kept]
         size = linear.shape[1]
         self._bounds, above, sides = _bound_products(chosen, system)
@@ -167,11 +177,13 @@ def _bound_products(chosen: Indices, system: System) -> tuple[list[tuple[int, in
 
 @dataclass(frozen=True)
 class _Proposed:
-    """Weights of rows, by their places in the system, of products and of squares."""
+    """Weights of rows, by their places in the system, of products and of squares; the bound that they promise, in
+    [-1, 1], infinite where they exclude the box."""
 
     rows: list[tuple[int, float]]
     products: list[tuple[int, int, int, int, float]]
     tangents: list[tuple[int, float, float]]
+    value: float = 0.0
 
     def whole(self, bits: int) -> Weights:
         """As whole numbers of so many bits; rows by their places in the system."""
@@ -281,83 +293,129 @@ class _Descent:
         """Two programs for each unknown that is asked for; what is proved of them is a step."""
         system = self.system
         lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
-        programs = _Programs(system, lo, hi, columns)
-        prover = _Prover(system, box)
+        known: dict[frozenset[int], _Programs] = {}
+
+        def programs(without: frozenset[int]) -> _Programs:
+            if without not in known:
+                known[without] = _Programs(system, lo, hi, columns, without)
+            return known[without]
+
+        prover, every = _Prover(system, box), programs(frozenset())
         lowest, highest = np.full(len(lo), np.inf), np.full(len(lo), -np.inf)
-        for i in asked:
-            for side, sign in (("lo", 1.0), ("hi", -1.0)):
-                met = lowest[i] < -1.0 + _MET if sign > 0.0 else highest[i] > 1.0 - _MET
-                if programs.radius[i] == 0.0 or met:
-                    continue
-                solution = programs.minimize(i, sign)
-                if solution.status is LinearStatus.INFEASIBLE:
-                    if prover.exclude(programs.weights(solution)):
-                        self.found.programs += programs.count
-                        self.found.steps.append(prover.step(self.name))
-                        self.found.last = prover.tags
-                        self.result = None
-                        return
-                    continue
-                if solution.status is not LinearStatus.OPTIMAL:
-                    continue
+
+        def family(i: int, sign: float, without: frozenset[int], wrong: int) -> list[_Proposed] | None:
+            """What proves a bound whichever are wrong: no such few have weights in all of it. None: it is of no use."""
+            own = programs(without)
+            solution = own.minimize(i, sign)
+            if solution.status is LinearStatus.OPTIMAL:
                 u = solution.point[: len(lo)]
                 np.minimum(lowest, u, out=lowest)
                 np.maximum(highest, u, out=highest)
-                if sign * u[i] >= -1.0 + _WORTH:
-                    prover.bound(i, side, float(programs.center[i] + programs.radius[i] * u[i]),
-                                 programs.weights(solution), sign * u[i] + 1.0, programs.radius[i])  # fmt: skip
-        self.found.programs += programs.count
+                if sign * u[i] < -1.0 + _WORTH:
+                    return None
+                value = sign * float(u[i])
+            elif solution.status is LinearStatus.INFEASIBLE:
+                value = math.inf
+            else:
+                return None
+            found = [replace(own.weights(solution), value=value)]
+            owners = {system.owner[n] for n, _ in found[0].rows} if wrong else set()
+            for owner in sorted(k for k in owners if k is not None):
+                more = family(i, sign, without | {owner}, wrong - 1)
+                if more is None:
+                    return None
+                found += more
+            return found
+
+        for i in asked:
+            for side, sign in (("lo", 1.0), ("hi", -1.0)):
+                met = lowest[i] < -1.0 + _MET if sign > 0.0 else highest[i] > 1.0 - _MET
+                if every.radius[i] == 0.0 or met:
+                    continue
+                proposed = family(i, sign, frozenset(), system.wrong)
+                if proposed is None:
+                    continue
+                if all(one.value == math.inf for one in proposed):
+                    if not prover.exclude(proposed):
+                        continue
+                    self._stepped(prover, known.values())
+                    self.result = None
+                    return
+                prover.bound(i, side, proposed)
+        self._stepped(prover, known.values())
         if prover.bounds:
-            self.found.steps.append(prover.step(self.name))
-            self.found.last = prover.tags
             left = prover.left
             self.result = left if all(map(le, left.lo, left.hi)) else None
+
+    def _stepped(self, prover: _Prover, programs: Iterable[_Programs]) -> None:
+        self.found.programs += sum(one.count for one in programs)
+        if prover.proves:
+            self.found.steps.append(prover.step(self.name))
+            self.found.last = prover.tags
 
 
 class _Prover:
     """Exact bounds on one box."""
 
     def __init__(self, system: System, box: Box) -> None:
-        self._system, self.left = system, box
+        self._system, self._box, self.left = system, box, box
         self._rule = Rule(system.problem, box, [(*tag, "") for tag in system.tags], free)
-        self.bounds: list[tuple[int, str, F, Weights]] = []
-        self._excluding: Weights | None = None
+        self.bounds: list[tuple[int, str, F, list[Weights]]] = []
+        self._excluding: list[Weights] = []
 
-    def exclude(self, proposed: _Proposed) -> bool:
-        for bits in _BITS:
-            weights = proposed.whole(bits)
-            if self._rule.excludes(weights):
-                self._excluding = weights
-                return True
-        return False
+    def exclude(self, family: Sequence[_Proposed]) -> bool:
+        found = [self._excludes(one) for one in family]
+        self._excluding = [weights for weights in found if weights is not None]
+        if len(self._excluding) < len(found):
+            self._excluding = []
+        return bool(self._excluding)
 
-    def bound(self, i: int, side: str, value: float, proposed: _Proposed, gain: float, radius: float) -> None:
-        """Keep a bound near `value`, if it is proved to be better than what there is."""
-        loss, best = _LOSS * gain * radius, None
-        for bits in _BITS:
-            weights = proposed.whole(bits)
-            proved = self._rule.bound(i, side, weights)
-            if best is None or (proved > best[0]) == (side == "lo"):
-                best = proved, weights
-            if abs(float(proved) - value) <= loss:
-                break
-        assert best is not None
-        proved, weights = best
-        kept = F(brief(proved, side == "lo", loss))
+    def _excludes(self, proposed: _Proposed) -> Weights | None:
+        return next((w for w in map(proposed.whole, _BITS) if self._rule.excludes(w)), None)
+
+    def bound(self, i: int, side: str, family: Sequence[_Proposed]) -> None:
+        """Keep the weakest bound of a family, if it is proved to be better than what there is."""
+        center, radius = (float(v) for v in (self._rule.x.center(i), self._rule.x.radius(i)))
+        sign, gained = (1.0 if side == "lo" else -1.0), min(one.value for one in family)
+        loss = _LOSS * (gained + 1.0) * radius
+        proved, sets = list[F](), list[Weights]()
+        for one in family:
+            if one.value == math.inf and (weights := self._excludes(one)) is not None:
+                sets.append(weights)
+                continue
+            if one.value == math.inf:
+                return
+            value = center + sign * radius * one.value
+            best: tuple[F, Weights] | None = None
+            for weights in map(one.whole, _BITS):
+                found = self._rule.bound(i, side, weights)
+                if best is None or (found > best[0]) == (side == "lo"):
+                    best = found, weights
+                if abs(float(found) - value) <= loss:
+                    break
+            assert best is not None
+            proved.append(best[0])
+            sets.append(best[1])
+        weakest = min(proved) if side == "lo" else max(proved)
+        kept = F(brief(weakest, side == "lo", loss))
         lo, hi = self.left.lo[i], self.left.hi[i]
         if kept > lo if side == "lo" else kept < hi:
-            self.bounds.append((i, side, kept, weights))
+            self.bounds.append((i, side, kept, sets))
             if side == "lo":
                 self.left = self.left.replaced(i, lo=kept)
             else:
                 self.left = self.left.replaced(i, hi=kept)
 
     @property
+    def proves(self) -> bool:
+        return bool(self.bounds or self._excluding)
+
+    @property
     def tags(self) -> tuple[tuple[str, int], ...]:
         return tuple(self._system.tags[n] for n in self._used())
 
     def _used(self) -> list[int]:
-        all_ = [self._excluding] if self._excluding else [weights for *_, weights in self.bounds]
+        all_ = self._excluding or [weights for *_, sets in self.bounds for weights in sets]
         return sorted({n for weights in all_ for n, _ in weights.rows})
 
     def step(self, name: int) -> dict[str, Any]:
@@ -365,18 +423,22 @@ class _Prover:
         used = self._used()
         places = {n: new for new, n in enumerate(used)}
 
-        def text(weights: Weights) -> dict[str, Any]:
-            return {
-                "rows": [[places[n], w] for n, w in weights.rows],
-                "products": weights.products,
-                "tangents": [[i, number(t), w] for i, t, w in weights.tangents],
-                "exponents": weights.exponents,
-            }
+        def text(sets: list[Weights]) -> Any:
+            found = [
+                {
+                    "rows": [[places[n], w] for n, w in weights.rows],
+                    "products": weights.products,
+                    "tangents": [[i, number(t), w] for i, t, w in weights.tangents],
+                    "exponents": weights.exponents,
+                }
+                for weights in sets
+            ]
+            return found if self._system.wrong else found[0]
 
         rows = [[*self._system.tags[n]] for n in used]
         if self._excluding:
             return {"exclude": name, "cap": None, "rows": rows, "weights": text(self._excluding)}
-        bounds = [[i, side, number(value), text(weights)] for i, side, value, weights in self.bounds]
+        bounds = [[i, side, number(value), text(sets)] for i, side, value, sets in self.bounds]
         return {"pass": name, "cap": None, "rows": rows, "bounds": bounds}
 
 

@@ -1,0 +1,370 @@
+"""A target in one image: the rows that its dots' boxes of pixels say of its pose, derived from what is assumed.
+
+    X = C + R_c (P + D R(q) (p + R_t x)),   x within its half-widths: a dot before the camera
+
+D R(q) is the rotation of the mobile frame in the base frame and P its position; (R_c, C) and (R_t, p) are the frames of
+camera and target. With a pixel to the first order, F = v + J (X / Z - x0) + k . t + e, |e| <= E, a box of pixels gives,
+times the depth, `J (X, Y) + (v - J x0 - hi - E) Z + k . t Z <= 0`: degree two, and t in [-1, 1] is shared by all dots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction as F
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import Any
+
+from .bounds import (
+    ONE,
+    UNIT,
+    ZERO,
+    Bounds,
+    Matrix,
+    Vector,
+    applied,
+    between,
+    half_turn,
+    inner,
+    minus,
+    number,
+    plus,
+    rotation,
+    total,
+    transposed,
+)
+from .bounds import product as matrix_product
+from .exact_polynomial import Polynomial, Spend
+from .frames import EQUATIONS, Terms, polynomial, turn_equation
+from .lens import NEAREST, Cameras
+from .problem import Box, Problem, Unknowns
+from .readers import choice, dyadic, many, record, text, whole
+from .refusal import Refused
+
+FARTHEST = number(1 << 20)  # mm
+AXES, TURN, PLACE = range(3), range(9), range(9, 12)
+SIDES = ("u+", "u-", "v+", "v-", "depth", "turn+", "turn-", "ball")
+_BITS, _FORM, _PLANE = 160, 44, 36  # behind the point: of bounds, of a dot's place, of a plane
+_OUTWARD = 60  # and of boxes
+_DOT_WORK, _CAMERA_WORK = 16_000, 6_000  # of a dot, and more for each number of t
+_MOST_SPREAD = 100
+_PAIR = many(dyadic, 2)
+_INPUTS = record(
+    {
+        "name": text,
+        "files": many(record({"name": text, "sha256": text})),
+        "pixels": record(
+            {"of": choice("images", "centers"), "numbers": many(whole(1 << 30)), "lo": many(_PAIR), "hi": many(_PAIR)}
+        ),
+        "camera": record(
+            {"numbers": many(dyadic, 9), "spread": many(many(dyadic), 9), "ball": choice(True, False), "field": dyadic}
+        ),
+        "target": record(
+            {"radius": dyadic, "dots": many(_PAIR), "half_widths": many(many(dyadic, 3)), "scale": dyadic}
+        ),
+        "frames": record({"camera": many(dyadic, 7), "target": many(dyadic, 7)}),
+    }
+)
+
+
+@dataclass(frozen=True)
+class Dot:
+    """Its place with the half-widths of its box (mm, target frame), and its box of pixels."""
+
+    at: Vector
+    widths: Vector
+    pixels: Vector
+
+
+@dataclass(frozen=True)
+class Sight:
+    """All that is assumed; frames: position and quaternion."""
+
+    dots: tuple[Dot, ...]
+    of_images: bool
+    cameras: Cameras
+    radius: Bounds
+    camera: Vector
+    target: Vector
+    scale: Bounds
+
+    @cached_property
+    def turns(self) -> tuple[Matrix, Matrix]:
+        """Rotations of the frames of camera and target."""
+        return rotation(self.camera[3:]), rotation(self.target[3:])
+
+    def radii(self, box: Box, turn: Sequence[F], pose: Sequence[F]) -> list[Bounds]:
+        """Of the poses of a box about a pose: |P - P0| (3), and |2 s| (3) of their rotations R(1, s) R(q0).
+
+        Those of larger and smaller plates too: one that is 1 + tau times as large has the same image so much farther
+        away, and turned alike. That moves P by tau (C'c + P + R p).
+        """
+        placed, moved = [number(v) for v in pose], ends(box)
+        s = half_turn(_matrix(turned(moved[:9], turn, pose[3:])))
+        away = [v.size for v in minus(moved[9:12], placed[:3])]
+        swing = [v.size.times(2) for v in s]
+        camera, arm = self.turns[0], self.target[:3]
+        origin = plus(placed[:3], applied(rotation(placed[3:]), arm))
+        origin = plus(origin, applied(transposed(camera), self.camera[:3]))
+        swung = total(swing) * total(a.size for a in arm)
+        more = [self.scale * (o.size + m + swung) for o, m in zip(origin, away, strict=True)]
+        return [*plus(away, more), *swing]
+
+    def anywhere(self) -> Box:
+        """Of all poses."""
+        far = [FARTHEST + c.size for c in self.camera[:3]]
+        reach = [total(c.size * f for c, f in zip(row, far, strict=True)) for row in transposed(self.turns[0])]
+        arm = total(v.size for v in self.target[:3])
+        return rounded([*[UNIT] * 9, *(ZERO.around(r + arm) for r in reach)], self.cameras.size)
+
+
+def sight_of(inputs: Any) -> Sight:
+    """What is assumed, read and checked. Raises Refused."""
+    _, _, pixels, camera, target, frames = _INPUTS(inputs)
+    of, numbers, lo, hi = pixels
+    radius, dots, widths, scale = target
+    count = len(numbers)
+    if {len(lo), len(hi), len(dots), len(widths)} != {count} or len(set(numbers)) < count or not count:
+        raise Refused("there is not one box of pixels, one place and one box of places for each dot")
+    if any(a > b for one, other in zip(lo, hi, strict=True) for a, b in zip(one, other, strict=True)):
+        raise Refused("a box of pixels is empty")
+    if radius <= 0 or not 0 <= scale < 1 or any(w < 0 for one in widths for w in one):
+        raise Refused("a radius, half-width or scale is out of range")
+    values, spread, ball, field = camera
+    if len({len(row) for row in spread}) != 1 or len(spread[0]) > _MOST_SPREAD:
+        raise Refused("the camera's spread is no matrix")
+    if any(not any(frame[3:]) for frame in frames):
+        raise Refused("a quaternion is zero")
+    listed = tuple(
+        Dot(
+            [number(x), number(y), ZERO],
+            [number(w) for w in widths[k]],
+            [between(*ends) for ends in zip(lo[k], hi[k], strict=True)],
+        )
+        for k, (x, y) in enumerate(dots)
+    )
+    one, other = ([number(v) for v in frame] for frame in frames)
+    return Sight(
+        listed, of == "images", _cameras(values, spread, ball, field), number(radius), one, other, number(scale)
+    )
+
+
+@lru_cache(maxsize=4)
+def _cameras(values: tuple[F, ...], spread: tuple[tuple[F, ...], ...], ball: bool, field: F) -> Cameras:
+    """The same for many images of a folder: what is found out of its field is kept."""
+    return Cameras(values, spread, ball, field)
+
+
+# boxes --------------------------------------------------------------------------------------------------------------
+
+
+def ends(box: Box) -> list[Bounds]:
+    return [between(lo, hi) for lo, hi in zip(box.lo, box.hi, strict=True)]
+
+
+def rounded(parts: Vector, size: int) -> Box:
+    """Outward; t (size) in [-1, 1] behind them."""
+    cut = _BITS - _OUTWARD
+    lo = [F(v.lo >> cut, 1 << _OUTWARD) for v in parts]
+    hi = [F(-(-v.hi >> cut), 1 << _OUTWARD) for v in parts]
+    return Box((*lo, *[F(-1)] * size), (*hi, *[F(1)] * size))
+
+
+def turned(entries: Vector, before: Sequence[F], after: Sequence[F]) -> list[Bounds]:
+    """D about another quaternion: D R(before) R(after)'."""
+    one, other = (rotation([number(v) for v in q]) for q in (before, after))
+    found = matrix_product(_matrix(entries), matrix_product(one, transposed(other)))
+    return [v.within(-1, 1) for row in found for v in row]
+
+
+def _matrix(entries: Vector) -> list[Vector]:
+    return [entries[3 * a : 3 * a + 3] for a in AXES]
+
+
+# rows ---------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Of a dot: X, Y and Z as whole numbers times 2^-44 by unknowns D and P (and constants), what they may be off;
+    planes g (3) and k, whole numbers times 2^-36, by side."""
+
+    forms: tuple[Terms, ...]
+    off: Vector
+    planes: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
+
+
+class Rows:
+    """The rows of some dots on a box of poses about a quaternion; `placed`: the bias of images' centres is bounded over
+    that box, else over all poses."""
+
+    def __init__(self, sight: Sight, dots: Sequence[int], turn: Sequence[F], root: Box, placed: bool) -> None:
+        self.sight, self.dots, self.root, self.placed = sight, tuple(dots), root, placed
+        self._ends = ends(root)
+        camera, target = sight.turns
+        about = rotation([number(v) for v in turn])
+        self._turn, self._arm = matrix_product(about, target), applied(about, sight.target[:3])
+        held = matrix_product(camera, matrix_product(_matrix(self._ends[:9]), self._turn))
+        self._held = [[v.within(-1, 1) for v in row] for row in held]  # the target's rotation before the camera
+        self._seen: dict[int, _Seen] = {}
+
+    @cached_property
+    def unknowns(self) -> tuple[str, ...]:
+        names = *(f"D{a}{b}" for a in "123" for b in "123"), "Px", "Py", "Pz"
+        return *names, *(f"t{j + 1}" for j in range(self.sight.cameras.size))
+
+    def tags(self) -> Iterator[tuple[str, int]]:
+        yield from ((side, k) for k in self.dots for side in SIDES[:5])
+        yield from product(SIDES[5:7], range(EQUATIONS))
+        if self.sight.cameras.size and self.sight.cameras.ball:
+            yield SIDES[7], 0
+
+    @property
+    def count(self) -> int:
+        return max(EQUATIONS, len(self.sight.dots))
+
+    def dot_of(self, side: str, k: int) -> int | None:
+        """The dot that a row is of."""
+        return k if side in SIDES[:5] else None
+
+    def row(self, side: str, k: int) -> Terms:
+        """At most zero at every solution, times some number above zero. Raises Refused for one that is none."""
+        if side in SIDES[5:7] and k < EQUATIONS:
+            sign = 1 if side == SIDES[5] else -1
+            return {m: sign * c for m, c in turn_equation(TURN, k).items()}
+        cameras = self.sight.cameras
+        if side == SIDES[7] and k == 0 and cameras.size and cameras.ball:
+            return {(12 + j, 12 + j): 1 for j in range(cameras.size)} | {(): -1}
+        if side not in SIDES[:5] or k not in self._members:
+            raise Refused(f"there is no row {side} {k}")
+        seen = self.seen(k)
+        if side == SIDES[4]:
+            off = total(w * v.size for w, v in zip(self.sight.dots[k].widths, self._held[2], strict=True))
+            found = {m: -c for m, c in seen.forms[2].items()}
+            nearest = number(NEAREST) * self.sight.radius - off - seen.off[2]
+            found[()] = found.get((), 0) + (nearest.lo >> (_BITS - _FORM))
+            return found
+        plane, shared = seen.planes[SIDES.index(side)]
+        return self._plane(k, seen, plane, shared)
+
+    @cached_property
+    def _members(self) -> frozenset[int]:
+        return frozenset(self.dots)
+
+    def _plane(self, k: int, seen: _Seen, plane: Sequence[int], shared: Sequence[int]) -> Terms:
+        """g . X + Z k . t, less what it may be off: by rounding, and as the dot is off its place."""
+        found: Terms = {}
+        for form, factor in zip(seen.forms, plane, strict=True):
+            for m, c in form.items():
+                found[m] = found.get(m, 0) + factor * c
+        for j, factor in enumerate(shared):
+            if factor:
+                for m, c in seen.forms[2].items():
+                    found[(*m, 12 + j)] = factor * c
+        g = [Bounds(v << (_BITS - _PLANE), v << (_BITS - _PLANE)) for v in plane]
+        most = self.sight.cameras.most([Bounds(v << (_BITS - _PLANE), v << (_BITS - _PLANE)) for v in shared])
+        lost = total(v.size * e for v, e in zip(g, seen.off, strict=True)) + most * seen.off[2]
+        widths = self.sight.dots[k].widths
+        if any(w.hi for w in widths):
+            longest = inner(g, g).root.most
+            for j, w in enumerate(widths):
+                along = inner(g, [row[j] for row in self._held]).size
+                lost = lost + w * (Bounds(0, min(along.hi, longest.hi)) + most * self._held[2][j].size)
+        found[()] = found.get((), 0) - (-(-lost.hi >> (_BITS - _PLANE - _FORM)))
+        return found
+
+    def seen(self, k: int) -> _Seen:
+        if k not in self._seen:
+            self._seen[k] = self._looked(k)
+        return self._seen[k]
+
+    def _looked(self, k: int) -> _Seen:
+        sight, dot = self.sight, self.sight.dots[k]
+        camera = sight.turns[0]
+        v = plus(self._arm, applied(self._turn, dot.at))
+        forms, off = [], []
+        for i in AXES:
+            parts: list[tuple[tuple[int, ...], Bounds, Bounds]] = [((), sight.camera[i], ONE)]
+            for a in AXES:
+                parts.append(((PLACE[a],), camera[i][a], self._ends[PLACE[a]].size))
+                parts += [((3 * a + b,), camera[i][a] * v[b], ONE) for b in AXES]
+            form: Terms = {}
+            error = ZERO
+            for m, c, size in parts:
+                form[m] = (c.middle.lo + (1 << (_BITS - _FORM - 1))) >> (_BITS - _FORM)
+                cut = form[m] << (_BITS - _FORM)
+                error = error + (c - Bounds(cut, cut)).size * size
+            forms.append({m: c for m, c in form.items() if c})
+            off.append(error)
+        return _Seen(tuple(forms), off, self._planes(dot.pixels if not sight.of_images else self._moved(dot, v)))
+
+    def _moved(self, dot: Dot, v: Vector) -> list[Bounds]:
+        """The box of pixels of a dot's centre, of one of the centre of its image."""
+        sight, cameras = self.sight, self.sight.cameras
+        if not self.placed:
+            return minus(dot.pixels, cameras.field_bias)
+        base = plus(self._ends[9:12], applied(_matrix(self._ends[:9]), v))
+        at = plus(sight.camera[:3], applied(sight.turns[0], base))
+        at = [
+            x.around(total(w * m.size for w, m in zip(dot.widths, row, strict=True)))
+            for x, row in zip(at, self._held, strict=True)
+        ]
+        depth = Bounds(max(at[2].lo, (number(NEAREST) * sight.radius).lo), at[2].hi)
+        x = [at[0] / depth, at[1] / depth]
+        return minus(dot.pixels, cameras.bias(x, sight.radius / depth, [row[2] for row in self._held]))
+
+    def _planes(self, pixels: Vector) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
+        """g . X + Z k . t <= 0 for all points X whose pixel is in the box, by side."""
+        one, cut, found = self.sight.cameras.linear(pixels), _BITS - _PLANE, []
+        x0 = [number(v) for v in one.ray]
+        for k in range(2):
+            slope = [s.middle.lo >> cut for s in one.slope[k]]
+            shared = [b.middle.lo >> cut for b in one.by[k]]
+            own = [Bounds(s << cut, s << cut) for s in slope]
+            # what is cut off counts for |x - x0| <= rho and |t_j| <= 1
+            lost = one.rest[k] + total((a - b).size for a, b in zip(one.slope[k], own, strict=True)) * one.size
+            lost = lost + total((a - Bounds(b << cut, b << cut)).size for a, b in zip(one.by[k], shared, strict=True))
+            middle = one.value[k] - inner(own, x0)
+            above, below = middle - pixels[k].most - lost, pixels[k].least - middle - lost
+            found += [
+                ((*slope, above.lo >> cut), tuple(shared)),
+                ((*(-s for s in slope), below.lo >> cut), tuple(-b for b in shared)),
+            ]
+        return tuple(found)
+
+    def problem(self, spend: Spend) -> Problem:
+        """For the kernel: its rows are polynomials in x."""
+        formed: dict[tuple[str, int], Polynomial] = {}
+
+        def constraint(k: int, x: Unknowns, *_: object) -> int:
+            return k
+
+        def settled(x: Unknowns, items: Sequence[int], side: str) -> Iterator[Polynomial]:
+            for k in items:
+                if (side, k) not in formed:
+                    if side in SIDES[:5] and k not in self._seen:
+                        spend(_DOT_WORK + _CAMERA_WORK * self.sight.cameras.size)
+                    terms = self.row(side, k)
+                    spend(500 + 20 * len(terms))
+                    formed[side, k] = polynomial(terms, spend)
+                yield formed[side, k]
+
+        return Problem(
+            self.unknowns, None, self.count, tuple(range(self.count)), constraint, sides=SIDES, settled=settled,
+            in_box=False,
+        )  # fmt: skip
+
+    def fails(self, k: int) -> bool:
+        """Whether a dot is outside of its box of pixels for every pose of the box."""
+        size = [v.size for v in self._ends]
+        for side in SIDES[:5]:
+            low, unit = ZERO, _FORM if side == SIDES[4] else _FORM + _PLANE
+            for m, c in self.row(side, k).items():
+                part = Bounds(c << (_BITS - unit), c << (_BITS - unit))
+                for i in m:
+                    part = part * (self._ends[i] if len(m) < 2 else ZERO.around(size[i]))
+                low = low + part
+            if low.lo > 0:
+                return True
+        return False

@@ -1,0 +1,671 @@
+"""Guaranteed pose sets: all poses that show the dots of a target within stated boxes of pixels, enclosed by proof.
+
+What is assumed of the image: for each dot i listed the projection of its centre, or, with `PixelBoxes.of_images`, the
+centre of its image as it is measured, lies in the box `lo_i <= pixel <= hi_i`; dots are in the field of view and at
+least 40 of their radii in front of the camera. What is assumed of camera and target: their numbers are in stated sets
+(`CameraSet`, `TargetSet`), or are the floats given. No distribution is assumed; that the true numbers are in these sets
+is stated, not proved. The pose set is
+
+    { (P, R) : for some camera and some target of these sets, for every i, the pixel of dot i is in box i }
+
+and with `outliers` = q the larger set of poses for which this holds for all dots but at most q of them. `enclose_pose`
+gives a box that is proved to hold the set, wherever it is: rotation and position are not restricted beforehand, but for
+a distance of one kilometre.
+
+The rows of a dot are the checker's (`cpcal.checker.sight`). Some dots bound the pose from all that there are, all dots
+then from there: about the rotation found, and with the bias of images' centres bounded over the poses that are left.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction as F
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from cpcal.checker import FORMAT, Refused
+from cpcal.checker.pose_claim import POSE_SET_FORMAT, Part, digest_of, joined, rows_of
+from cpcal.checker.problem import Box
+from cpcal.checker.sight import Rows, Sight, sight_of
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.files import replacing, write_file
+from cpcal.common.values import ByValue, Floats, Indices, Value, frozen_array
+from cpcal.robot import Campaign, Pose, Robot, normalised, quaternion_from_matrix, quaternion_product
+from cpcal.solver.certificate.exact_network import number
+from cpcal.solver.certificate.recording import line
+from cpcal.solver.certificate.row_prover import Contracted, System, contracted
+from cpcal.solver.contract import Verdict
+from cpcal.solver.interval import IntervalArray
+from cpcal.vision.camera import BROWN, CAMERA_NUMBERS, Camera
+from cpcal.vision.target import Target
+
+LARGEST_SCALE = 0.1  # of a plate's error, as a share
+SUFFIX = ".pose.json"
+_COUNT = len(CAMERA_NUMBERS)
+
+# ------------------------------------------------------------------------------------------------------------------
+# What is assumed: where the dots are in the image, what is known of camera and target, the frames.
+
+
+@dataclass(frozen=True, eq=False)
+class PixelBoxes:
+    """Where dots of a target are in an image.
+
+    numbers  (m,) of the dots in the target, each once
+    lo, hi   (m, 2) pixels: the projection of dot `numbers[i]` is stated to lie in lo[i] <= pixel <= hi[i]
+    of_images  then it is the centre (the centroid of the area) of the dot's image that lies there, as it is measured:
+             by how much it differs from the projection is bounded by proof
+
+    Raises InputError when the arrays make no boxes.
+    """
+
+    numbers: Indices
+    lo: Floats
+    hi: Floats
+    of_images: bool = False
+
+    def __post_init__(self) -> None:
+        numbers = np.array(self.numbers, dtype=np.intp)
+        numbers.setflags(write=False)
+        object.__setattr__(self, "numbers", numbers)
+        object.__setattr__(self, "lo", frozen_array(self.lo))
+        object.__setattr__(self, "hi", frozen_array(self.hi))
+        shape = (len(numbers), 2) if numbers.ndim == 1 else None
+        if shape is None or self.lo.shape != shape or self.hi.shape != shape:
+            what = f"have shapes {numbers.shape}, {self.lo.shape} and {self.hi.shape}"
+            raise InputError([Problem("pixel boxes", what, "give numbers (m,), lo (m, 2) and hi (m, 2)")])
+        good = (self.lo <= self.hi).all(axis=1) & np.isfinite(self.lo).all(axis=1) & np.isfinite(self.hi).all(axis=1)
+        problems = [
+            Problem(f"pixel box {k}", "has no points, or infinitely many", "give finite lo <= hi")
+            for k in np.flatnonzero(~good)
+        ]
+        if len(np.unique(numbers)) < len(numbers):
+            problems.append(Problem("pixel boxes", "name a dot twice", "give one box for each dot"))
+        if problems:
+            raise InputError(problems)
+
+    @classmethod
+    def around(
+        cls, numbers: npt.ArrayLike, centers: npt.ArrayLike, half_width: npt.ArrayLike, *, of_images: bool = False
+    ) -> PixelBoxes:
+        """`center +- half_width`, pixels: centers (m, 2), half_width a number, (2,), (m, 1) or (m, 2), >= 0."""
+        middle = np.asarray(centers, dtype=np.float64)
+        try:
+            radius = np.broadcast_to(np.asarray(half_width, dtype=np.float64), middle.shape)
+        except ValueError:
+            what = f"is {np.shape(half_width)} for centres {middle.shape}"
+            raise InputError([Problem("half_width", what, "give one number, or one for each coordinate")]) from None
+        if not bool((radius >= 0.0).all()):
+            raise InputError([Problem("half_width", "is negative or NaN", "give pixels >= 0")])
+        boxes = IntervalArray.around(middle, radius)
+        return cls(np.asarray(numbers, dtype=np.intp), boxes.lo, boxes.hi, of_images)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraSet(Value):
+    """Cameras whose numbers fx, fy, cx, cy, k1, k2, p1, p2, k3 are those of `camera` plus `spread @ t`.
+
+    spread  (9, k), in each number's unit; k = 0: this camera alone
+    ball    whether t is in the unit ball; else in the unit cube
+
+    Raises InputError for another lens model, or a spread that is none.
+    """
+
+    camera: Camera
+    spread: Floats = field(default_factory=lambda: np.zeros((_COUNT, 0)))
+    ball: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "spread", frozen_array(self.spread))
+        problems = []
+        if self.camera.model != BROWN:
+            what = f"has a lens of the model {self.camera.model}"
+            problems.append(Problem("camera", what, f"pose sets are proved for the model {BROWN}: calibrate with it"))
+        if self.spread.ndim != 2 or len(self.spread) != _COUNT or not np.isfinite(self.spread).all():
+            what = f"has the shape {self.spread.shape}, or a number that is not finite"
+            problems.append(Problem("camera spread", what, f"give (9, k), of {', '.join(CAMERA_NUMBERS)}"))
+        if problems:
+            raise InputError(problems)
+        if not (self.camera.focal > self.reach[:2]).all():
+            raise InputError([Problem("camera spread", "allows a focal length of zero", "give a narrower set")])
+
+    @classmethod
+    def of(cls, camera: Camera | CameraSet) -> CameraSet:
+        """An exact camera, or the set that is given."""
+        return camera if isinstance(camera, CameraSet) else cls(camera)
+
+    @classmethod
+    def intervals(cls, camera: Camera, half_widths: npt.ArrayLike) -> CameraSet:
+        """Each number by itself within (9,) half-widths >= 0. Raises InputError."""
+        widths = np.asarray(half_widths, dtype=np.float64)
+        if widths.shape != (_COUNT,) or not (np.isfinite(widths) & (widths >= 0.0)).all():
+            remedy = f"give nine numbers >= 0, of {', '.join(CAMERA_NUMBERS)}"
+            raise InputError([Problem("camera half-widths", f"are {widths.tolist()}", remedy)])
+        return cls(camera, np.diag(widths)[:, widths > 0.0])
+
+    @classmethod
+    def ellipsoid(cls, camera: Camera, covariance: Floats, factor: float) -> CameraSet:
+        """All numbers whose Mahalanobis distance from the camera's is at most `factor`: (9, 9) covariance.
+
+        A factor of 5 holds the truth of a calibration with honest covariance in 99.7 % of all cases (chi-square, nine
+        degrees of freedom: 5.0 is the root of 25.3). Raises InputError.
+        """
+        matrix = np.asarray(covariance, dtype=np.float64)
+        if matrix.shape != (_COUNT, _COUNT) or not np.isfinite(matrix).all() or not 0.0 < factor < np.inf:
+            remedy = "give (9, 9), as `cpcal detect --calibrate` writes it, and a factor > 0"
+            raise InputError([Problem("camera covariance", f"has the shape {matrix.shape}, factor {factor}", remedy)])
+        scale = np.sqrt(np.maximum(np.diagonal(matrix), 0.0))
+        safe = np.where(scale > 0.0, scale, 1.0)
+        values, vectors = np.linalg.eigh(matrix / np.outer(safe, safe))
+        held = values > 1e-12 * values[-1]
+        return cls(camera, factor * safe[:, None] * vectors[:, held] * np.sqrt(values[held]), ball=True)
+
+    @property
+    def size(self) -> int:
+        """How many unknowns t there are."""
+        return int(self.spread.shape[1])
+
+    @property
+    def reach(self) -> Floats:
+        """(9,) how far each number may be off, in float64."""
+        return np.asarray(np.linalg.norm(self.spread, 2 if self.ball else 1, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class TargetSet(Value):
+    """Targets whose dot i is within `half_widths[i]` of its place: (n, 3) mm along x, y and z of the target.
+
+    scale  the plate as a whole, dots' radius included, is 1 + tau times such a one, |tau| <= scale: as a print shrinks
+
+    Raises InputError for half-widths or a scale that are none.
+    """
+
+    target: Target
+    half_widths: Floats
+    scale: float = 0.0
+
+    def __post_init__(self) -> None:
+        widths, shape = frozen_array(self.half_widths), (len(self.target.dots), 3)
+        if widths.shape != shape:
+            what = f"have the shape {widths.shape}"
+            raise InputError([Problem("target half-widths", what, f"give one number, (3,) or {shape}, mm")])
+        if not (np.isfinite(widths) & (widths >= 0.0)).all():
+            raise InputError([Problem("target half-widths", "are negative or not finite", "give mm >= 0")])
+        if not 0.0 <= self.scale <= LARGEST_SCALE:
+            what = f"is {self.scale}"
+            raise InputError([Problem("target scale", what, f"give a share from 0 to {LARGEST_SCALE:g}")])
+        object.__setattr__(self, "half_widths", widths)
+
+    @classmethod
+    def of(cls, target: Target | TargetSet) -> TargetSet:
+        """An exact target, or the set that is given."""
+        return target if isinstance(target, TargetSet) else cls.within(target, 0.0)
+
+    @classmethod
+    def within(cls, target: Target, half_widths: npt.ArrayLike, scale: float = 0.0) -> TargetSet:
+        """One half-width, or one for each coordinate (3,), for all dots; or (n, 3). Raises InputError."""
+        widths = np.asarray(half_widths, dtype=np.float64)
+        alike = widths.ndim == 0 or widths.shape == (3,)
+        each = np.tile(widths * np.ones(3), (len(target.dots), 1)) if alike else widths
+        return cls(target, each, float(scale))
+
+
+_IDENTITY = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Frames(ByValue):
+    """Exact motions between which the pose stands, of the floats that they are (quaternions divided by |q|^2).
+
+    camera  the base frame seen in the camera frame: `x_camera = P + R x_base`, mm
+    target  the target frame seen in the mobile frame: `x_mobile = P + R x_target`, mm
+
+    Raises InputError when one of them is not one motion.
+    """
+
+    camera: Pose = _IDENTITY
+    target: Pose = _IDENTITY
+
+    def __post_init__(self) -> None:
+        problems = []
+        for name in ("camera", "target"):
+            pose: Pose = getattr(self, name)
+            one = Pose(frozen_array(pose.position), frozen_array(pose.quaternion))
+            object.__setattr__(self, name, one)
+            numbers = np.concatenate([one.position.ravel(), one.quaternion.ravel()])
+            if one.position.shape != (3,) or one.quaternion.shape != (4,) or not np.isfinite(numbers).all():
+                problems.append(Problem(f"frames {name}", "is not one motion", "give (3,) mm and a quaternion (4,)"))
+            elif not one.quaternion.any():
+                problems.append(Problem(f"frames {name}", "has the quaternion zero", "give a unit quaternion"))
+        if problems:
+            raise InputError(problems)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The directions that count: a disc on which the lens does not turn back, whatever camera of the set it is.
+
+_MARGIN = 0.03  # of the field beyond the image's corners, as a share of their distance from the axis
+_RAYS, _STEPS = 97, 400
+_WIDEST = 4.0  # tangent of the largest angle to the axis
+_TURNS = 0.01  # determinant of the distortion's derivative, 1 on the axis, at which a lens is said to turn back
+_LEAST = 0.02  # of the lens's slopes on the disc
+_NARROWER = 0.95  # disc, until they are that large and the bias of images' centres is bounded
+_SMALLEST = 20
+
+
+def _sight(
+    boxes: PixelBoxes, targets: TargetSet, cameras: CameraSet, frames: Frames, name: str, sources: Mapping[str, bytes]
+) -> tuple[dict[str, Any], Sight]:
+    """All that is assumed, as a claim states it and as the checker reads it. `sources`: the bytes of the files that the
+    numbers came from, by name. Raises InputError."""
+    target, radius = targets.target, _field_radius(cameras)
+    inputs = {
+        "name": name,
+        "files": [
+            {"name": key, "sha256": hashlib.sha256(content).hexdigest()} for key, content in sorted(sources.items())
+        ],
+        "pixels": {
+            "of": "images" if boxes.of_images else "centers",
+            "numbers": boxes.numbers.tolist(),
+            "lo": _hex(boxes.lo),
+            "hi": _hex(boxes.hi),
+        },
+        "camera": {
+            "numbers": _hex(cameras.camera.numbers),
+            "spread": _hex(cameras.spread),
+            "ball": bool(cameras.ball),
+            "field": _hex(radius),
+        },
+        "target": {
+            "radius": _hex(target.radius),
+            "dots": _hex(target.dots[boxes.numbers]),
+            "half_widths": _hex(targets.half_widths[boxes.numbers]),
+            "scale": _hex(targets.scale),
+        },
+        "frames": {"camera": _motion(frames.camera), "target": _motion(frames.target)},
+    }
+    for _ in range(_SMALLEST):
+        sight = sight_of(inputs)
+        try:
+            if sight.cameras.least.lo >= _LEAST * 2.0**160 and (not boxes.of_images or sight.cameras.field_bias):
+                break
+        except Refused:
+            pass
+        radius *= _NARROWER
+        inputs["camera"]["field"] = _hex(radius)  # type: ignore[index]
+    else:
+        what = "has a lens that bends too much within the image"
+        raise InputError([Problem("camera", what, "pose sets need a lens whose image does not turn back")])
+    rays = cameras.camera.normalised(0.5 * (boxes.lo + boxes.hi))
+    beside = np.flatnonzero(~(np.hypot(rays[:, 0], rays[:, 1]) < radius))
+    if len(beside):
+        what, remedy = "shows nothing of the camera's field of view", "give pixels inside the image of this camera"
+        raise InputError([Problem(f"pixel box {k}", what, remedy) for k in beside])
+    return inputs, sight
+
+
+@lru_cache(maxsize=16)
+def _field_radius(cameras: CameraSet) -> float:
+    """What the image shows and a little more, but no more than where the lens turns back."""
+    camera = cameras.camera
+    radius = np.linspace(0.0, _WIDEST, _STEPS)
+    angle = np.linspace(-np.pi, np.pi, _RAYS)
+    rays = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    onward = np.all(np.linalg.det(camera.distortion_jacobian(rays)) > _TURNS, axis=1)
+    pixels = camera.pixels(rays)
+    held = (pixels >= -0.5) & (pixels <= [camera.width - 0.5, camera.height - 0.5])
+    shown = np.any(np.all(held, axis=2), axis=1)
+    good = np.logical_and.accumulate(onward)
+    reach = radius[np.flatnonzero(good & shown)[-1]] if (good & shown).any() else 0.0
+    return min((1.0 + _MARGIN) * float(reach), float(radius[good.sum() - 1]))
+
+
+def _hex(values: npt.ArrayLike) -> Any:
+    """Floats as texts, in lists as in the array."""
+    array = np.asarray(values, dtype=np.float64)
+    return [_hex(part) for part in array] if array.ndim else float(array).hex()
+
+
+def _motion(pose: Pose) -> Any:
+    return _hex(np.concatenate([pose.position, pose.quaternion]))
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# The search: certificates one after the other.
+
+_FIRST = 24  # dots of a first certificate
+_IN_GROUP, _LEAST_GROUP = 16, 5  # dots of one of several
+_ROUNDS = 4
+_BIASED = 0.05  # half-width of a rotation's entries above which the bias of images' centres is bounded once more
+_FAMILIES = 2  # wrong dots for which families of weights are looked for
+_NARROW = 0.15  # half-width of a rotation's entries below which programs without columns of products are tried
+_FIRST_GAIN, _GAIN = 0.5, 0.05  # share of some width that a pass must take away
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """What a search found: the box that is left (None: no pose) about a quaternion, dots that are wrong for sure, the
+    names of the certificates that say so."""
+
+    turn: tuple[F, ...]
+    left: Box | None
+    wrong: tuple[int, ...] = ()
+    after: tuple[str, ...] = ()
+
+
+class _Search:
+    """Encloses the poses that show all dots but at most so many; its certificates go beside `stem`."""
+
+    def __init__(self, sight: Sight, digest: str, outliers: int, stem: Path | None) -> None:
+        self.sight, self.digest, self.outliers, self.stem = sight, digest, outliers, stem
+        self.written: list[tuple[str, dict[str, Any], Contracted]] = []
+
+    def ended(self) -> _Ended:
+        """Raises Refused where nothing bounded is proved."""
+        now = self._started()
+        for _ in range(_ROUNDS):
+            if now.left is None:
+                return now
+            wrong = self._wrong(now)
+            if len(wrong) > self.outliers:
+                return _Ended(now.turn, None, wrong, now.after)
+            after = self._narrowed(now, wrong)
+            if after is None:
+                return _Ended(now.turn, now.left, wrong, now.after)
+            known, wide = now.wrong, self.sight.of_images and _half_width(now.left) > _BIASED
+            now = after
+            if wrong == known and not wide:
+                break
+        return now
+
+    def _started(self) -> _Ended:
+        """From all poses: by some dots, or by several groups of which no more than `outliers` have a wrong one."""
+        dots, turn = np.array([[float(v.lo) for v in dot.at[:2]] for dot in self.sight.dots]), (F(1), F(0), F(0), F(0))
+        if self.outliers:
+            count = 2 * self.outliers + 1
+            if len(dots) < _LEAST_GROUP * count:
+                what = f"{len(dots)} dots are too few for {self.outliers} outliers"
+                raise Refused(f"{what}: {count} groups of {_LEAST_GROUP} are needed")
+            groups = [group[:_IN_GROUP] for group in _dealt(dots, count)]
+        else:
+            groups = _dealt(dots, max(1, len(dots) // _FIRST))[:1]
+        parts = []
+        for group in groups:
+            chosen = sorted(group.tolist())
+            rows = rows_of(self.sight, chosen, turn, None)
+            found = self._stage(rows, {"dots": chosen, "outliers": 0, "wrong": [], "turn": turn, "after": []})
+            parts.append(Part(tuple(chosen), turn, (), found.left))
+        about, box = joined(parts, self.outliers)
+        return _Ended(about, box, (), tuple(file for file, *_ in self.written))
+
+    def _wrong(self, now: _Ended) -> tuple[int, ...]:
+        """Dots that no pose of a box shows."""
+        if not self.outliers or now.left is None:
+            return ()
+        every = range(len(self.sight.dots))
+        rows = rows_of(self.sight, every, now.turn, (now.turn, now.left))
+        return tuple(k for k in every if rows.fails(k))
+
+    def _narrowed(self, now: _Ended, wrong: tuple[int, ...]) -> _Ended | None:
+        """By all other dots; None where too many may be wrong, or nothing is gained."""
+        assert now.left is not None
+        outliers = self.outliers - len(wrong)
+        if outliers > _FAMILIES:
+            return None
+        dots = [k for k in range(len(self.sight.dots)) if k not in wrong]
+        turn = _middle(now.turn, now.left)
+        rows = rows_of(self.sight, dots, turn, (now.turn, now.left))
+        header = {"dots": dots, "outliers": outliers, "wrong": list(wrong), "turn": turn, "after": list(now.after)}
+        found = self._stage(rows, header)
+        return _Ended(turn, found.left, wrong, (self.written[-1][0],)) if found.steps else None
+
+    def _stage(self, rows: Rows, header: dict[str, Any]) -> Contracted:
+        def lifted(i: int, j: int) -> bool:
+            return (i < 9 and j < 9) or i == j
+
+        def narrow(radius: Floats) -> bool:
+            return bool(radius[:9].max() < _NARROW)
+
+        system = System(rows, lifted, range(12), wrong=header["outliers"], owner=rows.dot_of)
+        found = contracted(system, rows.root, narrow=narrow, gain=_GAIN if header["after"] else _FIRST_GAIN)
+        if found.steps or not header["after"]:
+            stem = "" if self.stem is None else self.stem.name
+            said = {"format": FORMAT, "pose_set": self.digest, **header, "turn": [number(v) for v in header["turn"]]}
+            self.written.append((f"{stem}.{len(self.written) + 1}.cert.jsonl", said, found))
+        return found
+
+    def write(self, claim: dict[str, Any]) -> None:
+        assert self.stem is not None
+        for file, header, found in self.written:
+            left = found.left
+            hull = None if left is None else {"lo": [number(v) for v in left.lo], "hi": [number(v) for v in left.hi]}
+            claims = {"cap": None, "infeasible": left is None, "epsilon": None, "enclosure": hull, "point": None}
+            with replacing(self.stem.with_name(file)) as out:
+                for one in (header, claims, *found.steps):
+                    out.write(line(one).encode())
+        write_file(self.stem.with_name(self.stem.name + SUFFIX), line(claim).encode("ascii"))
+
+
+def _dealt(dots: Floats, count: int) -> list[Indices]:
+    """So many groups, each all over the plate: dots in an order in which neighbours follow one another, one of every
+    `count` to each group. Who gets which is drawn, the same in every run."""
+    away = dots - dots.min(axis=0)
+    cells = np.floor(away / max(float(away.max()), 1e-300) * 15.999).astype(np.int64)
+    code = sum(((cells[:, k] >> bit) & 1) << (2 * bit + k) for bit in range(4) for k in range(2))
+    order = np.argsort(code, kind="stable")
+    rng = np.random.default_rng(0)
+    place = np.concatenate([rng.permutation(count) for _ in range(0, len(dots), count)])[: len(dots)]
+    return [rng.permutation(order[place == k]) for k in range(count)]
+
+
+def _half_width(box: Box) -> float:
+    """The largest of an entry of the rotation."""
+    return max(float(b - a) for a, b in zip(box.lo[:9], box.hi[:9], strict=True)) / 2.0
+
+
+def _middle(turn: tuple[F, ...], box: Box) -> tuple[F, ...]:
+    """A quaternion of the rotation in the middle of a box: short, and of no particular length."""
+    entries = np.array([float(a + b) / 2.0 for a, b in zip(box.lo[:9], box.hi[:9], strict=True)]).reshape(3, 3)
+    left, _, right = np.linalg.svd(entries)
+    nearest = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    found = quaternion_product(quaternion_from_matrix(nearest), np.array([float(v) for v in turn]))
+    return tuple(F(round(v * 2**30), 2**30) for v in normalised(found).tolist())
+
+
+# ------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSet:
+    """What is proved of the poses that show the dots in their pixel boxes.
+
+    PROVED   all of them have |P - pose.position| <= position_radius and R = R(1, s) R(pose.quaternion) with
+             |2 s| <= rotation_radius, componentwise, in exact arithmetic on these floats: the reading set of a
+             campaign. Whether there is one at all is not said.
+    REFUTED  there is none: pose and radii are None
+    UNKNOWN  nothing bounded was proved, for the `reason` told
+
+    pose      of the mobile frame in the base frame of `frames`: of the target in the camera frame if none were given
+    outliers  how many dots may lie outside their boxes
+    refuted   numbers of dots that are outside for every pose of the set: outliers for sure
+    seconds   that it took
+    """
+
+    verdict: Verdict
+    pose: Pose | None
+    position_radius: Floats | None
+    rotation_radius: Floats | None
+    frames: Frames
+    outliers: int = 0
+    refuted: tuple[int, ...] = ()
+    reason: str = ""
+    seconds: float = 0.0
+
+    @property
+    def status(self) -> str:
+        """A sentence."""
+        but = f" but at most {self.outliers}" if self.outliers else ""
+        if self.verdict is Verdict.PROVED:
+            return f"All poses that show all dots{but} in their pixel boxes are enclosed: proved."
+        if self.verdict is Verdict.REFUTED:
+            return f"No pose shows all dots{but} in their pixel boxes: proved."
+        return f"Nothing is proved: {self.reason}."
+
+    def __contains__(self, pose: Pose) -> bool:
+        """Whether a pose (of exact floats) lies in the enclosure, in exact numbers."""
+        if self.pose is None or self.position_radius is None or self.rotation_radius is None:
+            return False
+        away = [abs(F(p) - F(q)) for p, q in zip(pose.position.tolist(), self.pose.position.tolist(), strict=True)]
+        a, b = ([F(v) for v in one.quaternion.tolist()] for one in (pose, self.pose))
+        # (1, s) times the other quaternion is proportional to this one
+        w = sum(p * q for p, q in zip(a, b, strict=True))
+        if not w:
+            return False
+        s = [
+            (b[0] * a[1 + i] - a[0] * b[1 + i] - (a[1 + j] * b[1 + k] - a[1 + k] * b[1 + j])) / w
+            for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+        ]
+        radii = [*self.position_radius.tolist(), *self.rotation_radius.tolist()]
+        return all(v <= F(r) for v, r in zip([*away, *(2 * abs(v) for v in s)], radii, strict=True))
+
+
+def enclose_pose(
+    boxes: PixelBoxes,
+    target: Target | TargetSet,
+    camera: Camera | CameraSet,
+    *,
+    frames: Frames | None = None,
+    outliers: int = 0,
+    certificate: str | os.PathLike[str] | None = None,
+    sources: Mapping[str, bytes] | None = None,
+) -> PoseSet:
+    """A box that is proved to hold every pose that shows all dots but at most `outliers` in their pixel boxes.
+
+    `target` and `camera` are exact, or the sets that they are known to be in. `frames` are exact motions: then the
+    poses are those of the mobile frame in the base frame, which is where the box's axes are. `certificate` is a path
+    without its ends: PATH.pose.json states all of this with the box, and PATH.1.cert.jsonl and so on prove it.
+    `sources` are the bytes of the files that pixels, camera and target came from, by name, whose SHA-256 the claim
+    states.
+
+    Raises InputError for boxes that are not of this target, or that show nothing of the camera's field of view.
+    """
+    begin = time.perf_counter()
+    frames, targets = frames or Frames(), TargetSet.of(target)
+    _check(boxes, targets.target, outliers)
+    stem = None if certificate is None else Path(certificate)
+    named = "" if stem is None else stem.name
+    inputs, sight = _sight(boxes, targets, CameraSet.of(camera), frames, named, sources or {})
+    search = _Search(sight, digest_of(inputs), outliers, stem)
+
+    def answer(
+        verdict: Verdict, pose: Pose | None, radii: Floats | None, wrong: Sequence[int], why: str = ""
+    ) -> PoseSet:
+        numbers = tuple(sorted(int(boxes.numbers[k]) for k in wrong))
+        place, turn = (None, None) if radii is None else (frozen_array(radii[:3]), frozen_array(radii[3:]))
+        return PoseSet(verdict, pose, place, turn, frames, outliers, numbers, why, time.perf_counter() - begin)
+
+    try:
+        found = search.ended()
+        pose, radii = None, None
+        if found.left is not None:
+            place = [float(a + b) / 2.0 for a, b in zip(found.left.lo[9:12], found.left.hi[9:12], strict=True)]
+            pose = Pose(np.array(place), normalised([float(v) for v in _middle(found.turn, found.left)]))
+            at = [F(v) for v in (*pose.position.tolist(), *pose.quaternion.tolist())]
+            radii = np.array([_above(F(v.hi, 1 << 160)) for v in sight.radii(found.left, found.turn, at)])
+    except Refused as reason:
+        return answer(Verdict.UNKNOWN, None, None, (), str(reason))
+    if stem is not None:
+        refuted = radii is None
+        search.write(
+            {
+                "format": POSE_SET_FORMAT,
+                "inputs": inputs,
+                "outliers": outliers,
+                "refuted": refuted,
+                "pose": _motion(pose or Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))),
+                "position_radius": None if radii is None else _hex(radii[:3]),
+                "rotation_radius": None if radii is None else _hex(radii[3:]),
+                "wrong": list(found.wrong),
+                "after": list(found.after),
+            }
+        )
+    return answer(Verdict.REFUTED if radii is None else Verdict.PROVED, pose, radii, found.wrong)
+
+
+def _above(value: F) -> float:
+    near = float(value)
+    return near if F(near) >= value else float(np.nextafter(near, np.inf))
+
+
+def _check(boxes: PixelBoxes, target: Target, outliers: int) -> None:
+    problems = [
+        Problem(f"pixel box of dot {k}", f"{target.name!r} has dots 0 to {len(target.dots) - 1}", "number dots from 0")
+        for k in boxes.numbers[(boxes.numbers < 0) | (boxes.numbers >= len(target.dots))]
+    ]
+    if outliers < 0:
+        problems.append(Problem("outliers", f"is {outliers}", "give a number of dots >= 0"))
+    if problems:
+        raise InputError(problems)
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# Campaigns whose reading sets come from pixels: a guaranteed pose set for every row instead of 3 sigma.
+
+# a page of such a campaign shows it among the campaign's provenance
+NOT_ON_THE_PAGE = "checked by `cpcal verify` of their folder, from pixels on; the check on this page begins after them"
+
+
+def campaign_of(
+    sets: Sequence[PoseSet],
+    lengths: npt.ArrayLike,
+    robot: Robot,
+    *,
+    length_radius: npt.ArrayLike = 0.0,
+    pose: Sequence[str] | None = None,
+    run: Sequence[str] | None = None,
+    provenance: Mapping[str, str] | None = None,
+) -> Campaign:
+    """The campaign of N pose sets of the mobile frame in the base frame, and leg readings (N, n) mm.
+
+    Row k states |P - P_k| <= p and |2 s| <= r with half-widths of its own, which hold the pose set of image k: what is
+    certified of the campaign is true of every robot whose poses show the dots in their pixel boxes and whose leg
+    readings are off by at most `length_radius` (broadcast to (N, n) mm). The frames were exact: what is not known of
+    them (hand-eye calibration) is not in the sets. What the campaign's certificates and pages check begins at these
+    boxes, not at the pixels; its `provenance` says so.
+
+    Raises InputError for sets that are not proved, for frames that differ, and for what makes no campaign.
+    """
+    problems = [
+        Problem(f"pose set {k}", one.status, "leave the image out, or give wider pixel boxes")
+        for k, one in enumerate(sets)
+        if one.pose is None
+    ]
+    if any(one.frames != sets[0].frames for one in sets):
+        problems.append(Problem("pose sets", "have different frames", "enclose all with the same Frames"))
+    if problems:
+        raise InputError(problems)
+    poses = [one.pose for one in sets if one.pose is not None]
+    return Campaign.of(
+        robot,
+        np.array([one.position for one in poses]),
+        np.array([one.quaternion for one in poses]),
+        lengths,
+        pose=pose,
+        run=run,
+        position_radius=np.array([one.position_radius for one in sets]),
+        rotation_radius=np.array([one.rotation_radius for one in sets]),
+        length_radius=length_radius,
+        exact=length_radius is None,
+        provenance={"pose sets": NOT_ON_THE_PAGE, **(provenance or {})},
+    )
