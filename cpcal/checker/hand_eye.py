@@ -50,8 +50,14 @@ _HEADER = record(
     }
 )
 _ASKED = record(
-    {"center": many(dyadic, 14), "reach": dyadic, "angle": maybe(dyadic), "hand": many(dyadic, 3), "board": many(dyadic, 3)}
-)  # fmt: skip
+    {
+        "center": many(dyadic, 14),
+        "reach": dyadic,
+        "angle": maybe(dyadic),
+        "hand": many(dyadic, 3),
+        "board": many(dyadic, 3),
+    }
+)
 
 
 # the study ----------------------------------------------------------------------------------------------------------
@@ -535,7 +541,8 @@ class _Wrong(_Run):
             raise Refused("names an image that is not left out, or twice")
         for image, reasons in blamed:
             self.refuted(reasons, exact(tolerance), image)
-        return f"wrong images: PROVED if at most {self.outliers} are, at {float(exact(tolerance))!r} px: {', '.join(named)}"
+        at = float(exact(tolerance))
+        return f"wrong images: PROVED if at most {self.outliers} are, at {at!r} px: {', '.join(named)}"
 
     def refuted(self, groups: Any, eps: F, beside: str | None) -> None:
         """Raises Refused unless, whichever images but the one `beside` are wrong, some group of right ones is left."""

@@ -104,9 +104,9 @@ class Proof:
     """What is proved at a tolerance: `left` (30 unknowns) holds all frames that explain the pixels; None: there are
     none.
 
-    `certificate` is the last of its `files`, None where none is needed; `poses` are those of images that it rests on, and
-    `sets` these; `last`: sides and numbers of the
-    rows of its last step; `timed`: a time limit ended the search.
+    `certificate` is the last of its `files`, None where none is needed; `poses` are those of images that it rests on,
+    and `sets` what they claim; `last`: sides and numbers of the rows of its last step; `timed`: a time limit ended the
+    search.
     """
 
     eps: float
