@@ -33,7 +33,9 @@ _TANGENTS = (-1.0, -0.5, 0.5, 1.0)
 _BITS = (14, 24, 40)  # of the largest weight: the first that prove nearly as much as was proposed
 _LOSS = 0.02  # of what a bound gains, given away for shorter numbers
 _PAYS = 0.7  # median share of the widths that programs without columns must leave, or less
+_NEGLIGIBLE = 0.003  # half-widths: programs that give away no more of products need no columns
 _PASSES = 80
+_ROUNDING = 2e-15  # of the sum of a row's terms
 
 
 class TaggedRows(Protocol):
@@ -89,6 +91,12 @@ class System:
         np.add.at(spread, (np.arange(len(i)), j), center[i])
         return constant, (self.linear + self.products @ spread) * radius, self.products * (radius[i] * radius[j])
 
+    def rounding(self, center: Floats) -> Floats:
+        """(M,) about what float64 may get wrong of the constants: all that matters of them in a tiny box."""
+        i, j = self.pairs.T
+        size = np.abs(self.constant) + np.abs(self.linear) @ np.abs(center)
+        return np.asarray(_ROUNDING * (size + np.abs(self.products) @ np.abs(center[i] * center[j])))
+
 
 class _Programs:
     """The linear programs of a system on one box."""
@@ -97,14 +105,17 @@ class _Programs:
         self.system, self.count = system, 0
         self.center, self.radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
         constant, linear, products = system.centred(self.center, self.radius)
+        constant = constant - system.rounding(self.center)
         chosen = np.flatnonzero(columns & (np.abs(products).max(axis=0, initial=0.0) > 0.0))
         beside = np.where(system.square, np.maximum(-products, 0.0), np.abs(products))
         beside[:, chosen] = 0.0
+        given_away = beside.sum(axis=1)
         matrix = np.concatenate([linear, products[:, chosen]], axis=1)
-        rhs = beside.sum(axis=1) - constant
+        rhs = given_away - constant
         scale = np.abs(matrix).max(axis=1)
         kept = np.flatnonzero((scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs))
         self._tags, self._scale = kept.tolist(), scale[kept]
+        self.given_away = float((given_away[kept] / self._scale).max(initial=0.0))  # of products, at most, in u
         size = linear.shape[1]
         self._bounds, above, sides = _bound_products(chosen, system)
         lower = -np.ones(size + len(chosen))
@@ -175,14 +186,16 @@ class _Proposed:
 
     def whole(self, bits: int) -> Weights:
         """As whole numbers of so many bits; rows by their places in the system."""
-        kinds = (self.rows, self.products, self.tangents)
-        found, exponents = zip(*(whole(np.array([e[-1] for e in kind]), bits) for kind in kinds), strict=True)
-        rows, products, tangents = (
-            [(*e[:-1], int(w)) for e, w in zip(kind, values.tolist(), strict=True) if w]
-            for kind, values in zip(kinds, found, strict=True)
+        (rows, r), (products, p), (tangents, t) = (
+            _whole(list(kind), bits) for kind in (self.rows, self.products, self.tangents)
         )
-        squares = tuple((i, F(t), w) for i, t, w in tangents)
-        return Weights(tuple(rows), tuple(products), squares, exponents)
+        return Weights(tuple(rows), tuple(products), tuple((i, F(at), w) for i, at, w in tangents), (r, p, t))
+
+
+def _whole(kind: list[tuple[Any, ...]], bits: int) -> tuple[list[tuple[Any, ...]], int]:
+    """Entries whose last numbers are whole, without those that vanish, and the power of two that these are times."""
+    values, exponent = whole(np.array([e[-1] for e in kind]), bits)
+    return [(*e[:-1], int(w)) for e, w in zip(kind, values.tolist(), strict=True) if w], exponent
 
 
 @dataclass
@@ -237,8 +250,8 @@ def contracted(
         open_ += [(fresh, box_left.replaced(i, hi=cut)), (fresh + 1, box_left.replaced(i, lo=cut))]
         fresh += 2
     if left:
-        sides = [zip(*(getattr(box, side) for box in left), strict=True) for side in ("lo", "hi")]
-        found.left = Box(tuple(map(min, sides[0])), tuple(map(max, sides[1])))
+        lo, hi = zip(*(box.lo for box in left), strict=True), zip(*(box.hi for box in left), strict=True)
+        found.left = Box(tuple(map(min, lo)), tuple(map(max, hi)))
     return found
 
 
@@ -266,8 +279,10 @@ class _Descent:
     def _best_pass(self, box: Box) -> None:
         """Without columns of products where that is worth a try, and with them where it gained too little."""
         if self.narrow(np.array([float(b - a) / 2 for a, b in zip(box.lo, box.hi, strict=True)])):
-            self._pass(box, np.zeros_like(self.system.lifted), self.system.asked)
-            if self.result is None or np.median(_shares(box, self.result, self.system.asked)) <= _PAYS:
+            given_away = self._pass(box, np.zeros_like(self.system.lifted), self.system.asked)
+            if self.result is None or given_away < _NEGLIGIBLE:
+                return
+            if np.median(_shares(box, self.result, self.system.asked)) <= _PAYS:
                 return
         assert self.result is not None
         self._pass(self.result, self.system.lifted, self.system.asked)
@@ -277,63 +292,70 @@ class _Descent:
         assert self.result is not None
         self._pass(self.result, self.system.lifted, unknowns)
 
-    def _pass(self, box: Box, columns: Bools, asked: Sequence[int]) -> None:
-        """Two programs for each unknown that is asked for; what is proved of them is a step."""
+    def _pass(self, box: Box, columns: Bools, asked: Sequence[int]) -> float:
+        """Two programs for each unknown that is asked for; what is proved of them is a step.
+
+        What the programs gave away of products, at most, in half-widths.
+        """
         system = self.system
         lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
-        programs = _Programs(system, lo, hi, columns)
-        prover = _Prover(system, box)
+        programs, prover = _Programs(system, lo, hi, columns), _Prover(system, box)
         lowest, highest = np.full(len(lo), np.inf), np.full(len(lo), -np.inf)
-        for i in asked:
-            for side, sign in (("lo", 1.0), ("hi", -1.0)):
-                met = lowest[i] < -1.0 + _MET if sign > 0.0 else highest[i] > 1.0 - _MET
-                if programs.radius[i] == 0.0 or met:
-                    continue
-                solution = programs.minimize(i, sign)
-                if solution.status is LinearStatus.INFEASIBLE:
-                    if prover.exclude(programs.weights(solution)):
-                        self.found.programs += programs.count
-                        self.found.steps.append(prover.step(self.name))
-                        self.found.last = prover.tags
-                        self.result = None
-                        return
-                    continue
-                if solution.status is not LinearStatus.OPTIMAL:
-                    continue
-                u = solution.point[: len(lo)]
-                np.minimum(lowest, u, out=lowest)
-                np.maximum(highest, u, out=highest)
-                if sign * u[i] >= -1.0 + _WORTH:
-                    prover.bound(i, side, float(programs.center[i] + programs.radius[i] * u[i]),
-                                 programs.weights(solution), sign * u[i] + 1.0, programs.radius[i])  # fmt: skip
+        proposed: list[tuple[int, str, float, _Proposed]] = []
+        ends = {(i, sign): -1.0 for i in asked for sign in (1.0, -1.0)}
+        for i, sign in ends:
+            met = lowest[i] < -1.0 + _MET if sign > 0.0 else highest[i] > 1.0 - _MET
+            if programs.radius[i] == 0.0 or met:
+                continue
+            solution = programs.minimize(i, sign)
+            if solution.status is LinearStatus.INFEASIBLE and prover.exclude(programs.weights(solution)):
+                break
+            if solution.status is not LinearStatus.OPTIMAL:
+                continue
+            u = solution.point[: len(lo)]
+            np.minimum(lowest, u, out=lowest)
+            np.maximum(highest, u, out=highest)
+            if sign * u[i] >= -1.0 + _WORTH:
+                ends[i, sign] = float(sign * u[i])
+                value = float(programs.center[i] + programs.radius[i] * u[i])
+                proposed.append((i, "lo" if sign > 0.0 else "hi", value, programs.weights(solution)))
+        else:
+            for i, side, value, weights in proposed:
+                width = -ends[i, 1.0] - ends[i, -1.0]
+                prover.bound(i, side, value, weights, _LOSS * max(width, 1e-9) * programs.radius[i])
         self.found.programs += programs.count
-        if prover.bounds:
-            self.found.steps.append(prover.step(self.name))
+        step = prover.step(self.name)
+        if step is not None:
+            self.found.steps.append(step)
             self.found.last = prover.tags
-            left = prover.left
-            self.result = left if all(map(le, left.lo, left.hi)) else None
+            self.result = prover.left
+        return programs.given_away
 
 
 class _Prover:
-    """Exact bounds on one box."""
+    """Exact bounds on one box; `left` is what they leave, None for nothing."""
 
     def __init__(self, system: System, box: Box) -> None:
-        self._system, self.left = system, box
+        self._system, self._lo, self._hi = system, list(box.lo), list(box.hi)
         self._rule = Rule(system.problem, box, [(*tag, "") for tag in system.tags], free)
-        self.bounds: list[tuple[int, str, F, Weights]] = []
+        self._bounds: list[tuple[int, str, F, Weights]] = []
         self._excluding: Weights | None = None
 
-    def exclude(self, proposed: _Proposed) -> bool:
-        for bits in _BITS:
-            weights = proposed.whole(bits)
-            if self._rule.excludes(weights):
-                self._excluding = weights
-                return True
-        return False
+    @property
+    def left(self) -> Box | None:
+        if self._excluding is not None or not all(map(le, self._lo, self._hi)):
+            return None
+        return Box(tuple(self._lo), tuple(self._hi))
 
-    def bound(self, i: int, side: str, value: float, proposed: _Proposed, gain: float, radius: float) -> None:
+    def exclude(self, proposed: _Proposed) -> bool:
+        """Whether the box is proved to hold nothing."""
+        tried = map(proposed.whole, _BITS)
+        self._excluding = next((weights for weights in tried if self._rule.excludes(weights)), None)
+        return self._excluding is not None
+
+    def bound(self, i: int, side: str, value: float, proposed: _Proposed, loss: float) -> None:
         """Keep a bound near `value`, if it is proved to be better than what there is."""
-        loss, best = _LOSS * gain * radius, None
+        best: tuple[F, Weights] | None = None
         for bits in _BITS:
             weights = proposed.whole(bits)
             proved = self._rule.bound(i, side, weights)
@@ -342,26 +364,21 @@ class _Prover:
             if abs(float(proved) - value) <= loss:
                 break
         assert best is not None
-        proved, weights = best
-        kept = F(brief(proved, side == "lo", loss))
-        lo, hi = self.left.lo[i], self.left.hi[i]
-        if kept > lo if side == "lo" else kept < hi:
-            self.bounds.append((i, side, kept, weights))
-            if side == "lo":
-                self.left = self.left.replaced(i, lo=kept)
-            else:
-                self.left = self.left.replaced(i, hi=kept)
+        kept, ends = F(brief(best[0], side == "lo", loss)), self._lo if side == "lo" else self._hi
+        if kept > ends[i] if side == "lo" else kept < ends[i]:
+            self._bounds.append((i, side, kept, best[1]))
+            ends[i] = kept
 
     @property
     def tags(self) -> tuple[tuple[str, int], ...]:
         return tuple(self._system.tags[n] for n in self._used())
 
     def _used(self) -> list[int]:
-        all_ = [self._excluding] if self._excluding else [weights for *_, weights in self.bounds]
+        all_ = [self._excluding] if self._excluding else [weights for *_, weights in self._bounds]
         return sorted({n for weights in all_ for n, _ in weights.rows})
 
-    def step(self, name: int) -> dict[str, Any]:
-        """As a certificate holds it."""
+    def step(self, name: int) -> dict[str, Any] | None:
+        """As a certificate holds it; None where nothing is proved."""
         used = self._used()
         places = {n: new for new, n in enumerate(used)}
 
@@ -376,7 +393,9 @@ class _Prover:
         rows = [[*self._system.tags[n]] for n in used]
         if self._excluding:
             return {"exclude": name, "cap": None, "rows": rows, "weights": text(self._excluding)}
-        bounds = [[i, side, number(value), text(weights)] for i, side, value, weights in self.bounds]
+        if not self._bounds:
+            return None
+        bounds = [[i, side, number(value), text(weights)] for i, side, value, weights in self._bounds]
         return {"pass": name, "cap": None, "rows": rows, "bounds": bounds}
 
 
