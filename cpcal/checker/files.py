@@ -21,6 +21,7 @@ ROBUST_NAME, POSE_SET_SUFFIX, STUDY_NAME = (
     ".pose.json",
     "study.json",
 )  # files of claims other than those of a run
+STUDY_NAME = "study.json"  # of hand-eye runs
 LONGEST_LINE, LARGEST_FILE = 4 << 20, 8 << 20  # bytes of a line, and of a file that is held in memory
 
 

@@ -286,14 +286,16 @@ class Rows:
         widths = self.study.widths[image]
         v = sum((w * w for w in widths[3:]), F(0)) / 2
         start = self.first[image]
-        size = {(): F(1)} | {(start + 15 + a,): widths[a] for a in AXES}
+        size: dict[tuple[int, ...], Interval] = {(): (F(1), F(1))}
+        size |= {(start + 15 + a,): (-widths[a], widths[a]) for a in AXES}
         total = F(0)
         for terms in targets:
             low = high = F(0)
             for m, c in terms.items():
-                reach = size[m] if m in size else None
-                lo, hi = (F(1), F(1)) if not m else (-reach, reach) if reach is not None else (
-                    self._frames.lo[m[0]], self._frames.hi[m[0]])  # fmt: skip
+                if m in size:
+                    lo, hi = size[m]
+                else:
+                    lo, hi = self._frames.lo[m[0]], self._frames.hi[m[0]]
                 low, high = low + min(c * lo, c * hi), high + max(c * lo, c * hi)
             total += max(-low, high)
         return v * total

@@ -50,8 +50,14 @@ _HEADER = record(
     }
 )
 _ASKED = record(
-    {"center": many(dyadic, 14), "reach": dyadic, "angle": maybe(dyadic), "hand": many(dyadic, 3), "board": many(dyadic, 3)}
-)  # fmt: skip
+    {
+        "center": many(dyadic, 14),
+        "reach": dyadic,
+        "angle": maybe(dyadic),
+        "hand": many(dyadic, 3),
+        "board": many(dyadic, 3),
+    }
+)
 
 
 # the study ----------------------------------------------------------------------------------------------------------
@@ -104,10 +110,6 @@ def _named(rows: list[Any], place: int, size: int) -> tuple[str, ...]:
 def _check_lens(study: Study, pixels: list[list[F]], distortion: Sequence[F]) -> None:
     """Each undistorted pixel is the only one, as far out as any of them, that the lens moves to the measured one."""
     k1, k2, p1, p2, k3 = distortion
-    if not any(distortion):
-        if any(list(ray) != pixel for ray, pixel in zip(study.rays, pixels, strict=True)):
-            raise Refused("holds an undistorted pixel that is another one")
-        return
     farthest = F(0)
     for ray, pixel in zip(study.rays, pixels, strict=True):
         # to 80 bits: what that changes of a pixel is nothing beside _LENS
@@ -120,6 +122,8 @@ def _check_lens(study: Study, pixels: list[list[F]], distortion: Sequence[F]) ->
         for a in (0, 1):
             if abs(study.center[a] + study.focal[a] * bent[a] - pixel[a]) > _LENS:
                 raise Refused("holds an undistorted pixel that is another one")
+    if not any(distortion):
+        return
     numbers = (*study.focal, *study.center, k1, k2, p1, p2, k3)
     radius = bound(F((farthest * 2**60).__ceil__(), 2**60)).root.hi
     assert Cameras(numbers, [()] * 9, False, F(radius, 1 << 160)).least
@@ -451,7 +455,7 @@ class _HandEye(_Run):
         if claims.enclosure is None:
             raise Refused("rests on a certificate that claims no box")
         lo, hi = (list(side[:UNKNOWNS]) for side in claims.enclosure)
-        found = [lo, hi, *parameter_ranges(lo, hi, _placed(result["point"]))]
+        found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, _placed(result["point"]))]
         for what, side, values in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):
             same(what, [exact(v) for v in array(side)], [F(v) for v in values])
         said = f"all frames that explain every pixel to {float(eps)!r} px ({accepted.steps} steps)"
@@ -461,7 +465,7 @@ class _HandEye(_Run):
         result = self.result
         eps, support = exact(result["eps_lo"]), result["support"]
         if result["lower"] is None:
-            compare([("eps_lo", eps, 0), ("support", support, [])])  # type: ignore[arg-type]
+            compare([("eps_lo", eps, 0), ("support", support, [])])
             return "lower end: NOT CERTIFIED, eps >= 0"
         accepted = self.accepted(result["lower"], eps, self.fitted())
         if not accepted.claims.infeasible:
@@ -484,10 +488,10 @@ class _HandEye(_Run):
             if one is None:
                 raise Refused(f"puts points of {shown(name)} behind the camera")
             worst, failing = max(worst, one), failing + (one > eps)
-            compare(iter([
+            compare([
                 ("image", verdict["image"], name), ("error in an image", exact(verdict["largest"]), F(above(one))),
                 ("verdict on an image", verdict["ok"], one <= eps),
-            ]))  # fmt: skip
+            ])  # fmt: skip
         same("largest error", exact(said["largest"]), F(above(worst)))
         return f"least squares: PROVED, over {float(eps)!r} px in {failing} of {len(study.images)} images"
 
@@ -535,7 +539,8 @@ class _Wrong(_Run):
             raise Refused("names an image that is not left out, or twice")
         for image, reasons in blamed:
             self.refuted(reasons, exact(tolerance), image)
-        return f"wrong images: PROVED if at most {self.outliers} are, at {float(exact(tolerance))!r} px: {', '.join(named)}"
+        at = float(exact(tolerance))
+        return f"wrong images: PROVED if at most {self.outliers} are, at {at!r} px: {', '.join(named)}"
 
     def refuted(self, groups: Any, eps: F, beside: str | None) -> None:
         """Raises Refused unless, whichever images but the one `beside` are wrong, some group of right ones is left."""

@@ -1,4 +1,4 @@
-"""The certified answer to a hand-eye study: eps* between two bounds, ranges of the frames, verdicts on least squares."""
+"""The certified answer to a hand-eye study: eps* between two bounds, ranges of the frames, least squares judged."""
 
 from __future__ import annotations
 
@@ -132,10 +132,10 @@ class Classical:
 class HandEyeResult:
     """eps* lies in [eps_lo, eps_hi] px.
 
-    PROVED: no frames in the box explain every pixel to within `eps_lo`, where that is above 0 (the certificate `lower`);
-    `point` explains every one to within `eps_hi` (exact
-    arithmetic), at the `readings` of uncertain poses, image by image. `support`: image and point of each pixel row with
-    a weight in the last step of the proof. Raises ValueError for numbers that are not finite.
+    PROVED: no frames in the box explain every pixel to within `eps_lo`, where that is above 0 (the certificate
+    `lower`); `point` explains every one to within `eps_hi` (exact arithmetic), at the `readings` of uncertain poses,
+    image by image. `support`: image and point of each pixel row with a weight in the last step of the proof. Raises
+    ValueError for numbers that are not finite.
 
     `gap`: relative, that was asked for. Of the least-squares answer `rms` (px per axis), `sigma` (in the order of E and
     F of `ClassicalAnswer.covariance`) and `remarks`. `programs`: linear ones that were solved. `timed`: the

@@ -207,11 +207,12 @@ def load_study_json(folder: str | os.PathLike[str]) -> HandEyeStudy:
         return HandEyeStudy(
             setup=data["setup"],
             camera=Camera(
-                *camera["size"],
-                np.array(camera["focal"], np.float64),
-                np.array(camera["center"], np.float64),
-                np.array(camera["distortion"], np.float64),
-                camera["model"],
+                width=camera["size"][0],
+                height=camera["size"][1],
+                focal=np.array(camera["focal"], np.float64),
+                center=np.array(camera["center"], np.float64),
+                distortion=np.array(camera["distortion"], np.float64),
+                model=camera["model"],
             ),
             images=tuple(row[0] for row in images),
             poses=Pose(poses[:, :3], poses[:, 3:7]),

@@ -104,9 +104,9 @@ class Proof:
     """What is proved at a tolerance: `left` (30 unknowns) holds all frames that explain the pixels; None: there are
     none.
 
-    `certificate` is the last of its `files`, None where none is needed; `poses` are those of images that it rests on, and
-    `sets` these; `last`: sides and numbers of the
-    rows of its last step; `timed`: a time limit ended the search.
+    `certificate` is the last of its `files`, None where none is needed; `poses` are those of images that it rests on,
+    and `sets` what they claim; `last`: sides and numbers of the rows of its last step; `timed`: a time limit ended the
+    search.
     """
 
     eps: float
@@ -172,11 +172,12 @@ class Prover:
                     before, sets=sets, poses=(*before.poses, one.certificate), files={**before.files, **one.files},
                     programs=before.programs + one.programs,
                 )  # fmt: skip
-        if sets:
-            before = self.step(f"{name}-links", "links", before, eps, sorted(sets), end)
+        if sets or self.exact.uncertain:
+            linked = name if self.exact.uncertain else f"{name}-links"
+            before = self._proof(linked, "links", before, eps, sorted(sets) or images, end, 1)
         if before.refuted or self.exact.uncertain:
             return before
-        return self.step(name, "frames", before, eps, images, end)
+        return self._proof(name, "frames", before, eps, images, end, 1)
 
     def alone(self, name: str, k: int, eps: float) -> Proof:
         """What the pixels of one image allow, whatever the robot's poses are."""
@@ -188,13 +189,6 @@ class Prover:
             return self._proof(name, "links", wide, eps, sorted(wide.sets), end, 1)
         return self._proof(name, "frames", wide, eps, range(len(self.study.images)), end, _BOXES)
 
-    def step(self, name: str, stage: str, before: Proof, eps: float, images: Sequence[int], end: float) -> Proof:
-        """A stage that begins where another proof ended, or that one where it adds nothing."""
-        found = self._proof(name, stage, before, eps, images, end, 1)
-        if found.certificate is None and before.certificate is not None:
-            return replace(before, programs=found.programs, timed=before.timed or found.timed)
-        return found
-
     def _proof(
         self, name: str, stage: str, before: Proof, eps: float, images: Sequence[int], end: float, boxes: int
     ) -> Proof:
@@ -204,7 +198,7 @@ class Prover:
             "format": FORMAT, "study": self.digest, "stage": stage, "images": list(images), "eps": number(eps),
             "asked": self.asked, "after": before.certificate, "poses": list(before.poses),
         }  # fmt: skip
-        file = f"{name}.cert.jsonl" if found.steps else None
+        file = f"{name}.cert.jsonl" if found.steps or stage != "image" else None
         left = None if found.left is None else Box(found.left.lo[:SIZE], found.left.hi[:SIZE])
         files = {**before.files, **({} if file is None else {file: (header, found)})}
         programs, timed = before.programs + found.programs, before.timed or found.ended == "time"

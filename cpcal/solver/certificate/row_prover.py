@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction as F
-from operator import le
+from operator import itemgetter, le
 from typing import Any, Protocol
 
 import numpy as np
@@ -33,7 +33,9 @@ _TANGENTS = (-1.0, -0.5, 0.5, 1.0)
 _BITS = (14, 24, 40)  # of the largest weight: the first that prove nearly as much as was proposed
 _LOSS = 0.02  # of what a bound gains, given away for shorter numbers
 _PAYS = 0.7  # median share of the widths that programs without columns must leave, or less
+_NEGLIGIBLE = 0.003  # half-widths: programs that give away no more of products need no columns
 _PASSES = 80
+_ROUNDING = 2e-15  # of the sum of a row's terms
 
 
 class TaggedRows(Protocol):
@@ -94,6 +96,12 @@ class System:
         np.add.at(spread, (np.arange(len(i)), j), center[i])
         return constant, (self.linear + self.products @ spread) * radius, self.products * (radius[i] * radius[j])
 
+    def rounding(self, center: Floats) -> Floats:
+        """(M,) about what float64 may get wrong of the constants: all that matters of them in a tiny box."""
+        i, j = self.pairs.T
+        size = np.abs(self.constant) + np.abs(self.linear) @ np.abs(center)
+        return np.asarray(_ROUNDING * (size + np.abs(self.products) @ np.abs(center[i] * center[j])))
+
 
 class _Programs:
     """The linear programs of a system on one box."""
@@ -104,17 +112,20 @@ class _Programs:
         self.system, self.count = system, 0
         self.center, self.radius = 0.5 * (lo + hi), 0.5 * (hi - lo)
         constant, linear, products = system.centred(self.center, self.radius)
+        constant = constant - system.rounding(self.center)
         chosen = np.flatnonzero(columns & (np.abs(products).max(axis=0, initial=0.0) > 0.0))
         beside = np.where(system.square, np.maximum(-products, 0.0), np.abs(products))
         beside[:, chosen] = 0.0
+        given_away = beside.sum(axis=1)
         matrix = np.concatenate([linear, products[:, chosen]], axis=1)
-        rhs = beside.sum(axis=1) - constant
+        rhs = given_away - constant
         scale = np.abs(matrix).max(axis=1)
         useful = (scale > 0.0) & (np.abs(matrix).sum(axis=1) > rhs)
         if without:
             useful &= [owner not in without for owner in system.owner]
         kept = np.flatnonzero(useful)
         self._tags, self._scale = kept.tolist(), scale[kept]
+        self.given_away = float((given_away[kept] / self._scale).max(initial=0.0))  # of products, at most, in u
         size = linear.shape[1]
         self._bounds, above, sides = _bound_products(chosen, system)
         lower = -np.ones(size + len(chosen))
@@ -187,14 +198,16 @@ class _Proposed:
 
     def whole(self, bits: int) -> Weights:
         """As whole numbers of so many bits; rows by their places in the system."""
-        kinds = (self.rows, self.products, self.tangents)
-        found, exponents = zip(*(whole(np.array([e[-1] for e in kind]), bits) for kind in kinds), strict=True)
-        rows, products, tangents = (
-            [(*e[:-1], int(w)) for e, w in zip(kind, values.tolist(), strict=True) if w]
-            for kind, values in zip(kinds, found, strict=True)
+        (rows, r), (products, p), (tangents, t) = (
+            _whole(list(kind), bits) for kind in (self.rows, self.products, self.tangents)
         )
-        squares = tuple((i, F(t), w) for i, t, w in tangents)
-        return Weights(tuple(rows), tuple(products), squares, exponents)
+        return Weights(tuple(rows), tuple(products), tuple((i, F(at), w) for i, at, w in tangents), (r, p, t))
+
+
+def _whole(kind: list[tuple[Any, ...]], bits: int) -> tuple[list[tuple[Any, ...]], int]:
+    """Entries whose last numbers are whole, without those that vanish, and the power of two that these are times."""
+    values, exponent = whole(np.array([e[-1] for e in kind]), bits)
+    return [(*e[:-1], int(w)) for e, w in zip(kind, values.tolist(), strict=True) if w], exponent
 
 
 @dataclass
@@ -249,8 +262,8 @@ def contracted(
         open_ += [(fresh, box_left.replaced(i, hi=cut)), (fresh + 1, box_left.replaced(i, lo=cut))]
         fresh += 2
     if left:
-        sides = [zip(*(getattr(box, side) for box in left), strict=True) for side in ("lo", "hi")]
-        found.left = Box(tuple(map(min, sides[0])), tuple(map(max, sides[1])))
+        lo, hi = zip(*(box.lo for box in left), strict=True), zip(*(box.hi for box in left), strict=True)
+        found.left = Box(tuple(map(min, lo)), tuple(map(max, hi)))
     return found
 
 
@@ -278,8 +291,10 @@ class _Descent:
     def _best_pass(self, box: Box) -> None:
         """Without columns of products where that is worth a try, and with them where it gained too little."""
         if self.narrow(np.array([float(b - a) / 2 for a, b in zip(box.lo, box.hi, strict=True)])):
-            self._pass(box, np.zeros_like(self.system.lifted), self.system.asked)
-            if self.result is None or np.median(_shares(box, self.result, self.system.asked)) <= _PAYS:
+            given_away = self._pass(box, np.zeros_like(self.system.lifted), self.system.asked)
+            if self.result is None or given_away < _NEGLIGIBLE:
+                return
+            if np.median(_shares(box, self.result, self.system.asked)) <= _PAYS:
                 return
         assert self.result is not None
         self._pass(self.result, self.system.lifted, self.system.asked)
@@ -289,8 +304,11 @@ class _Descent:
         assert self.result is not None
         self._pass(self.result, self.system.lifted, unknowns)
 
-    def _pass(self, box: Box, columns: Bools, asked: Sequence[int]) -> None:
-        """Two programs for each unknown that is asked for; what is proved of them is a step."""
+    def _pass(self, box: Box, columns: Bools, asked: Sequence[int]) -> float:
+        """Two programs for each unknown that is asked for; what is proved of them is a step.
+
+        What the programs gave away of products, at most, in half-widths.
+        """
         system = self.system
         lo, hi = (np.array([float(v) for v in side]) for side in (box.lo, box.hi))
         known: dict[frozenset[int], _Programs] = {}
@@ -300,23 +318,21 @@ class _Descent:
                 known[without] = _Programs(system, lo, hi, columns, without)
             return known[without]
 
-        prover, every = _Prover(system, box), programs(frozenset())
+        every, prover = programs(frozenset()), _Prover(system, box)
         lowest, highest = np.full(len(lo), np.inf), np.full(len(lo), -np.inf)
 
         def family(i: int, sign: float, without: frozenset[int], wrong: int) -> list[_Proposed] | None:
             """What proves a bound whichever are wrong: no such few have weights in all of it. None: it is of no use."""
             own = programs(without)
             solution = own.minimize(i, sign)
-            if solution.status is LinearStatus.OPTIMAL:
+            if solution.status is LinearStatus.INFEASIBLE:
+                value = math.inf
+            elif solution.status is LinearStatus.OPTIMAL:
                 u = solution.point[: len(lo)]
                 np.minimum(lowest, u, out=lowest)
                 np.maximum(highest, u, out=highest)
-                if sign * u[i] < -1.0 + _WORTH:
-                    return None
                 value = sign * float(u[i])
-            elif solution.status is LinearStatus.INFEASIBLE:
-                value = math.inf
-            else:
+            if solution.status not in (LinearStatus.OPTIMAL, LinearStatus.INFEASIBLE) or value < -1.0 + _WORTH:
                 return None
             found = [replace(own.weights(solution), value=value)]
             owners = {system.owner[n] for n, _ in found[0].rows} if wrong else set()
@@ -327,99 +343,92 @@ class _Descent:
                 found += more
             return found
 
-        for i in asked:
-            for side, sign in (("lo", 1.0), ("hi", -1.0)):
-                met = lowest[i] < -1.0 + _MET if sign > 0.0 else highest[i] > 1.0 - _MET
-                if every.radius[i] == 0.0 or met:
-                    continue
-                proposed = family(i, sign, frozenset(), system.wrong)
-                if proposed is None:
-                    continue
-                if all(one.value == math.inf for one in proposed):
-                    if not prover.exclude(proposed):
-                        continue
-                    self._stepped(prover, known.values())
-                    self.result = None
-                    return
-                prover.bound(i, side, proposed)
-        self._stepped(prover, known.values())
-        if prover.bounds:
-            left = prover.left
-            self.result = left if all(map(le, left.lo, left.hi)) else None
-
-    def _stepped(self, prover: _Prover, programs: Iterable[_Programs]) -> None:
-        self.found.programs += sum(one.count for one in programs)
-        if prover.proves:
-            self.found.steps.append(prover.step(self.name))
+        proposed: list[tuple[int, str, list[_Proposed]]] = []
+        ends = {(i, sign): -1.0 for i in asked for sign in (1.0, -1.0)}
+        for i, sign in ends:
+            met = lowest[i] < -1.0 + _MET if sign > 0.0 else highest[i] > 1.0 - _MET
+            one = None if every.radius[i] == 0.0 or met else family(i, sign, frozenset(), system.wrong)
+            if one is None:
+                continue
+            ends[i, sign] = min(part.value for part in one)
+            if ends[i, sign] < math.inf:
+                proposed.append((i, "lo" if sign > 0.0 else "hi", one))
+            elif prover.exclude(one):
+                break
+            else:
+                ends[i, sign] = -1.0
+        else:
+            for i, side, one in proposed:
+                width = -ends[i, 1.0] - ends[i, -1.0]
+                prover.bound(i, side, one, _LOSS * max(width, 1e-9) * float(every.radius[i]))
+        self.found.programs += sum(one.count for one in known.values())
+        step = prover.step(self.name)
+        if step is not None:
+            self.found.steps.append(step)
             self.found.last = prover.tags
+            self.result = prover.left
+        return every.given_away
 
 
 class _Prover:
-    """Exact bounds on one box."""
+    """Exact bounds on one box; `left` is what they leave, None for nothing."""
 
     def __init__(self, system: System, box: Box) -> None:
-        self._system, self._box, self.left = system, box, box
+        self._system, self._lo, self._hi = system, list(box.lo), list(box.hi)
         self._rule = Rule(system.problem, box, [(*tag, "") for tag in system.tags], free)
-        self.bounds: list[tuple[int, str, F, list[Weights]]] = []
+        self._bounds: list[tuple[int, str, F, list[Weights]]] = []
         self._excluding: list[Weights] = []
 
+    @property
+    def left(self) -> Box | None:
+        if self._excluding or not all(map(le, self._lo, self._hi)):
+            return None
+        return Box(tuple(self._lo), tuple(self._hi))
+
     def exclude(self, family: Sequence[_Proposed]) -> bool:
+        """Whether the box is proved to hold nothing."""
         found = [self._excludes(one) for one in family]
-        self._excluding = [weights for weights in found if weights is not None]
-        if len(self._excluding) < len(found):
-            self._excluding = []
+        self._excluding = [] if None in found else [weights for weights in found if weights is not None]
         return bool(self._excluding)
 
     def _excludes(self, proposed: _Proposed) -> Weights | None:
-        return next((w for w in map(proposed.whole, _BITS) if self._rule.excludes(w)), None)
+        return next((weights for weights in map(proposed.whole, _BITS) if self._rule.excludes(weights)), None)
 
-    def bound(self, i: int, side: str, family: Sequence[_Proposed]) -> None:
+    def bound(self, i: int, side: str, family: Sequence[_Proposed], loss: float) -> None:
         """Keep the weakest bound of a family, if it is proved to be better than what there is."""
-        center, radius = (float(v) for v in (self._rule.x.center(i), self._rule.x.radius(i)))
-        sign, gained = (1.0 if side == "lo" else -1.0), min(one.value for one in family)
-        loss = _LOSS * (gained + 1.0) * radius
+        center, radius = float(self._rule.x.center(i)), float(self._rule.x.radius(i))
         proved, sets = list[F](), list[Weights]()
         for one in family:
-            if one.value == math.inf and (weights := self._excludes(one)) is not None:
-                sets.append(weights)
+            if one.value == math.inf:  # what excludes proves any bound
+                excluding = self._excludes(one)
+                if excluding is None:
+                    return
+                sets.append(excluding)
                 continue
-            if one.value == math.inf:
-                return
-            value = center + sign * radius * one.value
-            best: tuple[F, Weights] | None = None
+            value, best = center + radius * (one.value if side == "lo" else -one.value), list[tuple[F, Weights]]()
             for weights in map(one.whole, _BITS):
-                found = self._rule.bound(i, side, weights)
-                if best is None or (found > best[0]) == (side == "lo"):
-                    best = found, weights
-                if abs(float(found) - value) <= loss:
+                best.append((self._rule.bound(i, side, weights), weights))
+                if abs(float(best[-1][0]) - value) <= loss:
                     break
-            assert best is not None
-            proved.append(best[0])
-            sets.append(best[1])
+            bound, weights = (max if side == "lo" else min)(best, key=itemgetter(0))
+            proved.append(bound)
+            sets.append(weights)
         weakest = min(proved) if side == "lo" else max(proved)
-        kept = F(brief(weakest, side == "lo", loss))
-        lo, hi = self.left.lo[i], self.left.hi[i]
-        if kept > lo if side == "lo" else kept < hi:
-            self.bounds.append((i, side, kept, sets))
-            if side == "lo":
-                self.left = self.left.replaced(i, lo=kept)
-            else:
-                self.left = self.left.replaced(i, hi=kept)
-
-    @property
-    def proves(self) -> bool:
-        return bool(self.bounds or self._excluding)
+        kept, ends = F(brief(weakest, side == "lo", loss)), self._lo if side == "lo" else self._hi
+        if kept > ends[i] if side == "lo" else kept < ends[i]:
+            self._bounds.append((i, side, kept, sets))
+            ends[i] = kept
 
     @property
     def tags(self) -> tuple[tuple[str, int], ...]:
         return tuple(self._system.tags[n] for n in self._used())
 
     def _used(self) -> list[int]:
-        all_ = self._excluding or [weights for *_, sets in self.bounds for weights in sets]
+        all_ = self._excluding or [weights for *_, sets in self._bounds for weights in sets]
         return sorted({n for weights in all_ for n, _ in weights.rows})
 
-    def step(self, name: int) -> dict[str, Any]:
-        """As a certificate holds it."""
+    def step(self, name: int) -> dict[str, Any] | None:
+        """As a certificate holds it; None where nothing is proved."""
         used = self._used()
         places = {n: new for new, n in enumerate(used)}
 
@@ -438,7 +447,9 @@ class _Prover:
         rows = [[*self._system.tags[n]] for n in used]
         if self._excluding:
             return {"exclude": name, "cap": None, "rows": rows, "weights": text(self._excluding)}
-        bounds = [[i, side, number(value), text(sets)] for i, side, value, sets in self.bounds]
+        if not self._bounds:
+            return None
+        bounds = [[i, side, number(value), text(sets)] for i, side, value, sets in self._bounds]
         return {"pass": name, "cap": None, "rows": rows, "bounds": bounds}
 
 
