@@ -347,10 +347,10 @@ def _motion(pose: Pose) -> Any:
 _FIRST = 24  # dots of a first certificate
 _IN_GROUP, _LEAST_GROUP = 16, 5  # dots of one of several
 _ROUNDS = 4
-_BIASED = 0.05  # half-width of a rotation's entries above which the bias of images' centres is bounded once more
 _FAMILIES = 2  # wrong dots for which families of weights are looked for
 _NARROW = 0.15  # half-width of a rotation's entries below which programs without columns of products are tried
 _FIRST_GAIN, _GAIN = 0.5, 0.05  # share of some width that a pass must take away
+_FIRST_LOSS, _LOSS = 0.02, 0.001  # share of what is left of a width, given away for shorter numbers
 
 
 @dataclass(frozen=True)
@@ -370,28 +370,31 @@ class _Search:
     def __init__(self, sight: Sight, digest: str, outliers: int, stem: Path | None) -> None:
         self.sight, self.digest, self.outliers, self.stem = sight, digest, outliers, stem
         self.written: list[tuple[str, dict[str, Any], Contracted]] = []
+        self._places = np.array([[float(v.lo) for v in dot.at[:2]] for dot in sight.dots])
 
     def ended(self) -> _Ended:
         """Raises Refused where nothing bounded is proved."""
         now = self._started()
+        # the bias of images' centres is bounded over the box where a certificate begins: a few dots make that small
+        few = self.sight.of_images
         for _ in range(_ROUNDS):
             if now.left is None:
                 return now
             wrong = self._wrong(now)
             if len(wrong) > self.outliers:
                 return _Ended(now.turn, None, wrong, now.after)
-            after = self._narrowed(now, wrong)
-            if after is None:
+            after = self._narrowed(now, wrong, few)
+            if after is None and not few:
                 return _Ended(now.turn, now.left, wrong, now.after)
-            known, wide = now.wrong, self.sight.of_images and _half_width(now.left) > _BIASED
-            now = after
-            if wrong == known and not wide:
+            settled, now = wrong == now.wrong and not few, after or now
+            if settled:
                 break
+            few = False
         return now
 
     def _started(self) -> _Ended:
         """From all poses: by some dots, or by several groups of which no more than `outliers` have a wrong one."""
-        dots, turn = np.array([[float(v.lo) for v in dot.at[:2]] for dot in self.sight.dots]), (F(1), F(0), F(0), F(0))
+        dots, turn = self._places, (F(1), F(0), F(0), F(0))
         if self.outliers:
             count = 2 * self.outliers + 1
             if len(dots) < _LEAST_GROUP * count:
@@ -417,13 +420,16 @@ class _Search:
         rows = rows_of(self.sight, every, now.turn, (now.turn, now.left))
         return tuple(k for k in every if rows.fails(k))
 
-    def _narrowed(self, now: _Ended, wrong: tuple[int, ...]) -> _Ended | None:
-        """By all other dots; None where too many may be wrong, or nothing is gained."""
+    def _narrowed(self, now: _Ended, wrong: tuple[int, ...], few: bool) -> _Ended | None:
+        """By all other dots, or a few; None where too many may be wrong, or nothing is gained."""
         assert now.left is not None
         outliers = self.outliers - len(wrong)
         if outliers > _FAMILIES:
             return None
         dots = [k for k in range(len(self.sight.dots)) if k not in wrong]
+        if few:
+            places = self._places[dots]
+            dots = sorted(dots[k] for k in _dealt(places, max(1, len(dots) // _FIRST))[0])
         turn = _middle(now.turn, now.left)
         rows = rows_of(self.sight, dots, turn, (now.turn, now.left))
         header = {"dots": dots, "outliers": outliers, "wrong": list(wrong), "turn": turn, "after": list(now.after)}
@@ -438,8 +444,10 @@ class _Search:
             return bool(radius[:9].max() < _NARROW)
 
         system = System(rows, lifted, range(12), wrong=header["outliers"], owner=rows.dot_of)
-        found = contracted(system, rows.root, narrow=narrow, gain=_GAIN if header["after"] else _FIRST_GAIN)
-        if found.steps or not header["after"]:
+        first = not header["after"]
+        gain, loss = (_FIRST_GAIN, _FIRST_LOSS) if first else (_GAIN, _LOSS)
+        found = contracted(system, rows.root, narrow=narrow, gain=gain, loss=loss)
+        if found.steps or first:
             stem = "" if self.stem is None else self.stem.name
             said = {"format": FORMAT, "pose_set": self.digest, **header, "turn": [number(v) for v in header["turn"]]}
             self.written.append((f"{stem}.{len(self.written) + 1}.cert.jsonl", said, found))
@@ -467,11 +475,6 @@ def _dealt(dots: Floats, count: int) -> list[Indices]:
     rng = np.random.default_rng(0)
     place = np.concatenate([rng.permutation(count) for _ in range(0, len(dots), count)])[: len(dots)]
     return [rng.permutation(order[place == k]) for k in range(count)]
-
-
-def _half_width(box: Box) -> float:
-    """The largest of an entry of the rotation."""
-    return max(float(b - a) for a, b in zip(box.lo[:9], box.hi[:9], strict=True)) / 2.0
 
 
 def _middle(turn: tuple[F, ...], box: Box) -> tuple[F, ...]:

@@ -20,8 +20,7 @@ from cpcal.robot import (
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
 from cpcal.vision.camera import DELTALAB_CAMERA, Camera
-from cpcal.vision.pose_sets import PixelBoxes, PoseSet, TargetSet, enclose_pose
-from cpcal.vision.pose_sets.enclosed import Frames
+from cpcal.vision.pose_sets import Frames, PixelBoxes, PoseSet, TargetSet, enclose_pose
 from cpcal.vision.projection import predicted_centers
 from cpcal.vision.target import DELTALAB_TARGET, Target
 
@@ -50,7 +49,7 @@ def radii(found: PoseSet) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["uniform", "adversarial", "exact"])
 def test_the_true_pose_is_inside(kind: str) -> None:
     rng = np.random.default_rng(["uniform", "adversarial", "exact"].index(kind))
-    for half_width in (0.03, 0.1, 0.5) * (1 if kind == "exact" else 4):
+    for half_width in (0.03, 0.5):
         row = trial(kind, half_width, 0, rng)
         assert row["verdict"] == "proved"
         assert row["inside"]
@@ -188,8 +187,6 @@ def test_bad_input_is_refused() -> None:
         enclose_pose(outside, DELTALAB_TARGET, DELTALAB_CAMERA)
     with pytest.raises(InputError, match="outliers"):
         enclose_pose(good, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=-1)
-    with pytest.raises(InputError, match="certificate"):
-        enclose_pose(good, DELTALAB_TARGET, DELTALAB_CAMERA, outliers=4, certificate="x")
     for camera in (
         Pose(np.zeros(3), np.zeros(4)),
         Pose(np.zeros((2, 3)), np.array([1.0, 0.0, 0.0, 0.0])),

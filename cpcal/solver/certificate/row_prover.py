@@ -31,7 +31,6 @@ _MET = 1e-3  # a bound that some vertex meets to this (in [-1, 1]) needs no prog
 _WORTH = 0.02  # of a half-width: what a bound must gain to be kept
 _TANGENTS = (-1.0, -0.5, 0.5, 1.0)
 _BITS = (14, 24, 40)  # of the largest weight: the first that prove nearly as much as was proposed
-_LOSS = 0.02  # of what a bound gains, given away for shorter numbers
 _PAYS = 0.7  # median share of the widths that programs without columns must leave, or less
 _NEGLIGIBLE = 0.003  # half-widths: programs that give away no more of products need no columns
 _PASSES = 80
@@ -233,6 +232,7 @@ def contracted(
     derived: Sequence[int] = (),
     splits: Sequence[int] = (),
     most_boxes: int = 1,
+    loss: float = 0.02,
     end: float = math.inf,
     tell: Callable[[Box | None], None] = lambda box: None,
 ) -> Contracted:
@@ -241,12 +241,13 @@ def contracted(
 
     narrow   of half-widths: whether programs without columns are worth a try
     derived  unknowns that are bounded once, at the end
+    loss     share of what is left of a width, given away for shorter numbers
     """
     found = Contracted(None)
     open_, left, fresh = [(0, root)], list[Box](), 1
     while open_:
         name, box = open_.pop()
-        descent = _Descent(system, name, box, narrow, gain, end, found, tell)
+        descent = _Descent(system, name, box, narrow, gain, loss, end, found, tell)
         box_left = descent.result
         if box_left is None:
             continue
@@ -271,10 +272,11 @@ class _Descent:
     """Passes over one box."""
 
     def __init__(
-        self, system: System, name: int, box: Box, narrow: Callable[[Floats], bool], gain: float, end: float,
+        self, system: System, name: int, box: Box, narrow: Callable[[Floats], bool], gain: float, loss: float,
+        end: float,
         found: Contracted, tell: Callable[[Box | None], None],
     ) -> None:  # fmt: skip
-        self.system, self.name, self.found, self.narrow = system, name, found, narrow
+        self.system, self.name, self.found, self.narrow, self.loss = system, name, found, narrow, loss
         self.result: Box | None = box
         for _ in range(_PASSES):
             before = self.result
@@ -360,7 +362,7 @@ class _Descent:
         else:
             for i, side, one in proposed:
                 width = -ends[i, 1.0] - ends[i, -1.0]
-                prover.bound(i, side, one, _LOSS * max(width, 1e-9) * float(every.radius[i]))
+                prover.bound(i, side, one, self.loss * max(width, 1e-9) * float(every.radius[i]))
         self.found.programs += sum(one.count for one in known.values())
         step = prover.step(self.name)
         if step is not None:

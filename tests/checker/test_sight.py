@@ -1,0 +1,151 @@
+"""Rows of a target in an image: at most zero at every truth, in exact numbers, and hardly below where a box is met."""
+
+from __future__ import annotations
+
+import random
+from fractions import Fraction as F
+
+import numpy as np
+import pytest
+
+from cpcal.checker import Refused
+from cpcal.checker.bounds import between, number
+from cpcal.checker.frames import rotation
+from cpcal.checker.lens import Cameras
+from cpcal.checker.problem import Box
+from cpcal.checker.program import dyadics
+from cpcal.checker.sight import SIDES, Dot, Rows, Sight
+from cpcal.vision.camera import DELTALAB_CAMERA
+from cpcal.vision.target import DELTALAB_TARGET
+
+WIDTHS = (0.2, 0.2, 0.1, 0.1, 2e-4, 2e-4, 2e-5, 2e-5, 1e-4)
+BENT = (600.0, 601.0, 511.0, 380.0, -0.33, 0.15, 1e-3, -1e-3, -0.03)
+Matrix = list[list[F]]
+
+
+def turn(q: list[F]) -> Matrix:
+    rows, norm = rotation(dyadics(q).values)
+    return [[F(v, norm) for v in row] for row in rows]
+
+
+def product(a: Matrix, b: Matrix) -> Matrix:
+    return [
+        [sum((x * y for x, y in zip(row, column, strict=True)), F(0)) for column in zip(*b, strict=True)] for row in a
+    ]
+
+
+def applied(a: Matrix, v: list[F]) -> list[F]:
+    return [sum((x * y for x, y in zip(row, v, strict=True)), F(0)) for row in a]
+
+
+def back(a: Matrix) -> Matrix:
+    return [list(column) for column in zip(*a, strict=True)]
+
+
+def pixel(numbers: list[F], x: list[F]) -> list[F]:
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = numbers
+    u, v = x[0] / x[2], x[1] / x[2]
+    s = u * u + v * v
+    g = 1 + s * (k1 + s * (k2 + s * k3))
+    bent = u * g + 2 * p1 * u * v + p2 * (s + 2 * u * u), v * g + 2 * p2 * u * v + p1 * (s + 2 * v * v)
+    return [cx + fx * bent[0], cy + fy * bent[1]]
+
+
+@pytest.mark.parametrize("spread", ["exact", "cube", "ball"])
+@pytest.mark.parametrize(("numbers", "off"), [(tuple(DELTALAB_CAMERA.numbers.tolist()), 0.0), (BENT, 0.01)])
+def test_rows_are_at_most_zero_at_every_truth(numbers: tuple[float, ...], off: float, spread: str) -> None:
+    rng = random.Random(f"{numbers} {spread}")
+
+    def drawn(size: float) -> F:
+        return F(rng.uniform(-size, size))
+
+    size = {"exact": 0, "cube": 9, "ball": 3}[spread]
+    by = [[drawn(w) if spread == "ball" else F(w) * (i == j) for j in range(size)] for i, w in enumerate(WIDTHS)]
+    t = [rng.choice([drawn(1.0), F(rng.choice([-1, 1]))]) for _ in range(size)]
+    if spread == "ball":
+        t = [v / 2 for v in t]
+    true = [F(v) + sum((a * b for a, b in zip(row, t, strict=True)), F(0)) for v, row in zip(numbers, by, strict=True)]
+    camera, target, about = ([drawn(1.0) for _ in range(4)] for _ in range(3))
+    before, arm = [drawn(500.0) for _ in range(3)], [drawn(50.0) for _ in range(3)]
+    seen, place = turn([drawn(0.2), F(1), drawn(0.2), drawn(0.2)]), [drawn(30.0), drawn(30.0), 700 + drawn(150.0)]
+    mobile = product(back(turn(camera)), product(seen, back(turn(target))))
+    moved = applied(back(turn(camera)), [a - b for a, b in zip(place, before, strict=True)])
+    position = [a - b for a, b in zip(moved, applied(mobile, arm), strict=True)]
+    half, dots, reach = F(0.05), [], []
+    for k in rng.sample(range(len(DELTALAB_TARGET.dots)), 5):
+        p = [*map(F, DELTALAB_TARGET.dots[k].tolist()), F(0)]
+        x = applied(seen, [v + drawn(off) for v in p])
+        x = [a + b for a, b in zip(place, x, strict=True)]
+        edges = [rng.choice([-half, half, drawn(0.05)]) for _ in range(2)]
+        pixels = [between(v + e - half, v + e + half) for v, e in zip(pixel(true, x), edges, strict=True)]
+        dots.append(Dot([number(v) for v in p], [number(F(off))] * 3, pixels))
+        reach.append(any(abs(e) == half for e in edges))
+    cameras = Cameras([F(v) for v in numbers], by, spread == "ball", F(6, 10))
+    exact = [[number(v) for v in part] for part in ((*before, *camera), (*arm, *target))]
+    sight = Sight(tuple(dots), False, cameras, number(F(6)), *exact, number(0))
+    at = [v for row in product(mobile, back(turn(about))) for v in row] + position + t
+    everywhere = sight.anywhere()
+    assert everywhere.holds(at, at)
+    near = Box((*(v - F(1, 50) for v in at[:12]), *[F(-1)] * size), (*(v + F(1, 50) for v in at[:12]), *[F(1)] * size))
+    for root in (everywhere, near):
+        rows = Rows(sight, range(len(dots)), about, root, placed=False)
+        values = {}
+        for side, k in rows.tags():
+            value = F(0)
+            for monomial, c in rows.row(side, k).items():
+                term = F(c)
+                for i in monomial:
+                    term *= at[i]
+                value += term
+            assert value <= 0
+            values[side, k] = float(value / 2**80 / place[2])
+        assert not any(map(rows.fails, range(len(dots))))
+        if spread == "exact" and not off:  # a box that is met at its edge is told from a hair wider
+            for k, met in enumerate(reach):
+                assert not met or max(values[side, k] for side in SIDES[:4]) > -1e-6
+
+
+def test_a_dot_that_no_pose_shows_fails_and_unknown_rows_are_refused() -> None:
+    cameras = Cameras([F(v) for v in DELTALAB_CAMERA.numbers.tolist()], [()] * 9, False, F(6, 10))
+    identity = [number(v) for v in (0, 0, 0, 1, 0, 0, 0)]
+    places = [[0.0, 0.0], [40.0, 0.0], [0.0, 40.0]]
+    pixels = DELTALAB_CAMERA.project(np.array([[*p, 0.0] for p in places]) * [1, -1, -1] + [0, 0, 700.0])
+    pixels[2] += 1.0
+    dots = tuple(
+        Dot(
+            [*(number(F(v)) for v in p), number(0)],
+            [number(0)] * 3,
+            [between(F(v) - F(1, 9), F(v) + F(1, 9)) for v in u],
+        )
+        for p, u in zip(places, pixels.tolist(), strict=True)
+    )
+    sight = Sight(dots, False, cameras, number(F(6)), identity, identity, number(0))
+    about = [F(0), F(1), F(0), F(0)]
+    at = [F(v) for v in (1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 700)]
+    rows = Rows(
+        sight,
+        range(3),
+        about,
+        Box(tuple(v - F(1, 10**4) for v in at), tuple(v + F(1, 10**4) for v in at)),
+        placed=False,
+    )
+    assert [rows.fails(k) for k in range(3)] == [False, False, True]
+    for side, k in (("u+", 3), ("ball", 0), ("turn+", 21), ("depth", 7)):
+        with pytest.raises(Refused, match="there is no row"):
+            rows.row(side, k)
+
+
+@pytest.mark.parametrize("numbers", [tuple(DELTALAB_CAMERA.numbers.tolist()), BENT])
+def test_the_slopes_of_the_field_are_bounded_from_below(numbers: tuple[float, ...]) -> None:
+    cameras = Cameras([F(v) for v in numbers], [()] * 9, False, F(6, 10))
+    rng = np.random.default_rng(5)
+    for x in rng.uniform(-0.42, 0.42, (40, 2)).tolist():
+        at = [number(F(v)) for v in x]
+        assert cameras.least.lo <= cameras.least_slope(at).lo
+        found = cameras.linear([number(v) for v in pixel([F(n) for n in numbers], [*map(F, x), F(1)])])
+        assert np.abs(np.array([float(v) for v in found.ray]) - x).max() < 1e-9
+
+
+def test_a_lens_that_turns_back_in_its_field_is_refused() -> None:
+    with pytest.raises(Refused, match="turn back within its field"):
+        assert Cameras([F(v) for v in BENT], [()] * 9, False, F(2)).least
