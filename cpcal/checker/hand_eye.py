@@ -452,8 +452,8 @@ class _HandEye(_Run):
         if claims.infeasible:
             compare(("ranges", side, []) for side in sides)
             return f"ranges: PROVED, no frames explain every pixel to {float(eps)!r} px ({accepted.steps} steps)"
-        if claims.enclosure is None:
-            raise Refused("rests on a certificate that claims no box")
+        if claims.enclosure is None or len(claims.enclosure[0]) < SIZE:
+            raise Refused("rests on a certificate that claims no box of frames")
         lo, hi = (list(side[:UNKNOWNS]) for side in claims.enclosure)
         found: list[list[Any]] = [lo, hi, *parameter_ranges(lo, hi, _placed(result["point"]))]
         for what, side, values in zip(["box of the unknowns"] * 2 + ["ranges"] * 2, sides, found, strict=True):
