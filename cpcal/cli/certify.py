@@ -43,7 +43,7 @@ from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified
 from cpcal.results import Explained, LegResult, Result, load_result, result_text, save_result, verdict_of
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
-from cpcal.solver.optimize import Bracket
+from cpcal.solver.optimize.minimum import Bracket
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is printed at the end: a line a leg; with --verbose every table, and the sentences in full.

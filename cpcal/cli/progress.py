@@ -26,7 +26,7 @@ from rich.progress_bar import ProgressBar
 from rich.text import Text
 
 from cpcal.common.numbers import bracket_text, nearest
-from cpcal.solver.optimize import Bracket
+from cpcal.solver.optimize.minimum import Bracket
 
 _CLOSED = 1e-9  # mm, as in Limits.gap_absolute
 _WAITING = "waiting"

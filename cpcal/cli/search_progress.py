@@ -11,7 +11,7 @@ from rich.console import Console
 
 from cpcal.cli.talk import record
 from cpcal.common.numbers import bracket_text, nearest
-from cpcal.solver.optimize import Bracket
+from cpcal.solver.optimize.minimum import Bracket
 from cpcal.solver.search import Event
 
 _LINES, _TERMINAL = 10.0, 0.2  # seconds between two lines, and between two states of one line
