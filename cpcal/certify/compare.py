@@ -12,14 +12,14 @@ from typing import Any
 from cpcal.certify.certify import LOADS, answered, checked_options, with_certificates
 from cpcal.certify.question import HERE, Question, answers, chosen_model
 from cpcal.common.errors import Problem
-from cpcal.execution.executors import Here, Place, executor_for
-from cpcal.execution.stopping import heard
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
 from cpcal.legs import LegModel
 from cpcal.results import Comparison, Entry, LegResult, ModelNote, Result
 from cpcal.robot import Campaign
+from cpcal.solver.execution.executors import Here, Place, executor_for
+from cpcal.solver.execution.stopping import heard
 
 COMPARED = ("plain", "gain", "linear")
 _CENTERS = ("plain", "nominal")  # the same for all models, whatever their own fits

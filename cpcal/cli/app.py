@@ -21,7 +21,7 @@ from cpcal.cli.status import (
     VERIFY_STATUS_HELP,
 )
 from cpcal.common.version import __version__
-from cpcal.execution.stopping import raising
+from cpcal.solver.execution.stopping import raising
 
 
 class Verb(NamedTuple):

@@ -23,8 +23,6 @@ from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, printable
 from cpcal.common.numbers import nearest
-from cpcal.execution.executors import Place
-from cpcal.execution.stopping import Reason, asked
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
 from cpcal.report.comparison_page import (
@@ -39,6 +37,8 @@ from cpcal.report.comparison_page import (
 from cpcal.report.words import SHORT_QUANTIFIER
 from cpcal.results import Comparison, Entry, Explained, comparison_text, save_comparison
 from cpcal.robot import Campaign
+from cpcal.solver.execution.executors import Place
+from cpcal.solver.execution.stopping import Reason, asked
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from cpcal.cli.progress import bar
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed, write_file
-from cpcal.execution.stopping import heard
 from cpcal.files.settings import table_bytes
 from cpcal.report.detections_page import write_detections_page
+from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect
 from cpcal.vision.batch.study_images import RenderedImages, look_again, study_table
 from cpcal.vision.calibration import calibrate_from_images

@@ -17,7 +17,7 @@ import typer
 
 from cpcal.cli.status import Status
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
-from cpcal.execution.stopping import Reason, Stopped
+from cpcal.solver.execution.stopping import Reason, Stopped
 
 # typer's own way out; its ClickException has no public name: UsageError's base, which is BadParameter's
 _TYPER: tuple[type[BaseException], ...] = (typer.Exit, typer.Abort, typer.BadParameter.__mro__[2])

@@ -17,10 +17,10 @@ from cpcal.cli.talk import Talk, record, talking
 from cpcal.cli.verify_pose_sets import NUMBERS, TABLE, say_assumptions
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import at_most
-from cpcal.execution.stopping import heard
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.tables import file_cell, guarded
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import ImageFolder, in_parallel
 from cpcal.vision.batch.enclose import Enclosed, Enclosing, stem_of
 from cpcal.vision.files.plate_and_camera import CameraRecord, load_camera, load_target

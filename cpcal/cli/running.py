@@ -13,8 +13,8 @@ from typing import Annotated
 import typer
 
 from cpcal.common.errors import printable
-from cpcal.execution.executors import Place, executor_for
-from cpcal.execution.stopping import asked, heard, within_memory
+from cpcal.solver.execution.executors import Place, executor_for
+from cpcal.solver.execution.stopping import asked, heard, within_memory
 
 _LOADS = ("cpcal.cli.certify", "cpcal.solver.numba_begun")  # of workers
 _PANEL = "Where it runs"

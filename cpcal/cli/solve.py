@@ -17,12 +17,12 @@ from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
-from cpcal.execution.stopping import asked
 from cpcal.problems.nl import sol_bytes
 from cpcal.problems.problem import Answer, answer
 from cpcal.problems.problem_files import load_problem
 from cpcal.report.paving_picture import paving_svg
 from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.execution.stopping import asked
 
 _SHOWN = 20  # solutions in the terminal
 

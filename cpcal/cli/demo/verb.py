@@ -25,7 +25,6 @@ from cpcal.cli.status import Status
 from cpcal.cli.talk import Talk, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import stated
-from cpcal.execution.stopping import heard
 from cpcal.files import load_campaign, load_study, save_study
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
@@ -34,6 +33,7 @@ from cpcal.results import Result, save_result
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.stopping import heard
 
 FACTOR = 3.0  # half-width of the reading sets, in standard deviations of
 OF: Of = "single"  # readings: the paper's choice

@@ -13,7 +13,8 @@ import cpcal
 from cpcal.certify.certify import answered, checked_options
 from cpcal.certify.question import Question
 from cpcal.checker import check
-from cpcal.execution.stopping import (
+from cpcal.files.folders import save_campaign_json
+from cpcal.solver.execution.stopping import (
     Reason,
     Stopped,
     also_asked_by,
@@ -23,7 +24,6 @@ from cpcal.execution.stopping import (
     resident_bytes,
     within_memory,
 )
-from cpcal.files.folders import save_campaign_json
 
 
 @pytest.fixture(autouse=True)
