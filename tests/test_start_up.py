@@ -11,7 +11,7 @@ import pytest
 import cpcal
 
 HEAVY = {"flint", "jinja2", "matplotlib", "numpy", "ortools", "scipy"}
-LAZY = ["", ".calibration", ".certify", ".files", ".legs", ".report", ".results", ".robot", ".simulate"]
+LAZY = ["", ".calibration", ".files", ".legs", ".questions", ".report", ".robot", ".simulate"]
 
 
 def interpreted(code, *, status=0):

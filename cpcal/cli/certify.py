@@ -16,8 +16,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cpcal.certify.certify import answered, checked_options
-from cpcal.certify.question import HERE, Checkpoints, Progress, Question
 from cpcal.cli.folders import check_target, check_writable, output_path
 from cpcal.cli.grouped import grouped
 from cpcal.cli.progress import bar, watch
@@ -36,11 +34,13 @@ from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import REPORT_NAME, RUN, answers_into, locked
 from cpcal.legs import LegModel, built_in
+from cpcal.questions import Explained, LegResult, Result, load_result, result_text, save_result, verdict_of
+from cpcal.questions.ask import answered, checked_options
+from cpcal.questions.question import HERE, Checkpoints, Progress, Question
 from cpcal.report import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices, result_table, write_report
 from cpcal.report.comparison_page import CampaignRow, row_of, write_campaigns
 from cpcal.report.overview import advise, fitted
 from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified_legs
-from cpcal.results import Explained, LegResult, Result, load_result, result_text, save_result, verdict_of
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 from cpcal.solver.optimize import Bracket

@@ -10,13 +10,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from cpcal.certify.data_check import DataCheck, check_data, expected
 from cpcal.cli.status import Status
 from cpcal.cli.terminal import terminal
 from cpcal.common.errors import printable
 from cpcal.common.numbers import about
 from cpcal.files import load_campaign
 from cpcal.legs import PLAIN
+from cpcal.questions.data_check import DataCheck, check_data, expected
 from cpcal.robot import Campaign
 
 

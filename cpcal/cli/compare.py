@@ -12,8 +12,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cpcal.certify import COMPARED
-from cpcal.certify.compare import compared, comparison_question
 from cpcal.cli.certify import STYLES, Engine, names_of, numbers_of
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
@@ -27,6 +25,8 @@ from cpcal.execution.executors import Place
 from cpcal.execution.stopping import Reason, asked
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
+from cpcal.questions import COMPARED, Comparison, Entry, Explained, comparison_text, save_comparison
+from cpcal.questions.compare import compared, comparison_question
 from cpcal.report.comparison_page import (
     COMPARISON_PAGE,
     comparison_header,
@@ -37,7 +37,6 @@ from cpcal.report.comparison_page import (
     write_comparison,
 )
 from cpcal.report.words import SHORT_QUANTIFIER
-from cpcal.results import Comparison, Entry, Explained, comparison_text, save_comparison
 from cpcal.robot import Campaign
 
 

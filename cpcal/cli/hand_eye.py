@@ -27,14 +27,14 @@ from cpcal.handeye.certify import (
     save_hand_eye_result,
 )
 from cpcal.handeye.files import hand_eye_files, load_hand_eye, load_hand_poses
-from cpcal.handeye.legs_in_frames import JOINTS, legs_in_frames
 from cpcal.handeye.next_images import ChosenPose, next_poses
 from cpcal.handeye.study import HandEyeStudy
 from cpcal.handeye.words import names_of, sentences, wrong_sentences
 from cpcal.handeye.wrong_images import find_wrong_images, save_wrong_images
+from cpcal.questions import load_result
+from cpcal.questions.legs_in_frames import JOINTS, legs_in_frames
 from cpcal.report.hand_eye_page import HAND_EYE_PAGE, write_hand_eye
 from cpcal.report.wrong_images_page import WRONG_PAGE, write_wrong_images
-from cpcal.results import load_result
 
 
 @talking

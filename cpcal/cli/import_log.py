@@ -12,7 +12,6 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from cpcal.certify.data_check import mistake_in
 from cpcal.cli.folders import check_new, output_path
 from cpcal.cli.grouped import grouped
 from cpcal.cli.status import Status
@@ -20,6 +19,7 @@ from cpcal.cli.terminal import terminal
 from cpcal.common.errors import InputError, Problem, Problems, printable
 from cpcal.common.numbers import about, nearest
 from cpcal.files import LogSettings, campaign_of_log, load_settings, read_log, save_campaign
+from cpcal.questions.data_check import mistake_in
 from cpcal.robot import ROBOTS, Campaign, Uncertainty, known_robot, rotation_vector
 from cpcal.robot.campaign import Given, stated_uncertainty
 from cpcal.robot.robot import EXACT_OR_NOT, KINDS

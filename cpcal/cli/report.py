@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from cpcal.calibration import RECORD_NAME, load_record
-from cpcal.certify.fits import load_fits
 from cpcal.cli.folders import CAMPAIGN, FITS, PIXEL_RUN, PIXEL_SETS, RUN, TIMEOUT, check_writable, output_path
 from cpcal.cli.status import Status
 from cpcal.cli.terminal import terminal
@@ -18,9 +17,10 @@ from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.files import write_file
 from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import REPORT_NAME
+from cpcal.questions import Result, load_result
+from cpcal.questions.fits import load_fits
 from cpcal.report.page import render
 from cpcal.report.study_report import StudyFound, load_images, render_study
-from cpcal.results import Result, load_result
 from cpcal.robot import Campaign
 
 # ------------------------------------------------------------------------------------------------------------------

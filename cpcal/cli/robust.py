@@ -10,7 +10,6 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from cpcal.certify.robust import certify_robust
 from cpcal.cli.certify import Center, numbers_of
 from cpcal.cli.folders import check_target, output_path
 from cpcal.cli.grouped import grouped
@@ -20,7 +19,8 @@ from cpcal.cli.suspected import read_campaign
 from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.numbers import bracket_text
 from cpcal.files.run_folder import ROBUST
-from cpcal.results.robust import RobustResult
+from cpcal.questions.outliers import certify_robust
+from cpcal.questions.robust_result import RobustResult
 
 
 @talking

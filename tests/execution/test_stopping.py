@@ -10,8 +10,6 @@ from fractions import Fraction as F
 import pytest
 
 import cpcal
-from cpcal.certify.certify import answered, checked_options
-from cpcal.certify.question import Question
 from cpcal.checker import check
 from cpcal.execution.stopping import (
     Reason,
@@ -24,6 +22,8 @@ from cpcal.execution.stopping import (
     within_memory,
 )
 from cpcal.files.folders import save_campaign_json
+from cpcal.questions.ask import answered, checked_options
+from cpcal.questions.question import Question
 
 
 @pytest.fixture(autouse=True)

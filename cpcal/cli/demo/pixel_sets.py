@@ -16,8 +16,8 @@ from cpcal.common.errors import ModelError
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.files import save_campaign
 from cpcal.files.run_folder import POSE_SETS, answers_into
+from cpcal.questions import Result
 from cpcal.report.study_report import ImagesFound, TextTable
-from cpcal.results import Result
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 from cpcal.vision.batch.detect import in_parallel

@@ -11,8 +11,6 @@ import typer
 
 from cpcal.calibration import CalibrationRecord, calibrate_study, recorded
 from cpcal.calibration.statistics import Of
-from cpcal.certify import certify
-from cpcal.certify.fits import certify_fits
 from cpcal.cli.calibrate import show_record, write_calibration
 from cpcal.cli.certify import certified_into, show_result, status_of
 from cpcal.cli.demo.image_study import SUBSET, WHOLE, ImageStudy, image_study
@@ -29,8 +27,9 @@ from cpcal.execution.stopping import heard
 from cpcal.files import load_campaign, load_study, save_study
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
+from cpcal.questions import Result, certify, save_result
+from cpcal.questions.fits import certify_fits
 from cpcal.report.study_report import IMAGES_NAME, save_images, write_study_page
-from cpcal.results import Result, save_result
 from cpcal.robot import Campaign
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
