@@ -54,7 +54,7 @@ def test_the_version_help_and_a_mistyped_verb_load_no_verb():
 
 
 def test_a_verb_loads_no_other_verb_s_libraries():
-    code = "import sys, cpcal.cli.plugins, cpcal.cli.simulate; print(*sys.modules)"
+    code = "import sys, cpcal.cli.solve, cpcal.cli.campaign; print(*sys.modules)"
     assert {"matplotlib", "jinja2", "cv2"}.isdisjoint(interpreted(code).split())
 
 
