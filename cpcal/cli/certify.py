@@ -78,7 +78,7 @@ from cpcal.results.robust import RobustResult
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
-from cpcal.solver.optimize import Bracket
+from cpcal.solver.optimize.minimum import Bracket
 
 # ------------------------------------------------------------------------------------------------------------------
 # Campaigns as verbs read them: what looks mixed up is said on stderr before the work begins.

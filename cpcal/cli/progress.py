@@ -27,7 +27,7 @@ from rich.text import Text
 
 from cpcal.cli.options import record
 from cpcal.common.numbers import bracket_text, nearest
-from cpcal.solver.optimize import Bracket
+from cpcal.solver.optimize.minimum import Bracket
 from cpcal.solver.search import Event
 
 # ------------------------------------------------------------------------------------------------------------------

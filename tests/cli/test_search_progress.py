@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cpcal
 from cpcal.cli.progress import SearchProgress
-from cpcal.solver.optimize import Bracket
+from cpcal.solver.optimize.minimum import Bracket
 from cpcal.solver.search import Event
 
 
