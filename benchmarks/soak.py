@@ -23,7 +23,7 @@ import cpcal
 from benchmarks.machine import machine
 from cpcal.execution.stopping import resident_bytes, within_memory
 from cpcal.solver.certificate.recording import UncertifiedError
-from cpcal.solver.optimize import Bracket
+from cpcal.solver.optimize.minimum import Bracket
 from cpcal.solver.search import search
 
 _EVERY = 10.0  # seconds

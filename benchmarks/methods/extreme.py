@@ -10,8 +10,8 @@ from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize import WitnessProver, fit
-from cpcal.solver.optimize.local import linear_steps
+from cpcal.solver.optimize.local import fit, linear_steps
+from cpcal.solver.optimize.witness import WitnessProver
 
 _MARGIN = 1e-11  # of rows, in units of their gradients across the box: room for the rounding of a proof
 

@@ -19,7 +19,8 @@ from cpcal.solver import plugins
 from cpcal.solver.contract import Limits, Repeat, Verdict
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.optimize import Minimum, minimize, run
+from cpcal.solver.optimize.bound import minimize, run
+from cpcal.solver.optimize.minimum import Minimum
 
 _ENGINE = get_arithmetic("float64")
 

@@ -22,7 +22,8 @@ from cpcal.questions import LegResult
 from cpcal.solver import plugins
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import get_arithmetic
-from cpcal.solver.optimize import Minimum, minimize, run
+from cpcal.solver.optimize.bound import minimize, run
+from cpcal.solver.optimize.minimum import Minimum
 
 
 class Cpcal:

@@ -55,8 +55,10 @@ from cpcal.questions.undetermined import determination
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.contract import Verdict
-from cpcal.solver.optimize import Alone, Bracket, Known, Minimum, irreducible, minimize, run
-from cpcal.solver.optimize import support as find_support
+from cpcal.solver.optimize.bound import minimize, run
+from cpcal.solver.optimize.local import Known
+from cpcal.solver.optimize.minimum import Alone, Bracket, Minimum, irreducible
+from cpcal.solver.optimize.minimum import support as find_support
 
 if TYPE_CHECKING:
     from distributed import Client

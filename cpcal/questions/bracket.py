@@ -37,19 +37,10 @@ from cpcal.solver.contract import Contraction, Contractor, Limits, Restrictable,
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
-from cpcal.solver.optimize import (
-    Bracket,
-    Minimum,
-    PointVerdicts,
-    Prepared,
-    TimeoutOutcome,
-    Witness,
-    ask,
-    minimize,
-    run,
-    timeout,
-    verify_point,
-)
+from cpcal.solver.optimize.bound import minimize, run
+from cpcal.solver.optimize.minimum import Bracket, Minimum
+from cpcal.solver.optimize.timeout import TimeoutOutcome, ask, timeout
+from cpcal.solver.optimize.witness import PointVerdicts, Prepared, Witness, verify_point
 from cpcal.solver.search import Contracting, Event, LargestFirst, Proof, StepProver
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from cpcal.solver.contract import Limits
 from cpcal.solver.interval import Box
 from cpcal.solver.model import Network
 from cpcal.solver.network import Expr
-from cpcal.solver.optimize import Minimum
+from cpcal.solver.optimize.minimum import Minimum
 
 Model = tuple[Network, Expr]  # a network, and its variable eps
 

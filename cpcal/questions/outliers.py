@@ -47,8 +47,9 @@ from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted
 from cpcal.solver.network.rows import Rows
-from cpcal.solver.optimize import Minimum, fit, minimize, run
-from cpcal.solver.optimize.minimum import hitting_set
+from cpcal.solver.optimize.bound import minimize, run
+from cpcal.solver.optimize.local import fit
+from cpcal.solver.optimize.minimum import Minimum, hitting_set
 from cpcal.solver.search import Contracting
 
 Told = Callable[[str], None]

@@ -45,7 +45,7 @@ from cpcal.solver.certificate.recording import Recording, SearchKeeper
 from cpcal.solver.contract import Contractor, Limits
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
-from cpcal.solver.optimize import Bracket
+from cpcal.solver.optimize.minimum import Bracket
 
 # ------------------------------------------------------------------------------------------------------------------
 # What a run of `certify` keeps on disk while it works, so that another one can go on from there.

@@ -16,7 +16,7 @@ from cpcal.cli import app
 from cpcal.cli.certify import show_result
 from cpcal.cli.progress import ProgressLines, watch
 from cpcal.legs import PLAIN
-from cpcal.solver.optimize import Bracket
+from cpcal.solver.optimize.minimum import Bracket
 
 # A real signal, sent when leg 2 reports its first bracket. Runners may start us with SIGINT ignored.
 _SIGNALLED = """

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import cpcal
-from cpcal.cli.search_progress import SearchProgress
-from cpcal.solver.optimize import Bracket
+from cpcal.cli.progress import SearchProgress
+from cpcal.solver.optimize.minimum import Bracket
 from cpcal.solver.search import Event
 
 

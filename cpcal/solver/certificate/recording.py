@@ -50,8 +50,8 @@ from cpcal.solver.certificate.float_rows import (
 )
 from cpcal.solver.contract import Contraction, Step, StepWeights, Verdict, shrunk
 from cpcal.solver.interval import Box
-from cpcal.solver.optimize import Minimum
 from cpcal.solver.optimize.bound import Saved
+from cpcal.solver.optimize.minimum import Minimum
 from cpcal.solver.search import Event, EventKind, Proof
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -17,7 +17,8 @@ from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.contract import Composable, Contraction, Limits, Repeat, Step, Then
 from cpcal.solver.interval import Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork, sqr
-from cpcal.solver.optimize import TimeoutOutcome, Witness, WitnessProver, ask, timeout
+from cpcal.solver.optimize.timeout import TimeoutOutcome, ask, timeout
+from cpcal.solver.optimize.witness import Witness, WitnessProver
 from cpcal.solver.search import Contracting, LargestFirst
 
 
