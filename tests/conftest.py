@@ -37,7 +37,11 @@ LONG = (
         "vision/test_identify.py",
         "cli/test_images.py",
     ),
-    *("contractors/test_conformance.py", "checker/malformed/test_checker_hostile.py", "solver/execution/test_places.py"),
+    *(
+        "contractors/test_conformance.py",
+        "checker/malformed/test_checker_hostile.py",
+        "solver/execution/test_places.py",
+    ),
     *("solver/execution/test_cluster.py",),
     *("vision/test_pose_set_forgeries.py", "handeye/test_hand_eye_runs.py"),
     *("report/test_browser.py", "vision/test_pose_certificate.py", "benchmarks/test_runs.py", "test_commands.py"),

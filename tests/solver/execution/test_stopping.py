@@ -10,10 +10,10 @@ from fractions import Fraction as F
 import pytest
 
 import cpcal
-from cpcal.certify.certify import answered, checked_options
-from cpcal.certify.question import Question
 from cpcal.checker import check
 from cpcal.files.folders import save_campaign_json
+from cpcal.questions.ask import answered, checked_options
+from cpcal.questions.question import Question
 from cpcal.solver.execution.stopping import (
     Reason,
     Stopped,
