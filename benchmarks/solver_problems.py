@@ -30,10 +30,10 @@ import numpy as np
 
 import cpcal
 from benchmarks.methods.codac import contract
-from cpcal.execution.stopping import Reason, also_asked_by, heard
 from cpcal.problems.problem import StatedProblem, answer
 from cpcal.problems.problem_files import load_problem
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.stopping import Reason, also_asked_by, heard
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.network.expression import topological
