@@ -25,8 +25,8 @@ from typing import Any
 import cpcal
 from benchmarks.throughput import rendered
 from cpcal.cli.certify import CampaignWork, certified_all
-from cpcal.cli.talk import Talk
-from cpcal.execution.executors import executor_for
+from cpcal.cli.options import Talk
+from cpcal.solver.execution.executors import executor_for
 from cpcal.vision.batch.detect import ImageFolder, detect
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.detection import detections_bytes

@@ -13,16 +13,14 @@ from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.findings import Accuracy, save_accuracy
 from cpcal.accuracy.workspace import Workspace
 from cpcal.checker import Refused, Unusable, check_run
-from cpcal.cli.folders import check_target, output_path
-from cpcal.cli.status import Status
-from cpcal.cli.talk import Talk, talking
+from cpcal.cli.options import Status, Talk, check_target, output_path, talking
 from cpcal.common.errors import InputError, Problem
 from cpcal.files import load_campaign, load_campaign_json
 from cpcal.files.run_folder import ACCURACY, answers_into
 from cpcal.files.tables import load_poses
+from cpcal.questions import load_result
 from cpcal.report.accuracy_page import ACCURACY_PAGE, write_accuracy
 from cpcal.report.words import assumption, sentences
-from cpcal.results import load_result
 
 
 class Controller(StrEnum):

@@ -15,10 +15,8 @@ from rich.text import Text
 
 from cpcal.calibration import RECORD_NAME, CalibrationRecord, StudyCalibration, calibrate_study, recorded, save_record
 from cpcal.calibration.budget import Budget, Inputs, MonteCarlo, budget, monte_carlo
-from cpcal.cli.folders import CAMPAIGN, VALIDATION, check_writable, unwritable
-from cpcal.cli.grouped import grouped
-from cpcal.cli.suspected import warn
-from cpcal.cli.talk import Talk, talking
+from cpcal.cli.certify import warn
+from cpcal.cli.options import CAMPAIGN, VALIDATION, Talk, check_writable, grouped, talking, unwritable
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import load_study, save_campaign
 from cpcal.report import study_report

@@ -1,4 +1,4 @@
-"""`cpcal certify`: the main job. For exit statuses see `cpcal.cli`."""
+"""`cpcal certify`: brackets of legs, of one campaign or many, of several models, or with wrong measurements."""
 
 from __future__ import annotations
 
@@ -16,34 +16,88 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cpcal.certify.certify import answered, checked_options
-from cpcal.certify.question import HERE, Checkpoints, Progress, Question
-from cpcal.cli.folders import check_target, check_writable, output_path
-from cpcal.cli.grouped import grouped
+from cpcal.cli.options import (
+    Running,
+    Status,
+    Talk,
+    Where,
+    check_target,
+    check_writable,
+    grouped,
+    output_path,
+    record,
+    talking,
+)
 from cpcal.cli.progress import bar, watch
-from cpcal.cli.running import Running
-from cpcal.cli.status import Status
-from cpcal.cli.suspected import read_campaign
-from cpcal.cli.talk import Talk, record, talking
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.files import scratch_folder
 from cpcal.common.numbers import bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.common.version import __version__
-from cpcal.execution.executors import Here, Place, Processes
-from cpcal.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
-from cpcal.execution.stopping import Reason, Stopped, asked, give_up
-from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.files import campaign_sha256, load_campaign
-from cpcal.files.run_folder import REPORT_NAME, RUN, answers_into, locked
+from cpcal.files.run_folder import COMPARED as FOLDER
+from cpcal.files.run_folder import REPORT_NAME, ROBUST, RUN, answers_into, locked
 from cpcal.legs import LegModel, built_in
+from cpcal.questions import (
+    COMPARED,
+    Comparison,
+    Entry,
+    Explained,
+    LegResult,
+    Result,
+    comparison_text,
+    load_result,
+    result_text,
+    save_comparison,
+    save_result,
+    verdict_of,
+)
+from cpcal.questions.ask import answered, checked_options
+from cpcal.questions.compare import compared, comparison_question
+from cpcal.questions.outliers import certify_robust
+from cpcal.questions.question import HERE, Checkpoints, Progress, Question
+from cpcal.questions.robust_result import RobustResult
 from cpcal.report import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices, result_table, write_report
-from cpcal.report.comparison_page import CampaignRow, row_of, write_campaigns
+from cpcal.report.comparison_page import (
+    COMPARISON_PAGE,
+    CampaignRow,
+    comparison_header,
+    comparison_lines,
+    comparison_row,
+    comparison_sentences,
+    row_of,
+    said,
+    write_campaigns,
+    write_comparison,
+)
 from cpcal.report.overview import advise, fitted
 from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified_legs
-from cpcal.results import Explained, LegResult, Result, load_result, result_text, save_result, verdict_of
 from cpcal.robot import Campaign
+from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.executors import Here, Place, Processes
+from cpcal.solver.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
+from cpcal.solver.execution.stopping import Reason, Stopped, asked, give_up
+from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver.optimize.minimum import Bracket
+
+# ------------------------------------------------------------------------------------------------------------------
+# Campaigns as verbs read them: what looks mixed up is said on stderr before the work begins.
+
+
+def read_campaign(folder: Path) -> Campaign:
+    """The campaign in a folder; see `warn`. Raises InputError."""
+    return warn(load_campaign(folder))
+
+
+def warn(campaign: Campaign) -> Campaign:
+    """Say on stderr what looks wrong with the campaign."""
+    for sentence in suspicions(campaign):
+        typer.echo(printable(f"cpcal: warning: {sentence}"), err=True)
+    return campaign
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal certify`: the main job. For exit statuses see `cpcal.cli`.
 
 # ------------------------------------------------------------------------------------------------------------------
 # What is printed at the end: a line a leg; with --verbose every table, and the sentences in full.
@@ -605,3 +659,206 @@ def half_widths_of(texts: list[str]) -> dict[str, float]:
             message = f"{text!r:.60} is no half-width: give a name and a number, such as s=0.01"
             raise typer.BadParameter(message, param_hint="--half-width") from None
     return out
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal compare`: leg models side by side. For exit statuses see `cpcal.cli`.
+
+
+@dataclass(frozen=True)
+class CompareFlags(Where):
+    """The options of the command line: those of `cpcal.compare`, and where it runs."""
+
+    models: Annotated[str, typer.Option(metavar="A,B", help="Leg models.")] = ",".join(COMPARED)
+    tolerance: Annotated[float | None, typer.Option(metavar="MM", help="Say which models are refuted at it.")] = None
+    legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None
+    delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of (a, b, l).")] = 100.0
+    gap: Annotated[float, typer.Option(help="Relative width at which a bracket counts as closed.")] = 1e-6
+    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg and model, at most.")] = None
+    arithmetic: Annotated[Engine, typer.Option(help="Rigorous arithmetic.")] = Engine.FLOAT64
+
+
+@talking
+@grouped(CompareFlags)
+def compare_models(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            parser=output_path,
+            help="Folder for compare.json, compare.html, campaign.json and certificates; replaced there.",
+        ),
+    ],
+    as_json: Annotated[bool, typer.Option("--json", help="Print compare.json and nothing else.")] = False,
+    *,
+    options: CompareFlags,
+    talk: Talk,
+) -> None:
+    """Bracket the smallest model error eps of every leg of a CAMPAIGN under each of several leg models.
+
+    With --tolerance it says which models the measurements refute at that many mm, and which certificate proves it; the
+    exit status is then 0 if every leg has a model that passes, else 1: one has none, or is undecided.
+    """
+    legs = None if options.legs is None else numbers_of(options.legs)
+    check_target(folder, FOLDER, campaign)
+    if as_json:
+        talk = replace(talk, quiet=True)
+    with options.place() as place:
+        found, failure = _written(read_campaign(campaign), options, legs, folder, talk, place)
+        status = _status_of_models(found)
+    if as_json:
+        typer.echo(comparison_text(found), nl=False)
+    _show_models(talk.out, found, verbose=talk.verbose)
+    if failure is not None:
+        raise failure
+    talk.say(f"Page: {folder / COMPARISON_PAGE}")
+    raise typer.Exit(status)
+
+
+def _written(
+    campaign: Campaign, options: CompareFlags, legs: tuple[int, ...] | None, folder: Path, talk: Talk, place: Place
+) -> tuple[Comparison, InputError | None]:
+    """What was found, and why it could not be written."""
+    question, models = comparison_question(
+        campaign,
+        names_of(options.models),
+        tolerance=options.tolerance,
+        legs=legs,
+        delta=options.delta,
+        gap=options.gap,
+        time_limit=options.time_limit,
+        arithmetic=options.arithmetic.value,
+    )
+    errors = talk.errors
+
+    def tell(entry: Entry) -> None:
+        record("entry", subject=entry.subject, model=entry.model, eps_lo=entry.eps_lo, eps_hi=entry.eps_hi)
+        errors.print(f"{entry.subject}, {entry.model}: {nearest(entry.seconds, 1)} s", soft_wrap=True)
+
+    found: Comparison | None = None
+    try:
+        with answers_into(folder, FOLDER, campaign) as draft:
+            found = compared(replace(question, certificates=draft), models, tell, place)
+            save_comparison(found, draft)
+            write_comparison(found, draft)
+    except InputError as error:
+        if found is None:
+            raise
+        return found, error
+    return found, None
+
+
+def _show_models(console: Console, found: Comparison, *, verbose: bool) -> None:
+    wrapped = not console.is_terminal
+    if not verbose:
+        for line in comparison_lines(found):
+            console.print(line, soft_wrap=wrapped)
+        console.print(Text(SHORT_QUANTIFIER, style="italic"), soft_wrap=wrapped)
+        return
+    console.print(_table_of_models(found))
+    for sentence in comparison_sentences(found):
+        console.print(printable(sentence), soft_wrap=wrapped)
+    console.print(Text(said(found), style="italic"), soft_wrap=wrapped)
+
+
+def _table_of_models(found: Comparison) -> Table:
+    """Without the enclosures of extra parameters, which are too wide for a terminal but for a single one."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+    for k, name in enumerate(comparison_header(found)):
+        table.add_column(name, justify="right" if k in (2, 3) else "left", overflow="fold")
+    for entry in found.entries:
+        cells = [Text(printable(cell)) for cell in comparison_row(found, entry)]
+        if found.tolerance is not None:
+            cells[4].stylize(STYLES[entry.leg_verdict(found.tolerance, found.options).kind])
+        if len(entry.enclosure.names) > 8:
+            cells[6] = Text(f"{len(entry.enclosure.names) - 7}, see the page", style="dim")
+        table.add_row(*cells)
+    return table
+
+
+def _status_of_models(found: Comparison) -> Status:
+    """Without a tolerance every bracket is an answer; with one, each leg needs a model that passes."""
+    if found.interrupted:
+        return Status(asked() or Reason.INTERRUPTED)
+    at, subjects = found.tolerance, {entry.subject for entry in found.entries}
+    if at is None:
+        return Status.ANSWERED
+    passed = {entry.subject for entry in found.entries if isinstance(entry.leg_verdict(at, found.options), Explained)}
+    return Status.ANSWERED if passed == subjects else Status.UNKNOWN
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal robust`: brackets when some measurements may be wrong. For exit statuses see `cpcal.cli`.
+
+
+@talking
+@grouped(Where, "where")
+def robust_brackets(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder of campaign.toml, measurements.csv.")],
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            parser=output_path,
+            help="Folder for robust.json, campaign.json and certificates; replaced there.",
+        ),
+    ],
+    outliers: Annotated[int, typer.Option(help="Measurements of a leg that may be wrong, at most.")],
+    legs: Annotated[str | None, typer.Option(metavar="1,3", help="Legs, counted from 1.", show_default="all")] = None,
+    delta: Annotated[float, typer.Option(metavar="MM", help="Half-width of the box of parameters.")] = 100.0,
+    center: Annotated[
+        Center,
+        typer.Option(help="Middle of that box: a least-squares fit, which gross errors move, or nominal."),
+    ] = Center.FIT,
+    time_limit: Annotated[float | None, typer.Option(metavar="S", help="Seconds a leg, at most.")] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Leg model, such as plain or gain.", show_default="the campaign's"),
+    ] = None,
+    *,
+    where: Where,
+    talk: Talk,
+) -> None:
+    """Bracket the smallest model error of a CAMPAIGN's legs when some measurements may be wrong, nobody knows which.
+
+    Proved: whichever so many are left out, no parameters explain all others better than eps_lo. The point explains all
+    but those that are named.
+    """
+    check_target(folder, ROBUST, campaign)
+    with where.stoppable():
+        found = certify_robust(
+            read_campaign(campaign),
+            outliers=outliers,
+            legs=None if legs is None else numbers_of(legs),
+            delta=delta,
+            center=center.value,
+            time_limit=time_limit,
+            model=model,
+            certificates=folder,
+            tell=talk.progress(),
+            workers=where.workers,
+            scheduler=where.scheduler,
+        )
+    for leg in found.legs:
+        record("leg", leg=leg.leg, eps_lo=leg.eps_lo, eps_hi=leg.eps_hi, left_out=leg.left_out, seconds=leg.seconds)
+    _show_robust(talk.out, found)
+    raise typer.Exit(Status.ANSWERED if all(leg.complete for leg in found.legs) else Status.UNKNOWN)
+
+
+def _show_robust(console: Console, found: RobustResult) -> None:
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+    for name in ("leg", "eps_lo [mm]", "eps_hi [mm]", "left out", "proofs"):
+        table.add_column(name, justify="right" if name.startswith("eps") else "left", overflow="fold")
+    for leg in found.legs:
+        bounds = bracket_text(leg.eps_lo, leg.eps_hi)
+        table.add_row(str(leg.leg), *bounds, ", ".join(leg.left_out) or "none", str(len(leg.proofs)))
+    console.print(table)
+    for leg in found.legs:
+        console.print(f"Leg {leg.leg}: {leg.sentence}", soft_wrap=not console.is_terminal)
+    said = f"Whichever {found.outliers} measurements of a leg are wrong, no parameters in the box explain the others"
+    console.print(f"{said} better than eps_lo; some explain all but those left out to within eps_hi.", soft_wrap=True)

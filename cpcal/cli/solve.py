@@ -1,28 +1,32 @@
-"""`cpcal solve`: a problem that was written for another solver; all its solutions, or its best value, proved."""
+"""`cpcal solve`: all solutions of a written problem, or its best value, proved. `cpcal plugins`: what is installed."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich import box
+from rich.table import Table
 
-from cpcal.cli.folders import check_writable
-from cpcal.cli.grouped import grouped
-from cpcal.cli.running import Running
-from cpcal.cli.search_progress import search_progress
-from cpcal.cli.status import Status
-from cpcal.cli.talk import Talk, record, talking
-from cpcal.common.errors import InputError, Problem
+from cpcal.cli.options import Running, Status, Talk, check_writable, grouped, record, talking, terminal
+from cpcal.cli.progress import search_progress
+from cpcal.common.errors import ClashError, CpcalError, InputError, Problem, printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
-from cpcal.execution.stopping import asked
+from cpcal.legs import leg_model, models
 from cpcal.problems.nl import sol_bytes
 from cpcal.problems.problem import Answer, answer
 from cpcal.problems.problem_files import load_problem
 from cpcal.report.paving_picture import paving_svg
+from cpcal.solver import plugins as registry
 from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.execution.stopping import asked
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal solve`: a problem that was written for another solver; all its solutions, or its best value, proved.
 
 _SHOWN = 20  # solutions in the terminal
 
@@ -124,3 +128,44 @@ def _show(found: Answer, output: Path, talk: Talk) -> None:
     width = "" if found.paving is None else f"; boxes are divided down to {stated(found.paving.width)}"
     talk.say(f"Method: {found.method.rstrip('.')}{width}.")
     talk.say(f"{found.nodes:,} nodes, {nearest(found.seconds, 2)} s: {output}")
+
+
+# ------------------------------------------------------------------------------------------------------------------
+# `cpcal plugins`: what other packages, and this one, provide by entry point.
+
+_GROUPS: dict[str, tuple[str, Callable[[str], object]]] = {
+    registry.GROUP: ("contractor", registry.load),
+    registry.STRATEGY_GROUP: ("strategy", registry.load_strategy),
+    models.GROUP: ("leg model", leg_model),
+}
+
+
+def plugins() -> None:
+    """List the contractors, search strategies and leg models found, whose they are, and whether they load.
+
+    With exit status 2 where two packages register the same name: nobody can use it.
+    """
+    clashes: list[CpcalError] = []
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    for heading in ("name", "what", "from", "package", "loads"):
+        table.add_column(heading, overflow="fold")
+    for group, (what, load) in _GROUPS.items():
+        for name, point in registry.found(group).items():
+            package = "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+            error = _error(name, load)
+            clashes += [error] if isinstance(error, ClashError) else []
+            row = (name, what, point.value, package, "yes" if error is None else str(error))
+            table.add_row(*map(printable, row))
+    console = terminal()
+    console.print(table)
+    console.print(f"Found through the entry-point groups {', '.join(_GROUPS)}.", soft_wrap=True)
+    if clashes:
+        raise clashes[0]
+
+
+def _error(name: str, load: Callable[[str], object]) -> CpcalError | None:
+    try:
+        load(name)
+    except CpcalError as error:
+        return error
+    return None

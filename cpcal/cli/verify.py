@@ -22,14 +22,14 @@ from cpcal.checker import (
     check,
     leg_checks,
 )
-from cpcal.cli.talk import Talk, record, talking
+from cpcal.cli.options import Talk, record, talking
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import bracket_text, inner_text, nearest, plain_gap, short
-from cpcal.execution.forked import side_by_side
 from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, ROBUST, RUN, unfinished
+from cpcal.solver.execution.forked import side_by_side
 
 if TYPE_CHECKING:
-    from cpcal.results import Result
+    from cpcal.questions import Result
 
 # ------------------------------------------------------------------------------------------------------------------
 # What an accepted certificate proves, in sentences; every number rounded to the side that stays proved.
@@ -209,7 +209,7 @@ def checked_legs(run: Path) -> Legs:
 
 def result_of(run: Path) -> Result | str:
     """What the result.json of a run states, or why it is none. Raises InputError where there is no such file."""
-    from cpcal.results import load_result
+    from cpcal.questions import load_result
 
     try:
         return load_result(run)
@@ -272,7 +272,7 @@ def verify(
     """
     same = campaign is None or _same_campaign(target, campaign, talk)
     if target.name.endswith(POSE_SET_SUFFIX) or (target.is_dir() and any(target.glob("*" + POSE_SET_SUFFIX))):
-        from cpcal.cli.verify_pose_sets import verify_pose_sets
+        from cpcal.cli.verified import verify_pose_sets
 
         accepted = verify_pose_sets(target, source or [], talk)
     else:
@@ -299,18 +299,18 @@ def _verified(folder: Path, talk: Talk) -> bool:
         return _all_accepted(verify_wrong_images(folder), talk)
     if heads == [RUN.head]:
         with legs_beside(folder) as legs:
-            from cpcal.cli.verified_folders import run_verified  # while the legs are being checked
+            from cpcal.cli.verified import run_verified  # while the legs are being checked
 
             return run_verified(folder, legs, talk)
-    from cpcal.cli import verified_folders
+    from cpcal.cli import verified
 
     if heads == [ROBUST.head]:
-        return verified_folders.robust_verified(folder, talk)
+        return verified.robust_verified(folder, talk)
     if not heads and any(folder.glob(f"*/{RUN.head}")):
-        return verified_folders.campaigns_verified(folder, lambda run: _verified(run, talk), talk)
+        return verified.campaigns_verified(folder, lambda run: _verified(run, talk), talk)
     claimed = {path.name: _certificate(path, talk) for path in _certificates(folder, heads)}
     proved = {name: accepted for name, accepted in claimed.items() if accepted is not None}
-    return verified_folders.others_verified(folder, proved, talk) and len(proved) == len(claimed)
+    return verified.others_verified(folder, proved, talk) and len(proved) == len(claimed)
 
 
 def _same_campaign(target: Path, campaign: Path, talk: Talk) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cpcal.cli.folders import is_earlier_demo
+from cpcal.cli.options import is_earlier_demo
 
 
 def test_a_demo_may_replace_a_demo_and_nothing_else(tmp_path: Path) -> None:

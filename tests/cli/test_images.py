@@ -17,11 +17,9 @@ pytest.importorskip("cv2", reason="OpenCV is not installed (pip install 'cpcal[v
 import cpcal
 from cpcal.calibration import load_record
 from cpcal.cli import app
-from cpcal.cli.demo.image_study import image_study
-from cpcal.cli.demo.image_study_page import images_found
-from cpcal.cli.demo.verb import DemoPlan
+from cpcal.cli.demo import DemoPlan, image_study, images_found
+from cpcal.cli.options import Talk
 from cpcal.cli.report import study_found
-from cpcal.cli.talk import Talk
 from cpcal.common.errors import InputError
 from cpcal.files import load_study
 from cpcal.report.study_report import IMAGES_NAME, load_images, save_images
@@ -63,8 +61,8 @@ def every(step):
 def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo") / "demo"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cpcal.cli.demo.verb.PLAN", SMALL)
-        patch.setattr("cpcal.cli.simulate.simulate_study", every(3))
+        patch.setattr("cpcal.cli.demo.PLAN", SMALL)
+        patch.setattr("cpcal.cli.campaign.simulate_study", every(3))
         outcome = run("demo", "--images", "-o", folder, "--seed", 3)
     return folder, outcome
 
@@ -209,7 +207,7 @@ def test_the_demo_goes_the_whole_road(demo):
 
 def test_images_need_not_be_kept(tmp_path, monkeypatch):
     """As with --full: each image is rendered when it is measured."""
-    monkeypatch.setattr("cpcal.cli.simulate.simulate_study", every(8))
+    monkeypatch.setattr("cpcal.cli.campaign.simulate_study", every(8))
     size = {"runs": 1, "validation_runs": 1, "random_poses": 2, "images": 1}
     folder = tmp_path / "new" / "demo"
     done = image_study(folder, 3, {}, Talk(quiet=True), size=size, keep=False)

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 from benchmarks.vision_scenes import facing_poses, one
 from cpcal.checker.pose_claim import check_pose_sets
 from cpcal.cli import app
-from cpcal.cli.pose_sets import _stated
-from cpcal.cli.verify_pose_sets import _table_problem
+from cpcal.cli.image import _stated
+from cpcal.cli.verified import _table_problem
 from cpcal.robot import Pose
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.plate_and_camera import CameraRecord, save_camera, save_target

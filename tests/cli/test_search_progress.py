@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import cpcal
-from cpcal.cli.search_progress import SearchProgress
+from cpcal.cli.progress import SearchProgress
 from cpcal.solver.optimize.minimum import Bracket
 from cpcal.solver.search import Event
 
