@@ -61,7 +61,8 @@ class Alignment:
 
 
 def aligned(measured: Floats, drawing: Floats, covariance: Floats | None = None) -> Alignment:
-    """Of centres (n, 3) mm with their covariance (3 n, 3 n) mm^2, centre by centre (left out: exact), and the drawing's.
+    """Of centres (n, 3) mm with their covariance (3 n, 3 n) mm^2, centre by centre (left out: exact), and the
+    drawing's.
 
     Raises InputError for fewer than three centres, and for centres on a line.
     """

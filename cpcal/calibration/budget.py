@@ -128,7 +128,9 @@ def budget(best: Fit, campaign: Campaign, drawing: Robot, inputs: Inputs, *, tri
     if trials is not None and trials < _TRIALS_MIN:
         raise InputError([Problem("option trials", f"has no meaning: {trials}", f"give {_TRIALS_MIN} or more")])
     study = _Study(best, campaign, drawing)
-    stated = {source: (getattr(inputs, source), size(study, getattr(inputs, source))) for source, size in _SOURCES.items()}
+    stated = {
+        source: (getattr(inputs, source), size(study, getattr(inputs, source))) for source, size in _SOURCES.items()
+    }
     shared = sum((values**2 for _, values in stated.values()), np.zeros_like(best.parameters))
     statistical = study.errors(best)
     total = np.sqrt(statistical**2 + shared)
@@ -160,18 +162,19 @@ class _Study:
         again = fit(campaign, weighted=True, noise=best.noise, start=best.parameters, covariance="noise")
         return on_drawing(again.parameters, self.drawing)
 
-    def changes(self, **arrays: Floats) -> Floats:
+    def changes(self, campaign: Campaign) -> Floats:
         """(n, 7) by how much the parameters change with these readings."""
-        best = on_drawing(self.best.parameters, self.drawing)
-        return np.abs(self.refitted(replace(self.campaign, **arrays)) - best)
+        return np.abs(self.refitted(campaign) - on_drawing(self.best.parameters, self.drawing))
 
     def scale_of_poses(self, size: float) -> Floats:
-        return self.changes(position=self.campaign.position * (1.0 + size)) if size else self.none
+        position = self.campaign.position * (1.0 + size)
+        return self.changes(replace(self.campaign, position=position)) if size else self.none
 
     def scale_of_sensors(self, size: float) -> Floats:
         """Each leg by itself: squares add up."""
         legs = np.eye(self.campaign.legs) if size else ()
-        each = (self.changes(length=self.campaign.length * (1.0 + size * leg)) ** 2 for leg in legs)
+        lengths = (self.campaign.length * (1.0 + size * leg) for leg in legs)
+        each = (self.changes(replace(self.campaign, length=length)) ** 2 for length in lengths)
         return np.asarray(np.sqrt(sum(each, self.none)))
 
     def lens(self, size: float) -> Floats:

@@ -129,12 +129,12 @@ def corrected(poses: Poses, start: Floats, name: str) -> Asked:
     x, c, tilt = parts(found.at)
     freedom = equations.length.size - size * legs
     design = jacobian(found.at)
-    covariance = np.linalg.pinv(design.T @ design)[7 : size * legs : 8, 7 : size * legs : 8]
+    covariance = np.asarray(np.linalg.pinv(design.T @ design)[7 : size * legs : 8, 7 : size * legs : 8], np.float64)
     errors = np.sqrt(np.diagonal(covariance)) if size > 7 else np.zeros(legs)
     added = np.abs(c) * np.ptp(column(x, tilt), axis=0)
     chance = chances(found.cost, freedom, poses.noise.freedom)[1] if freedom > 0 else 1.0
     common = size == 7 or _common(c, covariance, poses.noise.freedom) >= _EXPLAINS
-    return Asked(name, *(tuple(part.tolist()) for part in (c, errors, added)), chance, common)
+    return Asked(name, tuple(c.tolist()), tuple(errors.tolist()), tuple(added.tolist()), chance, common)
 
 
 def vertical(campaign: Campaign) -> Floats:

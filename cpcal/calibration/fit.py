@@ -206,21 +206,22 @@ class Fit:
         done = "converged" if self.converged else "DID NOT CONVERGE"
         count, legs = self.residuals.shape
         how = "weighted by the noise of all legs together" if self.weighted else "unweighted"
-        said = [f"The fit of {legs} leg{'s' * (legs > 1)} to {count} measurements ({how}) {done}.", self._said_of_rank()]
+        said = [
+            f"The fit of {legs} leg{'s' * (legs > 1)} to {count} measurements ({how}) {done}.",
+            self._said_of_rank(),
+        ]
         if self.noise_share is not None and self.noise_share >= _BIASED:
             said.append(
-                f"In some direction {100 * min(self.noise_share, 1.0):.0f} % OF WHAT SEEMS TO DETERMINE THE PARAMETERS "
-                "IS THE NOISE ITSELF: the poses differ too little, the fit is biased there, and the standard errors are "
-                "too small."
+                f"In some direction {100 * min(self.noise_share, 1.0):.0f} % OF WHAT SEEMS TO DETERMINE THE PARAMETERS"
+                " IS THE NOISE ITSELF: the poses differ too little, the fit is biased there, and standard errors are too"
+                " small."
             )
         return " ".join([*said, self._said_of_residuals()])
 
     def _said_of_rank(self) -> str:
         size = self.parameters.size
         if self.rank < size:
-            names = [
-                f"{SYMBOLS[k]} of leg {self.legs[leg]}" for leg, k in np.argwhere(self.undetermined).tolist()
-            ]
+            names = [f"{SYMBOLS[k]} of leg {self.legs[leg]}" for leg, k in np.argwhere(self.undetermined).tolist()]
             return f"The data are RANK-DEFICIENT, {self.rank} of {size}: they do not determine {listed(names)}."
         said = f"Rank {self.rank} of {size}, condition {self.condition:.2g}"
         errors = self.standard_errors

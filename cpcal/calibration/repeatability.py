@@ -160,7 +160,9 @@ def _told_apart(by_pose: Floats, spread: Deviations) -> tuple[Floats, Floats, Fl
     count, legs = by_pose.shape[:2]
     # channels in units of their own scatter, so that nothing depends on mm against rad
     unit = float(np.median(scale[6:]))
-    motion = np.concatenate([np.linalg.pinv(by_pose * scale[:6]), np.broadcast_to(np.eye(legs), (count, legs, legs))], 1)
+    motion = np.concatenate(
+        [np.linalg.pinv(by_pose * scale[:6]), np.broadcast_to(np.eye(legs), (count, legs, legs))], 1
+    )
     motion[:, 6:] /= scale[6:, None]
     motion *= unit
     # what each unknown adds to the covariance of a configuration: 21 of the camera, then those of sensors and robot

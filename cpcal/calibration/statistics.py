@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed
-from cpcal.common.values import Floats, Ints, frozen_array
+from cpcal.common.values import Bools, Floats, Ints, frozen_array
 from cpcal.robot import Campaign, Uncertainty, quaternion_conjugate, quaternion_product, rotation_vector
 
 POSE_CHANNELS = ("x", "y", "z", "rx", "ry", "rz")  # mm and rad
@@ -296,7 +296,7 @@ def screen(deviations: Deviations, values: Floats | None = None) -> Screening:
     channel's, must be wrong.
     """
     found = scores(deviations) if values is None else values
-    silent = np.isnan(found).all(axis=0)
+    silent: Bools = np.asarray(np.isnan(found).all(axis=0))
     known = np.where(np.isnan(found), 0.0, found)
     rows = np.flatnonzero((np.abs(known) > THRESHOLD).any(axis=1)).tolist()
     untested = tuple(name for name, quiet in zip(deviations.channels, silent, strict=True) if quiet)
@@ -372,7 +372,9 @@ def describe(deviations: Deviations, chosen: slice = slice(None)) -> tuple[Chann
     from scipy import stats  # here: it takes half a second to load, which certification need not wait for
 
     out = []
-    for name, sigma, errors in list(zip(deviations.channels, deviations.sigma, deviations.errors.T, strict=True))[chosen]:
+    for name, sigma, errors in list(zip(deviations.channels, deviations.sigma, deviations.errors.T, strict=True))[
+        chosen
+    ]:
         thinned = errors[:: -(-len(errors) // _SHAPIRO_MAX)]
         shapiro = float(stats.shapiro(thinned).pvalue) if sigma > 0.0 and len(errors) >= 3 else math.nan
         out.append(ChannelStatistics(name, len(errors), float(sigma), float(np.max(np.abs(errors))), shapiro))

@@ -22,7 +22,6 @@ from cpcal.calibration.budget import Budget
 from cpcal.calibration.diagnosis import Diagnosis, Poses, diagnosis
 from cpcal.calibration.fit import Fit, fit
 from cpcal.calibration.frames import FrameCalibration, calibrate_frames, redefined
-from cpcal.calibration.leg_equations import Noise
 from cpcal.calibration.repeatability import Repeatability, RepeatTests, repeat_tests, repeatability
 from cpcal.calibration.statistics import (
     ChannelStatistics,
