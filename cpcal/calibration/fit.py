@@ -212,8 +212,9 @@ class Fit:
         ]
         if self.noise_share is not None and self.noise_share >= _BIASED:
             said.append(
-                f"In some direction {100 * min(self.noise_share, 1.0):.0f} % OF WHAT SEEMS TO DETERMINE THE PARAMETERS"
-                " IS THE NOISE ITSELF: the poses differ too little; the fit is biased, and standard errors are too small."
+                f"In some direction {100 * min(self.noise_share, 1.0):.0f} % OF WHAT SEEMS TO DETERMINE THE PARAMETERS "
+                "IS THE NOISE ITSELF: the poses differ too little, the fit is biased there, "
+                "and the standard errors are too small."
             )
         return " ".join([*said, self._said_of_residuals()])
 
