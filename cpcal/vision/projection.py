@@ -11,6 +11,7 @@ from cpcal.common.values import Floats
 from cpcal.robot import Pose
 from cpcal.solver.compiled import compiled
 from cpcal.vision.camera import JET, LENSES, PACKED, Camera, jet
+from cpcal.vision.opencv import opencv
 from cpcal.vision.target import Target
 
 
@@ -290,51 +291,13 @@ def mapped(homography: Floats, points: Floats) -> Floats:
 
 
 def fitted(points: Floats, images: Floats) -> Floats:
-    """The H (3, 3) that takes points (n, 2) to images (n, 2), n >= 4, by the normalised direct linear transform.
-
-    Its sign makes the third coordinates of most points positive, and H has the norm 1.
-    """
-    normal, into, out = np.zeros((9, 9)), np.zeros((3, 3)), np.zeros((3, 3))
-    transform_equations(np.array(points), np.array(images), normal, into, out)
-    homography = np.linalg.eigh(normal)[1][:, 0].reshape(3, 3)
-    homography = np.linalg.solve(out, homography @ into)
+    """The H (3, 3) that takes points (n, 2) to images (n, 2), n >= 4, of norm 1 and with a sign that makes the third
+    coordinates of most points positive; nan where they determine none."""
+    homography = opencv().findHomography(points, images, 0)[0]
+    if homography is None:
+        return np.full((3, 3), np.nan)
     depth = points @ homography[2, :2] + homography[2, 2]
     return np.asarray(homography * (np.sign(median(np.sign(depth))) or 1.0) / np.linalg.norm(homography))
-
-
-@compiled
-def transform_equations(points: Floats, images: Floats, normal: Floats, into: Floats, out: Floats) -> None:
-    """The normal matrix (9, 9) of the direct linear transform of points about their mean at a mean distance of sqrt 2
-    to images likewise, into zeros; and the matrices (3, 3) that bring points and images there."""
-    _normalisation(points, into)
-    _normalisation(images, out)
-    row = np.zeros((2, 9))
-    for i in range(len(points)):
-        x, y = points[i, 0] * into[0, 0] + into[0, 2], points[i, 1] * into[1, 1] + into[1, 2]
-        for axis in range(2):
-            seen = images[i, axis] * out[axis, axis] + out[axis, 2]
-            row[axis, 3 * axis], row[axis, 3 * axis + 1], row[axis, 3 * axis + 2] = x, y, 1.0
-            row[axis, 6], row[axis, 7], row[axis, 8] = -seen * x, -seen * y, -seen
-            for j in range(9):
-                for k in range(j + 1):
-                    normal[j, k] += row[axis, j] * row[axis, k]
-    for j in range(9):
-        for k in range(j):
-            normal[k, j] = normal[j, k]
-
-
-@compiled
-def _normalisation(points: Floats, matrix: Floats) -> None:
-    count = len(points)
-    x, y = 0.0, 0.0
-    for i in range(count):
-        x, y = x + points[i, 0] / count, y + points[i, 1] / count
-    square = 0.0
-    for i in range(count):
-        square += ((points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2) / count
-    scale = np.sqrt(2.0 / max(square, 1e-300))
-    matrix[0, 0], matrix[1, 1], matrix[2, 2] = scale, scale, 1.0
-    matrix[0, 2], matrix[1, 2] = -scale * x, -scale * y
 
 
 def orientation(homography: Floats, points: Floats) -> Floats:
