@@ -27,7 +27,7 @@ from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect, in_parallel
 from cpcal.vision.batch.enclose import Enclosed, Enclosing, stem_of
 from cpcal.vision.batch.study_images import RenderedImages, look_again, study_table
-from cpcal.vision.calibration import calibrate_from_images
+from cpcal.vision.calibrate import calibrate_from_images
 from cpcal.vision.files.detection import (
     SCALE,
     SHARED,
