@@ -301,7 +301,7 @@ def _packed(pose: Pose) -> Floats:
 
 
 def plane_poses(dots: Floats, rays: Floats) -> list[Pose]:
-    """Both poses of a plane with dots (n, 2) mm seen in the directions (x, y, 1) of `rays` (n, 2), the likelier first."""
+    """Both poses of a plane with dots (n, 2) mm seen along (x, y, 1) for the `rays` (n, 2), the likelier first."""
     cv2 = opencv()
     points = np.concatenate([dots, np.zeros((len(dots), 1))], axis=1)
     _, turns, places, _ = cv2.solvePnPGeneric(points, rays, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
