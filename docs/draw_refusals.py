@@ -1,4 +1,4 @@
-"""Ten images that `cpcal detect` refuses, and why: docs/refusals.md and its pictures.
+"""Ten images that `cpcal image detect` refuses, and why: docs/refusals.md and its pictures.
 
 python docs/draw_refusals.py
 """
@@ -53,7 +53,7 @@ def _taken(world: World) -> Any:
 def main() -> None:
     lines = ["# Ten images without a pose", ""]
     lines += [
-        "Each is refused with its reason; `cpcal detect --overlay DIR` draws such pictures (yellow: the dots that"
+        "Each is refused with its reason; `cpcal image detect --overlay DIR` draws such pictures (yellow: the dots that"
     ]
     lines += ["were found). `python docs/draw_refusals.py` writes this page.", ""]
     for k, (why, image, camera) in enumerate(cases(), start=1):
