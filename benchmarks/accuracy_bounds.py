@@ -24,9 +24,9 @@ from cpcal.accuracy.certified_set import certified_set
 from cpcal.accuracy.model_error import chebyshev, exactly, joined_campaign
 from cpcal.accuracy.pose_bounds import pose_bounds
 from cpcal.calibration import averaged
-from cpcal.certify.bracket import verified_rows
 from cpcal.common.values import Floats
 from cpcal.legs import fit_model
+from cpcal.questions.bracket import verified_rows
 from cpcal.robot import Pose, Robot, Study, forward_kinematics
 from cpcal.simulate import simulate_study
 from cpcal.simulate.campaigns import STROKE

@@ -18,13 +18,13 @@ from benchmarks.uncertain_poses import shown
 from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.findings import save_accuracy
 from cpcal.calibration import calibrate_study, recorded
-from cpcal.certify import certify
-from cpcal.certify.fits import certify_fits
 from cpcal.cli import app
 from cpcal.files import save_campaign
 from cpcal.files.run_folder import ACCURACY, answers_into
 from cpcal.handeye.files import save_hand_eye
 from cpcal.handeye.study import simulate_hand_eye
+from cpcal.questions import certify
+from cpcal.questions.fits import certify_fits
 from cpcal.robot import Pose
 from cpcal.simulate import simulate, simulate_study
 from cpcal.vision.camera import DELTALAB_CAMERA

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 import cpcal
-from cpcal.certify.robust import certify_robust
 from cpcal.checker.robust_claim import check_robust
+from cpcal.questions.outliers import certify_robust
 from cpcal.simulate import simulate
 
 

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy
-from cpcal.certify.fits import FITS_NAME, CertifiedFits
 from cpcal.files.codec import INFORMATION, keys_of
 from cpcal.handeye.certify import RESULT_NAME as HAND_EYE_NAME
 from cpcal.handeye.certify import HandEyeResult
 from cpcal.handeye.wrong_images import WRONG_NAME, WrongImages
-from cpcal.results import COMPARISON_NAME, RESULT_NAME, Comparison, Result
-from cpcal.results.robust import ROBUST_NAME, RobustResult
+from cpcal.questions import COMPARISON_NAME, RESULT_NAME, Comparison, Result
+from cpcal.questions.fits import FITS_NAME, CertifiedFits
+from cpcal.questions.robust_result import ROBUST_NAME, RobustResult
 
 FILES = {
     RESULT_NAME: Result,

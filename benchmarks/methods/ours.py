@@ -18,7 +18,7 @@ from benchmarks.records import MethodAnswer
 from benchmarks.tasks import Unsupported
 from contractors import HC4
 from cpcal.files import campaign_sha256
-from cpcal.results import LegResult
+from cpcal.questions import LegResult
 from cpcal.solver import plugins
 from cpcal.solver.contract import Limits, Verdict
 from cpcal.solver.interval import get_arithmetic

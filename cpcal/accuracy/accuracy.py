@@ -27,15 +27,15 @@ from cpcal.accuracy.next_poses import next_poses
 from cpcal.accuracy.pose_bounds import LEGS, PoseBounds, pose_bounds
 from cpcal.accuracy.workspace import Covered, Workspace, cover
 from cpcal.calibration import fit
-from cpcal.certify.bracket import PreparedLeg, by_bound
-from cpcal.certify.question import Question
 from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.common.numbers import bracket_text
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.legs import PLAIN, beyond_legs, fit_model
-from cpcal.results import CampaignNote, Result
+from cpcal.questions import CampaignNote, Result
+from cpcal.questions.bracket import PreparedLeg, by_bound
+from cpcal.questions.question import Question
 from cpcal.robot import (
     Campaign,
     Mechanisms,

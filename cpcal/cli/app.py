@@ -20,7 +20,7 @@ from typer.core import TyperCommand, TyperGroup
 from cpcal.cli.options import Status, command
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.version import __version__
-from cpcal.execution.stopping import Reason, Stopped
+from cpcal.solver.execution.stopping import Reason, Stopped
 
 # ------------------------------------------------------------------------------------------------------------------
 # How errors leave the program: one message on stderr and an exit status; never a traceback.

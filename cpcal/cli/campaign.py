@@ -12,7 +12,6 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from cpcal.certify.data_check import check_data, expected, mistake_in
 from cpcal.cli.options import Status, Talk, check_new, output
 from cpcal.common.errors import InputError, Problem, Problems
 from cpcal.common.files import write_file
@@ -28,6 +27,7 @@ from cpcal.files import (
     settings_template,
 )
 from cpcal.legs import PLAIN
+from cpcal.questions.data_check import check_data, expected, mistake_in
 from cpcal.robot import ROBOTS, Campaign, KnownRobot, Uncertainty, known_robot, rotation_vector
 from cpcal.robot.campaign import Given, stated_uncertainty
 from cpcal.robot.robot import EXACT_OR_NOT, KINDS

@@ -13,10 +13,6 @@ from typing import Annotated, Any
 import typer
 from rich.text import Text
 
-from cpcal.certify.certify import answered, checked_options
-from cpcal.certify.compare import compared, comparison_question
-from cpcal.certify.question import HERE, Checkpoints, Question
-from cpcal.certify.robust import certify_robust
 from cpcal.cli.options import (
     Legs,
     Status,
@@ -37,13 +33,26 @@ from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.files import scratch_folder
 from cpcal.common.numbers import bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.common.version import __version__
-from cpcal.execution.executors import Here, Place, Processes
-from cpcal.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
-from cpcal.execution.stopping import Reason, Stopped, asked, give_up
-from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import COMPARED, REPORT_NAME, ROBUST, RUN, answers_into, locked
 from cpcal.legs import LegModel, built_in
+from cpcal.questions import (
+    Comparison,
+    Entry,
+    Explained,
+    LegResult,
+    Result,
+    comparison_text,
+    load_result,
+    result_text,
+    save_comparison,
+    save_result,
+    verdict_of,
+)
+from cpcal.questions.ask import answered, checked_options
+from cpcal.questions.compare import compared, comparison_question
+from cpcal.questions.outliers import certify_robust
+from cpcal.questions.question import HERE, Checkpoints, Question
 from cpcal.report import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices, result_table, write_report
 from cpcal.report.comparison_page import (
     COMPARISON_PAGE,
@@ -59,22 +68,13 @@ from cpcal.report.comparison_page import (
 )
 from cpcal.report.overview import advise, fitted
 from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified_legs
-from cpcal.results import (
-    Comparison,
-    Entry,
-    Explained,
-    LegResult,
-    Result,
-    comparison_text,
-    load_result,
-    result_text,
-    save_comparison,
-    save_result,
-    verdict_of,
-)
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.executors import Here, Place, Processes
+from cpcal.solver.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
+from cpcal.solver.execution.stopping import Reason, Stopped, asked, give_up
+from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver.optimize.minimum import Bracket
 
 

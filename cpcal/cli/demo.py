@@ -13,8 +13,6 @@ import typer
 
 from cpcal.calibration import CalibrationRecord, calibrate_study, recorded
 from cpcal.calibration.statistics import Of
-from cpcal.certify import certify
-from cpcal.certify.fits import certify_fits
 from cpcal.cli.calibrate import show_record, write_calibration
 from cpcal.cli.certify import certified_into, show_result, status_of
 from cpcal.cli.image import IMAGES, SHOTS, TABLES, detected, enclosed, shot_study, write_shots
@@ -38,10 +36,11 @@ from cpcal.cli.report import study_found
 from cpcal.common.files import unwritable
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
-from cpcal.execution.stopping import heard
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN
+from cpcal.questions import Result, certify, save_result
+from cpcal.questions.fits import certify_fits
 from cpcal.report.study_report import (
     IMAGES_NAME,
     ImagesFound,
@@ -51,10 +50,10 @@ from cpcal.report.study_report import (
     save_images,
     write_study_page,
 )
-from cpcal.results import Result, save_result
 from cpcal.robot import DELTALAB, Campaign, PoseTable, Study, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import Detections, ImageFolder
 from cpcal.vision.batch.enclose import Enclosing
 from cpcal.vision.batch.study_images import RenderedImages, study_table

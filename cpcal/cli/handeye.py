@@ -24,7 +24,6 @@ from cpcal.handeye.certify import (
     save_hand_eye_result,
 )
 from cpcal.handeye.files import hand_eye_files, load_hand_eye, load_hand_poses, save_hand_eye
-from cpcal.handeye.legs_in_frames import JOINTS, legs_in_frames
 from cpcal.handeye.next_images import next_poses
 from cpcal.handeye.sources import (
     REMEDY,
@@ -41,9 +40,10 @@ from cpcal.handeye.sources import (
 from cpcal.handeye.study import HandEyeStudy, Setup, simulate_hand_eye
 from cpcal.handeye.words import names_of, sentences, wrong_sentences
 from cpcal.handeye.wrong_images import WrongImages, find_wrong_images, save_wrong_images
+from cpcal.questions import load_result
+from cpcal.questions.legs_in_frames import JOINTS, legs_in_frames
 from cpcal.report.hand_eye_page import HAND_EYE_PAGE, write_hand_eye
 from cpcal.report.wrong_images_page import WRONG_PAGE, write_wrong_images
-from cpcal.results import load_result
 from cpcal.vision.files.plate_and_camera import load_camera, load_target
 
 # ------------------------------------------------------------------------------------------------------------------

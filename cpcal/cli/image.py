@@ -19,7 +19,6 @@ from cpcal.cli.verified import NUMBERS, TABLE, say_assumptions
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed, unwritable, write_file
 from cpcal.common.numbers import at_most
-from cpcal.execution.stopping import heard
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.settings import STUDY_NAME, study_bytes, table_bytes
 from cpcal.files.tables import file_cell, guarded
@@ -27,6 +26,7 @@ from cpcal.report.detections_page import write_detections_page
 from cpcal.robot import Robot, Study
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import Detections, ImageFolder, in_parallel
 from cpcal.vision.batch.detect import detect as detect_poses
 from cpcal.vision.batch.enclose import Enclosed, Enclosing, stem_of

@@ -28,10 +28,10 @@ from rich.text import Text
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.files import unwritable
 from cpcal.common.version import __version__
-from cpcal.execution.executors import Place, executor_for
-from cpcal.execution.stopping import asked, heard, raising, within_memory
 from cpcal.files.run_folder import FolderKind, answers_into, check_replaceable
 from cpcal.solver.compiled import QUIET
+from cpcal.solver.execution.executors import Place, executor_for
+from cpcal.solver.execution.stopping import asked, heard, raising, within_memory
 
 if TYPE_CHECKING:
     from cpcal.robot import Campaign

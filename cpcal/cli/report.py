@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from cpcal.calibration import RECORD_NAME, load_record
-from cpcal.certify.fits import load_fits
 from cpcal.cli.options import (
     CAMPAIGN,
     FITS,
@@ -30,12 +29,13 @@ from cpcal.files import campaign_sha256, load_campaign, load_campaign_json
 from cpcal.files.run_folder import HANDEYE, REPORT_NAME
 from cpcal.handeye.certify import load_hand_eye_result
 from cpcal.handeye.verify import verify_hand_eye
+from cpcal.questions import Result, load_result
+from cpcal.questions.fits import load_fits
 from cpcal.report.export import WRITERS, exported
 from cpcal.report.hand_eye_export import HAND_EYE_FORMS, hand_eye_text
 from cpcal.report.leg_section import frames_of_run
 from cpcal.report.page import render
 from cpcal.report.study_report import StudyFound, load_images, render_study
-from cpcal.results import Result, load_result
 from cpcal.robot import Campaign
 
 # ------------------------------------------------------------------------------------------------------------------

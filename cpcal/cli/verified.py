@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpcal.accuracy.findings import ACCURACY_NAME, Accuracy, CertifiedBox, load_accuracy
-from cpcal.certify.undetermined import determination
 from cpcal.checker import ROBUST_NAME, Accepted, ExactCampaign, Refused, Unusable
 from cpcal.checker.leg import EXTRA
 from cpcal.checker.run import all_of_it
@@ -35,8 +34,7 @@ from cpcal.files.folders import NAME as CAMPAIGN_NAME
 from cpcal.files.run_folder import REPORT_NAME, unfinished
 from cpcal.files.tables import JSON_MAX, json_object, small_file, unguarded
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, Parameter, leg_model
-from cpcal.report.words import notices
-from cpcal.results import (
+from cpcal.questions import (
     COMPARISON_NAME,
     INFORMATION,
     RESULT_NAME,
@@ -51,14 +49,16 @@ from cpcal.results import (
     information,
     load_comparison,
 )
-from cpcal.results.robust import load_robust
+from cpcal.questions.robust_result import load_robust
+from cpcal.questions.undetermined import determination
+from cpcal.report.words import notices
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 from cpcal.solver.interval import Box
 
 if TYPE_CHECKING:
-    from cpcal.certify.fits import CertifiedFits, VerifiedFit
     from cpcal.checker.pose_claim import PoseSetChecked
+    from cpcal.questions.fits import CertifiedFits, VerifiedFit
 
 Claimed = Mapping[str, Accepted]  # what the certificates of a folder prove, by their names
 
@@ -161,7 +161,7 @@ def _determined(campaign: Campaign, leg: int, at: Floats, model: LegModel, delta
 
 def others_verified(folder: Path, claimed: Claimed, talk: Talk) -> bool:
     """Whether the certificates claim what the folder's compare.json, fits.json or accuracy.json states."""
-    from cpcal.certify.fits import FITS_NAME, load_fits  # what this kind of folder needs; the others start sooner
+    from cpcal.questions.fits import FITS_NAME, load_fits  # what this kind of folder needs; the others start sooner
 
     name = next((name for name in (COMPARISON_NAME, FITS_NAME, ACCURACY_NAME) if (folder / name).exists()), None)
     try:

@@ -25,11 +25,11 @@ from cpcal.checker import (
 from cpcal.cli.options import Status, Talk, record
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import bracket_text, inner_text, nearest, plain_gap, short
-from cpcal.execution.forked import side_by_side
 from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, ROBUST, RUN, unfinished
+from cpcal.solver.execution.forked import side_by_side
 
 if TYPE_CHECKING:
-    from cpcal.results import Result
+    from cpcal.questions import Result
 
 # ------------------------------------------------------------------------------------------------------------------
 # What an accepted certificate proves, in sentences; every number rounded to the side that stays proved.
@@ -209,7 +209,7 @@ def checked_legs(run: Path) -> Legs:
 
 def result_of(run: Path) -> Result | str:
     """What the result.json of a run states, or why it is none. Raises InputError where there is no such file."""
-    from cpcal.results import load_result
+    from cpcal.questions import load_result
 
     try:
         return load_result(run)

@@ -19,10 +19,10 @@ from cpcal.common.files import write_file
 from cpcal.common.numbers import at_least, at_most, bracket_text, nearest, short, stated
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.files.tables import guarded
+from cpcal.questions import Comparison, Entry, Explained, LegResult, Result, Undetermined, verdict_of
 from cpcal.report.page import rendered, versions
 from cpcal.report.svg import DASHES, DOT, EDGE, INK, MASS, SUPPORT, Axes, Figure, text_width, ticks
 from cpcal.report.words import LONGER, QUANTIFIER, SHORT_QUANTIFIER, overall
-from cpcal.results import Comparison, Entry, Explained, LegResult, Result, Undetermined, verdict_of
 from cpcal.solver.contract import Verdict
 
 # ------------------------------------------------------------------------------------------------------------------

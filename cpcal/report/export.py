@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from cpcal.common.values import Floats
+from cpcal.questions import LegResult, Result, model_of, verdict_of
 from cpcal.report import leg_section
 from cpcal.report.leg_section import DrawingFrames, check_movable
 from cpcal.report.overview import fitted
 from cpcal.report.page import command
 from cpcal.report.words import FRAME, overall
-from cpcal.results import LegResult, Result, model_of, verdict_of
 from cpcal.robot import Campaign
 
 FORMAT = "cpcal-parameters/1"

@@ -14,10 +14,10 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import about, bracket_text, nearest, plain_gap, rounded_down, rounded_up, stated
 from cpcal.common.values import Floats
 from cpcal.legs import PARAMETERS, PLAIN, LegModel, model_residuals, reading_sensitivities
+from cpcal.questions import LegResult, Result, contractors_sentences, verdict_of
 from cpcal.report.overview import FEW, Advice, Fitted, advise, fitted, measurement_names, support_numbers
 from cpcal.report.svg import MOST_POINTS, Enclosure, Panel, Residuals, enclosure_svg, in_view, panel_svg, residual_svg
 from cpcal.report.words import center_sentence, fit_sentence, leg_sentence
-from cpcal.results import LegResult, Result, contractors_sentences, verdict_of
 from cpcal.robot import Campaign, rotation_matrix
 from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.interval import Box

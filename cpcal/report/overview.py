@@ -15,8 +15,7 @@ from cpcal.common.errors import CpcalError
 from cpcal.common.numbers import about, stated
 from cpcal.common.values import Floats
 from cpcal.legs import PLAIN, LegModel, ModelResiduals, fit_model, leg_model, model_jacobian, model_residuals
-from cpcal.report.svg import DASHES, GRID, INK, SUPPORT, Axes, Figure, ticks
-from cpcal.results import (
+from cpcal.questions import (
     Bounded,
     Explained,
     LegResult,
@@ -27,6 +26,7 @@ from cpcal.results import (
     Undetermined,
     verdict_of,
 )
+from cpcal.report.svg import DASHES, GRID, INK, SUPPORT, Axes, Figure, ticks
 from cpcal.robot import Campaign, rotation_matrix, small_rotation
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -24,11 +24,11 @@ from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import REPORT_NAME
 from cpcal.legs import PLAIN, LegModel
+from cpcal.questions import INFORMATION, Result, model_of
 from cpcal.report.leg_section import DRAWING_FRAME, DrawingFrames, leg_section
 from cpcal.report.overview import errors_svg, forcing_numbers, platform_svg
 from cpcal.report.result_table import result_table
 from cpcal.report.words import FRAME, LONGER, QUANTIFIER, assumptions, notices, overall, summary
-from cpcal.results import INFORMATION, Result, model_of
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 

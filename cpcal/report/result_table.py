@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cpcal.common.numbers import bracket_text, gap_text, nearest, stated
-from cpcal.results import LegResult, LegVerdict, Result, verdict_of
+from cpcal.questions import LegResult, LegVerdict, Result, verdict_of
 
 
 @dataclass(frozen=True)

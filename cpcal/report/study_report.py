@@ -20,13 +20,14 @@ from cpcal.calibration.budget import Budget
 from cpcal.calibration.record import Channel, Errors, Parameters, Rows
 from cpcal.calibration.repeatability import KINDS
 from cpcal.calibration.validation import PosePerformance
-from cpcal.certify.fits import CertifiedFits
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed, write_file
 from cpcal.common.numbers import about, bracket_text, nearest, rounded_up, stated
 from cpcal.common.values import Floats
 from cpcal.files import campaign_sha256
 from cpcal.files.tables import json_object
+from cpcal.questions import Result
+from cpcal.questions.fits import CertifiedFits
 from cpcal.report.page import render
 from cpcal.report.svg import (
     BAND,
@@ -43,7 +44,6 @@ from cpcal.report.svg import (
     tick_labels,
     ticks,
 )
-from cpcal.results import Result
 from cpcal.robot import Campaign
 from cpcal.solver.contract import Verdict
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from cpcal.common.numbers import plain_gap
 from cpcal.common.values import Floats
-from cpcal.results.result import HalfPlane
+from cpcal.questions.result import HalfPlane
 
 INK, GRID, BAND, EDGE, ROOM, DOT, MASS, SUPPORT = (
     f"var(--{name})" for name in ("ink", "grid", "band", "edge", "room", "dot", "mass", "support")

@@ -12,7 +12,7 @@ from cpcal.accuracy.findings import Accuracy, AssumedError, WorkspaceAccuracy
 from cpcal.common.files import listed
 from cpcal.common.numbers import about, at_least, at_most, stated
 from cpcal.legs import PLAIN
-from cpcal.results import (
+from cpcal.questions import (
     Bounded,
     Explained,
     LegResult,
@@ -26,7 +26,7 @@ from cpcal.results import (
     proved_sentence,
     verdict_of,
 )
-from cpcal.results.result import not_compared
+from cpcal.questions.result import not_compared
 from cpcal.robot import Campaign
 
 QUANTIFIER = (

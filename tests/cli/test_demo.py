@@ -7,11 +7,11 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.calibration import load_record
-from cpcal.certify.fits import load_fits
 from cpcal.cli import app
 from cpcal.cli.demo import DemoPlan, _is_earlier_demo
 from cpcal.cli.verify import check_all
 from cpcal.files import campaign_sha256, load_study
+from cpcal.questions.fits import load_fits
 
 SMALL = DemoPlan(size={"runs": 3, "validation_runs": 2, "random_poses": 5}, legs=(6,), timeout_seconds=1.0)
 

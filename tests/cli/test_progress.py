@@ -29,15 +29,15 @@ def test_the_bracket_of_the_leg_at_work_is_told_every_ten_seconds() -> None:
 
 
 def test_a_terminal_shows_one_line_that_goes() -> None:
-    console = Console(file=io.StringIO(), force_terminal=True, width=80)
-    with line(console) as shown:
+    file = io.StringIO()
+    with line(Console(file=file, force_terminal=True, width=80)) as shown:
         shown.show("leg 1: eps >= 0.25 mm")
-    assert "\x1b[?25h" in console.file.getvalue()  # the cursor is back
-    assert console.file.getvalue().endswith("\x1b[2K")
-    lines = Console(file=io.StringIO(), width=80)
-    with line(lines) as shown:
+    assert "\x1b[?25h" in file.getvalue()  # the cursor is back
+    assert file.getvalue().endswith("\x1b[2K")
+    lines = io.StringIO()
+    with line(Console(file=lines, width=80)) as shown:
         shown.show("leg 1: eps >= 0.25 mm")
-    assert lines.file.getvalue() == "leg 1: eps >= 0.25 mm\n"
+    assert lines.getvalue() == "leg 1: eps >= 0.25 mm\n"
 
 
 def test_what_is_counted_has_a_pace_that_leaves_out_what_was_done_before() -> None:

@@ -9,13 +9,13 @@ import pytest
 
 import cpcal
 from cpcal.calibration import calibrate_study, recorded
-from cpcal.certify.fits import CertifiedFits, VerifiedFit
 from cpcal.files import campaign_sha256
 from cpcal.legs import PARAMETERS
+from cpcal.questions import Comparison, Entry, Projection, Projections
+from cpcal.questions.fits import CertifiedFits, VerifiedFit
 from cpcal.report import write_page
 from cpcal.report.comparison_page import write_comparison
 from cpcal.report.study_report import StudyFound, write_study_page
-from cpcal.results import Comparison, Entry, Projection, Projections
 from cpcal.simulate import simulate_study
 from tests.report.made import made_leg, made_result
 

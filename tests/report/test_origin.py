@@ -12,8 +12,8 @@ import cpcal
 from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import encoded
+from cpcal.questions import Options
 from cpcal.report.page import command, render, versions
-from cpcal.results import Options
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from tinyhtml5.parser import HTMLParser
 
 import cpcal
 from cpcal.files import campaign_sha256
+from cpcal.questions import CampaignNote
 from cpcal.report import study_report
 from cpcal.report.study_report import render_study, write_study_page
-from cpcal.results import CampaignNote
 from cpcal.robot import DELTALAB
 
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&\x1b[31m"

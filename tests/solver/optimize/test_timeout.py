@@ -11,7 +11,7 @@ import pytest
 import cpcal
 from contractors import HC4, Lifted
 from cpcal.checker import check
-from cpcal.results import proved_sentence
+from cpcal.questions import proved_sentence
 from cpcal.solver import plugins
 from cpcal.solver.accounts import TimeoutAnswer, Trial
 from cpcal.solver.contract import Composable, Contraction, Limits, Repeat, Step, Then
