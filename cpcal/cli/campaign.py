@@ -236,7 +236,7 @@ def check(
         rows = []
         for leg in found.legs:
             rank = f"{leg.determination.rank} of {leg.determination.of}"
-            indices = about(leg.observability.condition, 2), about(leg.observability.product, 2)
+            indices = about(leg.condition, 2), about(leg.index, 2)
             rows.append((str(leg.leg), rank, *indices, *expected(leg)))
         talk.table(("leg", "rank", "condition", "index O1", *PLAIN.parameters), rows, left=())
         meaning = (

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from cpcal.calibration import CalibrationRecord, calibrate_study, recorded
+from cpcal.calibration import CalibrationRecord, calibrate_study
 from cpcal.calibration.statistics import Of
 from cpcal.cli.calibrate import show_record, write_calibration
 from cpcal.cli.certify import certified_into, show_result, status_of
@@ -159,12 +159,10 @@ def _calibrated(folder: Path, seed: int, talk: Talk) -> CalibrationRecord:
     """Read the study, calibrate, write, show."""
     how = ", ".join(f"{name.replace('_', ' ')} {stated(size)} mm" for name, size in PLAN.imperfect.items())
     talk.say(f"Study: {folder / STUDY} (simulated, seed {seed}; {how})")
-    study = load_study(folder / STUDY)
-    found = calibrate_study(study, factor=FACTOR, of=OF)
-    record = recorded(study, found, factor=FACTOR, of=OF)
-    write_calibration(found, record, folder)
-    show_record(talk, record)
-    return record
+    found = calibrate_study(load_study(folder / STUDY), factor=FACTOR, of=OF)
+    write_calibration(found, found.record, folder)
+    show_record(talk, found.record)
+    return found.record
 
 
 def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, talk: Talk) -> None:
