@@ -256,11 +256,11 @@ def _constraint(
         length = length + of_position
         if widest:  # divided by kappa, where (1 - widest^2) / norm and 1 / norm take the place of 1 / kappa
             low, high, of_square = length - eps, length + eps, of_rotation * of_rotation
-            more, less = norm * kappa, one - _total([c * c for c in widest])
-            twice = (norm * along).times(2), (norm * of_rotation).times(2)
-            upper = more * (square - high * high) + twice[0] - twice[1] * high - of_square
-            more, *twice = (less.unit * part for part in (more, *twice))  # in the degree of what is added
-            lower = more * (low * low - square) - twice[0] + twice[1] * low + less * of_square
+            parts = norm * kappa, (norm * along).times(2), (norm * of_rotation).times(2)
+            upper = parts[0] * (square - high * high) + parts[1] - parts[2] * high - of_square
+            less = one - _total([c * c for c in widest])
+            parts = parts[0] * less.unit, parts[1] * less.unit, parts[2] * less.unit  # in the degree of what is added
+            lower = parts[0] * (low * low - square) - parts[1] + parts[2] * low + less * of_square
         length = kappa * length + of_rotation
         body, wide, factor = kappa * body, kappa * eps, one
     return _Constraint(body, factor, length - wide, length + wide, eps - offset - shortest, eps.times(-1), upper, lower)
