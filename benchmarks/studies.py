@@ -26,6 +26,7 @@ import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -198,7 +199,7 @@ def outliers(asked: argparse.Namespace) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     studies = parser.add_subparsers(dest="study", required=True)
-    options: dict[str, dict[str, int | float | str]] = {
+    options: dict[str, dict[str, Any]] = {
         "accuracy": {"poses": 100, "studies": len(STUDIES)},
         "hand-eye": {"seeds": 200, "first": 0, "images": 20, "corners": "8,6", "within": "any,2000", "pixel-error": 0.2}
         | {"position-error": 0.0, "rotation-error": 0.0},

@@ -253,6 +253,7 @@ def _refute(leg: Leg, question: TaskQuestion) -> MethodAnswer:
     import codac
 
     deadline, serial, eps = time.monotonic() + question.limit, itertools.count(), question.eps
+    assert eps is not None
     contractors = [codac.CtcInverse(f, codac.Interval(-eps, eps)) for f in _functions(leg, 0.0)]
     queue: list[tuple[float, int, Any]] = [(0.0, next(serial), _start(leg, None))]
     nodes = 0
