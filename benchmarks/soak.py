@@ -21,8 +21,8 @@ import numpy as np
 
 import cpcal
 from benchmarks.machine import machine
-from cpcal.execution.stopping import resident_bytes, within_memory
 from cpcal.solver.certificate.recording import UncertifiedError
+from cpcal.solver.execution.stopping import resident_bytes, within_memory
 from cpcal.solver.optimize.minimum import Bracket
 from cpcal.solver.search import search
 

@@ -6,7 +6,7 @@
 Each line: proved solutions beside the literature's count, or the proved bracket beside the literature's optimum, nodes,
 seconds of wall and of processor time. `--limit` is processor time: other work on the machine changes nothing. `--codac`
 runs codac, too, so long. `--page` renews the rows of these problems in benchmarks/pages/problems.md and .json.
-`--contractors` prints the table of docs/choosing.md.
+`--contractors` prints the table of docs/solve.md.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ import numpy as np
 
 import cpcal
 from benchmarks.methods.codac import contract
-from cpcal.execution.stopping import Reason, also_asked_by, heard
 from cpcal.problems.problem import StatedProblem, answer
 from cpcal.problems.problem_files import load_problem
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.stopping import Reason, also_asked_by, heard
 from cpcal.solver.interval import Box, IntervalArray
 from cpcal.solver.network import ConstraintNetwork, Expr
 from cpcal.solver.network.expression import topological

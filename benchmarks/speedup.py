@@ -26,7 +26,7 @@ import cpcal
 from benchmarks.throughput import rendered
 from cpcal.cli.certify import CampaignWork, certified_all
 from cpcal.cli.options import Talk
-from cpcal.execution.executors import executor_for
+from cpcal.solver.execution.executors import executor_for
 from cpcal.vision.batch.detect import ImageFolder, detect
 from cpcal.vision.camera import DELTALAB_CAMERA
 from cpcal.vision.files.detection import detections_bytes

@@ -29,7 +29,7 @@ from cpcal.cli.options import (
 )
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.version import __version__
-from cpcal.execution.stopping import Reason, Stopped, raising
+from cpcal.solver.execution.stopping import Reason, Stopped, raising
 
 # ------------------------------------------------------------------------------------------------------------------
 # How errors leave the program: one message on stderr and an exit status; never a traceback.

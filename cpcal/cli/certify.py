@@ -33,10 +33,6 @@ from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.files import scratch_folder
 from cpcal.common.numbers import bracket_text, nearest, rounded_down, rounded_up, stated
 from cpcal.common.version import __version__
-from cpcal.execution.executors import Here, Place, Processes
-from cpcal.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
-from cpcal.execution.stopping import Reason, Stopped, asked, give_up
-from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import REPORT_NAME, ROBUST, RUN, answers_into, locked
@@ -78,6 +74,10 @@ from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.executors import Here, Place, Processes
+from cpcal.solver.execution.outcomes import LostWorkerError, TaskOutcome, outcomes
+from cpcal.solver.execution.stopping import Reason, Stopped, asked, give_up
+from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver.optimize.minimum import Bracket
 
 # ------------------------------------------------------------------------------------------------------------------

@@ -41,7 +41,6 @@ from cpcal.common.errors import InputError, ModelError, Problem
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, bracket_text, nearest, stated
 from cpcal.common.values import Floats
-from cpcal.execution.stopping import heard
 from cpcal.files import load_campaign, load_study, save_campaign, save_study
 from cpcal.files.run_folder import POSE_SETS, REPORT_NAME, answers_into
 from cpcal.legs import PLAIN
@@ -59,6 +58,7 @@ from cpcal.report.study_report import (
 from cpcal.robot import DELTALAB, Campaign, PoseTable, Study, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect, in_parallel
 from cpcal.vision.batch.enclose import stem_of
 from cpcal.vision.batch.study_images import RenderedImages, study_table

@@ -18,12 +18,12 @@ from cpcal.cli.verified import NUMBERS, TABLE, say_assumptions
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.files import listed, write_file
 from cpcal.common.numbers import at_most
-from cpcal.execution.stopping import heard
 from cpcal.files.run_folder import POSE_SETS, answers_into
 from cpcal.files.settings import table_bytes
 from cpcal.files.tables import file_cell, guarded
 from cpcal.report.detections_page import write_detections_page
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.stopping import heard
 from cpcal.vision.batch.detect import Detections, ImageFolder, ImageSource, detect, in_parallel
 from cpcal.vision.batch.enclose import Enclosed, Enclosing, stem_of
 from cpcal.vision.batch.study_images import RenderedImages, look_again, study_table

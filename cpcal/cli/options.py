@@ -25,10 +25,10 @@ from rich.text import Text
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.files import unwritable
 from cpcal.common.version import __version__
-from cpcal.execution.executors import Place, executor_for
-from cpcal.execution.stopping import asked, heard, within_memory
 from cpcal.files.run_folder import FolderKind, check_replaceable
 from cpcal.solver.compiled import QUIET
+from cpcal.solver.execution.executors import Place, executor_for
+from cpcal.solver.execution.stopping import asked, heard, within_memory
 
 __all__ = ["check_new", "check_target", "check_writable", "made", "output_path", "unwritable"]
 

@@ -16,7 +16,6 @@ from cpcal.cli.progress import search_progress
 from cpcal.common.errors import ClashError, CpcalError, InputError, Problem, printable
 from cpcal.common.files import write_file
 from cpcal.common.numbers import about, nearest, stated
-from cpcal.execution.stopping import asked
 from cpcal.legs import leg_model, models
 from cpcal.problems.nl import sol_bytes
 from cpcal.problems.problem import Answer, answer
@@ -24,6 +23,7 @@ from cpcal.problems.problem_files import load_problem
 from cpcal.report.paving_picture import paving_svg
 from cpcal.solver import plugins as registry
 from cpcal.solver.contract import Limits, Verdict
+from cpcal.solver.execution.stopping import asked
 
 # ------------------------------------------------------------------------------------------------------------------
 # `cpcal solve`: a problem that was written for another solver; all its solutions, or its best value, proved.

@@ -25,8 +25,8 @@ from cpcal.checker import (
 from cpcal.cli.options import Talk, record, talking
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.common.numbers import bracket_text, inner_text, nearest, plain_gap, short
-from cpcal.execution.forked import side_by_side
 from cpcal.files.run_folder import ACCURACY, COMPARED, FITTED, HANDEYE, HANDEYE_WRONG, ROBUST, RUN, unfinished
+from cpcal.solver.execution.forked import side_by_side
 
 if TYPE_CHECKING:
     from cpcal.questions import Result

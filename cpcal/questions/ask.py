@@ -15,8 +15,6 @@ from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
-from cpcal.execution.executors import Here, Place, executor_for
-from cpcal.execution.stopping import asked, heard, within_memory
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import RUN, answers_into
 from cpcal.legs import LegModel, built_in, exactly_read
@@ -55,6 +53,8 @@ from cpcal.questions.undetermined import determination
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.contract import Verdict
+from cpcal.solver.execution.executors import Here, Place, executor_for
+from cpcal.solver.execution.stopping import asked, heard, within_memory
 from cpcal.solver.optimize.bound import minimize, run
 from cpcal.solver.optimize.local import Known
 from cpcal.solver.optimize.minimum import Alone, Bracket, Minimum, irreducible

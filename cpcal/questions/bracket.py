@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.values import Floats, Indices
-from cpcal.execution.stopping import asked
 from cpcal.files.folders import keep_beside
 from cpcal.legs import PLAIN, LegModel, beyond_legs, built_in, leg_box, leg_network, leg_statement
 from cpcal.questions import SupportProof, Uncertified, VerifiedPoint
@@ -34,6 +33,7 @@ from cpcal.solver.certificate.recording import (
     claims_verified,
 )
 from cpcal.solver.contract import Contraction, Contractor, Limits, Restrictable, Verdict, gives_weights
+from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.network.network import restricted

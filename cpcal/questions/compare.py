@@ -10,8 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from cpcal.common.errors import Problem
-from cpcal.execution.executors import Here, Place, executor_for
-from cpcal.execution.stopping import heard
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import COMPARED as FOLDER
 from cpcal.files.run_folder import answers_into
@@ -20,6 +18,8 @@ from cpcal.questions import Comparison, Entry, LegResult, ModelNote, Result
 from cpcal.questions.ask import LOADS, answered, checked_options, with_certificates
 from cpcal.questions.question import HERE, Question, answers, chosen_model
 from cpcal.robot import Campaign
+from cpcal.solver.execution.executors import Here, Place, executor_for
+from cpcal.solver.execution.stopping import heard
 
 COMPARED = ("plain", "gain", "linear")
 _CENTERS = ("plain", "nominal")  # the same for all models, whatever their own fits

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.execution.stopping import heard
 from cpcal.files.run_folder import COMPARED, answers_into
 from cpcal.questions import Comparison, Entry
 from cpcal.solver.certificate.exact_network import NotStated
 from cpcal.solver.contract import Limits
+from cpcal.solver.execution.stopping import heard
 from cpcal.solver.interval import Box
 from cpcal.solver.model import Network
 from cpcal.solver.network import Expr

@@ -28,8 +28,6 @@ from cpcal.common.files import write_file
 from cpcal.common.numbers import at_most
 from cpcal.common.values import Floats, Indices
 from cpcal.common.version import __version__
-from cpcal.execution.executors import Here, Place, executor_for
-from cpcal.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.files import campaign_sha256
 from cpcal.files.run_folder import ROBUST, answers_into
 from cpcal.legs import LegModel, leg_box, leg_network
@@ -42,6 +40,8 @@ from cpcal.robot import Campaign
 from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.recording import Recording, claims_of
 from cpcal.solver.contract import Limits
+from cpcal.solver.execution.executors import Here, Place, executor_for
+from cpcal.solver.execution.stopping import Reason, Stopped, asked, heard
 from cpcal.solver.interval import Box
 from cpcal.solver.linear import Dense
 from cpcal.solver.network import ConstraintNetwork

@@ -18,11 +18,6 @@ from cpcal.common.errors import CpcalError, InputError, Problem
 from cpcal.common.files import scratch_folder
 from cpcal.common.values import Floats
 from cpcal.common.version import __version__
-from cpcal.execution.checkpoint_file import garbled, kept, read_checkpoint
-from cpcal.execution.executors import Here, Place, Processes
-from cpcal.execution.outcomes import LostWorkerError, outcomes
-from cpcal.execution.stopping import Stopped, asked
-from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.files import campaign_sha256
 from cpcal.files.codec import decoded, encoded
 from cpcal.legs import (
@@ -43,6 +38,11 @@ from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import Statement
 from cpcal.solver.certificate.recording import Recording, SearchKeeper
 from cpcal.solver.contract import Contractor, Limits
+from cpcal.solver.execution.checkpoint_file import garbled, kept, read_checkpoint
+from cpcal.solver.execution.executors import Here, Place, Processes
+from cpcal.solver.execution.outcomes import LostWorkerError, outcomes
+from cpcal.solver.execution.stopping import Stopped, asked
+from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver.interval import Arithmetic, Box, get_arithmetic
 from cpcal.solver.network import ConstraintNetwork
 from cpcal.solver.optimize.minimum import Bracket

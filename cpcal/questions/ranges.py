@@ -15,7 +15,6 @@ import numpy as np
 from cpcal.common.errors import InputError
 from cpcal.common.files import write_file
 from cpcal.common.values import Floats
-from cpcal.execution.executors import Place
 from cpcal.legs import PARAMETERS, LegModel, model_jacobian
 from cpcal.questions import LegResult, Options, Projection, Projections, Ranges, Result, model_of
 from cpcal.questions.bracket import PreparedLeg, by_bound
@@ -23,6 +22,7 @@ from cpcal.questions.question import HERE, Question, answers
 from cpcal.robot import Campaign
 from cpcal.solver import plugins
 from cpcal.solver.contract import Contractor, Repeat, SupportFunction, Verdict
+from cpcal.solver.execution.executors import Place
 from cpcal.solver.interval import Box
 
 MARGIN = 1.1  # times eps_hi: at eps_hi itself hardly more than one point is left

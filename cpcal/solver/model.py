@@ -25,9 +25,6 @@ from cpcal.common.errors import ModelError
 from cpcal.common.files import listed
 from cpcal.common.numbers import stated
 from cpcal.common.values import Floats
-from cpcal.execution.executors import Here, executor_for
-from cpcal.execution.stopping import heard
-from cpcal.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver import plugins
 from cpcal.solver.certificate.exact_network import ExactPolynomials, NotStated, Terms, network_statement
 from cpcal.solver.certificate.recording import Recording, SearchKeeper, certified
@@ -45,6 +42,9 @@ from cpcal.solver.contract import (
     in_sequence,
     until,
 )
+from cpcal.solver.execution.executors import Here, executor_for
+from cpcal.solver.execution.stopping import heard
+from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 from cpcal.solver.existence import Equalities, Inside, UniquenessProver, reads
 from cpcal.solver.interval import Box, IntervalArray, get_arithmetic
 from cpcal.solver.interval.numbers import float_bounds

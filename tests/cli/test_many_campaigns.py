@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 import cpcal
 from cpcal.checker import check_run
 from cpcal.cli import app
-from cpcal.execution.stopping import Reason, also_asked_by
 from cpcal.files.run_folder import locked
+from cpcal.solver.execution.stopping import Reason, also_asked_by
 
 OPTIONS = ["--legs", "1,2", "--delta", "0.5", "--gap", "1e-2"]
 

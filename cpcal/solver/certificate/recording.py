@@ -34,8 +34,6 @@ from cpcal.common.errors import CpcalError, InputError
 from cpcal.common.errors import Problem as Trouble
 from cpcal.common.files import replacing
 from cpcal.common.values import Bools, Floats
-from cpcal.execution.checkpoint_file import Line, Regularly, garbled, kept, read_checkpoint
-from cpcal.execution.stopping import asked
 from cpcal.solver.accounts import ContractorUse
 from cpcal.solver.certificate.exact_network import Statement, free, limits, number
 from cpcal.solver.certificate.float_rows import (
@@ -49,6 +47,8 @@ from cpcal.solver.certificate.float_rows import (
     stretchings,
 )
 from cpcal.solver.contract import Contraction, Step, StepWeights, Verdict, shrunk
+from cpcal.solver.execution.checkpoint_file import Line, Regularly, garbled, kept, read_checkpoint
+from cpcal.solver.execution.stopping import asked
 from cpcal.solver.interval import Box
 from cpcal.solver.optimize.bound import Saved
 from cpcal.solver.optimize.minimum import Minimum

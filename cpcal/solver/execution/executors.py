@@ -26,8 +26,8 @@ from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from cpcal.common.errors import InputError, Problem
-from cpcal.execution import stopping
-from cpcal.execution.stopping import Reason
+from cpcal.solver.execution import stopping
+from cpcal.solver.execution.stopping import Reason
 
 T = TypeVar("T")
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import cpcal
 from cpcal.cli import app
-from cpcal.execution import outcomes
+from cpcal.solver.execution import outcomes
 
 OPTIONS = ["--delta", "0.5", "--support", "none", "--no-checker", "-q"]
 LONGER = ["--delta", "200", "--legs", "2,3,5"]  # boxes are divided

@@ -11,7 +11,10 @@ import pytest
 
 import cpcal
 from cpcal.checker import check
-from cpcal.execution.stopping import (
+from cpcal.files.folders import save_campaign_json
+from cpcal.questions.ask import answered, checked_options
+from cpcal.questions.question import Question
+from cpcal.solver.execution.stopping import (
     Reason,
     Stopped,
     also_asked_by,
@@ -21,9 +24,6 @@ from cpcal.execution.stopping import (
     resident_bytes,
     within_memory,
 )
-from cpcal.files.folders import save_campaign_json
-from cpcal.questions.ask import answered, checked_options
-from cpcal.questions.question import Question
 
 
 @pytest.fixture(autouse=True)

@@ -8,7 +8,7 @@ import pytest
 
 import cpcal
 from cpcal.common.errors import InputError
-from cpcal.execution.executors import executor_for
+from cpcal.solver.execution.executors import executor_for
 
 OPTIONS = {"legs": [2, 3, 5], "delta": 200.0, "support": "none"}
 
@@ -55,7 +55,7 @@ def test_a_model_that_cannot_travel_is_refused_before_the_work(campaign):
 def test_signals_of_the_terminal_are_for_the_process_that_began_the_workers():
     script = (
         "import os, signal\n"
-        "from cpcal.execution.executors import Processes\n"
+        "from cpcal.solver.execution.executors import Processes\n"
         "if __name__ == '__main__':\n"
         "    pool = Processes(1)\n"
         "    server = pool.submit(os.getppid).result()\n"

@@ -13,9 +13,9 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.execution.executors import Here, Processes, executor_for
-from cpcal.execution.outcomes import LostWorkerError, outcomes
-from cpcal.execution.stopping import Reason, also_asked_by, asked, heard
+from cpcal.solver.execution.executors import Here, Processes, executor_for
+from cpcal.solver.execution.outcomes import LostWorkerError, outcomes
+from cpcal.solver.execution.stopping import Reason, also_asked_by, asked, heard
 
 
 def squared(number):
@@ -78,7 +78,7 @@ def test_a_task_whose_worker_is_killed_is_begun_again(tmp_path):
 @pytest.mark.parametrize("task", [None, time.sleep])
 def test_no_worker_outlives_its_pool(monkeypatch, task):
     """Also one that does not hear that it should stop, whose answer nobody takes any more."""
-    monkeypatch.setattr("cpcal.execution.executors.PATIENCE", 1.0)
+    monkeypatch.setattr("cpcal.solver.execution.executors.PATIENCE", 1.0)
     pool = Processes(1)
     pid = pool.submit(os.getpid).result(60)
     if task:
@@ -107,13 +107,13 @@ def test_workers_hear_of_a_stop_and_what_they_answer_comes():
 def test_a_worker_that_is_stopped_does_not_hold_up_a_stop(monkeypatch, again):
     """It never hears that it is asked to; ten seconds later, or at a second signal, it is killed."""
     for module in ("executors", "outcomes"):
-        monkeypatch.setattr(f"cpcal.execution.{module}.PATIENCE", 600.0 if again else 1.0)
+        monkeypatch.setattr(f"cpcal.solver.execution.{module}.PATIENCE", 600.0 if again else 1.0)
     with heard(), executor_for(workers=2) as (pool, most):
         pid = pool.submit(os.getpid).result(60)
         pool.submit(os.kill, pid, signal.SIGSTOP)
         while state(pid) != "T":
             time.sleep(0.01)
-        monkeypatch.setattr("cpcal.execution.stopping._note.insisted", again)
+        monkeypatch.setattr("cpcal.solver.execution.stopping._note.insisted", again)
         began = time.monotonic()
         with also_asked_by(lambda: Reason.INTERRUPTED if time.monotonic() > began + 0.5 else None):
             assert [one.value for one in outcomes(pool, most, until_asked, range(2))] in ([], [0], [1])
@@ -151,7 +151,7 @@ def test_two_places_are_refused():
 
 _ORPHANS = """
 import os, signal, sys, time
-from cpcal.execution.executors import (Processes)
+from cpcal.solver.execution.executors import (Processes)
 
 if __name__ == "__main__":
     pool = Processes(2)

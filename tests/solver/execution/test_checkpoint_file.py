@@ -6,7 +6,7 @@ import random
 import pytest
 
 from cpcal.common.errors import InputError
-from cpcal.execution.checkpoint_file import read_checkpoint, write_checkpoint
+from cpcal.solver.execution.checkpoint_file import read_checkpoint, write_checkpoint
 
 OF = {"campaign": "abc", "options": "def"}
 LINES = [{"k": k, "value": (k / 7.0).hex()} for k in range(200)]

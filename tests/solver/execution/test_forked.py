@@ -8,8 +8,8 @@ from functools import partial
 
 import pytest
 
-from cpcal.execution import forked
-from cpcal.execution.forked import side_by_side
+from cpcal.solver.execution import forked
+from cpcal.solver.execution.forked import side_by_side
 
 TASKS = [partial(pow, 3, n) for n in range(7)]
 
@@ -49,7 +49,7 @@ def test_a_large_answer_of_a_child_does_not_block_the_others(children):
 def test_no_child_is_left_where_nobody_asked_for_the_answers():
     code = """
 import os, time
-from cpcal.execution import forked
+from cpcal.solver.execution import forked
 forked._children = lambda tasks: 2
 try:
     with forked.side_by_side([lambda: time.sleep(100)] * 2):

@@ -17,9 +17,9 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
 from cpcal.common.errors import CpcalError
-from cpcal.execution.executors import PATIENCE, Place, Processes, dask_status
-from cpcal.execution.stopping import Reason, Stopped, asked, insisted
-from cpcal.execution.threads import linear_algebra_on_one_thread
+from cpcal.solver.execution.executors import PATIENCE, Place, Processes, dask_status
+from cpcal.solver.execution.stopping import Reason, Stopped, asked, insisted
+from cpcal.solver.execution.threads import linear_algebra_on_one_thread
 
 A = TypeVar("A")
 T = TypeVar("T")
