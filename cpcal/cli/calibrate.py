@@ -8,19 +8,18 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich import box
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from cpcal.calibration import RECORD_NAME, CalibrationRecord, StudyCalibration, calibrate_study, recorded, save_record
 from cpcal.calibration.budget import Budget, Inputs, MonteCarlo, budget, monte_carlo
 from cpcal.cli.certify import warn
 from cpcal.cli.options import CAMPAIGN, VALIDATION, Talk, check_writable, grouped, talking, unwritable
+from cpcal.cli.sections import table_of
 from cpcal.common.errors import InputError, Problem, printable
 from cpcal.files import load_study, save_campaign
-from cpcal.report import study_report
-from cpcal.report.study_report import summary
+from cpcal.report import study_page
+from cpcal.report.study_page import summary
 
 # ------------------------------------------------------------------------------------------------------------------
 # The options of an uncertainty budget: what all readings share and no repeat shows.
@@ -79,9 +78,9 @@ class SetOf(StrEnum):
 
 
 class FrameName(StrEnum):
-    MEASURED = study_report.MEASURED
-    DRAWING = study_report.DRAWING
-    CENTROID = study_report.CENTROID
+    MEASURED = study_page.MEASURED
+    DRAWING = study_page.DRAWING
+    CENTROID = study_page.CENTROID
 
 
 @talking
@@ -150,7 +149,7 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
 
 
 def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.CENTROID.value) -> None:
-    """A few sentences; with --verbose every table and sentence, parameters in one of `study_report.FRAMES`."""
+    """A few sentences; with --verbose every table and sentence, parameters in one of `study_page.FRAMES`."""
     if talk.verbose:
         _show_everything(talk.out, record, frame)
     else:
@@ -167,24 +166,15 @@ def _show_everything(console: Console, record: CalibrationRecord, frame: str) ->
     title = f"{record.robot}: {record.readings:,} readings of {record.configurations} configurations"
     console.print(Text(printable(title), style="bold"))
     tables = (
-        ("Standard deviations of a leg reading [mm]", study_report.leg_lengths(record, paper_too=False)),
-        ("Standard deviations of a pose", study_report.poses(record, paper_too=False)),
-        ("Standard deviations in the calibration equations [mm]", study_report.equations(record)),
-        *((f"{name} [mm, frame: {frame}]", study_report.parameters(record, fit, frame)) for name, fit in fits.items()),
-        ("Errors of the validation poses", study_report.validation(record)),
-        *study_report.standards(record),
+        ("Standard deviations of a leg reading [mm]", study_page.leg_lengths(record, paper_too=False)),
+        ("Standard deviations of a pose", study_page.poses(record, paper_too=False)),
+        ("Standard deviations in the calibration equations [mm]", study_page.equations(record)),
+        *((f"{name} [mm, frame: {frame}]", study_page.parameters(record, fit, frame)) for name, fit in fits.items()),
+        ("Errors of the validation poses", study_page.validation(record)),
+        *study_page.standards(record),
     )
     for heading, content in tables:
         console.print(Text(heading, style="bold"))
-        console.print(_table(content))
+        console.print(table_of(content))
     for sentence in record.sentences:
         console.print(printable(sentence), soft_wrap=not console.is_terminal)
-
-
-def _table(content: study_report.TextTable) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-    for k, name in enumerate(content.head):
-        table.add_column(name, justify="right" if k else "left", overflow="fold")
-    for row in content.rows:
-        table.add_row(*row)
-    return table

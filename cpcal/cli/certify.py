@@ -29,9 +29,10 @@ from cpcal.cli.options import (
     talking,
 )
 from cpcal.cli.progress import bar, watch
+from cpcal.cli.sections import STYLES, table_of
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.files import scratch_folder
-from cpcal.common.numbers import bracket_text, nearest, rounded_down, rounded_up, stated
+from cpcal.common.numbers import bracket_text, nearest, stated
 from cpcal.common.version import __version__
 from cpcal.files import campaign_sha256, load_campaign
 from cpcal.files.run_folder import COMPARED as FOLDER
@@ -56,20 +57,29 @@ from cpcal.questions.compare import compared, comparison_question
 from cpcal.questions.outliers import certify_robust
 from cpcal.questions.question import HERE, Checkpoints, Progress, Question
 from cpcal.questions.robust_result import RobustResult
-from cpcal.report import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices, result_table, write_report
+from cpcal.report import (
+    FRAME,
+    LONGER,
+    QUANTIFIER,
+    bounds_table,
+    center_sentence,
+    leg_sentence,
+    notices,
+    parameters_table,
+    write_report,
+)
+from cpcal.report.advice import advise, fitted
 from cpcal.report.comparison_page import (
     COMPARISON_PAGE,
     CampaignRow,
-    comparison_header,
     comparison_lines,
-    comparison_row,
     comparison_sentences,
+    comparison_table,
     row_of,
     said,
     write_campaigns,
     write_comparison,
 )
-from cpcal.report.overview import advise, fitted
 from cpcal.report.words import SHORT_QUANTIFIER, overall, short_fit, uncertified_legs
 from cpcal.robot import Campaign
 from cpcal.robot.mistakes import suspicions
@@ -102,16 +112,7 @@ def warn(campaign: Campaign) -> Campaign:
 # ------------------------------------------------------------------------------------------------------------------
 # What is printed at the end: a line a leg; with --verbose every table, and the sentences in full.
 
-STYLES = {  # by the kind of a verdict
-    "explained": "bold green",
-    "unexplained": "bold red",
-    "bounded": "bold cyan",
-    "undecided": "bold yellow",
-    "undetermined": "bold magenta",
-    "uncompared": "bold yellow",
-}
 _MOST_LEGS = 6  # of which each has a line
-_DECIMALS = 4  # of parameters, mm
 
 
 def show_result(
@@ -125,7 +126,7 @@ def show_result(
         title.append(verdict.word, style=STYLES[verdict.kind])
     console.print(title, soft_wrap=True)
     if verbose:
-        _everything(console, campaign, result)
+        _everything(console, campaign, result, model)
     else:
         _lines(console, campaign, result, model)
     missing = notices(result, campaign.legs)
@@ -151,48 +152,18 @@ def _lines(console: Console, campaign: Campaign, result: Result, model: LegModel
     console.print(Text(SHORT_QUANTIFIER, style="italic"), soft_wrap=not console.is_terminal)
 
 
-def _everything(console: Console, campaign: Campaign, result: Result) -> None:
-    console.print(_table(result))
+def _everything(console: Console, campaign: Campaign, result: Result, model: LegModel) -> None:
+    console.print(table_of(bounds_table(result)))
     for leg in result.legs:
         verdict = verdict_of(result, leg)
         line = Text(f"Leg {leg.leg}: ").append(verdict.word, style=STYLES[verdict.kind])
         said = [leg_sentence(result, leg), center_sentence(result, leg) or ""]
         console.print(line.append(f". {printable(' '.join(said).strip())}"), soft_wrap=not console.is_terminal)
         if leg.ranges is not None:
-            console.print(_ranges(campaign, result, leg))
+            fit = fitted(campaign, result, leg, model)
+            console.print(table_of(parameters_table(campaign, result, leg, fit)))
     console.print(Text(FRAME), soft_wrap=not console.is_terminal)
     console.print(Text(f"{QUANTIFIER} {LONGER}", style="italic"), soft_wrap=not console.is_terminal)
-
-
-def _table(result: Result) -> Table:
-    content = result_table(result)
-    table = _columns(*content.header, left=("verdict",))
-    for row in content.rows:
-        word = Text(row.verdict.word, style=STYLES[row.verdict.kind])
-        table.add_row(str(row.leg), word, *row.cells)
-    return table
-
-
-def _ranges(campaign: Campaign, result: Result, leg: LegResult) -> Table:
-    """The parameters of a leg, with their ranges; units of extra parameters are those of the model."""
-    assert leg.ranges is not None
-    at = bracket_text(leg.ranges.eps, leg.ranges.eps)[0]
-    table = _columns("parameter", "nominal", "certified", f"at least, at eps {at} mm", "at most", left=("parameter",))
-    nominal = [*campaign.robot.parameters[leg.leg - 1], *(0.0 for _ in result.model.extra)]
-    for k, name in enumerate(result.parameters):
-        decimals = _DECIMALS if result.model.unit(name) == "mm" else 9
-        point = "—" if leg.point is None else nearest(leg.point[k], decimals)
-        lo, hi = float(leg.ranges.box.lo[k]), float(leg.ranges.box.hi[k])
-        sides = rounded_down(lo, decimals), rounded_up(hi, decimals)
-        table.add_row(f"{name} [{result.model.unit(name)}]", nearest(float(nominal[k]), decimals), point, *sides)
-    return table
-
-
-def _columns(*names: str, left: tuple[str, ...]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-    for name in names:
-        table.add_column(name, justify="left" if name in left else "right", overflow="fold")
-    return table
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -758,25 +729,11 @@ def _show_models(console: Console, found: Comparison, *, verbose: bool) -> None:
             console.print(line, soft_wrap=wrapped)
         console.print(Text(SHORT_QUANTIFIER, style="italic"), soft_wrap=wrapped)
         return
-    console.print(_table_of_models(found))
+    table = comparison_table(found)  # without the ranges of extra parameters, which the page has
+    console.print(table_of(replace(table, head=table.head[:6], rows=tuple(row[:6] for row in table.rows))))
     for sentence in comparison_sentences(found):
         console.print(printable(sentence), soft_wrap=wrapped)
     console.print(Text(said(found), style="italic"), soft_wrap=wrapped)
-
-
-def _table_of_models(found: Comparison) -> Table:
-    """Without the enclosures of extra parameters, which are too wide for a terminal but for a single one."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-    for k, name in enumerate(comparison_header(found)):
-        table.add_column(name, justify="right" if k in (2, 3) else "left", overflow="fold")
-    for entry in found.entries:
-        cells = [Text(printable(cell)) for cell in comparison_row(found, entry)]
-        if found.tolerance is not None:
-            cells[4].stylize(STYLES[entry.leg_verdict(found.tolerance, found.options).kind])
-        if len(entry.enclosure.names) > 8:
-            cells[6] = Text(f"{len(entry.enclosure.names) - 7}, see the page", style="dim")
-        table.add_row(*cells)
-    return table
 
 
 def _status_of_models(found: Comparison) -> Status:

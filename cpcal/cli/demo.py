@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from time import perf_counter
 from typing import Annotated, Any
@@ -46,15 +46,8 @@ from cpcal.files.run_folder import POSE_SETS, REPORT_NAME, answers_into
 from cpcal.legs import PLAIN
 from cpcal.questions import Result, certify, save_result
 from cpcal.questions.fits import certify_fits
-from cpcal.report.study_report import (
-    IMAGES_NAME,
-    ImagesFound,
-    Picture,
-    TextTable,
-    picture,
-    save_images,
-    write_study_page,
-)
+from cpcal.report.section import Picture, picture
+from cpcal.report.study_page import IMAGES_NAME, ImagePart, ImagesFound, render_study, save_images
 from cpcal.robot import DELTALAB, Campaign, PoseTable, Study, quaternion_conjugate, quaternion_product, rotation_vector
 from cpcal.simulate import simulate_study
 from cpcal.solver.contract import Verdict
@@ -132,7 +125,14 @@ _AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 def images_found(done: ImageStudy) -> ImagesFound:
     """All but the pixel sets."""
-    return ImagesFound(_said(done), tuple(_pictures(done)), _counts(done), _errors(done), _time(done))
+    title = "Figure 2 and section 2.3: from images to poses"
+    return ImagesFound(
+        (
+            ImagePart(title, _said(done), _counts(done), tuple(_pictures(done))),
+            ImagePart("Errors of single images’ poses, against the simulation’s truth", table=_errors(done)),
+            ImagePart("Where time went", table=_time(done)),
+        )
+    )
 
 
 def _said(done: ImageStudy) -> tuple[str, ...]:
@@ -150,7 +150,7 @@ def _said(done: ImageStudy) -> tuple[str, ...]:
     )
 
 
-def _counts(done: ImageStudy) -> TextTable:
+def _counts(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
     lines: list[tuple[str, ...]] = []
     for name, found in done.found.items():
         values = values_of(found.rows)
@@ -160,10 +160,10 @@ def _counts(done: ImageStudy) -> TextTable:
         lines += [
             (f"no pose: {reason}", f"{len(files):,}", "", "", "") for reason, files in by_reason(found.rows).items()
         ]
-    return TextTable(("images of", "images", "poses", "dots, median", "residual, median RMS [px]"), tuple(lines))
+    return (("images of", "images", "poses", "dots, median", "residual, median RMS [px]"), *lines)
 
 
-def _errors(done: ImageStudy) -> TextTable:
+def _errors(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
     """Of all images, in the camera frame."""
     errors, sigmas = [], []
     for (name, found), table in zip(done.found.items(), (done.exact.calibration, done.exact.validation), strict=True):
@@ -182,7 +182,7 @@ def _errors(done: ImageStudy) -> TextTable:
     rows = [(name, *(f"{v:.2f}" for v in row)) for name, row in shown.items()]
     rows.append(("error / its stated deviation, RMS", *(f"{v:.2f}" for v in ratio)))
     head = ("", *(f"{axis} [{'µm' if k < 3 else '10⁻³ °'}]" for k, axis in enumerate(_AXES)))
-    return TextTable(head, tuple(rows))
+    return (head, *rows)
 
 
 def _pose_errors(values: Floats, table: PoseTable, rows: list[int]) -> Floats:
@@ -191,7 +191,7 @@ def _pose_errors(values: Floats, table: PoseTable, rows: list[int]) -> Floats:
     return np.concatenate([values[:, POSITION] - table.position[rows], rotation_vector(turn)], axis=1)
 
 
-def _time(done: ImageStudy) -> TextTable:
+def _time(done: ImageStudy) -> tuple[tuple[str, ...], ...]:
     count = sum(found.measured for found in done.found.values())
     work: dict[str, float] = {}
     for found in done.found.values():
@@ -206,7 +206,7 @@ def _time(done: ImageStudy) -> TextTable:
     pace = f"{count / total:.0f}" if total > 0.0 else "—"
     but = " but rendering" if RenderedImages.stage in work else ""
     rows.append((f"all{but}: {pace} images a second of work; the paper: {PAPER_PACE:.1f}", f"{total:.1f}", ""))
-    return TextTable(("stage", "work [s]", "an image [ms]"), tuple(rows))
+    return (("stage", "work [s]", "an image [ms]"), *rows)
 
 
 def _pictures(done: ImageStudy) -> list[Picture]:
@@ -324,26 +324,27 @@ def with_sets(found: ImagesFound, done: ImageStudy, run: PixelRun, campaign: Cam
         "pixels allow, and some leg reading in its set. So the proof begins at the image. The smallest model error of "
         "each leg, for both campaigns:",
     )
-    return replace(found, sets=_widths(run.campaign, campaign), brackets=_brackets(run.result, result), sets_said=said)
+    sets = ImagePart("Reading sets from pixels", said[:1], _widths(run.campaign, campaign))
+    return ImagesFound((*found.parts, sets, ImagePart("", said[1:], _brackets(run.result, result))))
 
 
-def _widths(pixel: Campaign, repeats: Campaign) -> TextTable:
+def _widths(pixel: Campaign, repeats: Campaign) -> tuple[tuple[str, ...], ...]:
     head = ("half-width, median", *(f"{n} [µm]" for n in "xyz"), *(f"r{n} [10⁻³ °]" for n in "xyz"))
     rows = []
     for name, one in ((f"pixels ±{stated(HALF_WIDTH)}", pixel), ("repeats, as in table 3", repeats)):
         position = 1e3 * np.median(one.position_radius, axis=0)
         rotation = 1e3 * np.degrees(np.median(one.rotation_radius, axis=0))
         rows.append((name, *(nearest(float(v), 1) for v in (*position, *rotation))))
-    return TextTable(head, tuple(rows))
+    return (head, *rows)
 
 
-def _brackets(pixel: Result, repeats: Result) -> TextTable:
+def _brackets(pixel: Result, repeats: Result) -> tuple[tuple[str, ...], ...]:
     rows = []
     for name, result in (("pixels", pixel), ("repeats", repeats)):
         bounds = [bracket_text(leg.eps_lo, leg.eps_hi) for leg in result.legs]
         rows.append((f"{name}: none below [mm]", *(lo for lo, _ in bounds)))
         rows.append((f"{name}: attained [mm]", *(hi for _, hi in bounds)))
-    return TextTable(("leg", *(str(leg.leg) for leg in repeats.legs)), tuple(rows))
+    return (("leg", *(str(leg.leg) for leg in repeats.legs)), *rows)
 
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -416,7 +417,7 @@ def demo(
         _pixels(photos, campaign, result, output, talk, resume)
     accepted, found = study_found(output)
     console.print(found.checked, soft_wrap=True)
-    page = write_study_page(found, output / REPORT_NAME, run=output / RUN)
+    page = write_file(output / REPORT_NAME, render_study(found, output / RUN))
     console.print(f"The whole study: {page}", soft_wrap=True)
     raise typer.Exit(status_of(result) if accepted else Status.UNKNOWN)
 

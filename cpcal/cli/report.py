@@ -32,10 +32,9 @@ from cpcal.handeye.verify import verify_hand_eye
 from cpcal.questions import Result, load_result
 from cpcal.questions.fits import load_fits
 from cpcal.report.export import WRITERS, exported
-from cpcal.report.hand_eye_export import HAND_EYE_FORMS, hand_eye_text
-from cpcal.report.leg_section import frames_of_run
-from cpcal.report.page import render
-from cpcal.report.study_report import StudyFound, load_images, render_study
+from cpcal.report.hand_eye_page import HAND_EYE_FORMS
+from cpcal.report.run_page import frames_of_run, render
+from cpcal.report.study_page import StudyFound, load_images, render_study
 from cpcal.robot import Campaign
 
 # ------------------------------------------------------------------------------------------------------------------
@@ -260,4 +259,4 @@ def _hand_eye(run: Path, format: Format) -> str:
     refused = [sentence for accepted, sentence in verify_hand_eye(run) if not accepted]
     if refused:
         raise InputError([Problem(str(run), refused[0], "run cpcal handeye again")])
-    return hand_eye_text(load_hand_eye_result(run), format.value)
+    return HAND_EYE_FORMS[format.value](load_hand_eye_result(run))

@@ -1,5 +1,13 @@
 from .figures import errors_svg, paving_svg
-from .run_page import bounds_table, parameters_table, reading_sensitivity, render, write_report
+from .run_page import (
+    bounds_table,
+    parameters_drawing,
+    parameters_table,
+    reading_sensitivity,
+    render,
+    residuals_drawing,
+    write_report,
+)
 from .words import FRAME, LONGER, QUANTIFIER, center_sentence, leg_sentence, notices
 
 __all__ = [
@@ -11,9 +19,11 @@ __all__ = [
     "errors_svg",
     "leg_sentence",
     "notices",
+    "parameters_drawing",
     "parameters_table",
     "paving_svg",
     "reading_sensitivity",
     "render",
+    "residuals_drawing",
     "write_report",
 ]

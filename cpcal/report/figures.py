@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 
@@ -336,7 +337,7 @@ _MOST_POSES = 400  # dots that are drawn
 _SOFT, _PANEL = "var(--soft)", "var(--panel)"
 
 
-def errors_svg(result: Result, least_squares: Sequence[float | None]) -> Svg:
+def errors_svg(result: Result, least_squares: Sequence[float | None] = ()) -> Svg:
     """A row a leg: grey what is proved impossible, the bracket, the error of the least-squares fit, the tolerance.
 
     `least_squares`: of each leg, in mm, None where it is not known.
@@ -351,7 +352,7 @@ def errors_svg(result: Result, least_squares: Sequence[float | None]) -> Svg:
     axes = Axes(figure, frame, (0.0, most), (count - 0.5, -0.5))
     axes.x_axis(ticks(0.0, most, 6), "model error eps [mm]", grid=True)
     axes.rows([f"leg {leg.leg}" for leg in result.legs])
-    for row, (leg, fit) in enumerate(zip(result.legs, least_squares, strict=True)):
+    for row, (leg, fit) in enumerate(zip_longest(result.legs, least_squares)):
         _bracket(axes, row, leg, f"var(--{COLOURS[verdict_of(result, leg).kind]})", most)
         if fit is not None and math.isfinite(fit):
             axes.marks([(fit, row)], "x", SUPPORT, 6.0, width=1.5)

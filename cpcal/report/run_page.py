@@ -337,8 +337,8 @@ def leg_section(
             f" {center} (No certificate holds this about the center.)" if center else "",
         )
     ]
-    drawn = [] if model is None else _residuals(campaign, leg, model, fit)
-    if not drawn:
+    drawn = None if model is None else residuals_drawing(campaign, leg, model, fit)
+    if drawn is None:
         why = (
             f"The residuals of the proved point are not drawn: {lacking}." if lacking and leg.point is not None else ""
         )
@@ -346,7 +346,7 @@ def leg_section(
     return Section(
         (f"Leg {leg.leg} ", badge(result, leg), *_note(leg, checked=checked)),
         sentences,
-        figures=drawn,
+        figures=[] if drawn is None else [drawn],
         parts=[
             _parameters(campaign, result, leg, fit),
             *_enclosed(result, leg, frames),
@@ -382,7 +382,7 @@ def _parameters(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted 
         f"Parameters [mm{other}]",
         tables=[parameters_table(campaign, result, leg, fit)],
         notes=[(f"{FRAME} ", said, digits)],
-        beside=[_bars(campaign, leg, fit)],
+        beside=[parameters_drawing(campaign, leg, fit)],
     )
 
 
@@ -431,7 +431,7 @@ def eps_text(result: Result, eps: float) -> str:
     return stated(eps) if eps in (result.options.eps, result.options.tolerance) else bracket_text(eps, eps)[0]
 
 
-def _bars(campaign: Campaign, leg: LegResult, fit: Fitted | None) -> Drawing:
+def parameters_drawing(campaign: Campaign, leg: LegResult, fit: Fitted | None = None) -> Drawing:
     """The ranges, or where there are none the enclosure, against nominal values and fit."""
     box, what = (leg.enclosure, "enclosure") if leg.ranges is None else (leg.ranges.box, "range")
     at_fit = None if fit is None else fit.x[:7]
@@ -533,10 +533,12 @@ def _pairs(campaign: Campaign, result: Result, leg: LegResult) -> Drawing:
     return Drawing(tuple(figures), tuple(legend), caption)
 
 
-def _residuals(campaign: Campaign, leg: LegResult, model: LegModel, fit: Fitted | None) -> list[Drawing]:
-    """Those of the proved point; nothing without such a point."""
+def residuals_drawing(
+    campaign: Campaign, leg: LegResult, model: LegModel = PLAIN, fit: Fitted | None = None
+) -> Drawing | None:
+    """The residuals of the proved point over the measurements, beside those of the fit; None without such a point."""
     if leg.point is None or not math.isfinite(leg.eps_hi):
-        return []
+        return None
     residual = model_residuals(campaign, leg.leg, leg.point, model)
     room = reading_sensitivity(campaign, leg.leg, leg.point, model)
     support, count, small = np.zeros(len(campaign), dtype=bool), len(campaign), len(leg.support) <= FEW
@@ -572,7 +574,7 @@ def _residuals(campaign: Campaign, leg: LegResult, model: LegModel, fit: Fitted 
         said += (
             f" The bound rests on {len(leg.support):,} measurements together: no few of them were found to be enough."
         )
-    return [Drawing((residual_svg(data, label=f"Leg {leg.leg}: {label}"),), tuple(legend), said.strip())]
+    return Drawing((residual_svg(data, label=f"Leg {leg.leg}: {label}"),), tuple(legend), said.strip())
 
 
 def fit_error(campaign: Campaign, leg: LegResult, model: LegModel, found: Fitted) -> float:

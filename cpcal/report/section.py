@@ -16,6 +16,7 @@ from markupsafe import Markup, escape
 
 from cpcal.common.errors import printable
 from cpcal.common.version import __version__
+from cpcal.report.svg import Svg
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -74,11 +75,15 @@ def picture(caption: str, jpeg: bytes, size: tuple[int, int]) -> Picture:
 class Drawing:
     """Figures, or pictures, each with its words, under one caption. `legend`: signs (see `key`), and what they mean."""
 
-    figures: tuple[Markup, ...] = ()
+    figures: tuple[Svg, ...] = ()
     legend: tuple[tuple[Markup, Words], ...] = ()
     caption: Words = ""
     style: str = "scroll"
     pictures: tuple[tuple[Picture, Words], ...] = ()
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the figures alone, in light colours."""
+        return "".join(figure.document() for figure in self.figures)
 
 
 @dataclass(frozen=True)

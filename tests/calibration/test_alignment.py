@@ -7,7 +7,7 @@ import pytest
 
 from cpcal import InputError
 from cpcal.calibration import aligned, calibrate_study, in_own_frame, own_frame_covariance
-from cpcal.report.study_report import TABLE_4, TABLE_5
+from cpcal.report.study_page import TABLE_4, TABLE_5
 from cpcal.robot import DELTALAB, inverse, transformed
 from cpcal.simulate import simulate_study
 

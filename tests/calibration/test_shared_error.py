@@ -12,7 +12,7 @@ from cpcal.calibration import calibrate_study, load_record, recorded, save_recor
 from cpcal.calibration.alignment import SharedError
 from cpcal.common.errors import InputError
 from cpcal.files import load_study, save_study
-from cpcal.report.study_report import poses
+from cpcal.report.study_page import poses
 from cpcal.robot import PoseTable, Study, quaternion_from_rotation_vector, quaternion_product
 from cpcal.simulate import simulate_study
 
