@@ -29,7 +29,7 @@ from cpcal.cli.options import (
     talking,
 )
 from cpcal.cli.progress import bar, watch
-from cpcal.cli.sections import STYLES, table_of
+from cpcal.cli.sections import STYLES, show, table_of
 from cpcal.common.errors import CpcalError, InputError, Problem, printable
 from cpcal.common.files import scratch_folder
 from cpcal.common.numbers import bracket_text, nearest, stated
@@ -65,7 +65,7 @@ from cpcal.report import (
     center_sentence,
     leg_sentence,
     notices,
-    parameters_table,
+    parameters_section,
     write_report,
 )
 from cpcal.report.advice import advise, fitted
@@ -161,7 +161,7 @@ def _everything(console: Console, campaign: Campaign, result: Result, model: Leg
         console.print(line.append(f". {printable(' '.join(said).strip())}"), soft_wrap=not console.is_terminal)
         if leg.ranges is not None:
             fit = fitted(campaign, result, leg, model)
-            console.print(table_of(parameters_table(campaign, result, leg, fit)))
+            show(console, [parameters_section(campaign, result, leg, fit)])
     console.print(Text(FRAME), soft_wrap=not console.is_terminal)
     console.print(Text(f"{QUANTIFIER} {LONGER}", style="italic"), soft_wrap=not console.is_terminal)
 

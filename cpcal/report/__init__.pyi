@@ -2,7 +2,7 @@ from .figures import errors_svg, paving_svg
 from .run_page import (
     bounds_table,
     parameters_drawing,
-    parameters_table,
+    parameters_section,
     reading_sensitivity,
     render,
     residuals_drawing,
@@ -20,7 +20,7 @@ __all__ = [
     "leg_sentence",
     "notices",
     "parameters_drawing",
-    "parameters_table",
+    "parameters_section",
     "paving_svg",
     "reading_sensitivity",
     "render",

@@ -348,7 +348,7 @@ def leg_section(
         sentences,
         figures=[] if drawn is None else [drawn],
         parts=[
-            _parameters(campaign, result, leg, fit),
+            parameters_section(campaign, result, leg, fit),
             *_enclosed(result, leg, frames),
             *_behind(campaign, result, leg),
         ],
@@ -357,8 +357,9 @@ def leg_section(
     )
 
 
-def _parameters(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Section:
+def parameters_section(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted | None) -> Section:
     other = "" if result.model.name == PLAIN.name else ", but where another unit is given"
+    at: list[Words] = []
     if leg.ranges is not None:
         eps = claim(eps_text(result, leg.ranges.eps), "ranges.eps", leg=leg.leg, value=leg.ranges.eps.hex())
         times = f", {about(leg.ranges.eps / leg.eps_hi)} times eps_hi" if 0.0 < leg.eps_hi < leg.ranges.eps else ""
@@ -368,6 +369,7 @@ def _parameters(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted 
             if name is None
             else f"Certified by {name}."
         )
+        at = ["; ranges at eps = ", eps, " mm"]
         said: Words = (
             "The range holds every solution in the box with eps ≤ ",
             eps,
@@ -379,7 +381,7 @@ def _parameters(campaign: Campaign, result: Result, leg: LegResult, fit: Fitted 
         said = "No ranges were computed, for no tolerance is known to be reached."
     digits = " All digits are in result.json; cpcal export writes them." if leg.point is not None else ""
     return Section(
-        f"Parameters [mm{other}]",
+        (f"Parameters [mm{other}]", *at),
         tables=[parameters_table(campaign, result, leg, fit)],
         notes=[(f"{FRAME} ", said, digits)],
         beside=[parameters_drawing(campaign, leg, fit)],
@@ -397,8 +399,7 @@ def parameters_table(campaign: Campaign, result: Result, leg: LegResult, fit: Fi
         rows.append(
             (_label(result, name), *sides, _point(leg, name, k, decimals), least, nearest(float(nominal[k]), decimals))
         )
-    at = "" if leg.ranges is None else f" at eps {eps_text(result, leg.ranges.eps)} mm"
-    head = ("parameter", "at least" + at, "at most", "width", "certified", "least squares", "nominal")
+    head = ("parameter", "at least", "at most", "width", "certified", "least squares", "nominal")
     return Table(head, tuple(rows), ("", "main", "main"))
 
 

@@ -90,10 +90,11 @@ class Drawing:
 class Section:
     """In this order: sentences, a list of `items`, figures, tables, `data` by name, small `notes`, and further `parts`.
 
-    `beside`: figures at the right of all that. `folded`: the title alone is seen at first, and on paper nothing.
+    `title` begins with words alone. `beside`: figures at the right of all that. `folded`: the title alone is seen at
+    first, and on paper nothing.
     """
 
-    title: Words = ""
+    title: str | Sequence[Words] = ""
     sentences: Sequence[Words] = ()
     items: Sequence[Words] = ()
     figures: Sequence[Drawing] = ()
@@ -144,7 +145,7 @@ def page_text(
         lead=lead,
         proof=proof,
         pictures=any(map(_pictured, sections)),
-        contents=[section for section in sections if section.name],
+        contents=[(s.name, s.title if isinstance(s.title, str) else s.title[0]) for s in sections if s.name],
     )
 
 
