@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from cpcal.checker import Accepted, Refused, Unusable, check
-from cpcal.checker.files import RUN_WORK, Budget
+from cpcal.checker.files import Budget
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.numbers import stated
 from cpcal.handeye.certify import AskedBox, judged, load_hand_eye_result, parameter_ranges, ranges_tolerance
@@ -58,6 +58,7 @@ from cpcal.solver.certificate.exact_network import Stated, number
 from cpcal.solver.certificate.recording import line
 from cpcal.solver.interval import Box
 
+RUN_WORK = 240_000_000  # of all certificates of a run
 _APART = 1e-3  # of the deviations of a least-squares answer, or of the box: how far one computed again may be
 _ROUNDING = np.tile([1e-9] * 3 + [1e-6] * 3, 2)  # rad and mm: the same where pixels fit without error
 _LARGEST = 1e9  # of a nominal pose (mm) and of a cut's weights: beyond it float64 may overflow
