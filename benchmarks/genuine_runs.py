@@ -17,7 +17,7 @@ from benchmarks.pose_sets import drawn_pose
 from benchmarks.uncertain_poses import shown
 from cpcal.accuracy.accuracy import NamedPoses, certify_accuracy
 from cpcal.accuracy.findings import save_accuracy
-from cpcal.calibration import calibrate_study, recorded
+from cpcal.calibration import calibrate_study
 from cpcal.cli import app
 from cpcal.files import save_campaign
 from cpcal.files.run_folder import ACCURACY, answers_into
@@ -66,7 +66,7 @@ def compare(folder: Path) -> None:
 def fits(folder: Path) -> None:
     study = simulate_study(seed=3, runs=3, validation_runs=2, random_poses=5, sag=2.0)
     found = calibrate_study(study)
-    certify_fits(found.campaign, recorded(study, found, factor=3.0), folder / "run", legs=[2, 5])
+    certify_fits(found.campaign, found.record, folder / "run", legs=[2, 5])
 
 
 def accuracy(folder: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,8 +11,15 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from cpcal.calibration import RECORD_NAME, CalibrationRecord, StudyCalibration, calibrate_study, recorded, save_record
-from cpcal.calibration.budget import Budget, Inputs, MonteCarlo, budget, monte_carlo
+from cpcal.calibration import (
+    RECORD_NAME,
+    CalibrationRecord,
+    Inputs,
+    StudyCalibration,
+    budget,
+    calibrate_study,
+    save_record,
+)
 from cpcal.cli.certify import warn
 from cpcal.cli.options import CAMPAIGN, VALIDATION, Talk, check_writable, grouped, talking, unwritable
 from cpcal.cli.sections import table_of
@@ -59,13 +66,6 @@ class BudgetFlags:
             raise InputError([Problem("option --trials", what, "state one, such as --camera-scale 1e-4")])
         return None
 
-    def made(self, found: StudyCalibration, inputs: Inputs | None) -> tuple[Budget | None, MonteCarlo | None]:
-        """The budget and its check, where they are asked for. Raises InputError."""
-        if inputs is None:
-            return None, None
-        checked = None if self.trials is None else monte_carlo(found, inputs, trials=self.trials)
-        return budget(found, inputs), checked
-
 
 class FrameStart(StrEnum):
     SHAH = "shah"
@@ -80,7 +80,6 @@ class SetOf(StrEnum):
 class FrameName(StrEnum):
     MEASURED = study_page.MEASURED
     DRAWING = study_page.DRAWING
-    CENTROID = study_page.CENTROID
 
 
 @talking
@@ -110,10 +109,9 @@ def calibrate(
     frame: Annotated[
         FrameName,
         typer.Option(
-            help="In which the parameters are printed: measured (of camera and target), drawing, or the joint centres' "
-            "own: centroid (the paper's tables 4 and 5)."
+            help="In which the parameters are printed: measured (of camera and target), or laid on the drawing."
         ),
-    ] = FrameName.CENTROID,
+    ] = FrameName.DRAWING,
     *,
     options: BudgetFlags,
     talk: Talk,
@@ -127,10 +125,11 @@ def calibrate(
         raise InputError([Problem("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")])
     inputs = options.checked()
     check_writable(output)
-    measured = load_study(study)
-    found = calibrate_study(measured, method=method.value, factor=factor, of=of.value)
-    made, simulated = options.made(found, inputs)
-    record = recorded(measured, found, factor=factor, of=of.value, budget=made, monte_carlo=simulated)
+    found = calibrate_study(load_study(study), method=method.value, factor=factor, of=of.value)
+    record = found.record
+    if inputs is not None:
+        made = budget(found.x_c_sigma, found.campaign, found.drawing, inputs, trials=options.trials)
+        record = replace(record, budget=made)
     warn(found.campaign)
     write_calibration(found, record, output)
     show_record(talk, record, frame.value)
@@ -148,7 +147,7 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
     save_record(record, folder)
 
 
-def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.CENTROID.value) -> None:
+def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.DRAWING.value) -> None:
     """A few sentences; with --verbose every table and sentence, parameters in one of `study_page.FRAMES`."""
     if talk.verbose:
         _show_everything(talk.out, record, frame)
@@ -160,18 +159,17 @@ def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.CE
 def _show_everything(console: Console, record: CalibrationRecord, frame: str) -> None:
     fits = {
         "x_c, plain least squares": record.x_c,
-        "x_c of the paper's f, plain least squares": record.x_c_f,
         "x_c_sigma, weighted by the noise of all legs together": record.x_c_sigma,
     }
-    title = f"{record.robot}: {record.readings:,} readings of {record.configurations} configurations"
+    title = f"{record.robot}: {record.repeats.readings:,} readings of {record.repeats.configurations} configurations"
     console.print(Text(printable(title), style="bold"))
     tables = (
         ("Standard deviations of a leg reading [mm]", study_page.leg_lengths(record, paper_too=False)),
         ("Standard deviations of a pose", study_page.poses(record, paper_too=False)),
         ("Standard deviations in the calibration equations [mm]", study_page.equations(record)),
-        *((f"{name} [mm, frame: {frame}]", study_page.parameters(record, fit, frame)) for name, fit in fits.items()),
+        *((f"{name} [mm, frame: {frame}]", study_page.parameters(fit, frame)) for name, fit in fits.items()),
         ("Errors of the validation poses", study_page.validation(record)),
-        *study_page.standards(record),
+        *(() if record.budget is None else study_page.budget_tables(record.budget)),
     )
     for heading, content in tables:
         console.print(Text(heading, style="bold"))

@@ -279,9 +279,8 @@ def _table(found: DataCheck) -> Table:
     for name in ("leg", "rank", "condition", "index O1", *PLAIN.parameters):
         table.add_column(name, justify="right")
     for leg in found.legs:
-        indices = leg.observability
         rank = f"{leg.determination.rank} of {leg.determination.of}"
-        table.add_row(str(leg.leg), rank, about(indices.condition, 2), about(indices.product, 2), *expected(leg))
+        table.add_row(str(leg.leg), rank, about(leg.condition, 2), about(leg.index, 2), *expected(leg))
     return table
 
 

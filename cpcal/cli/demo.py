@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from cpcal.calibration import CalibrationRecord, calibrate_study, recorded
+from cpcal.calibration import CalibrationRecord, calibrate_study
 from cpcal.calibration.statistics import Of
 from cpcal.cli.calibrate import show_record, write_calibration
 from cpcal.cli.campaign import IMAGES, TABLES, shot_study, write_shots
@@ -440,12 +440,10 @@ def _calibrated(output: Path, seed: int, talk: Talk) -> CalibrationRecord:
     """Read the study, calibrate, write, show."""
     how = ", ".join(f"{name.replace('_', ' ')} {stated(size)} mm" for name, size in PLAN.imperfect.items())
     talk.say(f"Study: {output / STUDY} (simulated, seed {seed}; {how})")
-    study = load_study(output / STUDY)
-    found = calibrate_study(study, factor=FACTOR, of=OF)
-    record = recorded(study, found, factor=FACTOR, of=OF)
-    write_calibration(found, record, output)
-    show_record(talk, record)
-    return record
+    found = calibrate_study(load_study(output / STUDY), factor=FACTOR, of=OF)
+    write_calibration(found, found.record, output)
+    show_record(talk, found.record)
+    return found.record
 
 
 def _fits(campaign: Campaign, record: CalibrationRecord, folder: Path, talk: Talk) -> None:

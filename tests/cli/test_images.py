@@ -134,7 +134,8 @@ def test_from_images_to_a_study_that_can_be_calibrated(shots):
     outcome = run("calibrate", shots, "-o", shots / "calibrated")
     assert outcome.exit_code == 0, outcome.stderr
     found = load_record(shots / "calibrated")
-    assert np.mean(found.validation.position_after) < 0.5 * np.mean(found.validation.position_before)
+    before, after = found.validation.x_c.summaries("position")
+    assert after.mean < 0.5 * before.mean
 
 
 def test_a_camera_from_images(shots, tmp_path):
