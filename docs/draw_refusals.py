@@ -1,4 +1,4 @@
-"""Ten images that `cpcal detect` refuses, and why: their pictures, and the rows of the table in docs/images.md.
+"""Ten images that `cpcal image detect` refuses, and why: their pictures, and the rows of the table in docs/images.md.
 
 python docs/draw_refusals.py
 """

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from rich import box
-from rich.console import Console
-from rich.table import Table as RichTable
 from rich.text import Text
 
+from cpcal.cli.options import Talk
 from cpcal.common.errors import printable
 from cpcal.report.section import Mark, Section, Table, Words
 
@@ -23,18 +19,23 @@ STYLES = {  # by the kind of a verdict
 }
 
 
-def show(console: Console, sections: Sequence[Section]) -> None:
+def show(talk: Talk, *sections: Section) -> None:
     """Titles, sentences, lists, tables and data of the sections, and of their parts."""
     for section in sections:
         if section.title:
-            console.print(text_of(section.title, "bold"), soft_wrap=True)
-        for words in (*section.sentences, *section.items):
-            console.print(text_of(words), soft_wrap=not console.is_terminal)
+            talk.say(text_of(section.title, "bold"))
+        talk.say(*map(text_of, (*section.sentences, *section.items)))
         for table in section.tables:
-            console.print(table_of(table))
+            show_table(talk, table)
         for name, words in section.data.items():
-            console.print(Text(f"{printable(name)}: ").append_text(text_of(words)), soft_wrap=True)
-        show(console, section.parts)
+            talk.say(Text(f"{printable(name)}: ").append_text(text_of(words)))
+        show(talk, *section.parts)
+
+
+def show_table(talk: Talk, table: Table, title: str = "") -> None:
+    """Names and words at the left, numbers at the right."""
+    left = [k for k, (_, style, _) in enumerate(table.cells(table.head)) if not k or "word" in style]
+    talk.table(table.head, [tuple(map(text_of, row)) for row in table.rows], left, title)
 
 
 def text_of(words: Words, style: str = "") -> Text:
@@ -43,13 +44,3 @@ def text_of(words: Words, style: str = "") -> Text:
     if isinstance(words, Mark):
         return text_of(words.words, next((STYLES[name] for name in words.style.split() if name in STYLES), style))
     return Text().join(text_of(part, style) for part in words)
-
-
-def table_of(table: Table) -> RichTable:
-    """Names and words at the left, numbers at the right."""
-    found = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-    for k, (_, style, name) in enumerate(table.cells(table.head)):
-        found.add_column(printable(name), justify="left" if not k or "word" in style else "right", overflow="fold")
-    for row in table.rows:
-        found.add_row(*map(text_of, row))
-    return found
