@@ -183,7 +183,7 @@ def _common(c: Floats, covariance: Floats, known: float) -> float:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What is named, and what was asked. Nothing of it is proved; `cpcal compare` asks models with proofs."""
+    """What is named, and what was asked. Nothing of it is proved; `cpcal.compare` asks models with proofs."""
 
     named: tuple[str, ...]
     models: tuple[Asked, ...]

@@ -8,10 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from cpcal.calibration import (
     RECORD_NAME,
@@ -23,11 +19,13 @@ from cpcal.calibration import (
     save_record,
 )
 from cpcal.cli.certify import warn
-from cpcal.cli.options import CAMPAIGN, VALIDATION, Talk, check_writable, grouped, talking, unwritable
-from cpcal.common.errors import InputError, Problem, printable
+from cpcal.cli.options import CAMPAIGN, VALIDATION, Talk, check_writable, output
+from cpcal.cli.sections import show_table
+from cpcal.common.errors import InputError, Problem
+from cpcal.common.files import unwritable
 from cpcal.files import load_study, save_campaign
-from cpcal.report import study_report
-from cpcal.report.study_report import summary
+from cpcal.report import study_page
+from cpcal.report.study_page import summary
 
 # ------------------------------------------------------------------------------------------------------------------
 # The options of an uncertainty budget: what all readings share and no repeat shows.
@@ -79,23 +77,13 @@ class SetOf(StrEnum):
 
 
 class FrameName(StrEnum):
-    MEASURED = study_report.MEASURED
-    DRAWING = study_report.DRAWING
+    MEASURED = study_page.MEASURED
+    DRAWING = study_page.DRAWING
 
 
-@talking
-@grouped(BudgetFlags)
 def calibrate(
     study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder of study.toml and two tables of poses.")],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for campaign/, validation/ and calibration.json; replaced there.",
-        ),
-    ],
+    folder: Annotated[Path, output("DIR", "Folder for campaign/, validation/ and calibration.json; replaced there.")],
     method: Annotated[
         FrameStart, typer.Option(help="How the frames of camera and target are started.")
     ] = FrameStart.SHAH,
@@ -125,16 +113,16 @@ def calibrate(
     if not 0.0 < factor < float("inf"):
         raise InputError([Problem("option --factor", f"has no meaning: {factor}", "give a number > 0, such as 3")])
     inputs = options.checked()
-    check_writable(output)
+    check_writable(folder)
     found = calibrate_study(load_study(study), method=method.value, factor=factor, of=of.value)
     record = found.record
     if inputs is not None:
         made = budget(found.x_c_sigma, found.campaign, found.drawing, inputs, trials=options.trials)
         record = replace(record, budget=made)
     warn(found.campaign)
-    write_calibration(found, record, output)
+    write_calibration(found, record, folder)
     show_record(talk, record, frame.value)
-    talk.say(f"Campaign to certify: {output / CAMPAIGN}. All parameters and figures: {output / RECORD_NAME}")
+    talk.say(f"Campaign to certify: {folder / CAMPAIGN}. All parameters and figures: {folder / RECORD_NAME}")
 
 
 def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder: Path) -> None:
@@ -149,40 +137,24 @@ def write_calibration(found: StudyCalibration, record: CalibrationRecord, folder
 
 
 def show_record(talk: Talk, record: CalibrationRecord, frame: str = FrameName.DRAWING.value) -> None:
-    """A few sentences; with --verbose every table and sentence, parameters in one of `study_report.FRAMES`."""
-    if talk.verbose:
-        _show_everything(talk.out, record, frame)
-    else:
-        for sentence in (*summary(record), "Tables of deviations, parameters and validation: --verbose."):
-            talk.say(printable(sentence))
-
-
-def _show_everything(console: Console, record: CalibrationRecord, frame: str) -> None:
+    """A few sentences; with --verbose every table and sentence, parameters in one of `study_page.FRAMES`."""
+    if not talk.verbose:
+        talk.say(*summary(record), "Tables of deviations, parameters and validation: --verbose.")
+        return
     fits = {
         "x_c, plain least squares": record.x_c,
         "x_c_sigma, weighted by the noise of all legs together": record.x_c_sigma,
     }
     title = f"{record.robot}: {record.repeats.readings:,} readings of {record.repeats.configurations} configurations"
-    console.print(Text(printable(title), style="bold"))
+    talk.say(title, style="bold")
     tables = (
-        ("Standard deviations of a leg reading [mm]", study_report.leg_lengths(record, paper_too=False)),
-        ("Standard deviations of a pose", study_report.poses(record, paper_too=False)),
-        ("Standard deviations in the calibration equations [mm]", study_report.equations(record)),
-        *((f"{name} [mm, frame: {frame}]", study_report.parameters(fit, frame)) for name, fit in fits.items()),
-        ("Errors of the validation poses", study_report.validation(record)),
-        *(() if record.budget is None else study_report.budget_tables(record.budget)),
+        ("Standard deviations of a leg reading [mm]", study_page.leg_lengths(record, paper_too=False)),
+        ("Standard deviations of a pose", study_page.poses(record, paper_too=False)),
+        ("Standard deviations in the calibration equations [mm]", study_page.equations(record)),
+        *((f"{name} [mm, frame: {frame}]", study_page.parameters(fit, frame)) for name, fit in fits.items()),
+        ("Errors of the validation poses", study_page.validation(record)),
+        *(() if record.budget is None else study_page.budget_tables(record.budget)),
     )
     for heading, content in tables:
-        console.print(Text(heading, style="bold"))
-        console.print(_table(content))
-    for sentence in record.sentences:
-        console.print(printable(sentence), soft_wrap=not console.is_terminal)
-
-
-def _table(content: study_report.TextTable) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-    for k, name in enumerate(content.head):
-        table.add_column(name, justify="right" if k else "left", overflow="fold")
-    for row in content.rows:
-        table.add_row(*row)
-    return table
+        show_table(talk, content, heading)
+    talk.say(*record.sentences)

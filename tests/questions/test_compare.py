@@ -17,7 +17,8 @@ from cpcal.cli import app
 from cpcal.files import campaign_sha256
 from cpcal.questions.ranges import with_projections
 from cpcal.report import write_report
-from cpcal.report.comparison_page import comparison_row, comparison_sentences, write_comparison
+from cpcal.report.comparison_page import comparison_sentences, comparison_table, write_comparison
+from cpcal.report.section import plain
 from cpcal.simulate import true_robot
 from cpcal.solver.contract import Verdict
 from tests.changed import some, with_gain
@@ -222,26 +223,25 @@ def test_ctrl_c_leaves_what_is_proved(exact, monkeypatch, tmp_path):
     assert [entry.subject for entry in comparison.entries] == ["leg 1"]
     assert "Interrupted" in write_comparison(comparison, tmp_path).read_text(encoding="utf-8")
     cpcal.save_campaign(exact, tmp_path / "c")
-    words = ["compare", str(tmp_path / "c"), "-o", str(tmp_path / "r"), "--models", "plain", "--legs", "1,2"]
+    words = ["certify", str(tmp_path / "c"), "-o", str(tmp_path / "r"), "--model", "plain,gain", "--legs", "1,2"]
     assert CliRunner().invoke(app, words).exit_code == 130
 
 
 def test_the_command(exact, tmp_path):
     cpcal.save_campaign(exact, tmp_path / "campaign")
-    words = ["compare", str(tmp_path / "campaign"), "-o", str(tmp_path / "run"), "--legs", "1", "--tolerance", "0.3"]
-    outcome = CliRunner().invoke(app, [*words, "--models", "plain,gain"])
+    words = ["certify", str(tmp_path / "campaign"), "-o", str(tmp_path / "run"), "--legs", "1", "--tolerance", "0.3"]
+    outcome = CliRunner().invoke(app, [*words, "--model", "plain,gain"])
     assert outcome.exit_code == 0, outcome.output
     assert re.search(r"leg 1: plain 0\.\d+ fail, gain 0\.\d+ pass; next: accept gain", outcome.output)
     comparison = cpcal.load_comparison(tmp_path / "run")
     assert comparison.campaign_sha256 == campaign_sha256(exact)
     page = (tmp_path / "run" / "compare.html").read_text(encoding="utf-8")
-    for entry in comparison.entries:
-        for cell in comparison_row(comparison, entry):
-            assert cell in page
+    for row in comparison_table(comparison).rows:
+        assert all(plain(cell) in page for cell in row)
     names = {path.name for path in (tmp_path / "run").iterdir()}
     assert names == {"campaign.json", "compare.json", "compare.html", "plain-leg1.cert.jsonl", "gain-leg1.cert.jsonl"}
     assert CliRunner().invoke(app, ["verify", str(tmp_path / "run")]).exit_code == 0
-    bad = CliRunner().invoke(app, [*words, "--models", "plain,gian,plain"])
+    bad = CliRunner().invoke(app, [*words, "--model", "plain,gian,plain"])
     assert bad.exit_code == 2
     assert "2 problems" in bad.output
     certified = CliRunner().invoke(
