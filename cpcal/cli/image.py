@@ -15,7 +15,7 @@ import typer
 
 from cpcal.cli.options import Status, Talk, check_target, check_writable, made, output, record, terminal
 from cpcal.cli.progress import counted
-from cpcal.cli.verified import NUMBERS, TABLE, say_assumptions
+from cpcal.cli.verified import NUMBERS, TABLE, assumptions
 from cpcal.common.errors import InputError, Problem
 from cpcal.common.files import listed, unwritable, write_file
 from cpcal.common.numbers import at_most
@@ -373,7 +373,7 @@ def sets(
     work = Enclosing(source, plates, cameras, half_width, outliers, folder, sources)
     found = enclosed(work, names, talk, workers)
     proved = _say(found, folder, talk)
-    say_assumptions(folder, talk)
+    talk.say(*assumptions(folder))
     record("enclosed", images=len(found), proved=proved, output=str(folder))
     return Status.ANSWERED if proved else Status.UNKNOWN
 
