@@ -17,7 +17,7 @@ from typing import Any
 from .bounds import number as bound
 from .certificate import check_lines
 from .claims import Accepted
-from .files import RUN_WORK, STUDY_NAME, Budget, Lines, content, opened, parsed
+from .files import STUDY_NAME, Budget, Lines, content, opened, parsed
 from .frames import AXES, R_F, R_X, SIZE, STAGES, T_F, T_X, Interval, Rows, Study, asked_box, holds, rotation
 from .header import FORMAT
 from .lens import Cameras
@@ -29,6 +29,7 @@ from .robust_claim import meeting
 from .run import STRANGE, Json, compare, exact, reason_of, same
 
 STUDY_FORMAT = "cpcal-study/1"
+RUN_WORK = 240_000_000  # of all certificates of a run
 HAND_EYE_NAME, HAND_EYE_FORMAT = "handeye.json", "cpcal-handeye-result/4"
 WRONG_NAME, WRONG_FORMAT = "handeye-wrong.json", "cpcal-handeye-wrong/4"
 UNKNOWNS = 24  # of a result: R and t of both frames

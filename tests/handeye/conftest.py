@@ -17,6 +17,7 @@ import pytest
 from cpcal.checker.hand_eye import HandEyeCertificates
 from cpcal.common.values import Floats
 from cpcal.handeye import verify
+from cpcal.handeye.classical_answer import classical_answer
 from cpcal.handeye.files import study_json
 from cpcal.handeye.study import HandEyeFrames, HandEyeStudy
 
@@ -32,7 +33,7 @@ def judged_once() -> Iterator[None]:
     """Certificates beside the same files, and least squares of the same study."""
     claims: dict[object, Any] = {}
     answers: dict[object, Any] = {}
-    accepted, answer = HandEyeCertificates.accepted, verify.classical_answer
+    accepted, answer = HandEyeCertificates.accepted, classical_answer
 
     def remembered(self: HandEyeCertificates, name: Any) -> Any:
         files = sorted(self.folder.glob("*.cert.jsonl"))
